@@ -1,0 +1,73 @@
+# make demo      set up .venv on first use, drive the double lane change, compare, draw
+# make test      every test
+# make check     everything the continuous integration runs: lint, tests, colcon build
+# make bench     benchmarks as tables
+# make identify  the controller's tyre parameters from circular driving of the plant
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench identify lint setup requirements clean
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PACKAGES := msgs_yaml scenario_publisher mpcc_controller vehicle_plant bags
+SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*/__pycache__/*' \
+             -not -path '*.egg-info/*' -not -path 'bags/runs/*' 2>/dev/null)
+# a sourced ROS installation and another virtual environment must not leak into this one
+unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV PYTHONHOME
+export OPENBLAS_NUM_THREADS := 1
+export MPLBACKEND := Agg
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+setup: $(VENV)/.packages
+
+$(VENV)/.requirements: requirements.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 14) else \
+	  "Python 3.10 to 3.14 is needed (the ROS 2 wheels exist for these); this is " \
+	  + sys.version.split()[0] + ". Choose another with: make demo PYTHON=python3.12")'
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "Python's venv module is missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
+	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest (once; about a minute)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/pip install --disable-pip-version-check --quiet --progress-bar on -r requirements.txt
+	@touch $@
+
+# --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
+$(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
+	@echo "[2/2] Installing the five packages into $(VENV)"
+	@rm -rf $(addsuffix /build,$(PACKAGES))
+	@$(BIN)/pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
+	  --force-reinstall $(addprefix ./,$(PACKAGES))
+	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
+	@touch $@
+
+demo: setup
+	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.requirements
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+check: lint test
+
+bench: setup
+	$(BIN)/python bench/solver.py
+	$(BIN)/python bench/plant.py
+
+identify: setup
+	$(BIN)/identify --out mpcc_controller/config/car.yaml
+
+# universal resolution: one file for Python 3.10 to 3.14
+requirements: requirements.in
+	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
+	  requirements.in -o requirements.txt
+
+clean:
+	rm -rf $(VENV) build install log
