@@ -1,0 +1,117 @@
+"""C source to a shared library, compiled once per machine and kept in a cache.
+
+The cache key covers everything that decides what the machine code is: source, compiler version,
+flags, and the CPU when the flags say -march=native. Several processes may ask at once.
+"""
+
+import fcntl
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+import warnings
+from functools import cache
+from pathlib import Path
+
+_COMPILE_TIMEOUT_S = 900.0
+_SHOWN_LINES = 12
+
+
+class CompileError(RuntimeError):
+    """The compiler is there and refuses the source; the text holds its first lines."""
+
+
+class NoCompilerWarning(RuntimeWarning):
+    """There is no C compiler; interpreted code runs instead, which is slower."""
+
+
+def shared_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path | None:
+    """Return the shared library of a C source, from the cache or compiled now.
+
+    `name` begins the file name, `flags` go to the compiler after -shared -fPIC. Returns None when
+    the machine has no C compiler ($CC, else gcc, else cc). Raises CompileError when it fails.
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        return None
+    digest = _key(c_source, compiler, flags)
+    folder = cache_dir()
+    folder.mkdir(parents=True, exist_ok=True)
+    library = folder / f'{name}-{digest}.so'
+    if library.exists():
+        return library
+    with open(folder / f'{name}-{digest}.lock', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        # another process may have finished while this one waited
+        if not library.exists():
+            _compile(c_source, library, compiler, flags)
+    return library
+
+
+def cache_dir() -> Path:
+    """Return $MPCC_CACHE_DIR, else mpcc in $XDG_CACHE_HOME, else ~/.cache/mpcc."""
+    if os.environ.get('MPCC_CACHE_DIR'):
+        return Path(os.environ['MPCC_CACHE_DIR'])
+    base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    return Path(base) / 'mpcc'
+
+
+def find_compiler() -> str | None:
+    """Return the command of the C compiler, or None."""
+    wanted = os.environ.get('CC')
+    for command in [wanted] if wanted else ['gcc', 'cc']:
+        if shutil.which(shlex.split(command)[0]):
+            return command
+    return None
+
+
+def warn_once(what: str) -> None:
+    """Give a NoCompilerWarning that says what is lost, once per process and loss."""
+    _warn_first(what)
+
+
+@cache
+def _warn_first(what):
+    warnings.warn(f'no C compiler found: {what}', NoCompilerWarning, stacklevel=3)
+
+
+def _key(c_source, compiler, flags):
+    parts = [c_source, _version(compiler), *flags]
+    if '-march=native' in flags:
+        parts.append(_cpu())
+    text = '\0'.join(parts)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@cache
+def _version(compiler):
+    command = [*shlex.split(compiler), '--version']
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def _cpu():
+    """Return model and instruction sets of the CPU, or what Python knows of it."""
+    info = Path('/proc/cpuinfo')
+    if not info.exists():
+        return platform.processor() or platform.machine()
+    first = info.read_text().split('\n\n')[0].splitlines()
+    kept = ('vendor_id', 'cpu family', 'model', 'stepping', 'flags', 'CPU ', 'Features')
+    return '\n'.join(line for line in first if line.startswith(kept))
+
+
+def _compile(c_source, library, compiler, flags):
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix='.build-') as work:
+        source = Path(work, 'source.c')
+        source.write_text(c_source)
+        built = Path(work, library.name)
+        command = [*shlex.split(compiler), '-shared', '-fPIC', *flags, '-o', str(built)]
+        command += [str(source), '-lm']
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_COMPILE_TIMEOUT_S)
+        if done.returncode:
+            head = '\n'.join(done.stderr.splitlines()[:_SHOWN_LINES])
+            raise CompileError(f'{compiler} refuses {library.stem}:\n{head}')
+        # readers see no library or a whole one
+        os.replace(built, library)

@@ -1,0 +1,203 @@
+"""The contract of every topic, read from topics.yaml; a mistake in it is an error with its line.
+
+The format is described at the top of topics.yaml. No ROS is needed to read it.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from msgs_yaml import paths, share
+from msgs_yaml.strict_yaml import Item, YamlError, read
+
+MODES = ('lockstep', 'realtime')
+TYPES = (
+    'diagnostic_msgs/msg/DiagnosticArray',
+    'nav_msgs/msg/Odometry',
+    'nav_msgs/msg/Path',
+    'rosgraph_msgs/msg/Clock',
+    'sensor_msgs/msg/Imu',
+    'sensor_msgs/msg/JointState',
+    'visualization_msgs/msg/MarkerArray',
+)
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns', '-', 'word')
+WORD = 'word'
+ContractError = YamlError
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service of a topic in one mode."""
+
+    name: str
+    reliability: str  # reliable | best_effort
+    durability: str  # volatile | transient_local
+    history: str  # keep_all | keep_last
+    depth: int  # messages kept; 0 with keep_all
+    deadline_ms: float | None
+
+
+@dataclass(frozen=True)
+class Field:
+    """One number of a message: its symbol, unit and allowed range, bounds included."""
+
+    symbol: str
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Size:
+    """Least and most elements of an array."""
+
+    low: int
+    high: int
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a topic is; `rate_hz` and `qos` are keyed by mode, `fields` and `sizes` by path."""
+
+    name: str
+    meaning: str
+    type: str
+    publisher: str
+    rate_hz: dict[str, float]
+    frame: str
+    child_frame: str | None
+    qos: dict[str, Qos]
+    sizes: dict[str, Size]
+    fields: dict[str, Field]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of a JointState in the order in which they stand in the message."""
+        if self.type != JOINT_STATE:
+            return ()
+        return tuple(dict.fromkeys(paths.selector(path) for path in self.fields))
+
+
+@dataclass(frozen=True)
+class Contract:
+    """Every topic by its name."""
+
+    topics: dict[str, Topic]
+
+
+def load(path: Path | None = None) -> Contract:
+    """Read a contract, by default the one of this package (read once per process).
+
+    Raises ContractError, text `<file>:<line>: <key>: <what is wrong>`.
+    """
+    return _load(Path(path)) if path else _default()
+
+
+@cache
+def _default():
+    return _load(share.path('msgs_yaml', 'topics.yaml'))
+
+
+def _load(path):
+    root = read(path).members(('profiles', 'topics'))
+    profiles = {name: _qos(name, item) for name, item in root['profiles'].items().items()}
+    topics = {name: _topic(name, item, profiles) for name, item in root['topics'].items().items()}
+    used = {qos.name for topic in topics.values() for qos in topic.qos.values()}
+    for name, item in root['profiles'].items().items():
+        if name not in used:
+            raise item.error('no topic uses this profile')
+    return Contract(topics)
+
+
+def _qos(name, item):
+    m = item.members(('reliability', 'durability', 'history'), ('depth', 'deadline_ms'))
+    history = m['history'].word(('keep_all', 'keep_last'))
+    if (history == 'keep_last') != ('depth' in m):
+        raise item.error('depth belongs to keep_last, and keep_last needs it')
+    deadline_ms = m['deadline_ms'].number() if 'deadline_ms' in m else None
+    if deadline_ms is not None and not 0 < deadline_ms < 1e6:
+        raise m['deadline_ms'].error(f'must be above 0 and below 1e6, is {deadline_ms}')
+    return Qos(
+        name=name,
+        reliability=m['reliability'].word(('reliable', 'best_effort')),
+        durability=m['durability'].word(('volatile', 'transient_local')),
+        history=history,
+        depth=m['depth'].whole(1) if 'depth' in m else 0,
+        deadline_ms=deadline_ms,
+    )
+
+
+def _topic(name, item, profiles):
+    required = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos', 'fields')
+    m = item.members(required, ('child_frame', 'sizes'))
+    if not paths.is_topic_name(name):
+        raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
+    kind = m['type'].word(TYPES)
+    qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}
+    fields = m['fields'].items()
+    for path, field in fields.items():
+        _check_path(path, field, kind)
+    sizes = m['sizes'].items() if 'sizes' in m else {}
+    for path, size in sizes.items():
+        _check_path(f'{path}[*]', size, None)
+    return Topic(
+        name=name,
+        meaning=_filled(m['meaning']),
+        type=kind,
+        publisher=_filled(m['publisher']),
+        rate_hz={mode: _rate(rate) for mode, rate in m['rate_hz'].members(MODES).items()},
+        frame=m['frame'].text(),
+        child_frame=_filled(m['child_frame']) if 'child_frame' in m else None,
+        qos={mode: profiles[profile] for mode, profile in qos.items()},
+        sizes={path: _size(size) for path, size in sizes.items()},
+        fields={path: _field(field) for path, field in fields.items()},
+    )
+
+
+def _check_path(path, item: Item, kind):
+    try:
+        steps = paths.parse(path)
+    except ValueError as error:
+        raise item.error(str(error)) from None
+    selectors = [step.selector for step in steps]
+    if kind == JOINT_STATE and (len(steps) != 1 or selectors[0] in (None, '*')):
+        raise item.error('a field of a JointState is written as position[name]')
+    if kind == DIAGNOSTICS and (len(steps) != 3 or None in selectors[:2]):
+        raise item.error('a field of a DiagnosticArray is written as status[*].values[key].value')
+
+
+def _rate(item):
+    rate = item.number()
+    if not 0 <= rate <= 1e4:
+        raise item.error(f'must lie in 0 to 10000 Hz, is {rate}')
+    return rate
+
+
+def _size(item):
+    elements = item.elements()
+    if len(elements) != 2:
+        raise item.error('must be [least, most]')
+    low, high = (element.whole(0) for element in elements)
+    if low > high:
+        raise item.error(f'least {low} is above most {high}')
+    return Size(low, high)
+
+
+def _field(item):
+    is_word = 'unit' in item.items() and item.items()['unit'].value() == WORD
+    m = item.members(('symbol', 'unit') if is_word else ('symbol', 'unit', 'low', 'high'))
+    unit = m['unit'].word(UNITS)
+    low = -float('inf') if is_word else m['low'].number()
+    high = float('inf') if is_word else m['high'].number()
+    if low > high:
+        raise item.error(f'low {low} is above high {high}')
+    return Field(_filled(m['symbol']), unit, low, high)
+
+
+def _filled(item):
+    text = item.text()
+    if not text.strip():
+        raise item.error('is empty')
+    return text

@@ -1,0 +1,196 @@
+"""Values to ROS messages. Names, frames and forms are those of topics.yaml; nothing is checked.
+
+Every function is the inverse of the one of the same name in `decode`.
+"""
+
+import math
+
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import Odometry, Path
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu as ImuMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from msgs_yaml import blocks, contract, stamp, words, yaw
+from msgs_yaml.types import (
+    Actuators,
+    Command,
+    Health,
+    Imu,
+    Obstacles,
+    Prediction,
+    Reference,
+    RoadEdges,
+    VehicleState,
+    Wheels,
+    Why,
+)
+
+# what people see in RViz and Foxglove
+_EDGE_WIDTH_M = 0.15
+_OBSTACLE_HEIGHT_M = 1.0
+_ARROW_M = (0.15, 0.35)  # shaft and head diameter
+_WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+_RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
+_NO_ORIENTATION = -1.0  # sensor_msgs/Imu: first covariance of what is not measured
+
+
+def odometry(x: VehicleState) -> Odometry:
+    """Return /vehicle/odometry."""
+    msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
+    msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
+    pose, twist = blocks.odometry(x)
+    position, orientation = msg.pose.pose.position, msg.pose.pose.orientation
+    position.x, position.y, position.z, *quaternion = pose
+    orientation.x, orientation.y, orientation.z, orientation.w = quaternion
+    linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
+    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist
+    return msg
+
+
+def imu(x: Imu) -> ImuMessage:
+    """Return /vehicle/imu."""
+    msg = ImuMessage(header=_header('/vehicle/imu', x.stamp_ns))
+    msg.orientation_covariance[0] = _NO_ORIENTATION
+    rate, acceleration = blocks.imu(x)
+    msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z = rate
+    linear = msg.linear_acceleration
+    linear.x, linear.y, linear.z = acceleration
+    return msg
+
+
+def actuators(x: Actuators) -> JointState:
+    """Return /vehicle/actuators."""
+    return _joint_state('/vehicle/actuators', x.stamp_ns, blocks.actuators(x))
+
+
+def wheels(x: Wheels) -> JointState:
+    """Return /vehicle/wheels."""
+    return _joint_state('/vehicle/wheels', x.stamp_ns, blocks.wheels(x))
+
+
+def command(x: Command) -> JointState:
+    """Return /controller/command."""
+    return _joint_state('/controller/command', x.stamp_ns, blocks.command(x))
+
+
+def reference(x: Reference) -> Path:
+    """Return /scenario/reference."""
+    return _path('/scenario/reference', x)
+
+
+def prediction(x: Prediction) -> Path:
+    """Return /controller/prediction."""
+    return _path('/controller/prediction', x)
+
+
+def road_edges(x: RoadEdges) -> MarkerArray:
+    """Return /scenario/road_edges."""
+    markers = []
+    for ns, line in (('left', x.left), ('right', x.right)):
+        marker = _marker('/scenario/road_edges', x.stamp_ns, ns, 0, Marker.LINE_STRIP, _WHITE)
+        marker.scale.x = _EDGE_WIDTH_M
+        marker.points = [Point(x=float(X), y=float(Y)) for X, Y in line]
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def obstacles(x: Obstacles) -> MarkerArray:
+    """Return /scenario/obstacles."""
+    markers = [_cylinder(x.stamp_ns, obstacle) for obstacle in x.items]
+    markers += [_arrow(x.stamp_ns, o) for o in x.items if o.vX or o.vY]
+    if not markers:
+        topic = '/scenario/obstacles'
+        markers = [Marker(header=_header(topic, x.stamp_ns), action=Marker.DELETEALL)]
+    return MarkerArray(markers=markers)
+
+
+def why(x: Why) -> DiagnosticArray:
+    """Return /controller/why; raise ValueError for a word that would be read as a number."""
+    return _diagnostics('/controller/why', x.stamp_ns, 'controller', x)
+
+
+def health(x: Health) -> DiagnosticArray:
+    """Return /diagnostics; raise ValueError for a word that would be read as a number."""
+    return _diagnostics('/diagnostics', x.stamp_ns, x.name, x)
+
+
+def clock(stamp_ns: int) -> Clock:
+    """Return /clock."""
+    return Clock(clock=_time(stamp_ns))
+
+
+def _time(stamp_ns):
+    sec, nanosec = stamp.split(stamp_ns)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def _header(topic, stamp_ns):
+    return Header(stamp=_time(stamp_ns), frame_id=contract.load().topics[topic].frame)
+
+
+def _joint_state(topic, stamp_ns, numbers):
+    position, velocity, effort = numbers
+    return JointState(
+        header=_header(topic, stamp_ns),
+        name=list(contract.load().topics[topic].joints),
+        position=position,
+        velocity=velocity,
+        effort=effort,
+    )
+
+
+def _path(topic, x):
+    msg = Path(header=_header(topic, x.stamp_ns))
+    for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
+        pose = PoseStamped(header=_header(topic, stamp.later(x.stamp_ns, t)))
+        pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
+        pose.pose.orientation.z, pose.pose.orientation.w = yaw.to_quaternion(psi)
+        msg.poses.append(pose)
+    return msg
+
+
+def _marker(topic, stamp_ns, ns, number, kind, color):
+    header = _header(topic, stamp_ns)
+    marker = Marker(header=header, ns=ns, id=number, type=kind, action=Marker.ADD, color=color)
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _obstacle_marker(stamp_ns, obstacle, ns, kind):
+    topic = '/scenario/obstacles'
+    marker = _marker(topic, stamp_ns, ns, obstacle.id, kind, _RED)
+    marker.pose.position.x, marker.pose.position.y = float(obstacle.X), float(obstacle.Y)
+    marker.pose.position.z = 0.5 * _OBSTACLE_HEIGHT_M
+    # viewers drop an obstacle that is gone after four periods
+    period_s = 1.0 / contract.load().topics[topic].rate_hz['lockstep']
+    fraction, whole = math.modf(4.0 * period_s)
+    marker.lifetime = Duration(sec=int(whole), nanosec=round(fraction * stamp.NS_PER_S))
+    return marker
+
+
+def _cylinder(stamp_ns, obstacle):
+    marker = _obstacle_marker(stamp_ns, obstacle, 'obstacle', Marker.CYLINDER)
+    marker.scale.x = marker.scale.y = 2.0 * float(obstacle.r_obs)
+    marker.scale.z = _OBSTACLE_HEIGHT_M
+    return marker
+
+
+def _arrow(stamp_ns, obstacle):
+    marker = _obstacle_marker(stamp_ns, obstacle, 'velocity', Marker.ARROW)
+    marker.scale.x, marker.scale.y = _ARROW_M
+    # tail at the centre: the tip alone carries the velocity, exactly
+    marker.points = [Point(), Point(x=float(obstacle.vX), y=float(obstacle.vY))]
+    return marker
+
+
+def _diagnostics(topic, stamp_ns, name, x):
+    values = [KeyValue(key=key, value=words.write(value)) for key, value in x.values.items()]
+    status = DiagnosticStatus(
+        level=bytes([x.level]), name=name, message=x.message, hardware_id=name, values=values
+    )
+    return DiagnosticArray(header=_header(topic, stamp_ns), status=[status])

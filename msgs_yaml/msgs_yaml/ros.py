@@ -1,0 +1,203 @@
+"""The ROS side of every node: parameters, publishers, subscriptions, spinning.
+
+Types and QoS come from the contract, so a node cannot misstate them.
+"""
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeVar
+
+import rclpy
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+
+from msgs_yaml import contract, fast, overrides, qos, signals
+from msgs_yaml.parameters import Choice, ParameterError, Range
+from msgs_yaml.strict_yaml import YamlError
+
+T = TypeVar('T')
+# also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
+_WAKE_S = 0.1  # longest time until a signal is noticed
+_FLUSH_S = 2.0
+_RETRY_S = 0.001
+_PATIENCE_S = 30.0  # DDS forgets a dead process after 20 s
+EXIT_CONFIGURATION = os.EX_CONFIG
+_EXIT_ERROR = 1
+
+
+def mode(node: Node) -> str:
+    """Return the parameter `mode` of a node that has declared its parameters."""
+    return node.get_parameter(overrides.MODE).value
+
+
+def declare(node: Node, cls: type[T], defaults: Path) -> T:
+    """Declare every field of a parameter dataclass as a read-only ROS parameter, and `mode`.
+
+    Defaults come from the YAML file, overrides from the command line and parameter files. Raises
+    ParameterError for values that break their range, and for overrides that nobody declares.
+    """
+    # rclpy shows overrides only to those who know the names; unknown ones would pass in silence
+    given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+    given = {name: value for name, value in given.items() if not node.has_parameter(name)}
+    made, declarations = overrides.resolve(cls, Path(defaults), given)
+    for one in declarations:
+        # values are checked: ROS must neither override them again nor insist on 1.0 for 1
+        node.declare_parameter(one.name, one.value, _descriptor(one), ignore_override=True)
+    return made
+
+
+def _descriptor(one):
+    descriptor = ParameterDescriptor(description=one.description, read_only=True)
+    rule, kind = one.leaf.rule, one.leaf.kind
+    if isinstance(rule, Range) and kind is float:
+        ends = {'from_value': float(rule.low), 'to_value': float(rule.high)}
+        descriptor.floating_point_range = [FloatingPointRange(**ends)]
+    elif isinstance(rule, Range):
+        ends = {'from_value': int(rule.low), 'to_value': int(rule.high)}
+        descriptor.integer_range = [IntegerRange(**ends)]
+    elif isinstance(rule, Choice):
+        descriptor.additional_constraints = one.leaf.allowed
+    return descriptor
+
+
+def publisher(node: Node, topic: str) -> Publisher:
+    """Return a publisher with type and QoS of the contract; it takes messages."""
+    return node.create_publisher(message_type(topic), topic, _profile(node, topic))
+
+
+def subscribe(
+    node: Node, topic: str, callback: Callable[[Any], None], raw: bool = False
+) -> Subscription:
+    """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
+    profile = _profile(node, topic)
+    return node.create_subscription(message_type(topic), topic, callback, profile, raw=raw)
+
+
+def message(topic: str, raw: bytes) -> Any:
+    """Return the message of a topic from its serialised bytes."""
+    return deserialize_message(raw, message_type(topic))
+
+
+def message_type(topic: str) -> type:
+    """Return the message class of a topic of the contract."""
+    package, _, name = contract.load().topics[topic].type.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+class FastPublisher:
+    """Publishes values, not messages, by patching a serialised template."""
+
+    def __init__(self, node: Node, topic: str):
+        self.publisher = publisher(node, topic)
+        self._template = fast.Template(topic)
+
+    def publish(self, value: Any) -> None:
+        """Publish a value of `types`; the bytes are those of its encoded message.
+
+        Waits while a reliable subscriber that keeps everything is thousands of messages behind:
+        lockstep loses none. Raises RuntimeError when that lasts longer than a dead process is
+        remembered by DDS.
+        """
+        raw = self._template.fill(value)
+        end = time.monotonic() + _PATIENCE_S
+        while not self._accepted(raw, end):
+            time.sleep(_RETRY_S)
+
+    def _accepted(self, raw, end):
+        try:
+            self.publisher.publish(raw)
+        except RuntimeError:  # the queue is full
+            if time.monotonic() > end or not self.publisher.get_subscription_count():
+                raise
+            return False
+        return True
+
+
+def fast_publisher(node: Node, topic: str) -> FastPublisher:
+    """Return a publisher of values for a topic of `fast.FORMS`; KeyError for others."""
+    return FastPublisher(node, topic)
+
+
+def finish(node: Node, exit_code: int = 0) -> None:
+    """End the spinning of a node after this callback; its process exits with this code."""
+    node.exit_code = exit_code
+    node.finished = True
+    if hasattr(node, 'spinning'):
+        node.spinning.set_result(None)
+
+
+def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Make a node, run it until it finishes or is told to end, and return its exit code.
+
+    SIGINT and SIGTERM end it after the callback under way, with the node's `exit_code`, 0 unless
+    set. Wrong parameters or a broken contract are one line of the log and EXIT_CONFIGURATION; an
+    error in a callback is shown and ends the node with 1. Discovery stays on this machine unless
+    the environment says otherwise. To be called from the main thread.
+    """
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with signals.caught():
+        return _spin(make_node, args)
+
+
+def _spin(make_node, args):
+    node = None
+    try:
+        _start(args)
+        node = make_node()
+        _run(node)
+    except (ParameterError, YamlError) as error:
+        rclpy.logging.get_logger('start').fatal(str(error))
+        return EXIT_CONFIGURATION
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except Exception:
+        traceback.print_exc()
+        return _EXIT_ERROR
+    finally:
+        signals.ask_instead(lambda: None)  # nothing interrupts the closing
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return getattr(node, 'exit_code', 0)
+
+
+def _start(args):
+    try:
+        # rclpy's own handlers shut down in the middle of a callback
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # the base of what rcl refuses
+        raise ParameterError(f'command line: {error}') from None
+
+
+def _run(node):
+    executor = EventsExecutor()
+    executor.add_node(node)
+    node.spinning = Future(executor=executor)
+    signals.ask_instead(lambda: setattr(node, 'finished', True))
+    while rclpy.ok() and not getattr(node, 'finished', False):
+        executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
+    if rclpy.ok():
+        _flush(node)
+
+
+def _flush(node):
+    """Let reliable subscribers receive what was just published."""
+    end = time.monotonic() + _FLUSH_S
+    for pub in node.publishers:
+        pub.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
+
+
+def _profile(node, topic):
+    return qos.profile(contract.load().topics[topic].qos[mode(node)])

@@ -1,0 +1,140 @@
+"""YAML read strictly: every value knows its file, line and key, so that errors can name them."""
+
+import difflib
+import math
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+# YAML 1.1 reads 1e-6 as a word; ROS and everybody who types it mean a number
+_EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
+
+
+class YamlError(ValueError):
+    """A mistake in a YAML file; the text begins with file:line."""
+
+
+class Item(NamedTuple):
+    """One node of a YAML file."""
+
+    path: Path
+    key: str  # dotted, '' for the root
+    node: yaml.Node
+    key_node: yaml.Node | None = None  # where its key stands; None for the root and in lists
+
+    @property
+    def line(self) -> int:
+        """Line of its key in the file, counted from 1."""
+        return (self.key_node or self.node).start_mark.line + 1
+
+    def error(self, what: str) -> YamlError:
+        """Return the error that says what is wrong with this item."""
+        key = f'{self.key}: ' if self.key else ''
+        return YamlError(f'{self.path}:{self.line}: {key}{what}')
+
+    def items(self) -> dict[str, 'Item']:
+        """Return the members of a mapping; raise YamlError on duplicates and odd keys."""
+        if not isinstance(self.node, yaml.MappingNode):
+            raise self.error(f'must be a mapping, is {_kind(self.node)}')
+        members = {}
+        for key_node, value_node in self.node.value:
+            name = key_node.value
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise self._replace(key_node=key_node).error('a key must be one word')
+            key = f'{self.key}.{name}' if self.key else name
+            member = Item(self.path, key, value_node, key_node)
+            if name in members:
+                raise member.error('appears twice')
+            members[name] = member
+        return members
+
+    def members(self, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict:
+        """Return the members of a mapping that has exactly these keys."""
+        found = self.items()
+        for name in found:
+            if name not in required + optional:
+                hint = closest(name, required + optional)
+                raise found[name].error(f'unknown key{hint}')
+        for name in required:
+            if name not in found:
+                raise self.error(f'key {name!r} is missing')
+        return found
+
+    def elements(self) -> list['Item']:
+        """Return the elements of a list."""
+        if not isinstance(self.node, yaml.SequenceNode):
+            raise self.error(f'must be a list, is {_kind(self.node)}')
+        nodes = self.node.value
+        return [Item(self.path, f'{self.key}[{i}]', n) for i, n in enumerate(nodes)]
+
+    def value(self) -> Any:
+        """Return the plain Python value, mappings as dicts and lists as lists."""
+        if isinstance(self.node, yaml.MappingNode):
+            return {name: item.value() for name, item in self.items().items()}
+        if isinstance(self.node, yaml.SequenceNode):
+            return [item.value() for item in self.elements()]
+        if self.node.style is None and _EXPONENT.fullmatch(self.node.value):
+            return float(self.node.value)
+        loader = yaml.SafeLoader('')
+        try:
+            return loader.construct_object(self.node)
+        except ValueError as error:
+            raise self.error(str(error)) from None
+        finally:
+            loader.dispose()
+
+    def number(self) -> float:
+        """Return a number; infinity is one, NaN is not."""
+        value = self.value()
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+            raise self.error(f'must be a number, is {value!r}')
+        return float(value)
+
+    def whole(self, low: int) -> int:
+        """Return a whole number that is not below `low`."""
+        value = self.value()
+        if isinstance(value, bool) or not isinstance(value, int) or value < low:
+            raise self.error(f'must be a whole number >= {low}, is {value!r}')
+        return value
+
+    def text(self) -> str:
+        """Return a text."""
+        value = self.value()
+        if not isinstance(value, str):
+            raise self.error(f'must be a text, is {value!r}')
+        return value
+
+    def word(self, allowed: tuple[str, ...]) -> str:
+        """Return one of the allowed words."""
+        value = self.text()
+        if value not in allowed:
+            raise self.error(f'{value!r} is none of {", ".join(allowed)}{closest(value, allowed)}')
+        return value
+
+
+def read(path: Path) -> Item:
+    """Return the root of a YAML file; raise YamlError when it is no YAML or empty."""
+    path = Path(path)
+    try:
+        node = yaml.compose(path.read_text(encoding='utf-8'), Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise YamlError(f'{path}:{line}: no valid YAML: {error.problem}') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise YamlError(f'{path}:1: no valid YAML: {error}') from None
+    if node is None:
+        raise YamlError(f'{path}:1: the file is empty')
+    return Item(path, '', node)
+
+
+def closest(name: str, known) -> str:
+    """Return '; did you mean ...?' for the known name closest to a misspelt one, or ''."""
+    match = difflib.get_close_matches(name, list(known), n=1)
+    return f'; did you mean {match[0]!r}?' if match else ''
+
+
+def _kind(node):
+    kinds = {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}
+    return kinds.get(type(node), f'{node.value!r}')

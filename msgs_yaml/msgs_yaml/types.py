@@ -1,0 +1,137 @@
+"""What the nodes tell each other, as plain values: SI units, ISO 8855 axes, the paper's symbols.
+
+Every value carries `stamp_ns`, the ROS time it is valid at in nanoseconds. Positions and headings
+are in the frame `map` (x east, y north, psi counter-clockwise from x); velocities are in the
+vehicle frame `base_link` at the centre of gravity (x forward, y left). Wheels are ordered
+front-left, front-right, rear-left, rear-right (`WHEELS`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+WHEELS = ('fl', 'fr', 'rl', 'rr')
+
+
+class VehicleState(NamedTuple):
+    """Planar motion of the centre of gravity (CoG): /vehicle/odometry."""
+
+    stamp_ns: int
+    X: float  # m, map
+    Y: float  # m, map
+    psi: float  # rad, map, in (-pi, pi]
+    vx: float  # m/s, base_link
+    vy: float  # m/s, base_link
+    r: float  # rad/s, yaw rate
+
+
+class Actuators(NamedTuple):
+    """Where the actuators really are, behind their lag: /vehicle/actuators."""
+
+    stamp_ns: int
+    delta: float  # rad, road-wheel angle
+    d_delta: float  # rad/s
+    Fxf: float  # N, front axle force at the contact patch, braking negative
+    Fxr: float  # N, rear axle
+    torque: tuple[float, float, float, float]  # N m per wheel, drive plus brake
+
+
+class Imu(NamedTuple):
+    """Accelerations at the CoG without gravity: /vehicle/imu."""
+
+    stamp_ns: int
+    ax: float  # m/s^2, base_link
+    ay: float  # m/s^2, base_link
+    r: float  # rad/s
+
+
+class Wheels(NamedTuple):
+    """Wheel and tyre quantities, each a tuple in the order of `WHEELS`: /vehicle/wheels."""
+
+    stamp_ns: int
+    omega: tuple[float, float, float, float]  # rad/s, spin
+    torque: tuple[float, float, float, float]  # N m, drive plus brake
+    Fz: tuple[float, float, float, float]  # N, vertical load
+    kappa: tuple[float, float, float, float]  # -, longitudinal slip
+    Fx: tuple[float, float, float, float]  # N, in the tyre frame
+    alpha: tuple[float, float, float, float]  # rad, slip angle
+    Fy: tuple[float, float, float, float]  # N, in the tyre frame
+
+
+class Command(NamedTuple):
+    """Set-points due 50 ms after the stamp of the state they answer: /controller/command."""
+
+    stamp_ns: int
+    delta: float  # rad, road-wheel angle
+    d_delta: float  # rad/s, its mean rate towards the set-point
+    Fxf: float  # N, front axle force at the contact patch, braking negative
+    Fxr: float  # N, rear axle
+
+
+class Reference(NamedTuple):
+    """The behaviour planner's coarse path, n >= 2 poses: /scenario/reference."""
+
+    stamp_ns: int
+    X: np.ndarray  # (n,) m
+    Y: np.ndarray  # (n,) m
+    psi: np.ndarray  # (n,) rad, continuous (unwrapped)
+    t: np.ndarray  # (n,) s, when the desired vehicle passes, t[0] = 0, strictly increasing
+
+
+class RoadEdges(NamedTuple):
+    """Left and right edge of the road as polylines in driving order: /scenario/road_edges."""
+
+    stamp_ns: int
+    left: np.ndarray  # (n, 2) m
+    right: np.ndarray  # (m, 2) m
+
+
+class Obstacle(NamedTuple):
+    """One round obstacle; it moves with constant velocity."""
+
+    id: int
+    X: float  # m, centre at the stamp of the message
+    Y: float  # m
+    r_obs: float  # m, radius
+    vX: float  # m/s, map
+    vY: float  # m/s, map
+
+
+class Obstacles(NamedTuple):
+    """Every obstacle known at the stamp: /scenario/obstacles."""
+
+    stamp_ns: int
+    items: tuple[Obstacle, ...]
+
+
+class Prediction(NamedTuple):
+    """The controller's plan, one pose per stage, N + 1 of them: /controller/prediction."""
+
+    stamp_ns: int
+    X: np.ndarray  # (N + 1,) m
+    Y: np.ndarray  # (N + 1,) m
+    psi: np.ndarray  # (N + 1,) rad
+    t: np.ndarray  # (N + 1,) s after stamp_ns, t[0] = 0
+
+
+class Why(NamedTuple):
+    """Why the controller did what it did: /controller/why.
+
+    `values` maps names to numbers or short words. Names are fixed in the contract; a group is
+    written with a dot, as in `cost.con`, `v2o.1` (obstacle id 1), `time.solve_ms`.
+    """
+
+    stamp_ns: int
+    level: int  # 0 OK, 1 WARN, 2 ERROR (diagnostic_msgs)
+    message: str  # one line for a person
+    values: dict[str, float | int | str | bool]
+
+
+class Health(NamedTuple):
+    """State of one node: /diagnostics (REP-107)."""
+
+    stamp_ns: int
+    name: str  # node name
+    level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    message: str
+    values: dict[str, float | int | str | bool]

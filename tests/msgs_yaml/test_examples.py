@@ -1,0 +1,83 @@
+"""The examples are complete messages: they obey the contract and can be decoded."""
+
+import numpy as np
+import pytest
+import yaml
+
+from msgs_yaml import conformance, contract, decode, ros, share
+from msgs_yaml.types import Obstacle
+
+TOPICS = sorted(contract.load().topics)
+
+
+def example(topic):
+    name = topic.strip('/').replace('/', '-')
+    text = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text()
+    return filled(ros.message_type(topic)(), yaml.safe_load(text))
+
+
+def filled(message, values):
+    """Set fields from a mapping; unknown fields and wrong types are errors."""
+    for name, value in values.items():
+        declared = message.get_fields_and_field_types()[name]
+        current = getattr(message, name)
+        if isinstance(value, dict):
+            filled(current, value)
+        elif isinstance(value, list) and '/' in declared:
+            cls = type_of(declared)
+            setattr(message, name, [filled(cls(), element) for element in value])
+        else:
+            assert isinstance(value, (list, type(current))), f'{name}: {value!r}'
+            setattr(message, name, value)
+    return message
+
+
+def type_of(declared):
+    package, name = declared.removeprefix('sequence<').removesuffix('>').split('/')
+    return getattr(__import__(f'{package}.msg', fromlist=[name]), name)
+
+
+def decoder(topic):
+    name = topic.rsplit('/', 1)[1]
+    return decode.health if name == 'diagnostics' else getattr(decode, name)
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_every_topic_has_an_example_that_obeys_the_contract(topic):
+    assert conformance.check(topic, example(topic)) == []
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_every_example_can_be_decoded_and_tells_its_topic(topic):
+    decoder(topic)(example(topic))
+    name = topic.strip('/').replace('/', '-')
+    head = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text().split('\n\n')[0]
+    assert f'{topic} {contract.load().topics[topic].type} ' in head
+
+
+def test_there_is_no_example_of_anything_else():
+    names = {path.stem for path in share.path('msgs_yaml', 'examples').iterdir()}
+    assert names == {topic.strip('/').replace('/', '-') for topic in TOPICS}
+
+
+def test_the_examples_say_what_their_comments_say():
+    state = decode.odometry(example('/vehicle/odometry'))
+    assert state.psi == pytest.approx(0.1, abs=1e-12)
+    path = decode.reference(example('/scenario/reference'))
+    speed = np.diff(path.X) / np.diff(path.t)
+    assert speed.tolist() == [20.0, 20.0]
+    seen = decode.obstacles(example('/scenario/obstacles')).items
+    assert seen == (Obstacle(1, 50.0, 0.5, 0.5, 0.0, 0.0), Obstacle(2, 90.0, 2.0, 0.8, -5.0, 0.0))
+    assert decode.command(example('/controller/command')).Fxf == -3200.0
+    assert decode.clock(example('/clock')) == 1_050_000_000
+    assert decode.why(example('/controller/why')).values['solver.iterations'] == 7
+
+
+def test_the_setter_of_these_tests_is_strict():
+    message = ros.message_type('/vehicle/odometry')()
+    with pytest.raises(KeyError):
+        filled(message, {'hedaer': {}})
+    with pytest.raises(AssertionError):
+        filled(message, {'child_frame_id': 3})
+    set_once = filled(message, {'twist': {'twist': {'linear': {'x': 2.0}}}})
+    assert set_once.twist.twist.linear.x == 2.0

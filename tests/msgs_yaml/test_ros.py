@@ -1,0 +1,212 @@
+"""Nodes that take everything from the contract hear each other over real Fast DDS."""
+
+import time
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from msgs_yaml import contract, decode, encode, fast, ros
+from msgs_yaml.parameters import ParameterError, Range
+from msgs_yaml.types import (
+    Actuators,
+    Command,
+    Health,
+    Imu,
+    Obstacle,
+    Obstacles,
+    Prediction,
+    Reference,
+    RoadEdges,
+    VehicleState,
+    Wheels,
+    Why,
+)
+
+pytestmark = pytest.mark.ros
+DOMAIN = 1
+TIMEOUT_S = 10.0
+S = 1_000_000_000
+FOUR = (0.1, 0.2, 0.3, 0.4)
+LINE = np.array([[0.0, 3.5], [9.0, 3.5]])
+STATE = VehicleState(S, 1.0, 2.0, 0.3, 20.0, -0.1, 0.2)
+VALUES = {
+    'reference': Reference(S, np.arange(3.0), np.zeros(3), np.zeros(3), np.arange(3.0)),
+    'road_edges': RoadEdges(S, LINE, -LINE),
+    'obstacles': Obstacles(S, (Obstacle(1, 5.0, 0.0, 0.5, 1.0, 0.0),)),
+    'odometry': STATE,
+    'actuators': Actuators(S, 0.1, 0.2, -3000.0, -2000.0, FOUR),
+    'imu': Imu(S, 1.0, 2.0, 0.1),
+    'wheels': Wheels(S, *[FOUR] * 7),
+    'command': Command(S, 0.1, 0.2, -3000.0, -2000.0),
+    'prediction': Prediction(S, np.arange(51.0), *np.zeros((2, 51)), np.arange(51) * 0.05),
+    'why': Why(S, 0, 'solved', {'rung': 'solved', 'cost.con': 0.5}),
+    'diagnostics': Health(S, 'plant', 0, 'running', {'steps': 1}),
+    'clock': S,
+}
+
+
+@dataclass(frozen=True)
+class Params:
+    gain: Annotated[float, Range(0.0, 9.0, 'N')]
+    count: Annotated[int, Range(0, 9, '-')]
+    widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
+    loud: bool
+
+
+@pytest.fixture
+def defaults(tmp_path):
+    path = tmp_path / 'node.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters:\n    gain: 2.0  # N per metre\n    count: 3  # -\n'
+        '    widths: [1.0, 2.0]  # m\n    loud: true  # -\n'
+    )
+    return path
+
+
+class Pair:
+    """Two nodes of one mode on a domain of their own, and the executor that spins them."""
+
+    def __init__(self, mode, defaults):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.executor = EventsExecutor(context=self.context)
+        self.nodes = [self.make(name, {'mode': mode}, defaults) for name in ('sender', 'receiver')]
+        self.sender, self.receiver = self.nodes
+
+    def make(self, name, given, defaults, cls=Params):
+        chosen = [Parameter(key, value=value) for key, value in given.items()]
+        node = Node(name, context=self.context, parameter_overrides=chosen)
+        node.made = ros.declare(node, cls, defaults)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, true):
+        never, end = Future(), time.monotonic() + TIMEOUT_S
+        while not true() and time.monotonic() < end:
+            self.executor.spin_until_future_complete(never, timeout_sec=0.02)
+        assert true()
+
+    def connect(self, topic, raw=False):
+        """Return a publisher and the list that its subscriber fills."""
+        received = []
+        pub = ros.publisher(self.sender, topic)
+        ros.subscribe(self.receiver, topic, received.append, raw=raw)
+        self.until(lambda: pub.get_subscription_count() == 1)
+        return pub, received
+
+    def close(self):
+        for node in self.nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def pair(request, defaults, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    made = Pair(getattr(request, 'param', 'lockstep'), defaults)
+    yield made
+    made.close()
+
+
+both_modes = pytest.mark.parametrize('pair', contract.MODES, indirect=True)
+
+
+def coders(topic):
+    name = topic.rsplit('/', 1)[1]
+    called = 'health' if name == 'diagnostics' else name
+    return VALUES[name], getattr(encode, called), getattr(decode, called)
+
+
+@both_modes
+def test_every_topic_arrives_as_it_was_sent(pair):
+    connected = {topic: pair.connect(topic) for topic in contract.load().topics}
+    for topic, (pub, received) in connected.items():
+        value, to_message, to_value = coders(topic)
+        pub.publish(to_message(value))
+        pair.until(lambda received=received: received)
+        assert isinstance(received[0], ros.message_type(topic))
+        assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
+
+
+@both_modes
+@pytest.mark.parametrize('topic', ['/scenario/reference', '/scenario/road_edges'])
+def test_who_comes_late_still_gets_the_facts(pair, topic):
+    value, to_message, to_value = coders(topic)
+    ros.publisher(pair.sender, topic).publish(to_message(value))
+    received = []
+    ros.subscribe(pair.receiver, topic, received.append)
+    pair.until(lambda: received)
+    assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
+
+
+@pytest.mark.parametrize('topic', sorted(fast.FORMS))
+def test_fast_messages_arrive_byte_by_byte(pair, topic):
+    received = []
+    pub = ros.fast_publisher(pair.sender, topic)
+    ros.subscribe(pair.receiver, topic, received.append, raw=True)
+    pair.until(lambda: pub.publisher.get_subscription_count() == 1)
+    value, _, to_value = coders(topic)
+    pub.publish(value)
+    pair.until(lambda: received)
+    assert received[0] == fast.Template(topic).fill(value)
+    assert decode.stamp_ns_of(received[0]) == S
+    assert to_value(ros.message(topic, received[0])) == to_value(coders(topic)[1](value))
+
+
+def test_lockstep_loses_none_of_a_long_burst(pair):
+    received = []
+    pub = ros.fast_publisher(pair.sender, '/vehicle/odometry')
+    ros.subscribe(pair.receiver, '/vehicle/odometry', received.append, raw=True)
+    pair.until(lambda: pub.publisher.get_subscription_count() == 1)
+    stamps = [S + 1_000_000 * k for k in range(500)]
+    for stamp_ns in stamps:
+        pub.publish(STATE._replace(stamp_ns=stamp_ns))
+    pair.until(lambda: len(received) >= len(stamps))
+    assert [decode.stamp_ns_of(raw) for raw in received] == stamps
+
+
+def test_parameters_are_declared_with_their_description_and_range(pair):
+    assert pair.sender.made == Params(2.0, 3, (1.0, 2.0), True)
+    assert ros.mode(pair.sender) == 'lockstep'
+    told = pair.sender.describe_parameter('gain')
+    assert told.description == 'N per metre; 0 to 9 N'
+    (allowed,) = told.floating_point_range
+    assert (allowed.from_value, allowed.to_value) == (0.0, 9.0)
+    (allowed,) = pair.sender.describe_parameter('count').integer_range
+    assert (allowed.from_value, allowed.to_value) == (0, 9)
+    mode = pair.sender.describe_parameter('mode')
+    assert mode.additional_constraints == 'lockstep or realtime'
+
+
+@pytest.mark.parametrize(('name', 'value'), [('gain', 3.0), ('mode', 'realtime'), ('loud', False)])
+def test_a_parameter_cannot_change_while_the_node_runs(pair, name, value):
+    (result,) = pair.sender.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert 'read-only' in result.reason
+    assert pair.sender.get_parameter(name).value != value
+
+
+def test_whole_numbers_and_lists_override_doubles(pair, defaults):
+    node = pair.make('third', {'gain': 1, 'widths': [1, 2, 3], 'loud': False}, defaults)
+    pair.nodes.append(node)
+    assert node.made == Params(1.0, 3, (1.0, 2.0, 3.0), False)
+    assert node.get_parameter('gain').value == 1.0
+    assert list(node.get_parameter('widths').value) == [1.0, 2.0, 3.0]
+
+
+def test_an_override_that_nobody_declares_stops_the_node(pair, defaults):
+    with pytest.raises(ParameterError, match=r"gian: .* no such parameter; .* 'gain'"):
+        pair.make('third', {'gian': 1.0}, defaults)
+
+
+def test_a_topic_outside_the_contract_is_an_error(pair):
+    with pytest.raises(KeyError):
+        ros.publisher(pair.sender, '/vehicle/odometer')
