@@ -1,0 +1,1 @@
+"""Scenarios: road, coarse path, obstacles; the node that publishes them."""

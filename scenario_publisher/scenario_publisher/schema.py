@@ -1,0 +1,250 @@
+"""The scenario file, key by key: what may stand where, in which range and unit.
+
+What each key means is told in docs/scenarios.md; a test keeps both equal.
+"""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Annotated, Literal
+
+from msgs_yaml.parameters import Range
+from scenario_publisher.build import Pattern
+
+# coordinates and speeds as wide as topics.yaml lets them through
+Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
+Station = Annotated[float, Range(0.0, 10000.0, 'm')]
+Length = Annotated[float, Range(0.5, 10000.0, 'm')]
+Offset = Annotated[float, Range(-100.0, 100.0, 'm')]
+Yaw = Annotated[float, Range(-6.3, 6.3, 'rad')]
+# 5 m is the tightest circle a passenger car can turn
+Curvature = Annotated[float, Range(-0.2, 0.2, '1/m')]
+Speed = Annotated[float, Range(1.0, 100.0, 'm/s')]
+Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
+Radius = Annotated[float, Range(0.01, 50.0, 'm')]
+Time = Annotated[float, Range(0.0, 600.0, 's')]
+Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
+Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
+Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position and heading in the frame map."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    yaw_rad: Yaw
+
+
+@dataclass(frozen=True)
+class Straight:
+    """Straight on."""
+
+    length_m: Length
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Constant curvature."""
+
+    length_m: Length
+    curvature_1pm: Curvature
+
+
+@dataclass(frozen=True)
+class Clothoid:
+    """Curvature that changes linearly with the distance."""
+
+    length_m: Length
+    start_curvature_1pm: Curvature
+    end_curvature_1pm: Curvature
+
+
+@dataclass(frozen=True)
+class LaneChange:
+    """S-shaped step to the side; length measured along the heading it starts with."""
+
+    length_m: Length
+    offset_m: Offset
+
+
+@dataclass(frozen=True)
+class StraightSegment:
+    """A segment that is straight."""
+
+    straight: Straight
+
+
+@dataclass(frozen=True)
+class ArcSegment:
+    """A segment that is an arc."""
+
+    arc: Arc
+
+
+@dataclass(frozen=True)
+class ClothoidSegment:
+    """A segment that is a clothoid."""
+
+    clothoid: Clothoid
+
+
+@dataclass(frozen=True)
+class LaneChangeSegment:
+    """A segment that changes the lane."""
+
+    lane_change: LaneChange
+
+
+Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
+
+
+@dataclass(frozen=True)
+class SegmentLine:
+    """A line made from curvature over distance and the pose it starts with."""
+
+    segments: tuple[Segment, ...]
+    start: Pose
+
+
+@dataclass(frozen=True)
+class PointLine:
+    """A smooth line through points."""
+
+    points_m: tuple[tuple[Coordinate, Coordinate], ...]
+
+
+Line = SegmentLine | PointLine
+
+
+@dataclass(frozen=True)
+class ConstantOffset:
+    """An edge at a constant distance from the centre line."""
+
+    offset_m: Offset
+
+
+@dataclass(frozen=True)
+class OffsetTable:
+    """An edge whose distance from the centre line changes linearly between stations."""
+
+    stations_m: tuple[Station, ...]
+    offsets_m: tuple[Offset, ...]
+
+
+@dataclass(frozen=True)
+class PointEdge:
+    """An edge of its own, straight between its points."""
+
+    points_m: tuple[tuple[Coordinate, Coordinate], ...]
+
+
+Edge = ConstantOffset | OffsetTable | PointEdge
+
+
+@dataclass(frozen=True)
+class Edges:
+    """What bounds the road."""
+
+    left: Edge
+    right: Edge
+
+
+@dataclass(frozen=True)
+class Road:
+    """Where one may drive."""
+
+    centre_line: Line
+    edges: Edges
+
+
+@dataclass(frozen=True)
+class ConstantSpeed:
+    """One desired speed."""
+
+    constant_mps: Speed
+
+
+@dataclass(frozen=True)
+class SpeedTable:
+    """Desired speed over the station of the path, linear between stations."""
+
+    stations_m: tuple[Station, ...]
+    speeds_mps: tuple[Speed, ...]
+
+
+@dataclass(frozen=True)
+class MapObstacle:
+    """A round obstacle placed in the map."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    radius_m: Radius
+    vx_mps: Velocity = 0.0
+    vy_mps: Velocity = 0.0
+    appears_at_s: Time = 0.0
+    disappears_at_s: Time = inf
+
+
+@dataclass(frozen=True)
+class RoadObstacle:
+    """A round obstacle placed along the centre line of the road."""
+
+    station_m: Station
+    offset_m: Offset
+    radius_m: Radius
+    along_mps: Velocity = 0.0
+    across_mps: Velocity = 0.0
+    appears_at_s: Time = 0.0
+    disappears_at_s: Time = inf
+
+
+@dataclass(frozen=True)
+class StartOnPath:
+    """A start on the coarse path, along it; left out, the speed is the desired one there."""
+
+    progress_m: Station
+    speed_mps: Speed = None
+
+
+@dataclass(frozen=True)
+class StartPose:
+    """A start anywhere on the road."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    yaw_rad: Yaw
+    speed_mps: Speed
+
+
+@dataclass(frozen=True)
+class Stop:
+    """What ends the run, whichever comes first."""
+
+    progress_m: Annotated[float, Range(1.0, 10000.0, 'm')]
+    time_s: Annotated[float, Range(0.5, 600.0, 's')]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Longest distance between neighbouring points of what is published."""
+
+    path_m: Spacing = 0.5
+    edges_m: Spacing = 1.0
+
+
+@dataclass(frozen=True)
+class File:
+    """A whole scenario."""
+
+    schema: Literal[1]
+    name: Name
+    description: Text
+    road: Road
+    path: Line
+    speed: ConstantSpeed | SpeedTable
+    friction: Annotated[float, Range(0.05, 1.5, '-')]
+    start: StartOnPath | StartPose
+    stop: Stop
+    obstacles: tuple[MapObstacle | RoadObstacle, ...]
+    sampling: Sampling = Sampling()

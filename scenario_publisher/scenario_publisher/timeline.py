@@ -1,0 +1,60 @@
+"""What is to be said at a stamp: obstacles of the moment, and whether facts are to be repeated."""
+
+from msgs_yaml import contract, stamp
+from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
+from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
+
+NAME = 'scenario'
+OK = 0
+
+
+class Beat:
+    """Tells whether something is due that is to happen at a rate [Hz] of stamps."""
+
+    def __init__(self, rate_hz: float):
+        self._period_ns = round(stamp.NS_PER_S / rate_hz)
+        self._last_ns = None
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Tell whether it is due at a stamp; if so, it counts as done."""
+        last = self._last_ns
+        # time that jumps back starts another run
+        if last is not None and 0 <= stamp_ns - last < self._period_ns:
+            return False
+        self._last_ns = stamp_ns
+        return True
+
+
+class Timeline:
+    """A scenario over the stamps of one run."""
+
+    def __init__(self, scn: Scenario, mode: str):
+        self._scn = scn
+        self._origin_ns = scenario.START_NS if mode == 'lockstep' else None
+        topics = contract.load().topics
+        self.rate_hz = topics['/scenario/obstacles'].rate_hz[mode]
+        self.facts = Beat(topics['/scenario/reference'].rate_hz[mode])
+        self.health_beat = Beat(topics['/diagnostics'].rate_hz[mode])
+
+    def begin(self, stamp_ns: int) -> None:
+        """Let obstacles move and appear from this stamp on."""
+        self._origin_ns = stamp_ns
+
+    def obstacles(self, stamp_ns: int) -> Obstacles:
+        """Return the obstacles at a stamp; before the beginning, those of the beginning."""
+        origin = stamp_ns if self._origin_ns is None else self._origin_ns
+        return scenario.obstacles_at(self._scn, stamp.seconds(stamp_ns - origin), stamp_ns)
+
+    def reference(self, stamp_ns: int) -> Reference:
+        """Return the coarse path under a stamp."""
+        return self._scn.reference._replace(stamp_ns=stamp_ns)
+
+    def edges(self, stamp_ns: int) -> RoadEdges:
+        """Return the edges under a stamp."""
+        return self._scn.edges._replace(stamp_ns=stamp_ns)
+
+    def health(self, stamp_ns: int) -> Health:
+        """Return the health of the node."""
+        there = len(self.obstacles(stamp_ns).items)
+        return Health(stamp_ns, NAME, OK, f'publishing {self._scn.name}', {'obstacles': there})

@@ -1,0 +1,99 @@
+"""docs/scenarios.md says what the schema says."""
+
+import dataclasses
+import re
+import typing
+from pathlib import Path
+
+import pytest
+
+from scenario_publisher import build, schema
+
+TEXT = (Path(__file__).parents[2] / 'docs/scenarios.md').read_text()
+ROW = re.compile(r'^\| `([^`]+)` \|[^|]*\| ([^|]*) \|([^|]*)\|$', re.MULTILINE)
+SECTIONS = {
+    'Keys': (schema.File,),
+    'A line': (schema.SegmentLine, schema.PointLine),
+    'An edge': (schema.ConstantOffset, schema.OffsetTable, schema.PointEdge),
+    'Speed': (schema.ConstantSpeed, schema.SpeedTable),
+    'Start': (schema.StartOnPath, schema.StartPose),
+    'An obstacle': (schema.MapObstacle, schema.RoadObstacle),
+}
+# blocks with a section of their own, or told apart inside one
+OWN = (schema.Line, schema.Edge, schema.ConstantSpeed | schema.SpeedTable)
+OWN += (schema.StartOnPath | schema.StartPose,)
+
+
+def rows(title):
+    """Return {key: (allowed, default)} of the table below a heading."""
+    (body,) = re.findall(rf'^##+ {title}\b.*\n((?:(?!##).*\n)*)', TEXT, re.MULTILINE)
+    return {key: (allowed, default.strip()) for key, allowed, default in ROW.findall(body)}
+
+
+def keys(cls, prefix=''):
+    """Return {dotted key: (what is allowed, default)} of a schema dataclass."""
+    found, given = {}, build.defaults(cls)
+    for name, hint in build.hints(cls).items():
+        found.update(_key(f'{prefix}{name}', hint, given.get(name, '')))
+    return found
+
+
+def _key(key, hint, default):
+    origin, inside = typing.get_origin(hint), typing.get_args(hint)
+    if hint in OWN:
+        return {key: (None, '')}
+    if dataclasses.is_dataclass(hint):
+        return keys(hint, f'{key}.')
+    if origin is tuple and inside[-1] is Ellipsis:
+        return _list(key, inside[0])
+    return {key: (build.allowed(hint), default)}
+
+
+def _list(key, hint):
+    if hint == schema.Segment:
+        classes = typing.get_args(hint)
+        return {k: v for cls in classes for k, v in keys(cls, f'{key}[].').items()}
+    if typing.get_origin(hint) is typing.Annotated:
+        return {key: (build.allowed(hint), '')}
+    return {key: (None, '')}
+
+
+@pytest.mark.parametrize('title', SECTIONS)
+def test_every_key_of_the_schema_is_documented_and_no_other(title):
+    wanted = set().union(*(keys(cls) for cls in SECTIONS[title]))
+    assert set(rows(title)) == wanted
+
+
+@pytest.mark.parametrize('title', SECTIONS)
+def test_documented_ranges_and_defaults_are_those_of_the_schema(title):
+    documented = rows(title)
+    for cls in SECTIONS[title]:
+        for key, (allowed, default) in keys(cls).items():
+            said_allowed, said_default = documented[key]
+            if allowed is not None:
+                assert said_allowed == allowed
+            if isinstance(default, float) and default < float('inf'):
+                assert float(said_default) == default
+
+
+def test_the_complete_example_is_a_scenario(make):
+    (example,) = re.findall(r'```yaml\n(.*?)```', TEXT, re.DOTALL)
+    scn = make(example)
+    assert len(scn.actors) == 3
+    assert scn.friction == 0.9
+    assert scn.start.speed == 16.0
+
+
+def test_the_example_of_an_error_is_what_one_sees(make):
+    (said,) = re.findall(r'^double_lane_change.yaml:(\d+): (.*)$', TEXT, re.MULTILINE)
+    shipped = Path(__file__).parents[2] / 'scenario_publisher/scenarios/double_lane_change.yaml'
+    moved = shipped.read_text().replace('y_m: 2.45', 'y_m: 9.45')
+    with pytest.raises(ValueError, match=re.escape(said[1])) as caught:
+        make(moved)
+    assert str(caught.value) == f'bend.yaml:{said[0]}: {said[1]}'
+
+
+def test_every_shipped_scenario_is_in_the_table():
+    folder = Path(__file__).parents[2] / 'scenario_publisher/scenarios'
+    shipped = {path.stem for path in folder.glob('*.yaml')}
+    assert set(re.findall(r'^\| `(\w+)` \| [^|]*\|$', TEXT, re.MULTILINE)) == shipped

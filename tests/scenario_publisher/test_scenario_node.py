@@ -1,0 +1,214 @@
+"""The node as a process of its own, heard over Fast DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from msgs_yaml import contract, decode, encode, qos, ros
+from msgs_yaml.types import VehicleState
+from scenario_publisher import scenario
+from scenario_publisher.scenario import START_NS
+
+pytestmark = pytest.mark.ros
+ISOLATED = {'ROS_DOMAIN_ID': '10', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+PATIENCE_S = 15.0
+TICK_NS = 50_000_000
+STANDING = VehicleState(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope='module')
+def listener():
+    """A node of this process, alone in its domain with what the tests start."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, setting in ISOLATED.items():
+            patch.setenv(name, setting)
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        yield Listener(rclpy.create_node('listener', context=context))
+        rclpy.try_shutdown(context=context)
+
+
+class Listener:
+    """Subscribes, publishes, and waits until something has been heard."""
+
+    def __init__(self, node):
+        self.node = node
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+
+    def hear(self, topic, mode='lockstep'):
+        """Return a list that fills with the messages of a topic."""
+        heard = []
+        profile = qos.profile(contract.load().topics[topic].qos[mode])
+        self.node.create_subscription(ros.message_type(topic), topic, heard.append, profile)
+        return heard
+
+    def speak(self, topic, mode='lockstep'):
+        """Return a publisher for a topic."""
+        profile = qos.profile(contract.load().topics[topic].qos[mode])
+        return self.node.create_publisher(ros.message_type(topic), topic, profile)
+
+    def until(self, done):
+        """Listen until a condition holds; fail when it takes too long."""
+        end = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < end, 'nothing heard in time'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def tick_until_heard(self, clock, heard):
+        """Repeat the first instant until it is answered: both directions are connected then."""
+        clock_msg = encode.clock(START_NS)
+        self.until(lambda: clock.publish(clock_msg) or heard)
+
+
+def start(*arguments):
+    command = [sys.executable, '-m', 'scenario_publisher.scenario_node', '--ros-args', *arguments]
+    environment = {**os.environ, **ISOLATED}
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+def stop(process):
+    process.send_signal(signal.SIGTERM)
+    try:
+        _, said = process.communicate(timeout=PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    return process.returncode, said
+
+
+@pytest.fixture
+def node(request):
+    """The running node; its parameters come from the test."""
+    process = start(*request.param)
+    yield process
+    if process.poll() is None:
+        stop(process)
+
+
+def runs(scenario_name, mode='lockstep'):
+    given = ('-p', f'scenario:={scenario_name}', '-p', f'mode:={mode}')
+    return pytest.mark.parametrize('node', [given], indirect=True, ids=[f'{scenario_name}-{mode}'])
+
+
+def same(one, other):
+    return all(np.allclose(a, b, rtol=0, atol=1e-9) for a, b in zip(one, other))
+
+
+@runs('circle_20m')
+def test_who_comes_late_still_gets_path_and_edges(listener, node):
+    early = listener.hear('/scenario/reference')
+    listener.until(lambda: early)
+    reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
+    listener.until(lambda: reference and edges)
+    wanted = scenario.load('circle_20m')
+    heard = decode.reference(reference[0])
+    assert heard.stamp_ns == START_NS
+    assert same(heard[1:4], wanted.reference[1:4])
+    assert heard.t == pytest.approx(wanted.reference.t, abs=1e-8)
+    assert same(decode.road_edges(edges[0]), wanted.edges)
+
+
+@runs('moving_obstacle')
+def test_every_instant_is_answered_with_obstacles_of_the_same_stamp(listener, node):
+    clock, heard = listener.speak('/clock'), listener.hear('/scenario/obstacles')
+    listener.tick_until_heard(clock, heard)
+    stamps = [START_NS + k * TICK_NS for k in (1, 2, 3, 4, 5, 40, 120)]
+    for stamp_ns in stamps:
+        clock.publish(encode.clock(stamp_ns))
+        listener.until(lambda stamp_ns=stamp_ns: decode.obstacles(heard[-1]).stamp_ns == stamp_ns)
+    answers = [decode.obstacles(message) for message in heard]
+    after_start = [answer for answer in answers if answer.stamp_ns > START_NS]
+    assert [answer.stamp_ns for answer in after_start] == stamps
+    assert [len(answer.items) for answer in after_start] == [1] * 6 + [2]
+    scn = scenario.load('moving_obstacle')
+    for answer in answers:
+        t = (answer.stamp_ns - START_NS) * 1e-9
+        wanted = scenario.obstacles_at(scn, t, answer.stamp_ns)
+        assert all(same(a, b) for a, b in zip(answer.items, wanted.items))
+
+
+@runs('double_lane_change')
+def test_path_and_edges_are_repeated_unchanged_every_250_ms(listener, node):
+    reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
+    clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
+    listener.until(lambda: reference and edges)
+    listener.tick_until_heard(clock, obstacles)
+    for k in range(1, 11):
+        clock.publish(encode.clock(START_NS + k * TICK_NS))
+        # latched topics keep one message: hear each before it is replaced
+        count = 1 + k // 5
+        listener.until(lambda count=count: len(reference) >= count <= len(edges))
+    for heard, read in ((reference, decode.reference), (edges, decode.road_edges)):
+        values = [read(message) for message in heard]
+        assert [value.stamp_ns - START_NS for value in values] == [0, 5 * TICK_NS, 10 * TICK_NS]
+        assert all(same(value[1:], values[0][1:]) for value in values)
+
+
+@runs('straight')
+def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
+    clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
+    health = listener.hear('/diagnostics')
+    listener.tick_until_heard(clock, obstacles)
+    clock.publish(encode.clock(START_NS + 20 * TICK_NS))
+    listener.until(lambda: health)
+    assert decode.obstacles(obstacles[0]).items == ()
+    said = decode.health(health[-1])
+    assert (said.name, said.level, said.values['obstacles']) == ('scenario', 0, 0)
+
+
+@runs('moving_obstacle', mode='realtime')
+def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
+    heard = listener.hear('/scenario/obstacles', 'realtime')
+    odometry = listener.speak('/vehicle/odometry', 'realtime')
+    listener.until(lambda: len(heard) >= 5 and odometry.get_subscription_count())
+    waiting = [decode.obstacles(message).items[0].X for message in heard]
+    assert waiting == pytest.approx([60.0] * len(waiting))
+    now = listener.node.get_clock().now().nanoseconds
+    odometry.publish(encode.odometry(STANDING._replace(stamp_ns=now)))
+    listener.until(lambda: decode.obstacles(heard[-1]).items[0].X > 65.0)
+    last = decode.obstacles(heard[-1])
+    assert pytest.approx(60.0 + 8.0 * (last.stamp_ns - now) * 1e-9, abs=1e-6) == last.items[0].X
+    stamps = np.array([decode.obstacles(message).stamp_ns for message in heard])
+    assert np.median(np.diff(stamps)) * 1e-9 == pytest.approx(0.05, rel=0.2)
+
+
+@runs('straight')
+def test_sigterm_ends_the_node_with_success(listener, node):
+    reference = listener.hear('/scenario/reference')
+    listener.until(lambda: reference)
+    code, said = stop(node)
+    assert code == 0
+    assert 'Traceback' not in said
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (('-p', 'scenario:=nowhere'), "no scenario 'nowhere'; available: circle_20m, double"),
+        (('-p', 'scenario:=/tmp/nowhere.yaml'), "no file '/tmp/nowhere.yaml'; available: circle"),
+        (('-p', 'mode:=fast'), 'lockstep or realtime'),
+        (('-p', 'scenari:=straight'), "did you mean 'scenario'"),
+    ],
+)
+def test_wrong_parameter_is_one_clear_line_and_a_failure(arguments, message):
+    _, said = (process := start(*arguments)).communicate(timeout=PATIENCE_S)
+    assert process.returncode not in (0, None)
+    assert message in said
+    assert 'Traceback' not in said
+
+
+def test_broken_scenario_is_one_clear_line_and_a_failure(tmp_path):
+    broken = tmp_path / 'broken.yaml'
+    broken.write_text(scenario.load('straight').text.replace('friction: 1.0', 'friction: 7'))
+    _, said = (process := start('-p', f'scenario:={broken}')).communicate(timeout=PATIENCE_S)
+    assert process.returncode not in (0, None)
+    assert f"{broken}:21: friction: is out of range with '7'; allowed 0.05 to 1.5 -" in said
+    assert 'Traceback' not in said

@@ -1,0 +1,52 @@
+import pytest
+
+from msgs_yaml import contract
+from scenario_publisher import scenario
+from scenario_publisher.scenario import START_NS
+from scenario_publisher.timeline import NAME, Beat, Timeline
+
+MOVING = scenario.load('moving_obstacle')
+MS = 1_000_000
+
+
+def test_beat_is_due_at_first_and_then_once_per_period():
+    beat = Beat(4.0)
+    due = [ms for ms in range(0, 1001, 50) if beat.is_due(START_NS + ms * MS)]
+    assert due == [0, 250, 500, 750, 1000]
+
+
+def test_beat_does_not_repeat_a_repeated_stamp_but_follows_a_jump_back():
+    beat = Beat(4.0)
+    assert [beat.is_due(t) for t in (START_NS, START_NS, 0)] == [True, False, True]
+
+
+def test_lockstep_counts_from_the_first_stamp_of_simulated_time():
+    stamp_ns = START_NS + 2000 * MS
+    (slow,) = Timeline(MOVING, 'lockstep').obstacles(stamp_ns).items
+    assert pytest.approx(60.0 + 2 * 8.0) == slow.X
+
+
+def test_realtime_obstacles_wait_for_the_vehicle():
+    timeline = Timeline(MOVING, 'realtime')
+    (before,) = timeline.obstacles(77 * START_NS).items
+    timeline.begin(80 * START_NS)
+    (after,) = timeline.obstacles(81 * START_NS).items
+    assert pytest.approx((60.0, 68.0)) == (before.X, after.X)
+
+
+def test_everything_carries_the_stamp_asked_for():
+    timeline = Timeline(MOVING, 'lockstep')
+    for value in (timeline.obstacles, timeline.reference, timeline.edges, timeline.health):
+        assert value(5 * START_NS).stamp_ns == 5 * START_NS
+
+
+def test_health_counts_the_obstacles_that_are_there():
+    timeline = Timeline(MOVING, 'lockstep')
+    counts = [timeline.health(START_NS + s * START_NS).values['obstacles'] for s in (0, 4, 6)]
+    assert counts == [1, 1, 2]
+
+
+def test_contract_and_node_agree_on_its_name():
+    topics = contract.load().topics.values()
+    ours = [topic.publisher for topic in topics if topic.name.startswith('/scenario/')]
+    assert ours == [NAME] * 3
