@@ -1,0 +1,61 @@
+"""Time per 1 ms step of the plant, in microseconds: `python bench/plant.py [--json FILE]`."""
+
+import argparse
+import json
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+
+from vehicle_plant import graph, parameters, stepper
+from vehicle_plant.simulator import TICK_STEPS, Simulator, Start, trimmed
+
+BURSTS = 400
+INTERPRETED_STEPS = 50
+
+
+def per_step_us(call, steps: int, repeats: int) -> list[float]:
+    """Return the time per step of each repeat."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        times.append((time.perf_counter() - begin) / steps * 1e6)
+    return times
+
+
+def measure() -> dict[str, float]:
+    """Drive a swerve in bursts of 50 steps, as the node does; and the bare integrator."""
+    params = parameters.load()
+    p = graph.parameter_vector(params, 1.0)
+    x = trimmed(params, Start(0.0, 0.0, 0.0, 25.0))
+    swerve = np.column_stack([0.1 * np.sin(np.arange(TICK_STEPS + 1) / 10)] + [np.zeros(51)] * 2)
+    car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 25.0))
+    bare = per_step_us(lambda: stepper.advance(x, swerve, p), TICK_STEPS, BURSTS)
+    burst = per_step_us(lambda: car.advance(None, TICK_STEPS), TICK_STEPS, BURSTS)
+    single = per_step_us(lambda: car.advance(None, 1), 1, BURSTS)
+    slow = per_step_us(lambda: stepper.interpreted(x, swerve, p), INTERPRETED_STEPS, 2)
+    return {
+        'integrator_us': statistics.median(bare),
+        'simulator_burst_us': statistics.median(burst),
+        'simulator_burst_p99_us': float(np.percentile(burst, 99)),
+        'simulator_single_step_us': statistics.median(single),
+        'interpreted_us': statistics.median(slow),
+    }
+
+
+def main() -> None:
+    """Print the table, and write it when asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', type=Path, help='file to write')
+    options = parser.parse_args()
+    results = measure()
+    for name, value in results.items():
+        print(f'{name:<28}{value:10.2f}')
+    if options.json:
+        options.json.write_text(json.dumps(results, indent=2) + '\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,42 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from msgs_yaml.types import Command
+from vehicle_plant import parameters
+from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
+from vehicle_plant.track import join
+
+
+@pytest.fixture(scope='session')
+def params():
+    return parameters.load()
+
+
+@pytest.fixture(scope='session')
+def bare(params):
+    """The published tyre: every scaling factor one."""
+    ones = dict.fromkeys(vars(params.car.scaling.front), 1.0)
+    return replace(params.car.scaling.front, **ones)
+
+
+@pytest.fixture(scope='session')
+def drive(params):
+    """Drive a law(t, car) -> (delta, Fxf, Fxr) for some seconds from a straight start."""
+
+    def driven(law, seconds, speed, friction=1.0, plant=params):
+        car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, speed))
+        tracks = []
+        for tick in range(round(seconds * 20)):
+            delta, Fxf, Fxr = law(tick / 20, car)
+            tracks.append(car.advance(Command(car.stamp_ns, delta, 0.0, Fxf, Fxr), TICK_STEPS))
+        assert car.gate.rejected == 0, car.gate.last_reason
+        return join(tracks)
+
+    return driven
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20240501)

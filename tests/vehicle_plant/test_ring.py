@@ -1,0 +1,135 @@
+"""When the plant advances, when a run ends, and what a silent controller brings about."""
+
+from dataclasses import replace
+
+import pytest
+
+from msgs_yaml.types import Command
+from vehicle_plant import parameters
+from vehicle_plant.parameters import StopParams
+from vehicle_plant.ring import Lockstep, Realtime
+from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator, Start
+
+FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
+
+
+def ring(kind, params, stop=FAR, speed=20.0):
+    car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, speed))
+    return kind(car, RunEnd(stop, car.now))
+
+
+def coast(stamp_ns):
+    return Command(stamp_ns, 0.0, 0.0, 0.0, 0.0)
+
+
+def run(loop, ticks):
+    for _ in range(ticks):
+        loop.tick(coast(loop.car.stamp_ns))
+        if loop.outcome:
+            return loop.outcome
+    return None
+
+
+def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
+    loop = ring(Lockstep, params)
+    assert loop.answers(START_NS)
+    assert not loop.answers(START_NS + TICK_NS)
+    assert len(loop.tick(coast(START_NS)).rows) == TICK_STEPS
+    assert not loop.answers(START_NS)
+    assert loop.answers(START_NS + TICK_NS)
+
+
+def test_finish_line_ends_the_run_at_the_millisecond(params):
+    outcome = run(ring(Lockstep, params, replace(FAR, x_m=30.0)), 100)
+    assert outcome.exit_code == FINISHED
+    assert (outcome.stamp_ns - START_NS) / 1e9 == pytest.approx(30.0 / 19.9, abs=0.02)
+
+
+def test_finish_line_counts_only_in_its_direction_and_once_armed(params):
+    assert run(ring(Lockstep, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
+    assert run(ring(Lockstep, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60) is None
+
+
+def test_run_fails_when_its_time_is_up(params):
+    outcome = run(ring(Lockstep, params, replace(FAR, time_s=1.0)), 100)
+    assert outcome.exit_code == FAILED
+    assert outcome.stamp_ns == START_NS + 1_000_000_000
+
+
+def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
+    loop = ring(Lockstep, params, speed=0.0)
+    assert run(loop, 40) is None
+    loop = ring(Lockstep, params, speed=2.0)
+    for _ in range(80):
+        loop.tick(Command(loop.car.stamp_ns, 0.0, 0.0, -4000.0, -2000.0))
+        if loop.outcome:
+            break
+    assert loop.outcome.exit_code == FAILED
+    assert 'stands still' in loop.outcome.message
+
+
+def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
+    loop = ring(Lockstep, params)
+    for _ in range(10):
+        loop.tick(Command(loop.car.stamp_ns, 0.03, 0.0, 0.0, 400.0))
+    for _ in range(2):
+        loop.tick_alone()
+    assert loop.car.actuators.delta == pytest.approx(0.03, abs=1e-4)
+    assert loop.car.actuators.Fxr == pytest.approx(400.0, abs=2.0)
+    while not loop.outcome:
+        loop.tick_alone()
+    assert loop.outcome.exit_code == CONTROLLER_GONE
+    assert abs(loop.car.state.vx) < 0.1
+    assert abs(loop.car.actuators.delta) < 1e-4
+    assert not loop.answers(loop.car.stamp_ns)
+
+
+def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
+    loop = ring(Realtime, params)
+    loop.command(coast(START_NS))
+    assert loop.advance_to(START_NS) is None
+    assert len(loop.advance_to(START_NS + STEP_NS).rows) == 1
+    assert loop.missed_steps == 0
+    assert len(loop.advance_to(START_NS + 5 * STEP_NS).rows) == 4
+    assert (loop.missed_steps, loop.longest_gap) == (3, 4)
+    assert loop.car.stamp_ns == START_NS + 5 * STEP_NS
+
+
+def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
+    loop = ring(Realtime, params)
+    loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
+    now = START_NS
+    for _ in range(150):
+        now += STEP_NS
+        loop.advance_to(now)
+    assert not loop.gone
+    for _ in range(100):
+        now += STEP_NS
+        loop.advance_to(now)
+    assert loop.gone
+    assert loop.car.actuators.Fxf < -2500
+    loop.command(Command(now, 0.0, 0.0, 0.0, 0.0))
+    assert not loop.gone
+    for _ in range(140):
+        now += STEP_NS
+        loop.advance_to(now)
+    assert loop.car.actuators.Fxf > -1500
+
+
+def test_starts_are_taken_from_parameters_or_the_first_pose():
+    import numpy as np
+
+    from msgs_yaml.types import Reference
+    from vehicle_plant import starts
+
+    path = Reference(
+        1,
+        np.array([1.0, 4.0, 9.0]),
+        np.array([2.0, 6.0, 6.0]),
+        np.array([0.9, 0.5, 0.0]),
+        np.array([0.0, 0.25, 1.0]),
+    )
+    assert starts.from_reference(path) == (1.0, 2.0, 0.9, 20.0)
+    own = parameters.StartParams(x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0)
+    assert starts.from_parameters(own) == (1.0, 2.0, 0.3, 4.0)

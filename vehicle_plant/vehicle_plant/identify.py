@@ -1,0 +1,120 @@
+"""The controller's tyre from the plant: Fiala parameters by quasi-steady circular driving.
+
+    identify --out car.yaml [--friction 1.0] [--figure car.png]
+
+The same plant gives the same file, byte by byte.
+"""
+
+import argparse
+import hashlib
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from msgs_yaml import parameters as yaml_parameters
+from vehicle_plant import circle, fiala_fit, parameters
+from vehicle_plant.circle import AxlePoints, Circle, CircleError
+from vehicle_plant.fiala_fit import Fit
+from vehicle_plant.parameters import PlantParams
+
+_FILE = """\
+# Car and tyre of the prediction model, identified from the plant by quasi-steady circular driving:
+# {speed:g} m/s, steer increasing by {rate:g} rad/s, {points} points up to {ay:.3f} m/s^2.
+# Do not edit; made by
+#   python -m vehicle_plant.identify --friction {friction:g} --out <this file>
+# plant parameters: sha256 {digest}
+# front axle: +- {fit_f.cornering_confidence:.0f} N/rad, +- {fit_f.friction_confidence:.5f}, \
+residual {fit_f.residual:.0f} N rms, slip up to {slip_f:.1f} deg
+# rear axle: +- {fit_r.cornering_confidence:.0f} N/rad, +- {fit_r.friction_confidence:.5f}, \
+residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
+/**:
+  ros__parameters:
+    car:
+      mass_kg: {body.mass_kg!r}  # kg
+      yaw_inertia_kgm2: {body.yaw_inertia_kgm2!r}  # kg m^2
+      cog_to_front_m: {body.cog_to_front_m!r}  # m
+      cog_to_rear_m: {body.cog_to_rear_m!r}  # m
+      cog_height_m: {body.cog_height_m!r}  # m
+      drag_n_per_mps2: {drag:.4f}  # N/(m/s)^2, half the air density times the drag area
+      rolling_n: {rolling:.2f}  # N, rolling resistance
+    tyre:
+      front_cornering_npr: {fit_f.cornering:.1f}  # N/rad per axle
+      rear_cornering_npr: {fit_r.cornering:.1f}  # N/rad per axle
+      front_friction: {fit_f.friction:.5f}  # -
+      rear_friction: {fit_r.friction:.5f}  # -
+"""
+
+
+def identify(plant: PlantParams, friction: float, manoeuvre: Circle) -> tuple[str, Figure]:
+    """Drive, fit, and return the file's text and the figure. Raises CircleError."""
+    track = circle.drive(plant, friction, manoeuvre)
+    points = circle.axles(track, plant)
+    fits = tuple(fiala_fit.fit(axle) for axle in points)
+    body = plant.car.body
+    text = _FILE.format(
+        speed=manoeuvre.speed_mps,
+        rate=manoeuvre.steer_rate_radps,
+        points=len(track.rows),
+        ay=track.column('acceleration.ay').max(),
+        friction=friction,
+        digest=digest(plant),
+        fit_f=fits[0],
+        fit_r=fits[1],
+        slip_f=_degrees(points[0]).max(),
+        slip_r=_degrees(points[1]).max(),
+        body=body,
+        drag=body.air_density_kgpm3 / 2 * body.drag_area_m2,
+        rolling=plant.car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2,
+    )
+    return text, draw(points, fits)
+
+
+def digest(plant: PlantParams) -> str:
+    """Return a hash of every parameter of the plant."""
+    items = sorted(yaml_parameters.flatten(plant).items())
+    return hashlib.sha256(repr(items).encode()).hexdigest()
+
+
+def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[Fit, Fit]) -> Figure:
+    """Return the measured points and the fitted curve of both axles."""
+    figure = Figure(figsize=(10, 4), layout='constrained')
+    for axes, name, axle, fit in zip(figure.subplots(1, 2), ('front', 'rear'), points, fits):
+        fitted = fiala_fit.force(axle, fit.cornering, fit.friction)
+        axes.plot(_degrees(axle), axle.Fy / 1e3, '.', label='plant')
+        axes.plot(_degrees(axle), fitted / 1e3, label='Fiala')
+        axes.set_title(
+            f'{name} axle: C = {fit.cornering / 1e3:.1f} kN/rad, mu = {fit.friction:.3f}, '
+            f'residual {fit.residual:.0f} N'
+        )
+        axes.set_xlabel('slip angle [deg], to the right')
+        axes.set_ylabel('lateral force [kN]')
+        axes.legend()
+        axes.grid()
+    return figure
+
+
+def _degrees(axle: AxlePoints):
+    return -axle.alpha * 180 / np.pi
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    parser = argparse.ArgumentParser(prog='identify', description=__doc__.splitlines()[0])
+    parser.add_argument('--out', type=Path, required=True, help='YAML file to write')
+    parser.add_argument('--friction', type=float, default=1.0, help='road friction scale')
+    parser.add_argument('--figure', type=Path, help='PNG to write, beside the YAML by default')
+    options = parser.parse_args(arguments)
+    manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+    try:
+        text, figure = identify(parameters.load(), options.friction, manoeuvre)
+    except (CircleError, ValueError) as error:
+        parser.exit(1, f'identify: {error}\n')
+    options.out.write_text(text)
+    figure.savefig(options.figure or options.out.with_suffix('.png'), metadata={'Software': None})
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""The plant's side of the ring: when to advance, and what happens when the controller is silent.
+
+Lockstep: a burst of 50 steps per command, as long as commands come. Realtime: steps follow the wall
+clock. In both, a silent controller's last command is held for two ticks, then the car brakes
+straight. No ROS, no clock: time is an argument.
+"""
+
+from msgs_yaml.types import Command
+from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
+from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
+from vehicle_plant.track import Track
+
+HELD_TICKS = 2
+
+
+class Lockstep:
+    """Simulated time: advances a tick when the command for the present instant has come."""
+
+    def __init__(self, car: Simulator, end: RunEnd):
+        self.car = car
+        self._end = end
+        self._silent_ticks = 0
+        self.gone = False
+        self.missed_steps = 0  # none can be missed: time waits
+        self.longest_gap = 1
+        self.outcome: Outcome | None = None
+
+    def answers(self, stamp_ns: int) -> bool:
+        """Return whether a command with this stamp is the one waited for."""
+        return stamp_ns == self.car.stamp_ns and not self.gone and self.outcome is None
+
+    def tick(self, command: Command | None) -> Track:
+        """Advance 50 ms under a command; None stands for one that could not be read."""
+        track = self.car.advance(command, TICK_STEPS)
+        self.outcome = self._end.watch(track)
+        return track
+
+    def tick_alone(self) -> Track:
+        """Advance 50 ms without a controller: from now on it counts as gone."""
+        self.gone = True
+        if self._silent_ticks == HELD_TICKS:
+            self.car.brake_straight()
+        self._silent_ticks += 1
+        track = self.car.advance(None, TICK_STEPS)
+        self._end.watch(track)
+        if self._end.standing:
+            self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
+        return track
+
+
+class Realtime:
+    """Wall time: advances by as many steps as are due."""
+
+    def __init__(self, car: Simulator, end: RunEnd):
+        self.car = car
+        self._end = end
+        self._last_command_ns = car.stamp_ns
+        self.gone = False
+        self.missed_steps = 0
+        self.longest_gap = 1
+        self.outcome: Outcome | None = None
+
+    def command(self, command: Command) -> None:
+        """Follow a command; a silent controller that speaks again is followed again."""
+        if self.car.command(command).accepted:
+            self._last_command_ns = command.stamp_ns
+            self.gone = False
+
+    def advance_to(self, now_ns: int) -> Track | None:
+        """Advance by all steps that are due at now_ns; None when there are none.
+
+        More than one means that steps came late: they are counted, and caught up here.
+        """
+        due = (now_ns - self.car.stamp_ns) // STEP_NS
+        if due <= 0:
+            return None
+        self.missed_steps += due - 1
+        self.longest_gap = max(self.longest_gap, due)
+        # a set-point is due one tick after its stamp, and held for two more
+        silent = now_ns - self._last_command_ns > (1 + HELD_TICKS) * TICK_NS
+        if silent and not self.gone:
+            self.gone = True
+            self.car.brake_straight()
+        track = self.car.advance(None, due)
+        self.outcome = self._end.watch(track)
+        if self.gone and self._end.standing:
+            self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
+        return track

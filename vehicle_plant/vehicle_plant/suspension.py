@@ -1,0 +1,101 @@
+"""Vertical dynamics: a sprung body with heave, roll and pitch on four unsprung masses and tyres.
+
+Springs, dampers and anti-roll bars act between body and wheel. The links carry part of the tyre
+forces past the springs: a wheel's instant centres lie on the lines from its contact patch to the
+roll centre and to the pitch centre (Milliken, Race Car Vehicle Dynamics, ch. 17). The contact patch
+moves with the same ratios, so the links do no work. All forces are differences to standstill.
+"""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+
+class Corner(NamedTuple):
+    """Where a wheel is and how it hangs."""
+
+    axle: Any  # parameters.Axle
+    x: Any  # m from the CoG, forward
+    y: Any  # m, left
+    side: int  # 1 left, -1 right
+    roll_ratio: Any  # -, lateral over vertical motion of the contact patch
+    pitch_ratio: Any  # -, longitudinal over vertical motion
+    Fz_static: Any  # N
+
+
+def corner(body, axle, x, side: int) -> Corner:
+    """Return the corner of an axle at x [m] on side 1 (left) or -1 (right)."""
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+    y = side * axle.track_m / 2
+    other_axle = wheelbase - ca.fabs(x)
+    weight = body.mass_kg * body.gravity_mps2
+    return Corner(
+        axle=axle,
+        x=x,
+        y=y,
+        side=side,
+        roll_ratio=axle.roll_centre_height_m / y,
+        pitch_ratio=axle.pitch_centre_height_m / x,
+        Fz_static=weight * other_axle / wheelbase / 2,
+    )
+
+
+def travel(ride, wheel, c: Corner):
+    """Return the compression of a corner and its rate [m, m/s]."""
+    at = wheel.z - (ride.z + c.y * ride.phi - c.x * ride.theta)
+    rate = wheel.vz - (ride.vz + c.y * ride.p - c.x * ride.q)
+    return at, rate
+
+
+def spring_force(here, rate, opposite, c: Corner):
+    """Return the upward force on the body by spring, damper and anti-roll bar [N]."""
+    axle = c.axle
+    elastic = axle.ride_rate_npm * here + axle.antiroll_npm * (here - opposite)
+    return elastic + axle.damper_rate_nspm * rate
+
+
+def link_force(Fx, Fy, c: Corner):
+    """Return the upward force on the body by the links for a contact force in body axes [N]."""
+    return -(c.roll_ratio * Fy + c.pitch_ratio * Fx)
+
+
+def tyre_load(wheel, c: Corner, p):
+    """Return the load of a tyre [N]; a lifted one carries none."""
+    spring = p.vertical_stiffness_npm * wheel.z + p.vertical_damping_nspm * wheel.vz
+    return ca.fmax(c.Fz_static - spring, 0)
+
+
+def camber(ride, c: Corner):
+    """Return the inclination of a wheel to the road [rad], positive about x."""
+    return c.axle.camber_per_roll * ride.phi - c.side * c.axle.static_camber_rad
+
+
+def ride_acceleration(ride, body_forces, contact_forces, corners, p):
+    """Return vertical, roll and pitch acceleration of the body.
+
+    body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N].
+    """
+    body, suspension = p.body, p.suspension
+    unsprung = 2 * (suspension.front.unsprung_mass_kg + suspension.rear.unsprung_mass_kg)
+    sprung = body.mass_kg - unsprung
+    height = body.cog_height_m
+    weight = sprung * body.gravity_mps2
+    roll_arm = height - _at_cog(body, *(a.roll_centre_height_m for a in _axles(suspension)))
+    pitch_arm = height - _at_cog(body, *(a.pitch_centre_height_m for a in _axles(suspension)))
+    roll = weight * roll_arm * ride.phi
+    pitch = weight * pitch_arm * ride.theta
+    for F, (Fx, Fy), c in zip(body_forces, contact_forces, corners):
+        roll += c.y * F + height * Fy
+        pitch -= c.x * F + height * Fx
+    lift = sum(body_forces[1:], body_forces[0])
+    return lift / sprung, roll / body.roll_inertia_kgm2, pitch / body.pitch_inertia_kgm2
+
+
+def _axles(suspension):
+    return suspension.front, suspension.rear
+
+
+def _at_cog(body, front, rear):
+    """Interpolate between the axles."""
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+    return (front * body.cog_to_rear_m + rear * body.cog_to_front_m) / wheelbase
