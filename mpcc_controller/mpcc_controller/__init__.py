@@ -1,0 +1,1 @@
+"""Model predictive contouring control at the limit of handling."""

@@ -1,0 +1,138 @@
+"""One vehicle state in, one command out, with the same stamp. No maths in this file."""
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from mpcc_controller import car_file, trigger
+from mpcc_controller.controller import Controller
+from mpcc_controller.explain import OK
+from mpcc_controller.health import Monitor
+from mpcc_controller.parameters import ControllerParams
+from msgs_yaml import decode, encode, ros, share
+
+NAME = 'controller'
+REMIND_S = 2.0  # of wall time, between two lines that say what is missing
+THROTTLE_S = 1.0
+
+
+class ControllerNode(Node):
+    """Wires a `Controller` to its topics."""
+
+    def __init__(self, config: str):
+        """`config` names the parameter file in config/ that overrides start from."""
+        super().__init__(NAME)
+        params = ros.declare(
+            self, ControllerParams, share.path('mpcc_controller', 'config', config)
+        )
+        mode = ros.mode(self)
+        self.get_logger().info('preparing the solver')
+        self.controller = Controller(params, car_file.load(params), mode == 'realtime')
+        self.trigger = trigger.make(mode, params.model.step_s)
+        self.monitor = Monitor(NAME)
+        self.state = self.actuators = None  # raw messages, decoded when needed
+        self.answer = None  # the messages sent last
+
+        self.command_pub = ros.publisher(self, '/controller/command')
+        self.prediction_pub = ros.publisher(self, '/controller/prediction')
+        self.why_pub = ros.publisher(self, '/controller/why')
+        self.health_pub = ros.publisher(self, '/diagnostics')
+        ros.subscribe(self, '/scenario/reference', self.on_reference)
+        ros.subscribe(self, '/scenario/road_edges', self.on_edges)
+        ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
+        ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
+        ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
+        self.reminder = self.create_timer(
+            REMIND_S, self.on_reminder, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self.get_logger().info(f'ready, {mode}; {self.waiting()}')
+
+    def on_reference(self, msg):
+        """Take the path."""
+        self.take('/scenario/reference', decode.reference, msg, self.controller.set_reference)
+
+    def on_edges(self, msg):
+        """Take the road edges."""
+        self.take('/scenario/road_edges', decode.road_edges, msg, self.controller.set_edges)
+
+    def on_obstacles(self, msg):
+        """Take the obstacles; in lockstep they complete a state."""
+        self.take('/scenario/obstacles', decode.obstacles, msg, self.set_obstacles)
+
+    def set_obstacles(self, obstacles):
+        """Tell controller and trigger."""
+        self.controller.set_obstacles(obstacles)
+        self.trigger.on_obstacles(obstacles.stamp_ns)
+
+    def take(self, topic, decoder, msg, setter):
+        """Tell the controller; log what is wrong with a message, and go on with the one before."""
+        try:
+            fault = setter(decoder(msg))
+        except decode.DecodeError as error:
+            fault = str(error)
+        if fault:
+            told = f'{topic} turned down: {fault}'
+            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+        self.advance()
+
+    def on_actuators(self, raw):
+        """Keep where the actuators are, for a (re)start."""
+        self.actuators = raw
+        self.trigger.on_actuators(decode.stamp_ns_of(raw))
+        self.advance()
+
+    def on_odometry(self, raw):
+        """Keep the state if it is one to answer."""
+        if self.trigger.on_state(decode.stamp_ns_of(raw)):
+            self.state = raw
+            self.advance()
+
+    def advance(self):
+        """Answer the state if everything that the answer needs is there."""
+        if self.controller.missing():
+            return
+        due = self.trigger.due()
+        if due.restart:
+            self.restart()
+        if due.step:
+            self.step()
+        if due.repeat and self.answer:
+            self.command_pub.publish(self.answer)
+
+    def restart(self):
+        """Take the set-points from where the actuators are."""
+        msg = ros.message('/vehicle/actuators', self.actuators)
+        self.controller.reset(decode.actuators(msg))
+        self.get_logger().info('started from the actuators')
+
+    def step(self):
+        """Answer the state with a command, and say why."""
+        x = decode.odometry(ros.message('/vehicle/odometry', self.state))
+        age_s = self.trigger.age_s(self.get_clock().now().nanoseconds)
+        command, prediction, why = self.controller.step(x, age_s)
+        self.answer = encode.command(command)
+        self.command_pub.publish(self.answer)
+        self.prediction_pub.publish(encode.prediction(prediction))
+        self.why_pub.publish(encode.why(why))
+        health = self.monitor.on_step(why)
+        if health:
+            self.health_pub.publish(encode.health(health))
+        if why.level != OK:
+            self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
+
+    def waiting(self):
+        """Return what the first step waits for."""
+        missing = (*self.controller.missing(), *(() if self.state else ('vehicle state',)))
+        return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
+
+    def on_reminder(self):
+        """Say what is missing until the first step."""
+        if self.answer:
+            self.reminder.cancel()
+        else:
+            self.get_logger().info(self.waiting())
+
+
+def run(config: str) -> int:
+    """Run a controller node with a parameter file of config/ until it is stopped."""
+    return ros.spin(lambda: ControllerNode(config))

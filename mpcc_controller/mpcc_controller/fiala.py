@@ -1,0 +1,49 @@
+"""Fiala tyre of one axle inside its friction circle (paper, eq. 2 and section 2). SI units.
+
+Every function takes numbers or CasADi expressions. Slip enters as its tangent, so that the force
+is a polynomial of it; forces are in the wheel frame, positive to the left and forwards.
+"""
+
+import casadi as ca
+
+# A wheel on the brake keeps this share of its friction at most for the longitudinal force: what
+# is left, sqrt(1 - 0.99^2) = 14 %, keeps the square root of the circle away from its edge.
+LONGITUDINAL_SHARE = 0.99
+# Rounding of the corner at which a wheel locks, relative to its friction. At 95 % of the
+# friction the force is 0.2 % below the demanded one.
+LOCK_ROUNDING = 0.02
+
+
+def longitudinal_force(demand, Fz, mu):
+    """Return the force [N] that the road gives to a wheel told to deliver `demand` [N].
+
+    It is the demand well inside the friction `mu Fz` and saturates smoothly below it, as a wheel
+    that locks: without it, the RK2 midpoints and the last stage, which no constraint covers,
+    leave the friction circle and the root in `lateral_capacity` turns imaginary.
+    """
+    capacity = LONGITUDINAL_SHARE * mu * Fz
+    rounding = (LOCK_ROUNDING * capacity) ** 2
+    above = ca.sqrt((demand + capacity) ** 2 + rounding)
+    below = ca.sqrt((demand - capacity) ** 2 + rounding)
+    return (above - below) / 2
+
+
+def lateral_capacity(Fx, Fz, mu):
+    """Return the lateral force [N] that the friction circle leaves beside `Fx` [N]."""
+    return ca.sqrt((mu * Fz) ** 2 - Fx**2)
+
+
+def lateral_force(tan_alpha, capacity, C, switch):
+    """Return the lateral force [N] at the slip `tan_alpha` [-], negative for positive slip.
+
+    With s = C tan(alpha) / (3 capacity) the Fiala force is -capacity s (3 - 3 |s| + s^2) up to
+    full sliding at |s| = 1. Its gradient vanishes there, and with it the optimiser's sense of
+    direction. From |s| = `switch` on the curve is therefore continued with its tangent;
+    `switch` = 1 is the plain Fiala tyre. `C` [N/rad] is the cornering stiffness of the axle, the
+    slope at zero slip.
+    """
+    s = C * tan_alpha / (3 * capacity)
+    bent = ca.fmin(ca.fmax(s, -switch), switch)
+    curve = bent * (3 - 3 * ca.fabs(bent) + bent**2)
+    tangent = 3 * (1 - switch) ** 2 * (s - bent)
+    return -capacity * (curve + tangent)

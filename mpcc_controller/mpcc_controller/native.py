@@ -1,0 +1,38 @@
+"""CasADi functions as machine code: same functions, same results, two to five times faster.
+
+The C source of the functions is the key of the cache (msgs_yaml.compiled), so nothing is compiled
+again until the problem itself changes: numbers such as weights and limits are arguments.
+"""
+
+import warnings
+
+import casadi as ca
+
+from msgs_yaml import compiled
+
+# no -ffast-math and no fused multiply-add, so that interpreter and machine code agree
+FLAGS = ('-O2', '-ffp-contract=off')
+
+
+def compile_all(functions: dict[str, ca.Function], name: str) -> dict[str, ca.Function]:
+    """Return the functions loaded from a shared library called `name`.
+
+    Without a working C compiler the functions come back as they are, with one warning.
+    """
+    try:
+        library = compiled.shared_library(c_source(functions, name), name, FLAGS)
+    except compiled.CompileError as error:
+        warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
+        return functions
+    if library is None:
+        compiled.warn_once('the control problem is interpreted, two to five times slower')
+        return functions
+    return {name: ca.external(name, str(library)) for name in functions}
+
+
+def c_source(functions: dict[str, ca.Function], name: str) -> str:
+    """Return one C file with all functions; code they share is in it once."""
+    generator = ca.CodeGenerator(name)
+    for function in functions.values():
+        generator.add(function)
+    return generator.dump()

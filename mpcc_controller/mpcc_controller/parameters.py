@@ -1,0 +1,150 @@
+"""Every number of the controller, with its unit and its allowed range; values live in config/."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from msgs_yaml.parameters import Choice, Range
+
+
+@dataclass(frozen=True)
+class Model:
+    """Prediction horizon, and how the model treats the limits of its validity."""
+
+    horizon: Annotated[int, Range(5, 200, 'steps')]
+    step_s: Annotated[float, Range(0.01, 0.2, 's')]
+    tyre_switch: Annotated[float, Range(0.5, 1.0, 'share of the slip of full sliding')]
+    least_slip_speed_mps: Annotated[float, Range(1.0, 10.0, 'm/s')]
+    force_blend_n: Annotated[float, Range(1.0, 1e4, 'N, from braking to driving')]
+    friction: Annotated[float, Range(0.1, 1.5, 'believed road friction, 1 = as identified')]
+    drive_front_share: Annotated[float, Range(0.0, 1.0, '-')]
+
+
+@dataclass(frozen=True)
+class Body:
+    """The circles that stand for the vehicle."""
+
+    circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
+    circle_offsets_m: Annotated[tuple[float, ...], Range(-5.0, 5.0, 'm ahead of the CoG')]
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """The error that costs 1: a weight is 1 / tolerance^2."""
+
+    contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]
+    lag_m: Annotated[float, Range(1e-3, 1e3, 'm')]
+    velocity_mps: Annotated[float, Range(1e-3, 1e3, 'm/s')]
+    steer_rate_radps: Annotated[float, Range(1e-3, 1e3, 'rad/s')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+    brake_split: Annotated[float, Range(1e-3, 1e3, '-')]
+    slack_m: Annotated[float, Range(1e-3, 1e3, 'm outside the road, m/s below the least speed')]
+
+
+@dataclass(frozen=True)
+class Priorities:
+    """The largest weights P_k of the distances to obstacles and road edges."""
+
+    obstacle: Annotated[float, Range(0.0, 1e6, '1/m^2')]
+    edge: Annotated[float, Range(0.0, 1e6, '1/m^2')]
+
+
+@dataclass(frozen=True)
+class SafetyDistances:
+    """D_sft: nearer than this costs."""
+
+    obstacle_m: Annotated[float, Range(1e-2, 10.0, 'm')]
+    edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the car and its actuators can do, and the share of the friction that may be used."""
+
+    steer_rad: Annotated[float, Range(0.01, 1.0, 'rad at the road wheel, either way')]
+    steer_rate_radps: Annotated[float, Range(0.01, 10.0, 'rad/s')]
+    brake_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
+    drive_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+    brake_front_share_min: Annotated[float, Range(0.0, 1.0, '-')]
+    brake_front_share_max: Annotated[float, Range(0.0, 1.0, '-')]
+    friction_use: Annotated[float, Range(0.1, 1.0, 'share of mu Fz (sf)')]
+    least_speed_mps: Annotated[float, Range(1.0, 50.0, 'm/s, below it the car brakes to a stop')]
+    speed_hysteresis_mps: Annotated[float, Range(0.0, 10.0, 'm/s')]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """How much of the world enters the problem."""
+
+    max_obstacles: Annotated[int, Range(1, 32, 'obstacles at a time')]
+    path_search_m: Annotated[float, Range(1.0, 1e3, 'm, projection around the last foot')]
+    edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the problem is solved."""
+
+    name: Annotated[str, Choice('fatrop', 'ipopt', 'riccati')]
+    max_iterations: Annotated[int, Range(1, 10000, 'iterations')]
+    tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
+    time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]
+    lead_s: Annotated[float, Range(0.0, 0.05, 's from state to effect of its command, realtime')]
+    compiled: bool
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """When a plan is good enough, and what happens when there is none."""
+
+    acceptable_residual: Annotated[float, Range(1e-9, 1.0, 'primal, in the units of the solver')]
+    max_plan_age: Annotated[int, Range(0, 50, 'ticks')]
+    failures_to_cold_start: Annotated[int, Range(1, 100, 'failed solves in a row')]
+    max_state_age_s: Annotated[float, Range(1e-3, 10.0, 's, the gate rejects older commands')]
+
+
+@dataclass(frozen=True)
+class ControllerParams:
+    """One controller, one file."""
+
+    car_file: str  # in config/, or a path
+    model: Model
+    body: Body
+    tolerances: Tolerances
+    priorities: Priorities
+    safety: SafetyDistances
+    limits: Limits
+    surroundings: Surroundings
+    solver: Solver
+    fallback: Fallback
+
+
+@dataclass(frozen=True)
+class CarBody:
+    """Masses and lengths of the car."""
+
+    mass_kg: Annotated[float, Range(100.0, 1e5, 'kg')]
+    yaw_inertia_kgm2: Annotated[float, Range(10.0, 1e6, 'kg m^2')]
+    cog_to_front_m: Annotated[float, Range(0.1, 10.0, 'm')]
+    cog_to_rear_m: Annotated[float, Range(0.1, 10.0, 'm')]
+    cog_height_m: Annotated[float, Range(0.0, 3.0, 'm')]
+    drag_n_per_mps2: Annotated[float, Range(0.0, 10.0, 'N/(m/s)^2')]
+    rolling_n: Annotated[float, Range(0.0, 1e4, 'N')]
+
+
+@dataclass(frozen=True)
+class Tyre:
+    """Fiala tyres of both axles, identified on the plant."""
+
+    front_cornering_npr: Annotated[float, Range(1e3, 1e6, 'N/rad')]
+    rear_cornering_npr: Annotated[float, Range(1e3, 1e6, 'N/rad')]
+    front_friction: Annotated[float, Range(0.05, 3.0, '-')]
+    rear_friction: Annotated[float, Range(0.05, 3.0, '-')]
+
+
+@dataclass(frozen=True)
+class CarParams:
+    """The car as the prediction model sees it."""
+
+    car: CarBody
+    tyre: Tyre

@@ -1,0 +1,34 @@
+from glob import glob
+
+from setuptools import setup
+
+NAME = 'mpcc_controller'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Model predictive contouring control of a car at the limit of handling.',
+    license='Apache-2.0',
+    maintainer='maintainers',
+    maintainer_email='maintainers@users.noreply.example',
+    packages=[NAME],
+    python_requires='>=3.10',
+    # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
+    # must not pull in the wheels
+    install_requires=['setuptools', 'casadi>=3.7', 'numpy'],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
+        (f'lib/{NAME}', glob('scripts/*')),
+    ],
+    entry_points={
+        'console_scripts': [
+            'mpcc_node = mpcc_controller.mpcc_node:main',
+        ],
+    },
+)

@@ -1,0 +1,178 @@
+"""The controller node as its own process over Fast DDS; this test is the rest of the ring."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from msgs_yaml import decode, encode, overrides, ros
+from msgs_yaml.types import Actuators, VehicleState
+
+pytestmark = pytest.mark.ros
+DOMAIN = 30
+START, TICK, MS = 1_000_000_000, 50_000_000, 1_000_000
+PATIENCE_S = 30.0
+LOCAL = {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+class Ring(Node):
+    """Publishes what the controller hears and keeps what it says."""
+
+    def __init__(self, context):
+        super().__init__('ring', context=context)
+        self.declare_parameter(overrides.MODE, 'lockstep')
+        self.pubs = {
+            name: ros.publisher(self, name)
+            for name in (
+                '/scenario/reference',
+                '/scenario/road_edges',
+                '/scenario/obstacles',
+                '/vehicle/odometry',
+                '/vehicle/actuators',
+            )
+        }
+        self.heard = {name: [] for name in ('/controller/command', '/controller/why')}
+        self.heard |= {'/controller/prediction': [], '/diagnostics': []}
+        for name, messages in self.heard.items():
+            ros.subscribe(self, name, messages.append)
+        self.executor_ = SingleThreadedExecutor(context=context)
+        self.executor_.add_node(self)
+
+    def wait_for(self, done, repeat=lambda: None):
+        """Wait; call `repeat` once per second, as the plant does with its first state."""
+        start = time.monotonic()
+        repeated = 0
+        while not done():
+            waited = time.monotonic() - start
+            assert waited < PATIENCE_S, 'the node did not answer'
+            if waited > repeated + 1:
+                repeated += 1
+                repeat()
+            self.executor_.spin_once(timeout_sec=0.05)
+
+    def linger(self, seconds):
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.executor_.spin_once(timeout_sec=0.05)
+
+    def state(self, stamp, X=0.0):
+        self.pubs['/vehicle/odometry'].publish(
+            encode.odometry(VehicleState(stamp, X, 0.0, 0.0, 20.0, 0.0, 0.0))
+        )
+
+    def actuators(self, stamp, delta=0.02):
+        self.pubs['/vehicle/actuators'].publish(
+            encode.actuators(Actuators(stamp, delta, 0.0, -600.0, -400.0, (0.0,) * 4))
+        )
+
+    def obstacles(self, situation, stamp):
+        self.pubs['/scenario/obstacles'].publish(
+            encode.obstacles(situation.obstacles._replace(stamp_ns=stamp))
+        )
+
+
+@pytest.fixture(scope='module')
+def ring():
+    old = {name: os.environ.get(name) for name in LOCAL}
+    os.environ.update(LOCAL)
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = Ring(context)
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+    for name, value in old.items():
+        if value is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = value
+
+
+@pytest.fixture
+def process(ring, tmp_path):
+    """Start the node; wait until everything is connected; stop it as a user would."""
+    log = (tmp_path / 'log').open('w+')
+    started = subprocess.Popen(
+        [sys.executable, '-m', 'mpcc_controller.mpcc_node'],
+        env=os.environ | LOCAL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+    )
+    started.text = lambda: (tmp_path / 'log').read_text()
+    try:
+        ring.wait_for(lambda: all(p.get_subscription_count() for p in ring.pubs.values()))
+        ring.wait_for(lambda: ring.count_publishers('/controller/command'))
+        yield started
+    finally:
+        started.send_signal(signal.SIGTERM)
+        code = started.wait(10)
+        print(started.text())  # shown by pytest when something fails
+        assert code == 0
+        log.close()
+
+
+def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
+    situation = world.lane_change()
+    assert 'waiting for path, road, obstacles, vehicle state' in process.text()
+
+    def begin():
+        ring.state(START)
+        ring.actuators(START)
+        ring.obstacles(situation, START)
+
+    begin()
+    ring.linger(0.5)
+    assert not ring.heard['/controller/command'], 'there is no path yet'
+
+    ring.pubs['/scenario/reference'].publish(
+        encode.reference(situation.reference._replace(stamp_ns=START))
+    )
+    ring.pubs['/scenario/road_edges'].publish(
+        encode.road_edges(situation.edges._replace(stamp_ns=START))
+    )
+    ring.wait_for(lambda: all(ring.heard.values()), begin)
+    first = decode.command(ring.heard['/controller/command'][0])
+    why = decode.why(ring.heard['/controller/why'][0])
+    assert first.stamp_ns == why.stamp_ns == START
+    assert why.values['set_point.delta'] == pytest.approx(0.02)
+    assert why.values['set_point.Fx'] == pytest.approx(-1000.0)
+    assert why.values['rung'] == 'solved'
+    prediction = decode.prediction(ring.heard['/controller/prediction'][0])
+    assert len(prediction.X) == 51
+    assert decode.health(ring.heard['/diagnostics'][0]).name == 'controller'
+
+    # the plant sends its first state again until it has an answer
+    answered = len(ring.heard['/controller/command'])
+    ring.state(START)
+    ring.wait_for(lambda: len(ring.heard['/controller/command']) > answered)
+    assert decode.command(ring.heard['/controller/command'][-1]) == first
+    answered = len(ring.heard['/controller/command'])
+
+    # between ticks nothing is answered; on the next one obstacles of the same instant are needed
+    for k in range(1, 51):
+        ring.state(START + k * MS, X=0.02 * k)
+    ring.linger(0.5)
+    assert len(ring.heard['/controller/command']) == answered
+    ring.obstacles(situation, START + TICK)
+    ring.wait_for(lambda: len(ring.heard['/controller/why']) == 2)
+    assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == START + TICK
+    assert len(ring.heard['/controller/command']) == answered + 1
+
+
+def test_a_misspelt_parameter_stops_the_node_with_its_name():
+    done = subprocess.run(
+        [sys.executable, '-m', 'mpcc_controller.mpcc_node', '--ros-args', '-p', 'model.horizn:=9'],
+        env=os.environ | LOCAL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode != 0
+    assert 'model.horizn' in done.stdout + done.stderr
+    assert 'Traceback' not in done.stdout + done.stderr
