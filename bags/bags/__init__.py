@@ -1,0 +1,1 @@
+"""Runs recorded to MCAP, replayed, and compared offline."""

@@ -1,0 +1,51 @@
+"""Several controllers through one scenario, one after the other, and the comparison of them."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+
+from bags import closed_loop, compare, domain, experiment, run
+from bags.interrupt import Interrupt
+from bags.progress import Progress
+
+
+class Plan(NamedTuple):
+    """What `bags run` is asked for."""
+
+    scenario: str  # a name, or the path of a file
+    controllers: Sequence[str]  # names in mpcc_controller/config, or paths
+    mode: str
+    out: Path
+    settings: Sequence[str]  # NODE.parameter=value
+    time_limit_s: float  # of wall time per run
+
+
+def run_all(plan: Plan, console: Console) -> int:
+    """Make the runs, compare those that left a bag; return 0 when every run completed.
+
+    Raises BagError for a scenario, controller or setting that does not exist, before anything is
+    started, and KeyboardInterrupt when a signal came; no process is left behind in any case.
+    """
+    facts = closed_loop.scenario_facts(plan.scenario)
+    chosen = [experiment.controller(name) for name in dict.fromkeys(plan.controllers)]
+    overrides = experiment.overrides(plan.settings)
+    folder = plan.out / facts.name
+    outcomes = []
+    with (
+        Interrupt() as interrupt,
+        Progress(console) as progress,
+        domain.reserved(os.environ) as number,
+    ):
+        settings = run.Settings(plan.mode, folder.absolute(), overrides, number, plan.time_limit_s)
+        for controller in chosen:
+            progress.begin(controller.name, facts.length_m)
+            outcome = run.one(facts, controller, settings, interrupt, progress)
+            progress.end(outcome.controller, outcome.completed, outcome.message)
+            outcomes.append(outcome)
+    made = [outcome.bag for outcome in outcomes if outcome.bag]
+    if made:
+        compare.show(compare.bags(made, folder), console)
+    return 0 if all(outcome.completed for outcome in outcomes) else 1

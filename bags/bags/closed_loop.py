@@ -1,0 +1,118 @@
+"""The ring in process, without ROS: the same steps in the same order as the nodes in lockstep.
+
+scn = scenario.load('double_lane_change')
+columns = closed_loop.run(scn, controller_params, car_params, plant_params)
+metrics.of(recorded.of(columns, closed_loop.run_info(scn, ...), 'mpcc'))
+"""
+
+import json
+
+import numpy as np
+
+from bags import metrics, notes, simulated
+from bags.columns import Columns
+from bags.errors import BagError
+from bags.experiment import ScenarioFacts
+from mpcc_controller.controller import Controller
+from mpcc_controller.parameters import CarParams, ControllerParams
+from msgs_yaml import parameters, ring
+from msgs_yaml.stamp import NS_PER_S
+from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
+from vehicle_plant import track
+from vehicle_plant.parameters import PlantParams, StopParams
+from vehicle_plant.ring import Lockstep
+from vehicle_plant.run_end import RunEnd
+from vehicle_plant.simulator import Simulator, Start
+
+
+def run(
+    scn: Scenario,
+    params: ControllerParams,
+    vehicle: CarParams,
+    plant: PlantParams,
+    friction: float | None = None,
+) -> dict[str, Columns]:
+    """Drive a scenario until its end and return the columns, as `read.columns` does of a bag.
+
+    `friction` is that of the road, the scenario's unless given; the controller believes its own
+    parameter. The same arguments give the same columns, times of the solver excepted.
+    """
+    car = Simulator(plant, scn.friction if friction is None else friction, Start(*scn.start))
+    plant_side = Lockstep(car, RunEnd(stop_params(scn), car.now))
+    controller = Controller(params, vehicle)
+    controller.reset(car.actuators)
+    controller.set_reference(ring.reference(scn.reference))
+    controller.set_edges(scn.edges)
+    tracks, seen, answers = [car.now], [], []
+    while True:
+        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
+        seen.append(scenario.obstacles_at(scn, t, car.stamp_ns))
+        controller.set_obstacles(seen[-1])
+        # over ROS, too, the state at the end is still answered
+        answers.append(controller.step(ring.odometry(car.state)))
+        if plant_side.outcome:
+            break
+        command, _, _ = answers[-1]
+        tracks.append(plant_side.tick(command))
+    commands, predictions, whys = zip(*answers)
+    values = {
+        '/scenario/reference': [ring.reference(scn.reference)],
+        '/scenario/road_edges': [scn.edges],
+        '/scenario/obstacles': seen,
+        '/controller/prediction': [ring.prediction(one) for one in predictions],
+        '/controller/why': whys,
+    }
+    return simulated.of(track.join(tracks), commands, values)
+
+
+def run_info(
+    scn: Scenario,
+    controller: str,
+    params: ControllerParams,
+    vehicle: CarParams,
+    plant: PlantParams,
+    friction: float | None = None,
+) -> dict[str, str]:
+    """Return the notes that `bags run` would write for the same run."""
+    stop = parameters.flatten(stop_params(scn))
+    noted = {
+        'controller': parameters.flatten(vehicle) | parameters.flatten(params),
+        'plant': {f'car.{name}': value for name, value in parameters.flatten(plant.car).items()}
+        | {f'stop.{name}': value for name, value in stop.items()}
+        | {'friction': scn.friction if friction is None else friction},
+    }
+    return {
+        'scenario': scn.name,
+        'scenario_text': scn.text,
+        'scenario_sha256': notes.digest(scn.text),
+        'controller': controller,
+        'mode': 'in process',
+        'parameters': json.dumps(noted, sort_keys=True),
+    }
+
+
+def stop_params(scn: Scenario) -> StopParams:
+    """Return the end of a scenario as the plant takes it."""
+    x, y, yaw, armed_after, time = scn.stop
+    return StopParams(x_m=x, y_m=y, yaw_rad=yaw, armed_after_m=armed_after, time_s=time)
+
+
+def scenario_facts(name_or_path: str) -> ScenarioFacts:
+    """Return what the nodes are told about a scenario. Raises BagError when it cannot be used."""
+    try:
+        scn = scenario.load(name_or_path)
+    except scenario.ScenarioError as error:
+        raise BagError(str(error)) from None
+    x, y, yaw, speed = scn.start
+    path = np.column_stack([scn.reference.X, scn.reference.Y])
+    return ScenarioFacts(
+        name=scn.name,
+        text=scn.text,
+        source=name_or_path,
+        friction=scn.friction,
+        start={'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed},
+        stop=parameters.flatten(stop_params(scn)),
+        path=path,
+        length_m=metrics.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
+    )

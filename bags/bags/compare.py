@@ -1,0 +1,76 @@
+"""Compare runs offline, from their bags only: metrics, one JSON file, a table, figures."""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+
+from bags import figures, judge, metrics, palette, panels, read, recorded, table
+from bags.drive import Drive
+from bags.errors import BagError
+
+FILE = 'comparison.json'
+FIGURES = 'figures'
+
+
+class Comparison(NamedTuple):
+    """What came out, and where it was written."""
+
+    values: dict[str, Any]  # comparison.json
+    file: Path
+    figures: list[Path]
+
+
+def bags(paths: Sequence[Path | str], out: Path, force: bool = False) -> Comparison:
+    """Compare the bags at `paths` and write comparison.json and figures/ into the folder `out`.
+
+    Raises BagError for bags that cannot be judged, that name the same controller twice, or that
+    drove unlike scenarios (`force` compares them all the same, on the road of the first).
+    """
+    loaded = [read.load(path) for path in paths]
+    if not force:
+        _same_scenario(paths, [bag.run_info for bag in loaded])
+    drives = {}
+    for path, bag in zip(paths, loaded):
+        found = recorded.of_bag(bag)
+        name = found.facts.controller
+        if name in drives:
+            raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
+        drives[name] = found
+    return write(drives, out)
+
+
+def _same_scenario(paths, infos):
+    first, *others = (info.get('scenario_sha256') for info in infos)
+    for path, info, digest in zip(paths[1:], infos[1:], others):
+        if digest != first:
+            ours, theirs = infos[0].get('scenario', '?'), info.get('scenario', '?')
+            differ = f'{ours!r} and {theirs!r}' if ours != theirs else f'two versions of {ours!r}'
+            raise BagError(
+                f'{paths[0]} and {path} drove unlike scenarios ({differ}): their numbers do not '
+                'compare; --force compares them all the same'
+            )
+
+
+def write(drives: dict[str, Drive], out: Path) -> Comparison:
+    """Judge drives by controller name and write what came out into the folder `out`."""
+    scenario = next(iter(drives.values())).facts.scenario
+    colours = palette.colours(list(drives))
+    runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+    found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
+    values = {'scenario': scenario, 'runs': found}
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / FILE
+    file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
+    return Comparison(values, file, figures.write(runs, scenario, out / FIGURES))
+
+
+def show(comparison: Comparison, console: Console) -> None:
+    """Print the table, and where the files are."""
+    console.print(table.build(comparison.values))
+    sheet = next(path for path in comparison.figures if path.suffix == '.png')
+    for label, path in (('numbers', comparison.file), ('figures', sheet)):
+        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

@@ -1,0 +1,95 @@
+"""What is noted with every run, so that a bag explains itself: parameters, versions, machine."""
+
+import hashlib
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+VERSIONS = {
+    'casadi': 'casadi',
+    'fastdds': 'ros-fastrtps',
+    'mcap': 'mcap',
+    'numpy': 'numpy',
+    'rclpy': 'rclpy',
+    'rmw_fastrtps': 'ros-rmw-fastrtps-cpp',
+}
+GIT_S = 5.0
+
+
+def of(
+    scenario: str, text: str, controller: str, mode: str, parameters: Mapping[str, Mapping]
+) -> dict[str, str]:
+    """Return the notes of a run, each a text; structured ones are JSON.
+
+    `parameters` holds the dotted parameters of every node by its role, `text` is the scenario file.
+    """
+    return {
+        'scenario': scenario,
+        'scenario_text': text,
+        'scenario_sha256': digest(text),
+        'controller': controller,
+        'mode': mode,
+        'parameters': json.dumps(parameters, sort_keys=True),
+        'versions': json.dumps(versions(), sort_keys=True),
+        'machine': json.dumps(machine(), sort_keys=True),
+        'git_commit': commit(),
+    }
+
+
+def digest(text: str) -> str:
+    """Return the SHA-256 of a scenario text: runs with equal ones drove the same scenario."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Return the version of everything that a run's numbers may depend on."""
+    return {'python': platform.python_version(), **{n: _version(d) for n, d in VERSIONS.items()}}
+
+
+def _version(distribution):
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return 'unknown'
+
+
+def machine() -> dict[str, Any]:
+    """Return what the run was computed on."""
+    return {
+        'processor': _processor(),
+        'architecture': platform.machine(),
+        'cores': len(os.sched_getaffinity(0)),
+        'kernel': platform.release(),
+        'libc': ' '.join(platform.libc_ver()),
+    }
+
+
+def _processor():
+    lines = Path('/proc/cpuinfo').read_text().splitlines()
+    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return models[0] if models else platform.processor()
+
+
+def commit() -> str:
+    """Return the commit of the working tree this code lies in, '' outside of one."""
+    here = Path(__file__).parent
+    root = _git(here, 'rev-parse', '--show-toplevel')
+    # an installation may lie inside somebody else's repository
+    if not root or not Path(root, 'bags', 'package.xml').is_file():
+        return ''
+    return _git(here, 'describe', '--always', '--dirty', '--abbrev=40', '--match=')
+
+
+def _git(folder, *arguments):
+    try:
+        done = subprocess.run(
+            ['git', '-C', folder, *arguments], capture_output=True, text=True, timeout=GIT_S
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ''
+    return done.stdout.strip() if done.returncode == 0 else ''

@@ -1,0 +1,120 @@
+"""Start programs, watch over them, stop them: each with its own log file and session, by pid."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+INTERRUPT_S = 5.0  # how long a program may take to end after SIGINT
+TAIL_LINES = 15
+TAIL_BYTES = 2000
+
+
+class ProcessError(RuntimeError):
+    """A program ended when it should not have; the message shows its last lines."""
+
+
+class Process(NamedTuple):
+    """One running program and where it writes."""
+
+    name: str
+    popen: subprocess.Popen
+    log: Path
+
+    @property
+    def code(self):
+        """Exit code, None while it runs, negative for a signal."""
+        return self.popen.poll()
+
+
+def resolve(package: str, executable: str) -> list[str]:
+    """Return the command of a node, found as `ros2 run` does: lib/<package>/<executable>.
+
+    Looks under every prefix of AMENT_PREFIX_PATH and under that of this Python. In a source tree
+    that is not installed it is the module <package>.<executable> of this Python.
+    """
+    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    for prefix in (*prefixes, sys.prefix):
+        program = Path(prefix, 'lib', package, executable)
+        if os.access(program, os.X_OK):
+            return [str(program)]
+    return [sys.executable, '-m', f'{package}.{executable}']
+
+
+def start(
+    name: str,
+    command: Sequence[str],
+    log: Path,
+    environment: Mapping[str, str],
+    cores: set[int] | None = None,
+) -> Process:
+    """Start a program; its output goes to `log`, unbuffered, `cores` are the only ones it may use.
+
+    It runs in a session of its own: Ctrl-C in the terminal reaches this program only, which then
+    stops the others in order.
+    """
+    with log.open('wb') as output:
+        popen = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**environment, 'PYTHONUNBUFFERED': '1'},
+            start_new_session=True,
+        )
+    if cores:
+        # it has one thread yet, the later ones inherit
+        os.sched_setaffinity(popen.pid, cores)
+    return Process(name, popen, log)
+
+
+def stop(processes: Sequence[Process], patience_s: float = INTERRUPT_S) -> None:
+    """End programs: SIGINT to all, `patience_s` of time together, then SIGKILL to the rest."""
+    for process in processes:
+        if process.code is None:
+            process.popen.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + patience_s
+    for process in processes:
+        try:
+            process.popen.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            kill(process)
+
+
+def kill(process: Process) -> None:
+    """End a program and whatever it started, at once."""
+    if process.code is None:
+        # the session is its own, so is the group
+        os.killpg(process.popen.pid, signal.SIGKILL)
+    process.popen.wait()
+
+
+def check(processes: Sequence[Process]) -> None:
+    """Raise ProcessError when one of the programs has ended."""
+    for process in processes:
+        if process.code is not None:
+            raise ProcessError(obituary(process))
+
+
+def obituary(process: Process) -> str:
+    """Return how a program ended and the last lines it wrote."""
+    code = process.code
+    how = f'with exit code {code}' if code >= 0 else f'by {signal.Signals(-code).name}'
+    lines = process.log.read_text(errors='replace').splitlines()[-TAIL_LINES:]
+    said = ''.join(f'\n  | {line}' for line in lines)
+    words = f':{said}' if said else ' without a word'
+    return f'{process.name} ended early {how}{words}\n  log: {process.log}'
+
+
+def last_line(log: Path) -> str:
+    """Return the last whole line of a log, '' without one; reads its end only."""
+    with log.open('rb') as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - TAIL_BYTES))
+        lines = file.read().decode(errors='replace').split('\n')
+    # what follows the last line feed is still being written
+    return next((line for line in reversed(lines[:-1]) if line.strip()), '')

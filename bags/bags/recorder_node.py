@@ -1,0 +1,175 @@
+"""Records every topic of the contract, as it comes over the wire, into a rosbag2 folder.
+
+Messages are not handed to callbacks: a callback of rclpy costs about 90 us, asking for raw bytes
+every few milliseconds about 25 us. The middleware notes when each message was sent and received.
+"""
+
+import json
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy
+
+from bags.errors import BagError
+from bags.inbox import Filing, bag_topics
+from bags.rosbag2_writer import BagWriter
+from msgs_yaml import contract, qos, ros, share
+from msgs_yaml.parameters import ParameterError, Range
+
+LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
+QUIET_S = 0.05  # at the end: nothing has arrived for so long
+LONGEST_END_S = 1.0
+
+
+@dataclass(frozen=True)
+class RecorderParams:
+    """Parameters of the recorder, see config/recorder.yaml."""
+
+    out: str
+    run_info: str
+    chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
+    poll_s: Annotated[float, Range(0.001, 0.1, 's')]
+
+
+class RecorderNode(Node):
+    """Takes what has arrived, files it, and closes the bag at the end."""
+
+    def __init__(self):
+        super().__init__('recorder')
+        defaults = share.path('bags', 'config', 'recorder.yaml')
+        self.params = ros.declare(self, RecorderParams, defaults)
+        self.bag, self.filings = self._open(ros.mode(self))
+        # a node of its own, which no executor knows: nothing but `drain` takes its messages
+        self.inbox = rclpy.create_node(
+            'recorder_inbox',
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self.inlets = [self._subscribe(name) for name in contract.load().topics]
+        self.next_chunk = time.monotonic() + self.params.chunk_s
+        self.stopping, self.exit_code = False, 0
+        # not rclpy's handlers: an interrupt must not tear a record, a second one changes nothing
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._stop)
+        self.create_timer(
+            self.params.poll_s, self.poll, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self.get_logger().info(f'recording into {self.bag.folder}')
+
+    def _open(self, mode):
+        if not self.params.out:
+            raise ParameterError('out: is not given; it names the folder to create for the bag')
+        topics = bag_topics(contract.load(), mode)
+        try:
+            bag = BagWriter(self.params.out, topics, {'run': run_info(self.params.run_info)})
+        except BagError as error:
+            raise ParameterError(f'out: {error}') from error
+        filings = [
+            Filing(topic, mode, partial(bag.write, index)) for index, topic in enumerate(topics)
+        ]
+        return bag, filings
+
+    def _subscribe(self, name):
+        """Whatever the publisher offers, and nothing thrown away between two looks."""
+        profile = qos.profile(contract.load().topics[name].qos[ros.mode(self)])
+        profile.history = HistoryPolicy.KEEP_ALL
+        kind = ros.message_type(name)
+        return self.inbox.create_subscription(kind, name, lambda data: None, profile, raw=True)
+
+    def _stop(self, number, frame):
+        self.stopping = True
+
+    def poll(self):
+        """File what has arrived; close a chunk when it is time."""
+        try:
+            self.drain()
+            if time.monotonic() >= self.next_chunk:
+                self.bag.flush()
+                self.next_chunk = time.monotonic() + self.params.chunk_s
+        except BagError as error:
+            self._fail(error)
+        if self.stopping:
+            ros.finish(self, self.exit_code)
+
+    def drain(self) -> int:
+        """File every message that has arrived; return how many there were."""
+        taken = 0
+        for subscription, filing in zip(self.inlets, self.filings):
+            handle, kind = subscription.handle, subscription.msg_type
+            with handle:
+                for _ in range(LARGEST_TAKE):
+                    message = handle.take_message(kind, True)
+                    if message is None:
+                        break
+                    data, info = message
+                    filing.put(
+                        data,
+                        info['source_timestamp'],
+                        info['received_timestamp'],
+                        info['publication_sequence_number'],
+                    )
+                    taken += 1
+        return taken
+
+    def destroy_node(self):
+        """Write what is still under way, complete the bag."""
+        if self.bag is not None:
+            try:
+                self._drain_to_the_end()
+                self._report(self.bag.close())
+            except BagError as error:
+                self._fail(error)
+        self.inbox.destroy_node()
+        super().destroy_node()
+
+    def _drain_to_the_end(self):
+        end = time.monotonic() + LONGEST_END_S
+        quiet_since = time.monotonic()
+        while time.monotonic() < min(end, quiet_since + QUIET_S):
+            if self.drain():
+                quiet_since = time.monotonic()
+            time.sleep(self.params.poll_s)
+
+    def _report(self, span):
+        self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
+        for subscription, filing in zip(self.inlets, self.filings):
+            if filing.lost:
+                self.get_logger().warning(f'{subscription.topic}: {filing.lost} messages lost')
+
+    def _fail(self, error):
+        self.get_logger().fatal(str(error))
+        self.bag, self.stopping, self.exit_code = None, True, 1
+
+
+def run_info(path: str) -> dict[str, str]:
+    """Return the names and values of a JSON file as text; nothing for no file.
+
+    A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
+    """
+    if not path:
+        return {}
+    try:
+        read = json.loads(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise ParameterError(f'run_info: {path}: {error}') from error
+    if not isinstance(read, dict):
+        raise ParameterError(f'run_info: {path}: must be one JSON object of names and values')
+    return {k: v if isinstance(v, str) else json.dumps(v) for k, v in read.items()}
+
+
+def main() -> int:
+    """Record until SIGINT or SIGTERM; exit code 1 when the disk failed."""
+    return ros.spin(RecorderNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

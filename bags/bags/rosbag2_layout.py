@@ -1,0 +1,107 @@
+"""The text that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside an MCAP file."""
+
+from typing import NamedTuple
+
+import yaml
+
+from msgs_yaml.stamp import NS_PER_S
+
+INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+
+
+class BagTopic(NamedTuple):
+    """What a bag knows about a topic before the first message."""
+
+    name: str
+    type: str  # 'package/msg/Name'
+    schema: str  # definition text, see definitions.schema_text
+    type_hash: str  # 'RIHS01_...'
+    qos: str  # offered QoS profiles: the text of a YAML list
+
+
+class Span(NamedTuple):
+    """How much a bag holds: number of messages and its first and last log time [ns]."""
+
+    count: int
+    first_ns: int
+    last_ns: int
+
+
+def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
+    """One offered QoS profile as rosbag2 writes it: a YAML list with one entry.
+
+    `history` is keep_last or keep_all, `depth` its length, `deadline_ns` None without a deadline.
+    """
+    deadline = INFINITE
+    if deadline_ns is not None:
+        deadline = dict(zip(('sec', 'nsec'), divmod(deadline_ns, NS_PER_S)))
+    return _dump(
+        [
+            {
+                'history': history,
+                'depth': depth,
+                'reliability': reliability,
+                'durability': durability,
+                'deadline': deadline,
+                'lifespan': INFINITE,
+                'liveliness': 'automatic',
+                'liveliness_lease_duration': INFINITE,
+                'avoid_ros_namespace_conventions': False,
+            }
+        ]
+    )
+
+
+def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict:
+    """Return the mapping under 'rosbag2_bagfile_information'; counts are messages per topic."""
+    times = {
+        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
+        'duration': {'nanoseconds': span.last_ns - span.first_ns},
+        'message_count': span.count,
+    }
+    return {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **times,
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': counts[topic.name],
+            }
+            for topic in topics
+        ],
+        # chunks are compressed by MCAP itself; these two speak of rosbag2's own compression
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file_name],
+        'files': [{'path': file_name, **times}],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+
+
+def embedded_text(information: dict) -> str:
+    """Text of the MCAP metadata record 'rosbag2': the inner mapping only."""
+    return _dump(information)
+
+
+def file_text(information: dict) -> str:
+    """Text of metadata.yaml."""
+    return _dump({'rosbag2_bagfile_information': information})
+
+
+def _dump(value) -> str:
+    return yaml.dump(value, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """No anchors: rosbag2's reader wants every duration written out."""
+
+    def ignore_aliases(self, data):
+        return True

@@ -1,0 +1,93 @@
+"""The comparison as a table for a person: a row per metric, a column per controller."""
+
+from typing import Any, NamedTuple
+
+from rich.table import Table
+
+PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
+
+
+class Row(NamedTuple):
+    """One metric: its title, unit, decimals, and where it lies in the dictionary."""
+
+    title: str
+    unit: str
+    decimals: int
+    path: tuple[str, ...]
+
+
+ROWS = (
+    Row('completed', '', 0, ('completed',)),
+    Row('collided', '', 0, ('collided',)),
+    Row('entered unsafe area', '', 0, ('entered_unsafe_area',)),
+    Row('min distance to obstacle', 'm', 2, ('min_v2o_m',)),
+    Row('min distance to road edge', 'm', 2, ('min_v2e_m',)),
+    Row('  left', 'm', 2, ('min_v2e_per_edge_m', 'left')),
+    Row('  right', 'm', 2, ('min_v2e_per_edge_m', 'right')),
+    Row('min gap of the outline', 'm', 2, ('min_outline_gap_m',)),
+    Row('overshoots', 'm', 2, ('overshoots',)),
+    Row('peak sideslip angle', 'deg', 1, ('peak_sideslip_deg',)),
+    Row('  at station', 'm', 1, ('peak_sideslip_at_m',)),
+    Row('min speed', 'm/s', 1, ('min_speed_mps',)),
+    Row('braking from station', 'm', 1, ('brake_onset_at_m',)),
+    Row('peak deceleration', 'm/s²', 1, ('peak_brake_mps2',)),
+    Row('peak lateral acceleration', 'm/s²', 1, ('peak_lat_acc_mps2',)),
+    Row('rms contouring error', 'm', 2, ('rms_contouring_m',)),
+    Row('solve time, mean', 'ms', 1, ('solve_ms', 'mean')),
+    Row('solve time, median', 'ms', 1, ('solve_ms', 'p50')),
+    Row('solve time, 99 %', 'ms', 1, ('solve_ms', 'p99')),
+    Row('solve time, max', 'ms', 1, ('solve_ms', 'max')),
+    Row('ticks', '', 0, ('ticks',)),
+    Row('deadline misses', '', 0, ('deadline_misses',)),
+    Row('fallbacks', '', 0, ('fallbacks',)),
+)
+GOOD_WHEN = {'completed': True, 'collided': False, 'entered_unsafe_area': False}
+
+
+def build(comparison: dict) -> Table:
+    """Return the table of a comparison (the dictionary of comparison.json)."""
+    runs = comparison['runs']
+    table = Table(title=f'Scenario {comparison["scenario"]}', title_justify='left')
+    table.add_column('metric', no_wrap=True)
+    table.add_column('unit')
+    for name in runs:
+        table.add_column(name, justify='right', no_wrap=True)
+    table.add_column('paper', justify='right', style='dim')
+    for row in _rows(runs):
+        cells = [_cell(row, _look_up(found, row.path)) for found in runs.values()]
+        table.add_row(row.title, row.unit, *cells, _paper(row))
+    return table
+
+
+def _rows(runs):
+    """Return the rows, with one for each obstacle below the nearest of them."""
+    numbers = dict.fromkeys(i for found in runs.values() for i in found['min_v2o_per_obstacle_m'])
+    for row in ROWS:
+        yield row
+        if row.path == ('min_v2o_m',):
+            for i in numbers:
+                yield Row(f'  obstacle {i}', 'm', 2, ('min_v2o_per_obstacle_m', i))
+
+
+def _look_up(found: dict, path: tuple[str, ...]) -> Any:
+    for key in path:
+        found = found.get(key)
+    return found
+
+
+def _cell(row, value):
+    if value is None:
+        return '–'
+    if isinstance(value, bool):
+        colour = 'green' if value == GOOD_WHEN[row.path[0]] else 'red'
+        return f'[{colour}]{"yes" if value else "no"}[/]'
+    if isinstance(value, list):
+        found = (f'{one["amount_m"]:.2f} at {one["x_m"]:.0f}' for one in value)
+        return '\n'.join(found) or 'none'
+    return f'{value:.{row.decimals}f}'
+
+
+def _paper(row):
+    if row.path[0] != 'solve_ms':
+        return ''
+    return f'{PAPER_SOLVE_MS[row.path[1]]:.1f}' if row.path[1] in PAPER_SOLVE_MS else ''

@@ -1,0 +1,34 @@
+from glob import glob
+
+from setuptools import setup
+
+NAME = 'bags'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Runs recorded to MCAP in the rosbag2 layout, and compared offline.',
+    license='Apache-2.0',
+    maintainer='maintainers',
+    maintainer_email='maintainers@users.noreply.example',
+    packages=[NAME],
+    python_requires='>=3.10',
+    # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
+    # must not pull in the wheels
+    install_requires=['setuptools', 'mcap', 'zstandard', 'numpy', 'matplotlib', 'pyyaml', 'rich'],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
+        (f'lib/{NAME}', glob('scripts/*')),
+    ],
+    entry_points={
+        'console_scripts': [
+            'recorder_node = bags.recorder_node:main',
+            'bags = bags.cli:main',
+        ],
+    },
+)

@@ -1,0 +1,111 @@
+"""`bags info` says what a bag holds, what was lost, and how quickly the controller answered."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bags import info, read
+from bags.rosbag2_writer import BagWriter
+from bags.summary import summary
+
+
+@pytest.fixture
+def limping(tmp_path, bag_folder):
+    """A bag in which states 3 and 4 were lost, one tick is unanswered and one fell back."""
+    recordings = read.load(bag_folder).recordings
+    topics = ['/vehicle/odometry', '/controller/command', '/controller/why', '/clock']
+    chosen = [recordings[name] for name in topics]
+    writer = BagWriter(tmp_path / 'bag', [r.topic for r in chosen], {'run': {'scenario': 's'}})
+    for index, recorded in enumerate(chosen):
+        left_out = {0: (3, 4), 1: (7,)}.get(index, ())
+        for i, data in enumerate(recorded.payloads):
+            if i not in left_out:
+                stamp_ns = int(recorded.log_ns[i])
+                # every command is sent 4 ms after its state, the last one 9 ms
+                delay_ns = (4_000_000, 9_000_000)[i == 19] * (index == 1)
+                if index == 2 and i == 5:
+                    data = data.replace(b'solved', b'shifte')
+                writer.write(index, stamp_ns, stamp_ns + delay_ns, data, i + 1)
+    writer.close()
+    return tmp_path / 'bag'
+
+
+def test_summary_counts_rates_gaps_and_losses(limping):
+    found = summary(read.load(limping))
+    state = found['topics']['/vehicle/odometry']
+    assert state['messages'] == 998
+    assert state['lost'] == 2
+    assert state['longest_gap_s'] == pytest.approx(0.003)
+    assert state['rate_hz'] == pytest.approx(997 / 0.999)
+    assert found['topics']['/controller/command']['longest_gap_s'] == pytest.approx(0.1)
+    assert found['duration_s'] == pytest.approx(0.999)
+    assert found['mode'] == 'lockstep'
+
+
+def test_latency_is_from_sending_the_state_to_sending_the_command(limping):
+    latency_ms = summary(read.load(limping))['latency_ms']
+    assert latency_ms['p50'] == pytest.approx(4.0)
+    assert latency_ms['max'] == pytest.approx(9.0)
+    assert latency_ms['p99'] == pytest.approx(np.percentile([4.0] * 18 + [9.0], 99))
+
+
+def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
+    assert summary(read.load(limping))['ticks'] == {
+        'count': 20,
+        'deadline_misses': 1,
+        'late': None,
+    }
+
+
+def test_fallbacks_are_counted_by_reason(limping, bag_folder):
+    found = summary(read.load(limping))
+    assert found['rungs'] == {'solved': 19, 'shifte': 1}
+    assert sum(found['fallbacks'].values()) == 1
+    assert summary(read.load(bag_folder))['fallbacks'] == {}
+
+
+def test_numbers_of_several_publishers_say_nothing_about_losses(tmp_path, bag_folder):
+    recorded = read.load(bag_folder).recordings['/diagnostics']
+    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
+    for sequence in (1, 1, 2, 2, 5):
+        writer.write(0, 1, 1, recorded.payloads[0], sequence)
+    writer.close()
+    assert summary(read.load(tmp_path / 'bag'))['topics']['/diagnostics']['lost'] is None
+
+
+def test_bag_without_states_is_described_too(tmp_path, bag_folder):
+    recorded = read.load(bag_folder).recordings['/controller/command']
+    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
+    writer.write(0, 1, 1, recorded.payloads[0])
+    writer.close()
+    found = summary(read.load(tmp_path / 'bag'))
+    assert found['latency_ms'] is None
+    assert found['topics']['/controller/command']['rate_hz'] is None
+    assert info.main([str(tmp_path / 'bag')]) == 0
+
+
+def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
+    assert info.main([str(bag_folder)]) == 0
+    said = capsys.readouterr().out
+    for topic, sent in messages.items():
+        (row,) = (line for line in said.splitlines() if line.startswith(topic))
+        assert f' {len(sent)} ' in row
+    assert 'state to command in ms: p50' in said
+    assert 'scenario: double_lane_change' in said
+
+
+def test_command_prints_json_on_demand(bag_folder, messages, capsys):
+    assert info.main([str(bag_folder), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['messages'] == sum(map(len, messages.values()))
+
+
+def test_damage_is_part_of_what_is_printed(tmp_path, bag_folder, capsys):
+    (tmp_path / 'cut.mcap').write_bytes((bag_folder / 'mpcc_0.mcap').read_bytes()[:-9])
+    assert info.main([str(tmp_path / 'cut.mcap')]) == 0
+    assert 'bags repair' in ' '.join(capsys.readouterr().out.split())
+
+
+def test_what_cannot_be_read_is_an_error_in_one_line(tmp_path, capsys):
+    assert info.main([str(tmp_path / 'none')]) == 1
+    assert capsys.readouterr().err.count('\n') == 1

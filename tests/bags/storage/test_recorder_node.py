@@ -1,0 +1,169 @@
+"""A real recorder over Fast DDS: it loses nothing, and no end of it costs more than a second."""
+
+import resource
+import signal
+import time
+
+import pytest
+
+from bags import contents, read, repair, timing
+
+pytestmark = pytest.mark.ros
+LOST_BY_A_KILL_S = 1.0
+FULL_RATE_HZ = 2400  # messages of all topics of the contract together
+
+
+def counts(folder):
+    return {n: len(r.payloads) for n, r in read.load(folder).recordings.items() if r.payloads}
+
+
+def expected(messages):
+    return {topic: len(sent) for topic, sent in messages.items()}
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_completes_the_bag_with_everything_delivered(
+    tmp_path, start_recorder, make_ring, messages, number
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    ring.publish_all(messages)
+    code, said = recorder.end(number)
+    assert code == 0, said
+    assert counts(tmp_path / 'bag') == expected(messages)
+    assert repair.repair(tmp_path / 'bag').intact
+
+
+def test_second_interrupt_while_closing_changes_nothing(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    ring.publish_all(messages)
+    recorder.process.send_signal(signal.SIGINT)
+    time.sleep(0.03)
+    code, said = recorder.end(signal.SIGINT)
+    assert code == 0, said
+    assert counts(tmp_path / 'bag') == expected(messages)
+
+
+def test_lockstep_files_every_message_under_its_stamp(bag_folder):
+    recordings = read.load(bag_folder).recordings
+    for topic, table in read.columns(bag_folder).items():
+        assert recordings[topic].log_ns.tolist() == table.stamp_ns.tolist(), topic
+
+
+def test_publisher_is_counted_and_its_clock_is_kept(bag_folder):
+    for topic, recorded in read.load(bag_folder).recordings.items():
+        assert recorded.sequence.tolist() == list(range(1, len(recorded.payloads) + 1)), topic
+        age_s = time.time() - recorded.publish_ns / 1e9
+        assert ((age_s > 0.0) & (age_s < 3600.0)).all(), topic
+
+
+def test_realtime_files_messages_under_their_arrival(tmp_path, start_recorder, make_ring, messages):
+    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
+    ring.wait_for_recorder()
+    before_ns = time.time_ns()
+    for value in messages['/vehicle/odometry'][:200]:
+        ring.publish('/vehicle/odometry', value)
+        time.sleep(0.001)
+    after_ns = time.time_ns()
+    assert recorder.end()[0] == 0
+    state = read.load(tmp_path / 'bag').recordings['/vehicle/odometry']
+    # best effort, five deep: it takes more than that at a time, and misses none once it listens
+    first = int(state.sequence[0])
+    assert state.sequence.tolist() == list(range(first, 201))
+    assert first < 150
+    assert (state.publish_ns >= before_ns).all()
+    assert (state.log_ns >= state.publish_ns).all()
+    assert (state.log_ns <= after_ns + 10**8).all()
+
+
+def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_ring, messages):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    end = time.monotonic() + 2.0
+    sent = []
+    for value in messages['/vehicle/odometry'] * 3:
+        ring.publish('/vehicle/odometry', value)
+        sent.append(time.monotonic())
+        time.sleep(0.001)
+        if sent[-1] > end:
+            break
+    recorder.end(signal.SIGKILL)
+    folder = tmp_path / 'bag'
+    assert not (folder / 'metadata.yaml').exists()
+    done = repair.repair(folder)
+    recovered = done.messages['/vehicle/odometry']
+    assert not done.intact
+    assert sent[-1] - sent[recovered - 1] < LOST_BY_A_KILL_S
+    assert contents.load(folder).indexed
+    assert counts(folder) == {'/vehicle/odometry': recovered}
+
+
+def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
+    before = (bag_folder / 'mpcc_0.mcap').read_bytes()
+    code, said = start_recorder(bag_folder).wait()
+    assert code != 0
+    assert f'out: {bag_folder}: exists already' in said
+    assert 'Traceback' not in said
+    assert (bag_folder / 'mpcc_0.mcap').read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [('[1, 2]', 'must be one JSON object'), ('{', 'Expecting property name')],
+)
+def test_facts_that_are_no_json_object_are_refused(tmp_path, start_recorder, text, why):
+    (tmp_path / 'run.json').write_text(text)
+    code, said = start_recorder(tmp_path / 'bag', run_info=tmp_path / 'run.json').wait()
+    assert code != 0
+    assert why in said
+    assert 'Traceback' not in said
+
+
+def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    ring.publish('/clock', messages['/clock'][0])
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    end = time.monotonic() + 10.0
+    while recorder.process.poll() is None and time.monotonic() < end:
+        for value in messages['/vehicle/odometry'][:100]:
+            ring.publish('/vehicle/odometry', value)
+        time.sleep(0.05)
+    code, said = recorder.wait()
+    assert code == 1, said
+    assert 'File too large' in said
+    assert '`bags repair' in said
+    assert repair.repair(tmp_path / 'bag').messages['/clock'] == 1
+
+
+def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    time.sleep(0.3)
+    cpu_s, began, sent = recorder.cpu_s(), time.monotonic(), 0
+    for tick in range(40):
+        for topic, values in messages.items():
+            share = -(-len(values) // 20)
+            for value in values[tick % 20 * share :][:share]:
+                ring.publish(topic, value)
+                sent += 1
+        time.sleep(max(0.0, began + 0.05 * (tick + 1) - time.monotonic()))
+    cpu_s = recorder.cpu_s() - cpu_s
+    assert recorder.end()[0] == 0
+    assert sum(counts(tmp_path / 'bag').values()) == sent
+    assert cpu_s / sent * FULL_RATE_HZ <= 0.35
+
+
+def test_latency_joins_command_and_state_by_their_stamp(bag_folder, messages):
+    bag = read.load(bag_folder)
+    joined = timing.latency(bag)
+    assert joined.stamp_ns.tolist() == [sent.stamp_ns for sent in messages['/controller/command']]
+    state, command = (bag.recordings[name] for name in (timing.STATE, timing.COMMAND))
+    assert joined.latency_s[3] == (command.publish_ns[3] - state.publish_ns[150]) / 1e9

@@ -1,0 +1,213 @@
+"""After any damage, what the checksums vouch for comes back, and nothing else does."""
+
+import shutil
+from itertools import pairwise
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+
+from bags import contents, read, repair
+from bags.errors import BagError
+from bags.rosbag2_writer import BagWriter
+from bags.scan import scan
+
+CHUNKS = 10
+PER_CHUNK = 20
+
+
+class Healthy(NamedTuple):
+    """A complete file and what it holds."""
+
+    data: bytes
+    messages: list[contents.Message]
+    chunk_ends: list[int]  # offsets in the file
+
+    def __repr__(self):
+        return 'the healthy bag'
+
+
+@pytest.fixture(scope='module')
+def healthy(tmp_path_factory, bag_folder):
+    """A small bag of ten chunks."""
+    recordings = read.load(bag_folder).recordings
+    chosen = [recordings['/vehicle/odometry'], recordings['/controller/why']]
+    folder = tmp_path_factory.mktemp('healthy') / 'bag'
+    writer = BagWriter(folder, [r.topic for r in chosen], {'run': {'scenario': 'straight'}})
+    for chunk in range(CHUNKS):
+        for i in range(chunk * PER_CHUNK, (chunk + 1) * PER_CHUNK):
+            for index, recorded in enumerate(chosen):
+                data = recorded.payloads[i % len(recorded.payloads)]
+                writer.write(index, 1000 + i, 2000 + i, data, i + 1)
+        writer.flush()
+    writer.close()
+    data = (folder / 'bag_0.mcap').read_bytes()
+    found = list(scan(data))
+    ends = [after.offset for item, after in pairwise(found) if item.opcode == Opcode.CHUNK]
+    return Healthy(data, contents.load(folder).messages, ends)
+
+
+@pytest.fixture(scope='module')
+def damage(tmp_path_factory):
+    """damage(bytes) -> a bag folder that holds them."""
+    folder = tmp_path_factory.mktemp('damaged') / 'bag'
+
+    def make(data):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        (folder / 'bag_0.mcap').write_bytes(data)
+        return folder
+
+    return make
+
+
+def attempt(folder):
+    """Repair; None when the bag is refused, which must be said by name."""
+    try:
+        return repair.repair(folder)
+    except BagError as error:
+        return None if 'bag_0.mcap' in str(error) else error
+
+
+def assert_complete(folder, messages):
+    """The bag is as good as one that was closed, for other readers too."""
+    found = contents.load(folder)
+    assert not found.damage
+    assert found.indexed
+    assert found.messages == messages
+    with open(folder / 'bag_0.mcap', 'rb') as file:
+        summary = make_reader(file).get_summary()
+        assert summary.statistics.message_count == len(messages)
+    with Reader(folder) as reader:
+        assert reader.message_count == len(messages)
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(keep=st.floats(0.0, 1.0))
+def test_file_cut_off_anywhere_gives_back_its_beginning(healthy, damage, keep):
+    data, messages, ends = healthy
+    cut = data[: round(keep * (len(data) - 1))]
+    folder = damage(cut)
+    done = attempt(folder)
+    if done is None:
+        assert len(cut) < ends[0]
+        assert (folder / 'bag_0.mcap').read_bytes() == cut
+        return
+    recovered = sum(done.messages.values())
+    assert_complete(folder, messages[:recovered])
+    # every chunk that is whole is recovered
+    assert recovered >= 2 * PER_CHUNK * sum(end <= len(cut) for end in ends)
+    assert done.kept.read_bytes() == cut
+    assert done.damage[0].offset <= len(cut)
+
+
+@settings(deadline=None, derandomize=True, max_examples=200)
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
+def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage, place, bit):
+    data, messages, _ = healthy
+    wrong = bytearray(data)
+    wrong[int(place * len(data))] ^= 1 << bit
+    folder = damage(wrong)
+    done = repair.repair(folder)
+    assert not done.intact
+    found = set(contents.load(folder).messages)
+    chunks = [messages[k : k + 2 * PER_CHUNK] for k in range(0, len(messages), 2 * PER_CHUNK)]
+    kept = [chunk for chunk in chunks if chunk[0] in found]
+    assert len(kept) >= CHUNKS - 1
+    assert_complete(folder, [message for chunk in kept for message in chunk])
+
+
+@settings(deadline=None, derandomize=True, max_examples=150)
+@given(
+    places=st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=40),
+    keep=st.floats(0.0, 1.0),
+    data=st.data(),
+)
+def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data):
+    whole, messages, _ = healthy
+    wrong = bytearray(whole)
+    for place in places:
+        wrong[int(place * len(wrong))] = data.draw(st.integers(0, 255))
+    folder = damage(wrong[: round(keep * len(wrong))])
+    if attempt(folder) is None:
+        assert [path.name for path in folder.iterdir()] == ['bag_0.mcap']
+    else:
+        found = contents.load(folder)
+        assert found.indexed
+        assert not found.damage
+        assert len(found.messages) <= len(messages)
+
+
+def test_facts_of_the_run_and_definitions_survive(healthy, damage):
+    folder = damage(healthy.data[:-50])
+    before = contents.load(folder).topics
+    repair.repair(folder)
+    assert read.run_info(folder) == {'scenario': 'straight'}
+    assert contents.load(folder).topics == before
+
+
+def test_complete_bag_is_not_touched(healthy, damage):
+    folder = damage(healthy.data)
+    repair.repair(folder)
+    modified = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
+    done = repair.repair(folder)
+    assert done.intact
+    assert done.kept is None
+    assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == modified
+
+
+def test_missing_metadata_file_is_written(healthy, damage):
+    folder = damage(healthy.data)
+    done = repair.repair(folder)
+    assert done.intact
+    assert done.wrote_metadata
+    assert_complete(folder, healthy.messages)
+
+
+def test_second_repair_keeps_both_damaged_files(healthy, damage):
+    folder = damage(healthy.data[:-50])
+    repair.repair(folder)
+    shutil.copy(folder / 'bag_0.mcap.damaged', folder / 'bag_0.mcap')
+    assert repair.repair(folder).kept.name == 'bag_0.mcap.damaged2'
+    assert (folder / 'bag_0.mcap.damaged').exists()
+
+
+def test_draft_of_an_interrupted_repair_is_no_obstacle(healthy, damage):
+    folder = damage(healthy.data[:-50])
+    (folder / 'bag_0.mcap.repaired').write_bytes(b'half')
+    repair.repair(folder)
+    assert_complete(folder, healthy.messages)
+    assert not (folder / 'bag_0.mcap.repaired').exists()
+
+
+def test_file_alone_is_repaired_without_metadata_beside_it(healthy, tmp_path):
+    (tmp_path / 'download.mcap').write_bytes(healthy.data[:-50])
+    repair.repair(tmp_path / 'download.mcap')
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'download.mcap',
+        'download.mcap.damaged',
+    ]
+
+
+def test_what_holds_nothing_is_refused_and_stays(tmp_path):
+    (tmp_path / 'noise.mcap').write_bytes(b'\x89MCAP0\r\n' + bytes(range(256)) * 8)
+    with pytest.raises(BagError, match='nothing can be recovered'):
+        repair.repair(tmp_path / 'noise.mcap')
+    assert [path.name for path in tmp_path.iterdir()] == ['noise.mcap']
+
+
+def test_command_says_what_was_recovered_and_where_the_damage_is(healthy, damage, capsys):
+    folder = damage(healthy.data[: len(healthy.data) // 2])
+    assert repair.main([str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert 'repaired; the damaged file is kept as bag_0.mcap.damaged' in said
+    assert 'damage at byte' in said
+    assert '/vehicle/odometry' in said
+    assert repair.main([str(folder)]) == 0
+    assert 'complete, nothing to repair' in capsys.readouterr().out
+    assert repair.main([str(folder / 'none')]) == 1
+    assert 'no such bag' in capsys.readouterr().err

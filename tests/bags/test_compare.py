@@ -1,0 +1,117 @@
+"""Bags in, one JSON file, a table and figures out."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bags import cli, compare, drive, figures, judge, metrics, palette, panels, table
+
+
+@pytest.fixture(scope='module')
+def drives(make_drive):
+    """Return three drives past an obstacle, one of which moves."""
+    scene = make_drive().scene
+    still, ones = np.zeros(101), np.ones(101)
+    moving = np.linspace(20.0, 45.0, 101)
+    scene = scene._replace(
+        obstacles=(
+            drive.Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
+            drive.Obstacle(2, moving, 4.0 * ones, 5.0 * ones, still, 0.5),
+        )
+    )
+    return {
+        'mpcc': make_drive(scene=scene, y=lambda x: 0.3 * np.sin(x / 15.0)),
+        'mpcc_no_ca': make_drive(scene=scene, controller='mpcc_no_ca'),
+        'own': make_drive(scene=scene, controller='own', force=lambda x: -20.0 * x),
+    }
+
+
+@pytest.fixture(scope='module')
+def comparison(drives, tmp_path_factory):
+    return compare.write(drives, tmp_path_factory.mktemp('compared'))
+
+
+def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, comparison):
+    values = json.loads(comparison.file.read_text())
+    assert list(values) == ['scenario', 'runs']
+    assert values['scenario'] == 'straight'
+    assert values['runs'] == {name: metrics.of(one) for name, one in drives.items()}
+
+
+def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
+    wanted = {'comparison', *figures.NAMES.values()}
+    assert {path.stem for path in comparison.figures} == wanted
+    assert len(comparison.figures) == 2 * len(wanted)
+    for path in comparison.figures:
+        data = path.read_bytes()
+        assert data.startswith(b'\x89PNG' if path.suffix == '.png' else b'<?xml')
+        assert len(data) > 10_000
+
+
+def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
+    again = compare.write(drives, tmp_path / 'again')
+    for one, other in zip(comparison.figures, again.figures):
+        assert one.read_bytes() == other.read_bytes(), one.name
+
+
+def test_a_figure_shows_every_run_in_its_own_colour(drives):
+    colours = palette.colours(list(drives))
+    assert len(set(colours.values())) == len(drives)
+    runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+    for panel in figures.NAMES:
+        axes = figures.Figure().add_subplot()
+        panel(axes, runs)
+        drawn = {line.get_color() for line in axes.get_lines()}
+        assert drawn >= set(colours.values()), panel.__name__
+        assert axes.get_xlabel()
+        assert axes.get_ylabel()
+        assert '[' in axes.get_xlabel()
+
+
+def test_a_controller_keeps_its_colour_whoever_else_drives():
+    assert palette.colours(['mpcc', 'frenet'])['frenet'] == palette.colours(['frenet'])['frenet']
+    many = [f'own_{k}' for k in range(12)]
+    assert list(palette.colours(many)) == many
+
+
+def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
+    console = Console(file=io.StringIO(), width=140)
+    compare.show(comparison, console)
+    shown = console.file.getvalue()
+    for row in table.ROWS:
+        assert row.title in shown
+    assert 'obstacle 1' in shown
+    mean = next(line for line in shown.splitlines() if 'solve time, mean' in line)
+    assert mean.split('│')[-2].strip() == '15.6'
+    most = next(line for line in shown.splitlines() if 'solve time, max' in line)
+    assert most.split('│')[-2].strip() == '18.6'
+    assert 'comparison.json' in shown
+
+
+def test_what_a_run_does_not_have_is_a_dash(make_drive):
+    console = Console(file=io.StringIO(), width=140)
+    console.print(table.build({'scenario': 's', 'runs': {'mpcc': metrics.of(make_drive())}}))
+    lines = console.file.getvalue().splitlines()
+    nearest = next(line for line in lines if 'min distance to obstacle' in line)
+    assert '–' in nearest
+
+
+def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):
+    assert cli.main(['compare', str(tmp_path / 'nothing')]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith('error: ')
+    assert said.count('\n') == 1
+    assert 'nothing' in said
+
+
+def test_the_commands_of_the_interface_exist(capsys):
+    for command in ('run', 'compare', 'info', 'repair'):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, '--help'])
+        assert ended.value.code == 0
+        assert f'bags {command}' in capsys.readouterr().out
+    assert Path('bags', 'runs') == cli.RUNS

@@ -1,0 +1,46 @@
+"""Runs of the ring in process, each made once."""
+
+from functools import cache
+
+import pytest
+
+from bags import closed_loop, metrics, recorded
+from mpcc_controller import car_file
+from mpcc_controller.parameters import ControllerParams
+from msgs_yaml import parameters, share
+from scenario_publisher import scenario
+from vehicle_plant import parameters as plant_parameters
+
+
+class Ring:
+    """The double lane change and whatever else a test drives, by controller name."""
+
+    def __init__(self):
+        self.plant = plant_parameters.load()
+        self.drive = cache(self.drive)
+
+    def parts(self, scene, controller):
+        """Return scenario, controller and car parameters."""
+        file = share.path('mpcc_controller', 'config', f'{controller}.yaml')
+        params = parameters.load(ControllerParams, file)
+        return scenario.load(scene), params, car_file.load(params)
+
+    def fresh(self, scene, controller):
+        """Drive once more, whatever was driven before."""
+        return closed_loop.run(*self.parts(scene, controller), self.plant)
+
+    def drive(self, scene, controller):
+        """Return the columns of a drive, and the drive as the judge takes it."""
+        columns = self.fresh(scene, controller)
+        scn, *params = self.parts(scene, controller)
+        notes = closed_loop.run_info(scn, controller, *params, self.plant)
+        return columns, recorded.of(columns, notes, controller)
+
+    def metrics(self, scene, controller):
+        """Return the metrics of a drive."""
+        return metrics.of(self.drive(scene, controller)[1])
+
+
+@pytest.fixture(scope='session')
+def ring():
+    return Ring()

@@ -1,0 +1,94 @@
+"""What the ring does when its parts are put together, without ROS."""
+
+import numpy as np
+import pytest
+
+from bags.columns import Values
+
+DOUBLE = 'double_lane_change'
+
+
+def test_the_same_run_twice_is_the_same_to_the_last_bit(ring):
+    first, _ = ring.drive(DOUBLE, 'mpcc')
+    second = ring.fresh(DOUBLE, 'mpcc')
+    assert first.keys() == second.keys()
+    for topic, table in first.items():
+        if isinstance(table, Values):
+            continue
+        for name in table._fields:
+            same = np.array_equal(getattr(table, name), getattr(second[topic], name))
+            assert same, f'{topic}: {name}'
+
+
+def test_but_for_its_times_the_controller_gives_the_same_reasons(ring):
+    first, _ = ring.drive(DOUBLE, 'mpcc')
+    second = ring.fresh(DOUBLE, 'mpcc')
+
+    def timeless(why):
+        return {name: v for name, v in why.values.items() if not name.startswith('time.')}
+
+    whys = [columns['/controller/why'].values for columns in (first, second)]
+    assert [timeless(why) for why in whys[0]] == [timeless(why) for why in whys[1]]
+
+
+def test_every_state_on_a_boundary_is_answered_by_a_command_of_its_stamp(ring):
+    columns, _ = ring.drive(DOUBLE, 'mpcc')
+    stamps = columns['/vehicle/odometry'].stamp_ns
+    boundaries = stamps[stamps % 50_000_000 == 0]
+    assert np.array_equal(columns['/controller/command'].stamp_ns, boundaries)
+    assert np.array_equal(columns['/scenario/obstacles'].stamp_ns, boundaries)
+    assert np.all(np.diff(stamps) == 1_000_000)
+
+
+def test_imu_and_wheels_come_a_tenth_as_often(ring):
+    columns, _ = ring.drive(DOUBLE, 'mpcc')
+    tenth = columns['/vehicle/odometry'].stamp_ns[::10]
+    for topic in ('/vehicle/imu', '/vehicle/wheels'):
+        assert np.array_equal(columns[topic].stamp_ns, tenth)
+    assert columns['/vehicle/wheels'].load_n.shape == (len(tenth), 4)
+
+
+def test_the_mpcc_drives_the_double_lane_change_and_keeps_clear(ring):
+    found = ring.metrics(DOUBLE, 'mpcc')
+    assert found['completed']
+    assert not found['collided']
+    assert not found['entered_unsafe_area']
+    assert found['min_outline_gap_m'] > 0.3
+    assert found['fallbacks'] == found['deadline_misses'] == 0
+    assert found['peak_sideslip_deg'] < 10.0
+
+
+def test_without_collision_avoidance_the_path_is_followed_into_the_unsafe_area(ring):
+    with_ca, without = ring.metrics(DOUBLE, 'mpcc'), ring.metrics(DOUBLE, 'mpcc_no_ca')
+    assert without['completed']
+    assert without['entered_unsafe_area']
+    assert without['min_v2o_per_obstacle_m']['1'] < with_ca['min_v2o_per_obstacle_m']['1'] - 0.2
+    # what avoiding costs: it leaves the path and slides more
+    assert without['rms_contouring_m'] < with_ca['rms_contouring_m']
+    assert without['peak_sideslip_deg'] < with_ca['peak_sideslip_deg']
+
+
+@pytest.mark.parametrize(('obstacle', 'side'), [(0, 1.0), (1, -1.0)])
+def test_each_obstacle_is_passed_on_the_side_of_the_coarse_path(ring, obstacle, side):
+    _, driven = ring.drive(DOUBLE, 'mpcc')
+    one = driven.scene.obstacles[obstacle]
+    k = np.argmin(np.abs(driven.motion.x - one.x[0]))
+    assert side * (driven.motion.y[k] - one.y[0]) > 2.0
+
+
+def test_a_straight_empty_road_needs_no_steering(ring):
+    columns, _ = ring.drive('straight', 'mpcc')
+    assert np.abs(columns['/vehicle/actuators'].steer_rad).max() < 1e-3
+    assert ring.metrics('straight', 'mpcc')['rms_contouring_m'] < 0.01
+
+
+def test_acceleration_is_the_change_of_velocity(ring):
+    """The inertial unit and the odometry tell of the same motion: ax = dvx/dt - r vy."""
+    columns, _ = ring.drive(DOUBLE, 'mpcc')
+    odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
+    dt = 1e-3
+    ax = np.gradient(odometry.vx_mps, dt) - odometry.yaw_rate_radps * odometry.vy_mps
+    ay = np.gradient(odometry.vy_mps, dt) + odometry.yaw_rate_radps * odometry.vx_mps
+    inner = slice(1, -1)
+    assert np.allclose(imu.ax_mps2[inner], ax[::10][inner], atol=0.05)
+    assert np.allclose(imu.ay_mps2[inner], ay[::10][inner], atol=0.05)
