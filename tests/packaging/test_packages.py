@@ -1,0 +1,111 @@
+"""Both ways to install give `ros2 run <package> <executable>` and the same share data."""
+
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXECUTABLES = {
+    'msgs_yaml': (),
+    'scenario_publisher': ('scenario_node',),
+    'mpcc_controller': ('mpcc_node',),
+    'vehicle_plant': ('plant_node', 'identify'),
+    'bags': ('recorder_node', 'bags'),
+}
+SHARED = {
+    'msgs_yaml': 'topics.yaml',
+    'scenario_publisher': 'scenarios/double_lane_change.yaml',
+    'mpcc_controller': 'config/mpcc.yaml',
+    'vehicle_plant': 'config/bmw_545i.yaml',
+    'bags': 'package.xml',
+}
+PAIRS = [(package, name) for package, names in EXECUTABLES.items() for name in names]
+
+
+@pytest.fixture(scope='module')
+def colcon(tmp_path_factory):
+    """Build the five packages with colcon; return the environment `install/setup.bash` makes."""
+    base = tmp_path_factory.mktemp('colcon')
+    colcon = [str(Path(sys.prefix, 'bin/colcon')), '--log-base', str(base / 'log')]
+    build = ['build', '--build-base', str(base / 'build'), '--install-base', str(base / 'install')]
+    packages = ['--base-paths', *(str(ROOT / name) for name in EXECUTABLES)]
+    done = subprocess.run(
+        [*colcon, *build, *packages], cwd=base, capture_output=True, text=True, timeout=240
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    printed = subprocess.run(
+        ['bash', '-c', f'source {base}/install/setup.bash && env -0'],
+        capture_output=True,
+        timeout=60,
+        check=True,
+    )
+    pairs = (entry.split('=', 1) for entry in printed.stdout.decode().split('\0') if '=' in entry)
+    return dict(pairs)
+
+
+def find_executable(prefixes, package, name):
+    """Resolve as `ros2 run` does: lib/<package>/<name> below the prefix that holds the package."""
+    for prefix in map(Path, prefixes):
+        if (prefix / 'share/ament_index/resource_index/packages' / package).exists():
+            return prefix / 'lib' / package / name
+    raise LookupError(package)
+
+
+def prints_its_module(executable, environment):
+    """Ask the executable where its code lies: an unknown option makes argparse or rclpy answer."""
+    done = subprocess.run(
+        [executable, '--ros-args', '-p', 'no_such_parameter:=1'],
+        env={**environment, 'ROS_DOMAIN_ID': '90'},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(('package', 'name'), PAIRS)
+def test_colcon_installs_every_executable(colcon, package, name):
+    prefixes = colcon['AMENT_PREFIX_PATH'].split(os.pathsep)
+    executable = find_executable(prefixes, package, name)
+    assert os.access(executable, os.X_OK)
+
+
+@pytest.mark.parametrize(('package', 'name'), PAIRS)
+def test_pip_installs_every_executable(package, name):
+    assert os.access(find_executable([sys.prefix], package, name), os.X_OK)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('name', ['pip', 'colcon'])
+def test_an_installed_node_refuses_an_unknown_parameter_by_name(colcon, name):
+    environment = colcon if name == 'colcon' else dict(os.environ)
+    prefixes = colcon['AMENT_PREFIX_PATH'].split(os.pathsep) if name == 'colcon' else [sys.prefix]
+    executable = find_executable(prefixes, 'scenario_publisher', 'scenario_node')
+    code, said = prints_its_module(executable, environment)
+    assert code != 0
+    assert 'no_such_parameter' in said
+
+
+@pytest.mark.parametrize('package', EXECUTABLES)
+def test_share_data_is_installed_both_ways(colcon, package):
+    for prefix in (*colcon['AMENT_PREFIX_PATH'].split(os.pathsep), sys.prefix):
+        if (Path(prefix) / 'share/ament_index/resource_index/packages' / package).exists():
+            assert (Path(prefix) / 'share' / package / SHARED[package]).is_file()
+
+
+@pytest.mark.parametrize('package', EXECUTABLES)
+def test_package_manifest_and_setup_agree(package):
+    manifest = ElementTree.parse(ROOT / package / 'package.xml').getroot()
+    setup = (ROOT / package / 'setup.py').read_text()
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == package
+    assert f"version='{manifest.findtext('version')}'" in setup
+    assert manifest.findtext('license') == 'Apache-2.0'
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    for name in EXECUTABLES[package]:
+        assert f"'{name} = {package}." in setup
+        assert os.access(ROOT / package / 'scripts' / name, os.X_OK)

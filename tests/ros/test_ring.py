@@ -1,0 +1,106 @@
+"""The whole experiment over real Fast DDS, as `bags run` drives it."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from bags import cdr, read
+from msgs_yaml import conformance, contract
+
+pytestmark = pytest.mark.ros
+GRAVITY = 9.81
+CONTROLLERS = ('mpcc', 'mpcc_no_ca')
+NUMERIC = (
+    '/vehicle/odometry',
+    '/vehicle/actuators',
+    '/vehicle/imu',
+    '/vehicle/wheels',
+    '/controller/command',
+)
+
+
+def metrics(rings, controller):
+    return rings.comparison['runs'][controller]
+
+
+def test_the_mpcc_drives_the_double_lane_change_without_collision(rings):
+    run = metrics(rings, 'mpcc')
+    assert run['completed']
+    assert not run['collided']
+    assert run['min_v2o_m'] > 0
+    assert run['min_outline_gap_m'] > 0
+
+
+def test_the_car_is_at_the_limit_of_handling(rings):
+    friction = float(metrics(rings, 'mpcc')['peak_lat_acc_mps2']) / GRAVITY
+    assert friction >= 0.8
+
+
+def test_without_collision_avoidance_the_first_obstacle_is_hit(rings):
+    run = metrics(rings, 'mpcc_no_ca')
+    assert run['completed']
+    assert run['min_v2o_per_obstacle_m']['1'] < 0
+
+
+def test_every_state_is_answered_in_its_own_period(rings):
+    for controller in CONTROLLERS:
+        run = metrics(rings, controller)
+        assert run['ticks'] > 100
+        assert run['deadline_misses'] == 0
+
+
+def test_a_command_carries_the_stamp_of_the_state_it_answers(rings):
+    for controller in CONTROLLERS:
+        columns = read.columns(rings.bag(controller), ['/vehicle/odometry', '/controller/command'])
+        states = set(columns['/vehicle/odometry'].stamp_ns.tolist())
+        commands = columns['/controller/command'].stamp_ns
+        assert set(commands.tolist()) <= states
+        assert np.array_equal(np.diff(commands), np.full(len(commands) - 1, 50_000_000))
+
+
+def test_two_runs_give_the_same_columns_bit_for_bit(rings, again):
+    first = read.columns(rings.bag('mpcc'), NUMERIC)
+    second = read.columns(again.bag('mpcc'), NUMERIC)
+    for topic in NUMERIC:
+        for name, column in first[topic]._asdict().items():
+            other = getattr(second[topic], name)
+            assert column.tobytes() == other.tobytes(), f'{topic} {name}'
+
+
+@pytest.mark.parametrize('controller', CONTROLLERS)
+def test_every_recorded_message_obeys_the_contract(rings, controller):
+    bag = read.load(rings.bag(controller))
+    broken = Counter()
+    for name, recording in bag.recordings.items():
+        topic = recording.topic
+        for payload in recording.payloads:
+            message = cdr.decode(payload, topic.schema, topic.type)
+            broken.update(str(violation) for violation in conformance.check(name, message))
+    assert not broken
+
+
+@pytest.mark.parametrize('controller', CONTROLLERS)
+def test_every_topic_keeps_its_rate_within_one_percent(rings, controller):
+    bag = read.load(rings.bag(controller))
+    topics = contract.load().topics
+    assert set(bag.recordings) == set(topics)
+    for name, recording in bag.recordings.items():
+        rate = topics[name].rate_hz['lockstep']
+        senders = 4 if topics[name].publisher == 'any' else 1
+        times = np.unique(recording.log_ns)
+        period = np.median(np.diff(times)) * 1e-9
+        assert period * rate == pytest.approx(1.0, rel=0.01), name
+        if senders == 1:
+            # one message per period from the first to the last, none lost and none doubled
+            expected = round((times[-1] - times[0]) * 1e-9 * rate) + 1
+            assert abs(len(recording.payloads) - expected) <= max(1, 0.01 * expected), name
+        assert recording.topic.type == topics[name].type
+
+
+def test_the_comparison_is_printed_and_drawn(rings):
+    assert '15.6' in rings.printed
+    assert '18.6' in rings.printed
+    figures = rings.out / 'double_lane_change' / 'figures'
+    assert list(figures.glob('*.png'))
+    assert list(figures.glob('*.svg'))
