@@ -11,6 +11,8 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# wheels, never `setup.py install`: the pip of Debian 12 would put the commands elsewhere
+PIP := $(BIN)/pip --disable-pip-version-check --no-input
 PACKAGES := msgs_yaml scenario_publisher mpcc_controller vehicle_plant bags
 SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*/__pycache__/*' \
              -not -path '*.egg-info/*' -not -path 'bags/runs/*' 2>/dev/null)
@@ -33,15 +35,17 @@ $(VENV)/.requirements: requirements.txt
 	  echo "Python's venv module is missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
 	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest (once; about a minute)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --disable-pip-version-check --quiet --progress-bar on -r requirements.txt
+	@$(PIP) install --use-pep517 --progress-bar off -r requirements.txt | awk -v all="$$(wc -l < requirements.txt)" \
+	  '/^Collecting/ { printf "\r      %3d of %d  %-50.50s", ++n, all, $$2; fflush() } \
+	   /^Installing/ { printf "\r      unpacking %-60s", ""; fflush() } END { print "" }'
 	@touch $@
 
 # --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
 $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@echo "[2/2] Installing the five packages into $(VENV)"
 	@rm -rf $(addsuffix /build,$(PACKAGES))
-	@$(BIN)/pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
-	  --force-reinstall $(addprefix ./,$(PACKAGES))
+	@$(PIP) install --use-pep517 --quiet --no-deps --no-build-isolation --force-reinstall \
+	  $(addprefix ./,$(PACKAGES))
 	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
 	@touch $@
 
@@ -64,10 +68,11 @@ bench: setup
 identify: setup
 	$(BIN)/identify --out mpcc_controller/config/car.yaml
 
-# universal resolution: one file for Python 3.10 to 3.14
+# universal resolution: one file for Python 3.10 to 3.14; that it is for Linux goes without saying
 requirements: requirements.in
 	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
 	  requirements.in -o requirements.txt
+	sed -i -e "s/ ; sys_platform == 'linux'//" -e "s/ and sys_platform == 'linux'//" requirements.txt
 
 clean:
 	rm -rf $(VENV) build install log

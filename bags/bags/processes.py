@@ -107,7 +107,7 @@ def obituary(process: Process) -> str:
     lines = process.log.read_text(errors='replace').splitlines()[-TAIL_LINES:]
     said = ''.join(f'\n  | {line}' for line in lines)
     words = f':{said}' if said else ' without a word'
-    return f'{process.name} ended early {how}{words}\n  log: {process.log}'
+    return f'{process.name} ended early {how}{words}'
 
 
 def last_line(log: Path) -> str:

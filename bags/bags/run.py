@@ -72,7 +72,7 @@ def one(
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
     except ProcessError as error:
         logs = workshop.set_aside()
-        return Outcome(chosen.name, False, f'{error}\n  all logs: {logs}', None)
+        return Outcome(chosen.name, False, f'{error}\n  logs: {logs}', None)
     finally:
         workshop.discard()
     return Outcome(chosen.name, code == FINISHED, message, workshop.final)

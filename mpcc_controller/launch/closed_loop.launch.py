@@ -74,7 +74,7 @@ def nodes(context):
         Node(
             package='mpcc_controller',
             executable='mpcc_node',
-            parameters=[str(config), mode, friction],
+            parameters=[str(config), mode, {'model.friction': driven.friction}],
             output='screen',
         ),
         plant,

@@ -62,16 +62,24 @@ def _polyline(side, points):
 
 
 def nearest(line: Polyline, X, Y) -> np.ndarray:
-    """Return the length s [m] along the line next to each point; `X`, `Y` have shape (k,)."""
-    chords = np.diff(line.points, axis=0)
-    aX = X[:, None] - line.points[:-1, 0]
-    aY = Y[:, None] - line.points[:-1, 1]
-    share = (aX * chords[:, 0] + aY * chords[:, 1]) / np.sum(chords**2, axis=1)
-    share = np.clip(share, 0, 1)
+    """Return the length s [m] along the line next to each point; `X`, `Y` have shape (k,).
+
+    The continuations count only for points whose nearest corner is the end of the edge: those of
+    a road that comes back to itself run across it.
+    """
+    corners, s = line.points[1:-1], line.s[1:-1]
+    chords = np.diff(corners, axis=0)
+    aX = X[:, None] - corners[:-1, 0]
+    aY = Y[:, None] - corners[:-1, 1]
+    free = (aX * chords[:, 0] + aY * chords[:, 1]) / np.sum(chords**2, axis=1)
+    share = np.clip(free, 0, 1)
     far = (aX - share * chords[:, 0]) ** 2 + (aY - share * chords[:, 1]) ** 2
     best = np.argmin(far, axis=1)
     rows = np.arange(len(best))
-    return line.s[best] + share[rows, best] * np.diff(line.s)[best]
+    along = share[rows, best]
+    outside = ((best == 0) & (along == 0)) | ((best == len(chords) - 1) & (along == 1))
+    along = np.where(outside, free[rows, best], along)
+    return s[best] + along * np.diff(s)[best]
 
 
 def touching(line: Polyline, s, window: float) -> Edge:

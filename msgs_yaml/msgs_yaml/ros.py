@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeVar
 
 import rclpy
@@ -100,6 +101,7 @@ class FastPublisher:
     """Publishes values, not messages, by patching a serialised template."""
 
     def __init__(self, node: Node, topic: str):
+        self._node = node
         self.publisher = publisher(node, topic)
         self._template = fast.Template(topic)
 
@@ -108,7 +110,7 @@ class FastPublisher:
 
         Waits while a reliable subscriber that keeps everything is thousands of messages behind:
         lockstep loses none. Raises RuntimeError when that lasts longer than a dead process is
-        remembered by DDS.
+        remembered by DDS. A node that has been told to end does not wait.
         """
         raw = self._template.fill(value)
         end = time.monotonic() + _PATIENCE_S
@@ -119,6 +121,8 @@ class FastPublisher:
         try:
             self.publisher.publish(raw)
         except RuntimeError:  # the queue is full
+            if getattr(self._node, 'finished', False):
+                return True  # told to end: nobody waits for the rest
             if time.monotonic() > end or not self.publisher.get_subscription_count():
                 raise
             return False
@@ -170,6 +174,10 @@ def _spin(make_node, args):
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    return _exit_code(node)
+
+
+def _exit_code(node):
     return getattr(node, 'exit_code', 0)
 
 
@@ -185,7 +193,8 @@ def _run(node):
     executor = EventsExecutor()
     executor.add_node(node)
     node.spinning = Future(executor=executor)
-    signals.ask_instead(lambda: setattr(node, 'finished', True))
+    # in a thread: the signal may come while this one holds the lock of the future
+    signals.ask_instead(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
     while rclpy.ok() and not getattr(node, 'finished', False):
         executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
     if rclpy.ok():

@@ -259,3 +259,18 @@ def test_lockstep_waits_for_a_subscriber_whose_queue_is_full(run, receive):
     )
     assert receiver.until('in order') == 'in order True'
     assert (receiver.result()[0], sender.result()[0]) == (0, 0)
+
+
+def test_a_signal_ends_a_node_that_waits_for_a_full_queue(run, receive):
+    last = 30_000
+    receive(last, stall_s=60.0)
+    sender = run(
+        start="self.fast = ros.fast_publisher(self, '/vehicle/imu')",
+        tick=sending('self.fast.publish(Imu(k, 0.0, 0.0, 0.0))', last),
+    )
+    sender.until('tick')
+    time.sleep(2.0)
+    begin = time.monotonic()
+    sender.popen.send_signal(signal.SIGTERM)
+    assert sender.result()[0] == 0
+    assert time.monotonic() - begin < 8.0

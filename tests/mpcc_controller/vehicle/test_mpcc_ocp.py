@@ -69,18 +69,30 @@ def test_weights_and_errors_have_the_same_names():
     assert set(mpcc_ocp.STATE_TERMS) < set(found)
 
 
-def test_weights_are_one_over_the_squared_tolerances(params):
+def test_weights_are_one_over_the_squared_tolerances(world):
+    params, _ = world.load(
+        tolerances__contouring_m=0.3,
+        tolerances__lag_m=0.5,
+        tolerances__steer_rate_radps=0.349,
+        tolerances__force_rate_nps=2e4,
+        priorities__obstacle=700.0,
+        priorities__edge=30.0,
+    )
     weights = stages.weights(params)
-    assert weights.con == pytest.approx(1 / 0.3**2)
+    assert weights.con == pytest.approx(1 / 0.09)
     assert weights.lag == pytest.approx(4)
     assert weights.d_delta == pytest.approx(8.2, rel=2e-3)
     assert weights.d_Fx * 1e6 == pytest.approx(1 / 400)
-    assert (weights.v2o, weights.v2e) == (params.priorities.obstacle, params.priorities.edge)
+    assert (weights.v2o, weights.v2e) == (700, 30)
 
 
 def test_only_the_priorities_differ_without_collision_avoidance(world):
     with_ca, _ = world.load('mpcc')
-    without, _ = world.load('mpcc_no_ca', priorities__obstacle=1000.0, priorities__edge=300.0)
+    without, _ = world.load(
+        'mpcc_no_ca',
+        priorities__obstacle=with_ca.priorities.obstacle,
+        priorities__edge=with_ca.priorities.edge,
+    )
     plain, _ = world.load('mpcc_no_ca')
     assert with_ca == without
     assert (plain.priorities.obstacle, plain.priorities.edge) == (0, 0)

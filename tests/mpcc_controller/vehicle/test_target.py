@@ -25,7 +25,7 @@ def use(Fx, lambda_b, car):
 
 
 @quick
-@given(st.floats(-16000, 0), st.floats(0.4, 0.9))
+@given(st.floats(-15000, 0), st.floats(0.4, 0.9))
 def test_the_split_that_leaves_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
     found = target.within_friction(lambda_b, Fx, car, params.limits)
     assert max(use(Fx, found, car)) <= params.limits.friction_use * (1 + 1e-9)
