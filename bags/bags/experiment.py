@@ -10,7 +10,6 @@ import yaml
 from bags.errors import BagError
 from msgs_yaml import parameters, share
 
-LISTENERS = 2  # the controller and the recorder take the odometry
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
 # for the notes of a run: the defaults that a node reads by itself, and which of its parameters
 # name further files, in its package's config/ or anywhere
@@ -83,7 +82,6 @@ def nodes(
         'start.from': 'parameters',
         **{f'start.{name}': value for name, value in facts.start.items()},
         **{f'stop.{name}': value for name, value in facts.stop.items()},
-        'subscribers': LISTENERS,
     }
     ring = (
         Node('recorder', 'bags', 'recorder_node', (), {'out': str(bag), 'run_info': str(notes)}),
@@ -98,7 +96,15 @@ def nodes(
         Node('plant', 'vehicle_plant', 'plant_node', (), plant),
     )
     return [
-        node._replace(parameters={'mode': mode, **node.parameters, **overrides.get(node.role, {})})
+        node._replace(
+            parameters={
+                'mode': mode,
+                # nobody begins before the recorder listens; it does not wait for itself
+                'recorders': int(node.role != 'recorder'),
+                **node.parameters,
+                **overrides.get(node.role, {}),
+            }
+        )
         for node in ring
     ]
 

@@ -50,12 +50,12 @@ def nodes(context):
         'stop.armed_after_m': driven.stop.armed_after,
         'stop.time_s': driven.stop.time,
     }
+    recorded = {'recorders': 1}  # nobody starts before the recorder listens
     friction = {'friction': driven.friction}
     plant = Node(
         package='vehicle_plant',
         executable='plant_node',
-        # the controller and the recorder both listen to the odometry
-        parameters=[mode, friction, start, stop, {'subscribers': 2}],
+        parameters=[mode, recorded, friction, start, stop],
         output='screen',
     )
     return [
@@ -68,13 +68,13 @@ def nodes(context):
         Node(
             package='scenario_publisher',
             executable='scenario_node',
-            parameters=[mode, {'scenario': chosen['scenario']}],
+            parameters=[mode, recorded, {'scenario': chosen['scenario']}],
             output='screen',
         ),
         Node(
             package='mpcc_controller',
             executable='mpcc_node',
-            parameters=[str(config), mode, {'model.friction': driven.friction}],
+            parameters=[str(config), mode, recorded, {'model.friction': driven.friction}],
             output='screen',
         ),
         plant,

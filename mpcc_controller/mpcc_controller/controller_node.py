@@ -13,6 +13,7 @@ from msgs_yaml import decode, encode, ros, share
 
 NAME = 'controller'
 REMIND_S = 2.0  # of wall time, between two lines that say what is missing
+LOOK_S = 0.02  # of wall time, between two looks at who is listening
 THROTTLE_S = 1.0
 
 
@@ -42,9 +43,9 @@ class ControllerNode(Node):
         ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
         ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
         ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
-        self.reminder = self.create_timer(
-            REMIND_S, self.on_reminder, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.reminder = self.create_timer(REMIND_S, self.on_reminder, clock=steady)
+        self.looking = self.create_timer(LOOK_S, self.on_look, clock=steady)
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
     def on_reference(self, msg):
@@ -89,7 +90,7 @@ class ControllerNode(Node):
 
     def advance(self):
         """Answer the state if everything that the answer needs is there."""
-        if self.controller.missing():
+        if self.controller.missing() or self.unheard():
             return
         due = self.trigger.due()
         if due.restart:
@@ -98,6 +99,10 @@ class ControllerNode(Node):
             self.step()
         if due.repeat and self.answer:
             self.command_pub.publish(self.answer)
+
+    def unheard(self):
+        """Return who must be listening before the first command."""
+        return [] if self.answer else ros.unheard(self, {'/controller/command': 1})
 
     def restart(self):
         """Take the set-points from where the actuators are."""
@@ -122,8 +127,16 @@ class ControllerNode(Node):
 
     def waiting(self):
         """Return what the first step waits for."""
-        missing = (*self.controller.missing(), *(() if self.state else ('vehicle state',)))
+        state = () if self.state else ('vehicle state',)
+        missing = (*self.controller.missing(), *state, *self.unheard())
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
+
+    def on_look(self):
+        """Take the first step as soon as all are listening."""
+        if self.answer:
+            self.looking.cancel()
+        else:
+            self.advance()
 
     def on_reminder(self):
         """Say what is missing until the first step."""

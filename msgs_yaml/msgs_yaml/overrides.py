@@ -5,12 +5,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from msgs_yaml import contract, parameters
-from msgs_yaml.parameters import Choice, Leaf, ParameterError
+from msgs_yaml.parameters import Choice, Leaf, ParameterError, Range
 from msgs_yaml.strict_yaml import closest
 
 MODE = 'mode'
-MODE_LEAF = Leaf(str, False, Choice(*contract.MODES))
-_DEFAULT_MODE, *_ = contract.MODES
+RECORDERS = 'recorders'
+# what every node takes besides its own parameters, and the defaults
+COMMON = {
+    MODE: Leaf(str, False, Choice(*contract.MODES)),
+    RECORDERS: Leaf(int, False, Range(0, 10, 'recorders that must be listening before it starts')),
+}
+_COMMON_DEFAULTS = {MODE: contract.MODES[0], RECORDERS: 0}
 _SOURCE = 'command line or parameter file'
 # what rclpy declares for every node
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
@@ -28,11 +33,12 @@ class Declaration(NamedTuple):
 def resolve(
     cls: type, defaults: Path, given: Mapping[str, Any]
 ) -> tuple[Any, tuple[Declaration, ...]]:
-    """Return the parameters of a node and what to declare, `mode` included.
+    """Return the parameters of a node and what to declare, `mode` and `recorders` included.
 
     `given` are the overrides by dotted name. Raises ParameterError that names the source.
     """
-    known = {MODE: MODE_LEAF, **parameters.leaves(cls)}
+    own = parameters.leaves(cls)
+    known = {**COMMON, **own}
     for name in given:
         if name not in known and not name.startswith(_OF_ROS):
             hint = closest(name, known)
@@ -40,18 +46,19 @@ def resolve(
     values, lines = parameters.read_file(defaults)
     comments = defaults.read_text().splitlines()
     merged = {**values, **{k: _filled(known[k], v) for k, v in given.items() if k in known}}
-    chosen_mode = merged.get(MODE, _DEFAULT_MODE)
-    if MODE not in parameters.leaves(cls):
-        merged.pop(MODE, None)
+    common = {name: merged.get(name, default) for name, default in _COMMON_DEFAULTS.items()}
+    for name in COMMON.keys() - own.keys():
+        merged.pop(name, None)
 
     def source(key):
         if key in given:
             return _SOURCE
         return f'{defaults}:{lines[key]}' if key in lines else str(defaults)
 
-    parameters.check(MODE_LEAF, chosen_mode, MODE, source)
+    for name, leaf in COMMON.items():
+        parameters.check(leaf, common[name], name, source)
     made = parameters.build_from(cls, merged, source)
-    final = {MODE: chosen_mode, **parameters.flatten(made)}
+    final = {**common, **parameters.flatten(made)}
     return made, tuple(
         Declaration(name, final[name], leaf, _description(comments, lines.get(name), leaf))
         for name, leaf in known.items()

@@ -6,7 +6,7 @@ Types and QoS come from the contract, so a node cannot misstate them.
 import os
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -35,6 +35,7 @@ _FLUSH_S = 2.0
 _RETRY_S = 0.001
 _PATIENCE_S = 30.0  # DDS forgets a dead process after 20 s
 EXIT_CONFIGURATION = os.EX_CONFIG
+HEALTH = '/diagnostics'  # nobody waits for it to be heard
 _EXIT_ERROR = 1
 
 
@@ -44,7 +45,7 @@ def mode(node: Node) -> str:
 
 
 def declare(node: Node, cls: type[T], defaults: Path) -> T:
-    """Declare every field of a parameter dataclass as a read-only ROS parameter, and `mode`.
+    """Declare a parameter dataclass as read-only ROS parameters, and `mode` and `recorders`.
 
     Defaults come from the YAML file, overrides from the command line and parameter files. Raises
     ParameterError for values that break their range, and for overrides that nobody declares.
@@ -84,6 +85,24 @@ def subscribe(
     """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
     profile = _profile(node, topic)
     return node.create_subscription(message_type(topic), topic, callback, profile, raw=raw)
+
+
+def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
+    """Return what the publishers of a node still have to be matched with, in words.
+
+    Each topic of the contract needs as many subscriptions as the parameter `recorders` says, and
+    `listeners` more. Who starts earlier loses messages: DDS sends volatile ones only to readers
+    that it has matched.
+    """
+    topics = contract.load().topics.keys() - {HEALTH}
+    recorders = node.get_parameter(overrides.RECORDERS).value
+    waiting = []
+    for pub in node.publishers:
+        wanted = recorders + listeners.get(pub.topic_name, 0)
+        matched = pub.get_subscription_count()
+        if pub.topic_name in topics and matched < wanted:
+            waiting.append(f'{wanted} subscriptions to {pub.topic_name} (has {matched})')
+    return waiting
 
 
 def message(topic: str, raw: bytes) -> Any:

@@ -2,12 +2,15 @@
 
 import sys
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from msgs_yaml import decode, encode, ros, share
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
 from scenario_publisher.timeline import NAME, Timeline
+
+LOOK_S = 0.02  # of wall time, between two looks at who is listening
 
 
 class ScenarioNode(Node):
@@ -23,8 +26,11 @@ class ScenarioNode(Node):
         self.edges_pub = ros.publisher(self, '/scenario/road_edges')
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
+        self.instant = None  # of simulated time, not answered yet
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.looking = self.create_timer(LOOK_S, self.answer, clock=steady)
             self.publish_facts(scenario.START_NS)
         else:
             self.start_sub = ros.subscribe(self, '/vehicle/odometry', self.on_start, raw=True)
@@ -33,7 +39,16 @@ class ScenarioNode(Node):
 
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
-        self.publish(decode.clock(msg))
+        self.instant = decode.clock(msg)
+        self.answer()
+
+    def answer(self):
+        """Answer the instant as soon as all are listening; from then on at once."""
+        if self.instant is None or ros.unheard(self, {'/scenario/obstacles': 1}):
+            return
+        self.looking.cancel()
+        self.publish(self.instant)
+        self.instant = None
 
     def on_timer(self):
         """Publish at an instant of the wall clock."""

@@ -38,7 +38,6 @@ def test_the_plant_starts_and_stops_where_the_scenario_says(ring, facts):
     assert told['start.from'] == 'parameters'
     assert told['start.speed_mps'] == 20.8
     assert told['stop.x_m'] == pytest.approx(164.4, abs=0.1)
-    assert told['subscribers'] == 2
     assert facts.length_m == pytest.approx(165.0, abs=0.5)
 
 

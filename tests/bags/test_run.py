@@ -177,7 +177,7 @@ def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, pre
         'friction: 0.8',
         'start.speed_mps: 20.0',
         'stop.x_m: 99.0',
-        'subscribers: 2',
+        'recorders: 1',
         'mode: lockstep',
     ):
         assert line in plant

@@ -36,6 +36,7 @@ def test_without_overrides_the_file_counts(defaults):
     assert made == Params(2.0, (1.0,))
     assert {one.name: one.value for one in declared} == {
         'mode': 'lockstep',
+        'recorders': 0,
         'gain': 2.0,
         'widths': (1.0,),
     }
@@ -73,6 +74,7 @@ def test_the_comment_in_the_file_is_the_description(defaults):
         ({'widths': 3}, 'widths: must be a list, is 3'),
         ({'mode': 'fast'}, "mode: is 'fast'; allowed lockstep or realtime"),
         ({'mode': 3}, 'mode: must be a text, is 3'),
+        ({'recorders': -1}, 'recorders: is out of range with -1; allowed 0 to 10 recorders'),
     ],
 )
 def test_a_wrong_override_names_the_command_line(defaults, given, says):

@@ -80,7 +80,7 @@ def run(monkeypatch):
             before(controller)
         executor = EventsExecutor(context=context)
         executor.add_node(controller)
-        values = {'mode': mode, 'start.from': 'parameters', 'subscribers': 1} | settings
+        values = {'mode': mode, 'start.from': 'parameters'} | settings
         arguments = [part for k, v in values.items() for part in ('-p', f'{k}:={v}')]
         plant = subprocess.Popen(
             [sys.executable, '-m', 'vehicle_plant.plant_node', '--ros-args', *arguments],

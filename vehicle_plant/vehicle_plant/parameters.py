@@ -184,7 +184,6 @@ class NodeParams:
 
     friction: Annotated[float, Range(0.05, 2.0, '-')]
     tyre_set: str
-    subscribers: Annotated[int, Range(1, 100, '-')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
     start: StartParams
     stop: StopParams
