@@ -210,3 +210,17 @@ def test_an_override_that_nobody_declares_stops_the_node(pair, defaults):
 def test_a_topic_outside_the_contract_is_an_error(pair):
     with pytest.raises(KeyError):
         ros.publisher(pair.sender, '/vehicle/odometer')
+
+
+def test_a_sender_is_unheard_until_its_listeners_and_recorders_are_there(pair, defaults):
+    recorded = pair.make('recorded', {'recorders': 1}, defaults)
+    pair.nodes.append(recorded)
+    pub = ros.publisher(recorded, '/scenario/obstacles')
+    ros.publisher(recorded, '/diagnostics')  # nobody waits for it to be heard
+    ring = {'/scenario/obstacles': 1}
+    assert ros.unheard(recorded, ring) == ['2 subscriptions to /scenario/obstacles (has 0)']
+    ros.subscribe(pair.sender, '/scenario/obstacles', lambda msg: None)
+    pair.until(lambda: pub.get_subscription_count() == 1)
+    assert ros.unheard(recorded, ring) == ['2 subscriptions to /scenario/obstacles (has 1)']
+    ros.subscribe(pair.receiver, '/scenario/obstacles', lambda msg: None)
+    pair.until(lambda: not ros.unheard(recorded, ring))
