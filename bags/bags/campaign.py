@@ -10,6 +10,12 @@ from rich.console import Console
 from bags import closed_loop, compare, domain, experiment, run
 from bags.interrupt import Interrupt
 from bags.progress import Progress
+from msgs_yaml import compiled
+
+NO_COMPILER = (
+    '[yellow]no C compiler found:[/] plant and controller run interpreted, several times slower; '
+    'what they compute stays the same. On Debian and Ubuntu: apt install gcc'
+)
 
 
 class Plan(NamedTuple):
@@ -33,6 +39,8 @@ def run_all(plan: Plan, console: Console) -> int:
     chosen = [experiment.controller(name) for name in dict.fromkeys(plan.controllers)]
     overrides = experiment.overrides(plan.settings)
     folder = plan.out / facts.name
+    if compiled.find_compiler() is None:
+        console.print(NO_COMPILER)
     outcomes = []
     with (
         Interrupt() as interrupt,

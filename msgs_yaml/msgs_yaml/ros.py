@@ -123,6 +123,7 @@ class FastPublisher:
         self._node = node
         self.publisher = publisher(node, topic)
         self._template = fast.Template(topic)
+        self._given_up = False  # told to end while the queue was full
 
     def publish(self, value: Any) -> None:
         """Publish a value of `types`; the bytes are those of its encoded message.
@@ -133,15 +134,15 @@ class FastPublisher:
         """
         raw = self._template.fill(value)
         end = time.monotonic() + _PATIENCE_S
-        while not self._accepted(raw, end):
+        while not (self._given_up or self._accepted(raw, end)):
             time.sleep(_RETRY_S)
 
     def _accepted(self, raw, end):
         try:
             self.publisher.publish(raw)
         except RuntimeError:  # the queue is full
-            if getattr(self._node, 'finished', False):
-                return True  # told to end: nobody waits for the rest
+            # nobody waits for the rest, and each further try would block for 0.1 s
+            self._given_up = getattr(self._node, 'finished', False)
             if time.monotonic() > end or not self.publisher.get_subscription_count():
                 raise
             return False

@@ -233,3 +233,16 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
     assert 'mpcc_node ended early with exit code 4' in done.stdout
     assert '| no solver' in done.stdout
     assert left_over(tmp_path) == []
+
+
+def test_without_a_compiler_one_warning_says_what_is_lost(tmp_path, prefix):
+    prefix('mpcc_controller/mpcc_node', 'exit 4\n')
+    done = subprocess.run(
+        [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', tmp_path / 'runs'],
+        env={**os.environ, 'ROS_DOMAIN_ID': '53', 'PATH': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout.count('no C compiler found') == 1
+    assert 'slower' in done.stdout
