@@ -12,6 +12,7 @@ setup(
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
     packages=[NAME],
+    package_data={NAME: ['riccati_c/*']},
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels

@@ -1,6 +1,6 @@
 """Choose and make the solver of a stage problem."""
 
-from mpcc_controller import casadi_version
+from mpcc_controller import casadi_version, riccati_solver
 from mpcc_controller.nlpsol_solver import NlpsolSolver
 from mpcc_controller.shooting import ProblemError, StageProblem
 from mpcc_controller.solution import (
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 # what makes a StageSolver of a StageProblem and SolverOptions, by the name in the options
-SOLVERS = {'fatrop': NlpsolSolver, 'ipopt': NlpsolSolver}
+SOLVERS = {'riccati': riccati_solver.make, 'fatrop': NlpsolSolver, 'ipopt': NlpsolSolver}
 
 
 def make(problem: StageProblem, options: SolverOptions) -> StageSolver:

@@ -7,7 +7,7 @@ from scipy import optimize
 from mpcc_controller import fatrop, shooting, solver
 from mpcc_controller.shooting import Plan, ProblemError
 
-SOLVERS = ('fatrop', 'ipopt')
+SOLVERS = ('riccati', 'fatrop', 'ipopt')
 each_solver = pytest.mark.parametrize('name', SOLVERS)
 
 
@@ -102,8 +102,9 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
     assert found.cost == pytest.approx(reference.fun + case.x0 @ case.x0, rel=1e-7)
 
 
-def test_fatrop_and_ipopt_find_the_same_way_past_the_disc(slalom, options):
-    a, b = (solver.make(slalom.problem, options(n)).solve(*slalom.numbers) for n in SOLVERS)
+@pytest.mark.parametrize('name', ['riccati', 'fatrop'])
+def test_every_solver_finds_the_way_of_ipopt_past_the_disc(name, slalom, options):
+    a, b = (solver.make(slalom.problem, options(n)).solve(*slalom.numbers) for n in (name, 'ipopt'))
     assert a.status == b.status == solver.SOLVED
     assert np.allclose(a.plan.X, b.plan.X, atol=1e-6)
     assert np.allclose(a.plan.U, b.plan.U, atol=1e-6)
@@ -314,5 +315,5 @@ def test_solvers_say_nothing_on_the_terminal(name, slalom, double_integrator, op
 
 
 def test_an_unknown_solver_is_named_together_with_the_known_ones(slalom, options):
-    with pytest.raises(ProblemError, match=r"no solver 'snopt'; there are: fatrop, ipopt"):
+    with pytest.raises(ProblemError, match=r"no solver 'snopt'; there are: riccati, fatrop, ipopt"):
         solver.make(slalom.problem, options('snopt'))
