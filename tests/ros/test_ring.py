@@ -1,6 +1,7 @@
 """The whole experiment over real Fast DDS, as `bags run` drives it."""
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -107,3 +108,26 @@ def test_the_comparison_is_printed_and_drawn(rings):
     figures = rings.out / 'double_lane_change' / 'figures'
     assert list(figures.glob('*.png'))
     assert list(figures.glob('*.svg'))
+
+
+def test_the_readme_says_what_the_demo_gives(rings):
+    runs = [metrics(rings, controller) for controller in CONTROLLERS]
+
+    def row(name, form, *keys):
+        cells = [form.format(*(pick(run, key) for key in keys)) for run in runs]
+        return f'| {name} | {cells[0]} | {cells[1]} |'
+
+    def pick(run, key):
+        group, _, member = key.partition('.')
+        return run[group][member] if member else run[group]
+
+    readme = (Path(__file__).parents[2] / 'README.md').read_text()
+    obstacles = ('min_v2o_per_obstacle_m.1', 'min_v2o_per_obstacle_m.2')
+    edges = ('min_v2e_per_edge_m.left', 'min_v2e_per_edge_m.right')
+    for line in (
+        row('distance to obstacle 1 / 2 (safe: 0.50) [m]', '{:.2f} / {:.2f}', *obstacles),
+        row('distance to the left / right edge (safe: 0.50) [m]', '{:.2f} / {:.2f}', *edges),
+        row('peak sideslip angle [deg]', '{:.1f}', 'peak_sideslip_deg'),
+        row('peak lateral acceleration [m/s²], of 9.3', '{:.1f}', 'peak_lat_acc_mps2'),
+    ):
+        assert line in readme
