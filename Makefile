@@ -1,6 +1,6 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
 # make test      every test
-# make check     everything the continuous integration runs: lint, tests, colcon build
+# make check     everything the continuous integration runs: lint and tests (colcon build in them)
 # make bench     benchmarks as tables
 # make identify  the controller's tyre parameters from circular driving of the plant
 SHELL := /bin/bash
