@@ -64,9 +64,10 @@ check: lint test
 bench: setup
 	$(BIN)/python bench/solver.py
 	$(BIN)/python bench/plant.py
+	$(BIN)/python bench/plant_node.py
 
 identify: setup
-	$(BIN)/identify --out mpcc_controller/config/car.yaml
+	$(BIN)/identify --out mpcc_controller/config/car.yaml --figure docs/identified_tyres.png
 
 # universal resolution: one file for Python 3.10 to 3.14; that it is for Linux goes without saying
 requirements: requirements.in

@@ -11,7 +11,7 @@ setup(
     license='Apache-2.0',
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
-    packages=[NAME],
+    packages=[NAME, f'{NAME}.manoeuvres'],
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
@@ -29,6 +29,7 @@ setup(
         'console_scripts': [
             'plant_node = vehicle_plant.plant_node:main',
             'identify = vehicle_plant.identify:main',
+            'manoeuvre = vehicle_plant.manoeuvre:main',
         ],
     },
 )

@@ -13,7 +13,7 @@ EXECUTABLES = {
     'msgs_yaml': (),
     'scenario_publisher': ('scenario_node',),
     'mpcc_controller': ('mpcc_node',),
-    'vehicle_plant': ('plant_node', 'identify'),
+    'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('recorder_node', 'bags'),
 }
 SHARED = {

@@ -1,5 +1,7 @@
 """The controller's tyre from circular driving."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,11 +77,57 @@ def test_residual_is_a_hundredth_of_the_axle_load(track, params):
         assert found.friction_confidence < 0.02 * found.friction
 
 
-def test_same_plant_gives_the_same_files(tmp_path):
+@pytest.mark.parametrize('friction', ['1.0', '0.5'])
+@pytest.mark.parametrize('tyre', ['tyre_205_60r15.yaml', 'tyre_245_40r18.yaml'])
+def test_same_plant_gives_the_same_files(tmp_path, tyre, friction):
+    """Two tyres, two frictions: each file twice, bit by bit, and each another one."""
     for name in ('a', 'b'):
-        assert identify.main(['--out', str(tmp_path / f'{name}.yaml')]) == 0
+        given = ['--out', str(tmp_path / f'{name}.yaml'), '--tyre', tyre, '--friction', friction]
+        assert identify.main(given) == 0
     assert (tmp_path / 'a.yaml').read_bytes() == (tmp_path / 'b.yaml').read_bytes()
     assert (tmp_path / 'a.png').read_bytes() == (tmp_path / 'b.png').read_bytes()
+    found, _ = yaml_parameters.read_file(tmp_path / 'a.yaml')
+    # a wide tyre is stiffer on any road; friction is that of the road, to a tenth
+    stiff = found['tyre.front_cornering_npr'] > 160e3
+    assert stiff == (tyre == 'tyre_245_40r18.yaml')
+    assert found['tyre.front_friction'] == pytest.approx(float(friction), rel=0.1)
+
+
+def test_both_manoeuvres_find_the_same_car(params, manoeuvre):
+    """Constant speed and constant radius, ISO 4138: within 2 % of stiffness and friction."""
+    fits = [
+        [fiala_fit.fit(axle) for axle in circle.axles(circle.drive(params, 1.0, one), params)]
+        for one in (manoeuvre, replace(manoeuvre, manoeuvre='constant_radius'))
+    ]
+    for by_speed, by_radius in zip(*fits):
+        assert by_radius.cornering == pytest.approx(by_speed.cornering, rel=0.02)
+        assert by_radius.friction == pytest.approx(by_speed.friction, rel=0.02)
+
+
+def test_radius_is_held_until_the_front_slides(params, manoeuvre):
+    track = circle.drive(params, 1.0, replace(manoeuvre, manoeuvre='constant_radius'))
+    ay = track.column('acceleration.ay')
+    radius = (track.column('planar.vx') / track.column('planar.r'))[(ay > 1.5) & (ay < 7.5)]
+    assert np.abs(radius / manoeuvre.radius_m - 1).max() < 0.02
+
+
+def test_files_note_how_they_were_made(tmp_path):
+    out = tmp_path / 'car.yaml'
+    given = ['--car', 'vw_gti.yaml', '--manoeuvre', 'constant_radius', '--friction', '0.8']
+    assert identify.main(['--out', str(out), *given]) == 0
+    text = out.read_text()
+    command = 'identify --car vw_gti.yaml --manoeuvre constant_radius --friction 0.8 --out'
+    assert command in text
+    assert 'radius 60 m' in text
+    assert 'mass_kg: 1868.0' in text
+    assert 'systematic' in text
+
+
+def test_car_that_is_not_there_is_named(tmp_path, capsys):
+    with pytest.raises(SystemExit) as exit_:
+        identify.main(['--out', str(tmp_path / 'car.yaml'), '--car', 'nobody.yaml'])
+    assert exit_.value.code == 1
+    assert 'nobody.yaml' in capsys.readouterr().err
 
 
 def test_controller_uses_what_this_plant_gives(tmp_path):
@@ -97,7 +145,5 @@ def test_less_friction_is_found_as_such(params, manoeuvre):
 
 
 def test_manoeuvre_that_does_not_end_is_an_error(params, manoeuvre):
-    from dataclasses import replace
-
     with pytest.raises(CircleError, match='front slip'):
         circle.drive(params, 1.0, replace(manoeuvre, longest_s=5.0))

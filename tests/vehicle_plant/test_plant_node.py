@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from rclpy.task import Future
 
 from msgs_yaml import contract, decode, encode, ros
 from msgs_yaml.types import Command, Reference
+from vehicle_plant import parameters, road
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator, Start
 
 pytestmark = pytest.mark.ros
@@ -224,3 +226,46 @@ def test_realtime_keeps_pace_with_the_wall_clock(run):
     # best effort and a slow test controller: most arrive, none between the milliseconds
     assert (np.diff(stamps) % STEP_NS == 0).all()
     assert abs(time.time_ns() - stamps[-1]) < 20e9
+
+
+def test_another_car_on_another_tyre_and_a_road_with_ice(run, tmp_path):
+    """Selected by parameters; what is sent is what the core computes for them."""
+    tyre_file = tmp_path / 'my.tir'
+    tyre_file.write_text(
+        '[MODEL]\nFITTYP = 61\n[VERTICAL]\nFNOMIN = 4000\n'
+        '[LONGITUDINAL_COEFFICIENTS]\nPCX1 = 1.6\nPDX1 = 1\nPKX1 = 16\nRBX1 = 8\nRCX1 = 0.9\n'
+        '[LATERAL_COEFFICIENTS]\nPCY1 = 1.3\nPDY1 = 1\nPKY1 = -15\nPKY2 = 2\nRBY1 = 5\nRCY1 = 1\n'
+    )
+    ice = [2.0, 0.0, 90.0, 0.0, 90.0, 9.0, 2.0, 9.0]
+    settings = {'patches.corners_m': ice, 'patches.friction': [0.2], 'stop.x_m': 8.0}
+
+    def brake(stamp_ns):
+        return encode.command(Command(stamp_ns, 0.0, 0.0, -4000.0, -1500.0))
+
+    done = run(24, brake, plant_params='vw_gti.yaml', tyre_set=str(tyre_file), **settings)
+    assert done.exit_code == 0, done.log
+    plant = parameters.load(parameters.config('vw_gti.yaml'))
+    plant = replace(plant, tyre=parameters.tyre(str(tyre_file)))
+    car = Simulator(plant, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=road.patches(ice, [0.2]))
+    ticks = (done.controller.stamps('odometry')[-1] - START_NS) // TICK_NS
+    for i in range(ticks):
+        car.advance(decode.command(brake(START_NS + i * TICK_NS)), 50)
+    last = done.controller.state(-1)
+    assert last[:3] == car.state[:3]
+    assert last[4:] == car.state[4:]
+    assert last.psi < -1e-4  # towards the side with grip
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {'plant_params': 'nobody.yaml'},
+        {'tyre_set': '/nowhere/my.tir'},
+        {'patches.friction': [0.5]},
+    ],
+)
+def test_car_tyre_or_road_that_is_not_there_stops_the_node(run, settings):
+    done = run(23, weave, **settings)
+    assert done.exit_code == ros.EXIT_CONFIGURATION
+    (name,) = settings
+    assert name.partition('.')[0] in done.log or str(settings[name]) in done.log

@@ -117,6 +117,19 @@ def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
     assert loop.car.actuators.Fxf > -1500
 
 
+def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):
+    """It looks every 10 steps; the crossing that it reports is that of the row."""
+    loop = ring(Realtime, params, replace(FAR, x_m=3.0))
+    loop.command(coast(START_NS))
+    rows = []
+    while not loop.outcome:
+        rows.append(loop.advance_to(loop.car.stamp_ns + STEP_NS))
+    crossed = next(row for row in rows if row.column('planar.X')[0] >= 3.0)
+    assert loop.outcome.exit_code == FINISHED
+    assert loop.outcome.stamp_ns == crossed.stamp_ns[0]
+    assert loop.car.stamp_ns - loop.outcome.stamp_ns < 10 * STEP_NS
+
+
 def test_starts_are_taken_from_parameters_or_the_first_pose():
     import numpy as np
 

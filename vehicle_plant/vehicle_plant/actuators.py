@@ -30,12 +30,12 @@ def _clip(x, low, high):
 
 
 def limits_of_steering(p) -> Limits:
-    """Return the limits of `parameters.Steering` [rad, rad/s]."""
+    """Return the limits of `car.Steering` [rad, rad/s]."""
     return Limits(-p.limit_rad, p.limit_rad, p.rate_radps)
 
 
 def limits_of_force(p) -> Limits:
-    """Return the limits of `parameters.AxleForce` [N, N/s], braking negative."""
+    """Return the limits of `car.AxleForce` [N, N/s], braking negative."""
     return Limits(-p.brake_n, p.drive_n, p.rate_nps)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from msgs_yaml.parameters import Range
+from msgs_yaml.parameters import Choice, Range
 from msgs_yaml.types import Command
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator, Start
@@ -14,14 +14,21 @@ from vehicle_plant.track import Track, join
 
 @dataclass(frozen=True)
 class Circle:
-    """Constant speed, slowly increasing steer: config/identify.yaml."""
+    """Both manoeuvres of ISO 4138 to the left until the front axle slides: config/identify.yaml."""
 
+    manoeuvre: Annotated[str, Choice('constant_speed', 'constant_radius')]
     speed_mps: Annotated[float, Range(5.0, 50.0, 'm/s')]
     steer_rate_radps: Annotated[float, Range(0.001, 0.05, 'rad/s')]
+    radius_m: Annotated[float, Range(15.0, 500.0, 'm')]
+    acceleration_mps2: Annotated[float, Range(0.02, 1.0, 'm/s^2')]
+    curvature_gain_radpm: Annotated[float, Range(0.1, 100.0, 'rad m/s')]
     last_front_slip_rad: Annotated[float, Range(0.02, 0.4, 'rad')]
     longest_s: Annotated[float, Range(1.0, 600.0, 's')]
     speed_gain_nspm: Annotated[float, Range(0.0, 50e3, 'N s/m')]
     settle_s: Annotated[float, Range(0.0, 20.0, 's')]
+
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
 
 
 class CircleError(RuntimeError):
@@ -39,16 +46,20 @@ class AxlePoints(NamedTuple):
 
 def drive(plant: PlantParams, friction: float, circle: Circle) -> Track:
     """Drive the manoeuvre; rows at the 50 ms boundaries. Raises CircleError."""
-    car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, circle.speed_mps))
+    law = {'constant_speed': _ConstantSpeed, 'constant_radius': _ConstantRadius}[circle.manoeuvre]
+    driver = law(circle, plant)
+    car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, driver.speed(0.0)))
+    rear = rear_drive(plant)
     tick_s = TICK_NS / 1e9
     ticks = round(circle.longest_s / tick_s)
     rows = []
     for tick in range(ticks):
         state = car.state
-        steer = max(tick * tick_s - circle.settle_s, 0.0) * circle.steer_rate_radps
-        force = circle.speed_gain_nspm * (circle.speed_mps - state.vx)
-        command = Command(state.stamp_ns, steer, circle.steer_rate_radps, 0.0, force)
-        if not car.command(command).accepted:
+        t = max(tick * tick_s - circle.settle_s, 0.0)
+        force = circle.speed_gain_nspm * (driver.speed(t) - state.vx)
+        forces = force * (1 - rear), force * rear
+        steer = driver.steer(t, state)
+        if not car.command(Command(state.stamp_ns, steer, driver.steer_rate, *forces)).accepted:
             raise CircleError(f'the plant refuses the command: {car.gate.last_reason}')
         car.advance(None, TICK_STEPS)
         rows.append(car.now)
@@ -56,6 +67,53 @@ def drive(plant: PlantParams, friction: float, circle: Circle) -> Track:
         if abs(front.alpha[-1]) >= circle.last_front_slip_rad:
             return join([row for i, row in enumerate(rows) if i * tick_s >= circle.settle_s])
     raise CircleError(f'front slip {abs(front.alpha[-1]):.3f} rad after {circle.longest_s} s')
+
+
+class _ConstantSpeed:
+    """Slowly increasing steer."""
+
+    def __init__(self, circle: Circle, _):
+        self._circle = circle
+        self.steer_rate = circle.steer_rate_radps
+
+    def speed(self, _) -> float:
+        """Return the speed asked for [m/s]."""
+        return self._circle.speed_mps
+
+    def steer(self, t, _) -> float:
+        """Return the steer asked for [rad] after that much time of the manoeuvre [s]."""
+        return t * self._circle.steer_rate_radps
+
+
+class _ConstantRadius:
+    """Slowly increasing speed, the curvature held by an integral law from its geometric steer."""
+
+    def __init__(self, circle: Circle, plant: PlantParams):
+        body = plant.car.body
+        self._circle = circle
+        self._steer = (body.cog_to_front_m + body.cog_to_rear_m) / circle.radius_m
+        self._limit = plant.car.steering.limit_rad
+        self.steer_rate = 0.0
+
+    def speed(self, t) -> float:
+        """Return the speed asked for [m/s]: at first a tenth of g."""
+        slow = np.sqrt(0.1 * STANDARD_GRAVITY * self._circle.radius_m)
+        return float(slow + self._circle.acceleration_mps2 * t)
+
+    def steer(self, t, state) -> float:
+        """Return the steer asked for [rad]; reached gently before the manoeuvre begins."""
+        lack = 1 / self._circle.radius_m - state.r / state.vx
+        gain = self._circle.curvature_gain_radpm * TICK_NS / 1e9
+        self._steer = float(np.clip(self._steer + gain * lack, -self._limit, self._limit))
+        return self._steer
+
+
+def rear_drive(plant: PlantParams) -> float:
+    """Return the share of the rear axle in the drive force. Raises CircleError without any."""
+    force = plant.car.force
+    if not force.front.drive_n + force.rear.drive_n:
+        raise CircleError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
+    return force.rear.drive_n / (force.front.drive_n + force.rear.drive_n)
 
 
 def axles(track: Track, plant: PlantParams) -> tuple[AxlePoints, AxlePoints]:

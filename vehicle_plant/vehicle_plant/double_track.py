@@ -4,12 +4,14 @@ Planar motion of the CoG, heave, roll and pitch, four wheels with vertical trave
 lining and transient slips, three servos. The velocity of a contact patch is that of the CoG plus
 yaw, roll, pitch and travel; every tyre force acts on each of these with the same arm, so power is
 conserved. Not modelled: Ackermann and toe geometry, suspension compliance (it is in the tyre's
-LKY), gyroscopic moments, aligning moments, aerodynamic lift, ABS.
+LKY, or in compliance_steer_radpn), gyroscopic moments, aligning moments, ABS.
 """
+
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from vehicle_plant import actuators, suspension, tyre, wheel
+from vehicle_plant import actuators, steer, suspension, tyre, wheel
 from vehicle_plant.state import (
     Acceleration,
     FourLoads,
@@ -22,75 +24,98 @@ from vehicle_plant.state import (
     SetPoints,
     State,
     Wheel,
+    Wheels,
 )
 
 
 def corners(p):
-    """Return the four corners of a `parameters.Car`, in the order of WHEELS."""
+    """Return the four corners of a `car.Car`, in the order of WHEELS."""
     body, axles = p.body, p.suspension
     front, rear = body.cog_to_front_m, -body.cog_to_rear_m
     places = ((axles.front, front), (axles.rear, rear))
     return tuple(suspension.corner(body, axle, x, side) for axle, x in places for side in (1, -1))
 
 
-def derivative(x: State, u: SetPoints, plant, friction) -> tuple[State, Readings]:
-    """Return the derivative of the state, as a State, and the readings at this instant."""
+def derivative(x: State, u: SetPoints, plant, friction: Wheels) -> tuple[State, Readings]:
+    """Return the derivative of the state, as a State, and the readings at this instant.
+
+    friction: that of the road under each wheel, over that of the tyre's test surface.
+    """
     p = plant.car
-    planar, ride = x.planar, x.ride
     at = corners(p)
-    travels = [suspension.travel(ride, w, c) for w, c in zip(x.wheels, at)]
-    steer = (x.servos.steer.position, x.servos.steer.position, 0, 0)
+    travels = [suspension.travel(x.ride, w, c) for w, c in zip(x.wheels, at)]
+    velocities = [_contact_velocity(x, c, rate, p.body) for c, (_, rate) in zip(at, travels)]
+    toes = steer.with_roll(x.servos.steer.position, x.ride.phi, p.suspension)
+    tyres = [
+        _tyre(x.ride, w, c, V, toe, mu, plant)
+        for w, c, V, toe, mu in zip(x.wheels, at, velocities, toes, friction)
+    ]
+    angles = steer.with_compliance(toes, [one.force.Fy for one in tyres], p.suspension)
+
     axle_forces = (x.servos.front.position,) * 2 + (x.servos.rear.position,) * 2
-    scalings = (p.scaling.front,) * 2 + (p.scaling.rear,) * 2
+    loads, wheel_dots, contact_forces = [], [], []
+    for w, one, V, angle, axle_force in zip(x.wheels, tyres, velocities, angles, axle_forces):
+        drive, brake, rolling = wheel.torques(w, axle_force, one.Fz, p.wheel, p.brake)
+        torque = drive + brake + rolling - one.force.Fx * p.wheel.radius_m
+        m = wheel.motion(*V, angle, w.omega, p.wheel.radius_m)
+        slip_dot = wheel.slip_rate(w, m, one.slope, one.grip, p.wheel)
+        wheel_dots.append((torque / p.wheel.spin_inertia_kgm2, slip_dot))
+        loads.append(Load(drive + brake, one.Fz, *one.force))
+        contact_forces.append(wheel.turned(one.force, angle))
 
-    loads, slip_rates, contact_forces, spins = [], [], [], []
-    for w, c, (_, rate), delta, axle_force, scaling in zip(
-        x.wheels, at, travels, steer, axle_forces, scalings
-    ):
-        Vx = planar.vx - c.y * planar.r - p.body.cog_height_m * ride.q + c.pitch_ratio * rate
-        Vy = planar.vy + c.x * planar.r + p.body.cog_height_m * ride.p + c.roll_ratio * rate
-        m = wheel.motion(Vx, Vy, delta, w.omega, p.wheel.radius_m)
-        Fz = suspension.tyre_load(w, c, p.wheel)
-        contact = tyre.Contact(
-            Fz=ca.fmax(Fz, p.wheel.minimum_load_n),
-            kappa=0,
-            tan_alpha=0,
-            gamma=suspension.camber(ride, c),
-            friction=friction,
-            pressure=p.wheel.pressure_pa,
-        )
-        slope = tyre.stiffness(contact, plant.tyre, scaling)
-        kappa, tan_alpha = wheel.tyre_slip(w, m, slope, p.wheel)
-        contact = contact._replace(kappa=kappa, tan_alpha=tan_alpha)
-        law = tyre.force if c.side > 0 else tyre.mirrored_force
-        F = law(contact, plant.tyre, scaling)
-        drive, brake, rolling = wheel.torques(w, axle_force, Fz, p.wheel, p.brake)
-        spins.append(
-            (drive + brake + rolling - F.Fx * p.wheel.radius_m) / p.wheel.spin_inertia_kgm2
-        )
-        loads.append(Load(drive + brake, Fz, F.Fx, F.Fy))
-        grip = friction * contact.Fz
-        slip_rates.append(wheel.slip_rate(w, m, slope, grip, p.wheel))
-        contact_forces.append(
-            (
-                ca.cos(delta) * F.Fx - ca.sin(delta) * F.Fy,
-                ca.sin(delta) * F.Fx + ca.cos(delta) * F.Fy,
-            )
-        )
-
-    acceleration, planar_dot = _planar(planar, contact_forces, at, p.body)
+    acceleration, planar_dot = _planar(x.planar, contact_forces, at, p.body)
     body_forces, lifts = _vertical(travels, loads, contact_forces, at)
-    vz_dot, p_dot, q_dot = suspension.ride_acceleration(ride, body_forces, contact_forces, at, p)
-    ride_dot = Ride(ride.vz, vz_dot, ride.p, p_dot, ride.q, q_dot)
+    air = suspension.air_lift(x.planar, p.body)
+    vz_dot, p_dot, q_dot = suspension.ride_acceleration(
+        x.ride, body_forces, contact_forces, at, air, p
+    )
+    ride_dot = Ride(x.ride.vz, vz_dot, x.ride.p, p_dot, x.ride.q, q_dot)
     wheels_dot = FourWheels(
         *(
             Wheel(w.vz, lift, spin, wheel.windup_rate(w, p.brake), *slip_dot)
-            for w, lift, spin, slip_dot in zip(x.wheels, lifts, spins, slip_rates)
+            for w, lift, (spin, slip_dot) in zip(x.wheels, lifts, wheel_dots)
         )
     )
-    servos_dot = _servos(x.servos, u, p)
     readings = Readings(acceleration, FourLoads(*loads))
-    return State(planar_dot, ride_dot, wheels_dot, servos_dot), readings
+    return State(planar_dot, ride_dot, wheels_dot, _servos(x.servos, u, p)), readings
+
+
+class _Tyre(NamedTuple):
+    """A tyre at work."""
+
+    force: tyre.Force  # wheel axes
+    slope: tyre.Stiffness
+    Fz: Any  # N, of the road
+    grip: Any  # N, friction times load
+
+
+def _contact_velocity(x: State, c: suspension.Corner, rate, body):
+    """Return the velocity of a contact patch in vehicle axes; rate: of the corner's travel."""
+    planar, ride = x.planar, x.ride
+    Vx = planar.vx - c.y * planar.r - body.cog_height_m * ride.q + c.pitch_ratio * rate
+    Vy = planar.vy + c.x * planar.r + body.cog_height_m * ride.p + c.roll_ratio * rate
+    return Vx, Vy
+
+
+def _tyre(ride, w: Wheel, c: suspension.Corner, velocity, angle, friction, plant) -> _Tyre:
+    """Return the force of a tyre by its transient slips."""
+    p = plant.car
+    m = wheel.motion(*velocity, angle, w.omega, p.wheel.radius_m)
+    Fz = suspension.tyre_load(w, c, p.wheel)
+    contact = tyre.Contact(
+        Fz=ca.fmax(Fz, p.wheel.minimum_load_n),
+        kappa=0,
+        tan_alpha=0,
+        gamma=suspension.camber(ride, c),
+        friction=friction,
+        pressure=p.wheel.pressure_pa,
+    )
+    scaling = p.scaling.front if c.axle is p.suspension.front else p.scaling.rear
+    slope = tyre.stiffness(contact, plant.tyre, scaling)
+    kappa, tan_alpha = wheel.tyre_slip(w, m, slope, p.wheel)
+    law = tyre.force if c.side > 0 else tyre.mirrored_force
+    F = law(contact._replace(kappa=kappa, tan_alpha=tan_alpha), plant.tyre, scaling)
+    return _Tyre(F, slope, Fz, friction * contact.Fz)
 
 
 def _planar(planar: Planar, contact_forces, at, body):

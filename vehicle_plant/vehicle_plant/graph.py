@@ -11,16 +11,28 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from vehicle_plant import double_track, named
+from vehicle_plant import double_track, named, road
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.state import Readings, SetPoints, State
+from vehicle_plant.state import Readings, SetPoints, State, Wheels
 
 STEP_S = 1e-3
 
 
 def parameter_vector(params: PlantParams, friction: float) -> np.ndarray:
-    """Return all numbers of the plant and the road friction scale as one vector."""
-    return np.array([*named.leaves(params), friction], dtype=float)
+    """Return all numbers of the plant, then the road friction scale under each wheel."""
+    return np.array([*named.leaves(params), *Wheels(*(friction,) * len(Wheels._fields))], float)
+
+
+def gripping(x: np.ndarray, p: np.ndarray, patches: np.ndarray) -> np.ndarray:
+    """Return p with the friction under each wheel at a state.
+
+    p: that of `parameter_vector`, its friction that of the road beside the patches; patches:
+    (k, 13) of `road.patches`.
+    """
+    numbers, friction = p[: -len(Wheels._fields)], p[-1]
+    # column by column for CasADi, row by row for numpy
+    grips = road.function()(x, numbers, road.padded(patches).T, friction)
+    return np.concatenate([numbers, np.asarray(grips).ravel()])
 
 
 @cache
@@ -28,9 +40,10 @@ def functions() -> tuple[ca.Function, ca.Function]:
     """Return derivative(x, u, p) -> (x_dot, readings) and settled(x, p) -> x on flat vectors."""
     x = ca.SX.sym('x', len(named.names(State)))
     u = ca.SX.sym('u', len(named.names(SetPoints)))
-    p = ca.SX.sym('p', len(named.names(PlantParams)) + 1)
-    *numbers, friction = ca.vertsplit(p)
-    plant = named.build(PlantParams, numbers)
+    numbers = len(named.names(PlantParams))
+    p = ca.SX.sym('p', numbers + len(Wheels._fields))
+    plant = named.build(PlantParams, ca.vertsplit(p[:numbers]))
+    friction = Wheels(*ca.vertsplit(p[numbers:]))
     state = named.build(State, ca.vertsplit(x))
     set_points = named.build(SetPoints, ca.vertsplit(u))
     x_dot, readings = double_track.derivative(state, set_points, plant, friction)

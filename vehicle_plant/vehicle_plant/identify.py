@@ -1,13 +1,16 @@
 """The controller's tyre from the plant: Fiala parameters by quasi-steady circular driving.
 
-    identify --out car.yaml [--friction 1.0] [--figure car.png]
+    identify --out car.yaml [--car bmw_330i.yaml] [--tyre my_tyre.tir] [--friction 0.6]
+             [--manoeuvre constant_radius] [--figure car.png]
 
-The same plant gives the same file, byte by byte.
+The same plant gives the same file, byte by byte. Cars and tyres are files in config/, or paths with
+a folder.
 """
 
 import argparse
 import hashlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +24,12 @@ from vehicle_plant.parameters import PlantParams
 
 _FILE = """\
 # Car and tyre of the prediction model, identified from the plant by quasi-steady circular driving:
-# {speed:g} m/s, steer increasing by {rate:g} rad/s, {points} points up to {ay:.3f} m/s^2.
+# {how}, {points} points up to {ay:.3f} m/s^2.
 # Do not edit; made by
-#   python -m vehicle_plant.identify --friction {friction:g} --out <this file>
+#   python -m vehicle_plant.identify{options} --out <this file>
 # plant parameters: sha256 {digest}
+# The intervals (95 %) take residuals for independent. They are systematic: load transfer, camber,
+# the shape of the tyre are not those of a Fiala tyre. The true uncertainty is larger.
 # front axle: +- {fit_f.cornering_confidence:.0f} N/rad, +- {fit_f.friction_confidence:.5f}, \
 residual {fit_f.residual:.0f} N rms, slip up to {slip_f:.1f} deg
 # rear axle: +- {fit_r.cornering_confidence:.0f} N/rad, +- {fit_r.friction_confidence:.5f}, \
@@ -47,18 +52,28 @@ residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
 """
 
 
-def identify(plant: PlantParams, friction: float, manoeuvre: Circle) -> tuple[str, Figure]:
-    """Drive, fit, and return the file's text and the figure. Raises CircleError."""
+_WORDS = {
+    'constant_speed': '{p.speed_mps:g} m/s, steer increasing by {p.steer_rate_radps:g} rad/s',
+    'constant_radius': 'radius {p.radius_m:g} m, speed increasing by {p.acceleration_mps2:g} m/s^2',
+}
+
+
+def identify(
+    plant: PlantParams, friction: float, manoeuvre: Circle, options: str = ''
+) -> tuple[str, Figure]:
+    """Drive, fit, and return the file's text and the figure. Raises CircleError.
+
+    options: those of the command line, to be noted.
+    """
     track = circle.drive(plant, friction, manoeuvre)
     points = circle.axles(track, plant)
     fits = tuple(fiala_fit.fit(axle) for axle in points)
     body = plant.car.body
     text = _FILE.format(
-        speed=manoeuvre.speed_mps,
-        rate=manoeuvre.steer_rate_radps,
+        how=_WORDS[manoeuvre.manoeuvre].format(p=manoeuvre),
         points=len(track.rows),
         ay=track.column('acceleration.ay').max(),
-        friction=friction,
+        options=f'{options} --friction {friction:g}',
         digest=digest(plant),
         fit_f=fits[0],
         fit_r=fits[1],
@@ -78,20 +93,24 @@ def digest(plant: PlantParams) -> str:
 
 
 def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[Fit, Fit]) -> Figure:
-    """Return the measured points and the fitted curve of both axles."""
-    figure = Figure(figsize=(10, 4), layout='constrained')
-    for axes, name, axle, fit in zip(figure.subplots(1, 2), ('front', 'rear'), points, fits):
+    """Return the measured points, the fitted curve and what is between them, of both axles."""
+    figure = Figure(figsize=(10, 6), layout='constrained')
+    rows = figure.subplots(2, 2, sharex='col', height_ratios=(3, 1))
+    for curve, rest, name, axle, fit in zip(*rows, ('front', 'rear'), points, fits):
         fitted = fiala_fit.force(axle, fit.cornering, fit.friction)
-        axes.plot(_degrees(axle), axle.Fy / 1e3, '.', label='plant')
-        axes.plot(_degrees(axle), fitted / 1e3, label='Fiala')
-        axes.set_title(
-            f'{name} axle: C = {fit.cornering / 1e3:.1f} kN/rad, mu = {fit.friction:.3f}, '
-            f'residual {fit.residual:.0f} N'
+        curve.plot(_degrees(axle), axle.Fy / 1e3, '.', label='plant')
+        curve.plot(_degrees(axle), fitted / 1e3, label='Fiala')
+        curve.set_title(
+            f'{name} axle: C = {fit.cornering / 1e3:.1f} kN/rad, mu = {fit.friction:.3f}'
         )
-        axes.set_xlabel('slip angle [deg], to the right')
-        axes.set_ylabel('lateral force [kN]')
-        axes.legend()
-        axes.grid()
+        curve.set_ylabel('lateral force [kN]')
+        curve.legend()
+        curve.grid()
+        rest.plot(_degrees(axle), fitted - axle.Fy, '.')
+        rest.set_title(f'Fiala less plant: {fit.residual:.0f} N rms, systematic', fontsize='medium')
+        rest.set_xlabel('slip angle [deg], to the right')
+        rest.set_ylabel('force [N]')
+        rest.grid()
     return figure
 
 
@@ -103,12 +122,20 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser(prog='identify', description=__doc__.splitlines()[0])
     parser.add_argument('--out', type=Path, required=True, help='YAML file to write')
+    parser.add_argument('--car', help='car file instead of the default car')
+    parser.add_argument('--tyre', help='.tir or YAML file instead of the tyre of the car')
+    parser.add_argument('--manoeuvre', choices=list(_WORDS), help='instead of constant_speed')
     parser.add_argument('--friction', type=float, default=1.0, help='road friction scale')
     parser.add_argument('--figure', type=Path, help='PNG to write, beside the YAML by default')
     options = parser.parse_args(arguments)
-    manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+    chosen = {name: getattr(options, name) for name in ('car', 'tyre', 'manoeuvre')}
+    noted = ''.join(f' --{name} {value}' for name, value in chosen.items() if value)
     try:
-        text, figure = identify(parameters.load(), options.friction, manoeuvre)
+        manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+        manoeuvre = replace(manoeuvre, manoeuvre=options.manoeuvre or manoeuvre.manoeuvre)
+        plant = parameters.load(parameters.config(options.car or parameters.DEFAULT_CAR))
+        plant = replace(plant, tyre=parameters.tyre(options.tyre)) if options.tyre else plant
+        text, figure = identify(plant, options.friction, manoeuvre, noted)
     except (CircleError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
     options.out.write_text(text)

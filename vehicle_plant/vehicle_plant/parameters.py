@@ -1,160 +1,17 @@
-"""What the car is made of: one frozen dataclass per part, filled from config/, SI units."""
+"""The plant as a node, and where its files are: a car with its run, and the tyre it stands on."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from msgs_yaml import parameters, share
-from msgs_yaml.parameters import Range
-from vehicle_plant.tyre_set import TyreScaling, TyreSet
+from msgs_yaml.parameters import ParameterError, Range
+from vehicle_plant import tir
+from vehicle_plant.car import Car, PlantParams
+from vehicle_plant.tyre_set import TyreSet
 
-Ratio = Annotated[float, Range(0.0, 1.0, '-')]
-Height = Annotated[float, Range(-0.2, 1.0, 'm')]
-
-
-@dataclass(frozen=True)
-class Body:
-    """Masses and lengths. Inertias are those of the whole car about its CoG."""
-
-    mass_kg: Annotated[float, Range(500.0, 5000.0, 'kg')]
-    roll_inertia_kgm2: Annotated[float, Range(50.0, 5000.0, 'kg m^2')]
-    pitch_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]
-    yaw_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]
-    cog_to_front_m: Annotated[float, Range(0.5, 3.0, 'm')]
-    cog_to_rear_m: Annotated[float, Range(0.5, 3.0, 'm')]
-    cog_height_m: Annotated[float, Range(0.1, 1.5, 'm')]
-    drag_area_m2: Annotated[float, Range(0.0, 3.0, 'm^2')]
-    air_density_kgpm3: Annotated[float, Range(0.5, 2.0, 'kg/m^3')]
-    gravity_mps2: Annotated[float, Range(1.0, 20.0, 'm/s^2')]
-
-
-@dataclass(frozen=True)
-class Axle:
-    """Suspension of one axle; rates are per wheel, at the wheel."""
-
-    track_m: Annotated[float, Range(0.5, 3.0, 'm')]
-    ride_rate_npm: Annotated[float, Range(5e3, 200e3, 'N/m')]
-    damper_rate_nspm: Annotated[float, Range(100.0, 20e3, 'N s/m')]
-    antiroll_npm: Annotated[float, Range(0.0, 200e3, 'N/m')]
-    roll_centre_height_m: Height
-    pitch_centre_height_m: Height
-    unsprung_mass_kg: Annotated[float, Range(10.0, 100.0, 'kg')]
-    static_camber_rad: Annotated[float, Range(-0.1, 0.1, 'rad')]
-    camber_per_roll: Ratio
-
-
-@dataclass(frozen=True)
-class Suspension:
-    """Both axles."""
-
-    front: Axle
-    rear: Axle
-
-
-@dataclass(frozen=True)
-class Wheel:
-    """One wheel with its tyre's carcass; all four are alike."""
-
-    radius_m: Annotated[float, Range(0.1, 1.0, 'm')]
-    spin_inertia_kgm2: Annotated[float, Range(0.2, 10.0, 'kg m^2')]
-    vertical_stiffness_npm: Annotated[float, Range(50e3, 1e6, 'N/m')]
-    vertical_damping_nspm: Annotated[float, Range(0.0, 5e3, 'N s/m')]
-    longitudinal_stiffness_npm: Annotated[float, Range(50e3, 2e6, 'N/m')]
-    lateral_stiffness_npm: Annotated[float, Range(20e3, 1e6, 'N/m')]
-    rolling_resistance: Annotated[float, Range(0.0, 0.1, '-')]
-    pressure_pa: Annotated[float, Range(50e3, 500e3, 'Pa')]
-    minimum_load_n: Annotated[float, Range(0.01, 50.0, 'N')]
-    minimum_relaxation_m: Annotated[float, Range(0.02, 0.5, 'm')]
-    greatest_slip: Annotated[float, Range(1.0, 10.0, '-')]
-    standstill_slip: Annotated[float, Range(0.01, 1.0, '-')]
-    standstill_speed_mps: Annotated[float, Range(0.1, 5.0, 'm/s')]
-    standstill_damping_nspm: Annotated[float, Range(0.0, 10e3, 'N s/m')]
-
-
-@dataclass(frozen=True)
-class BrakeLining:
-    """Elastic stick before a brake slips: how far, and how damped."""
-
-    windup_rad: Annotated[float, Range(0.005, 0.2, 'rad')]
-    damping_s: Annotated[float, Range(0.0, 0.02, 's')]
-
-
-@dataclass(frozen=True)
-class Steering:
-    """Second-order servo of the road-wheel angle."""
-
-    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]
-    damping: Annotated[float, Range(0.3, 3.0, '-')]
-    limit_rad: Annotated[float, Range(0.05, 1.2, 'rad')]
-    rate_radps: Annotated[float, Range(0.05, 20.0, 'rad/s')]
-
-
-@dataclass(frozen=True)
-class AxleForce:
-    """Second-order servo of one axle's brake and drive force at the contact patches."""
-
-    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]
-    damping: Annotated[float, Range(0.3, 3.0, '-')]
-    brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
-    drive_n: Annotated[float, Range(0.0, 50e3, 'N')]
-    rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]
-
-
-@dataclass(frozen=True)
-class Force:
-    """Both axles."""
-
-    front: AxleForce
-    rear: AxleForce
-
-
-@dataclass(frozen=True)
-class Tyres:
-    """Scaling of the tyre set per axle."""
-
-    front: TyreScaling
-    rear: TyreScaling
-
-
-@dataclass(frozen=True)
-class Gate:
-    """What a command may ask for at most, beyond the actuators' own limits."""
-
-    steer_tolerance_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
-    force_tolerance_n: Annotated[float, Range(0.0, 5e3, 'N')]
-    steer_rate_radps: Annotated[float, Range(0.1, 100.0, 'rad/s')]
-    force_rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]
-
-
-@dataclass(frozen=True)
-class SafeStop:
-    """How the plant brakes straight when its controller is gone, at friction 1."""
-
-    front_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
-    rear_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
-
-
-@dataclass(frozen=True)
-class Car:
-    """Everything of the car but the tyre's coefficients."""
-
-    body: Body
-    suspension: Suspension
-    wheel: Wheel
-    brake: BrakeLining
-    steering: Steering
-    force: Force
-    scaling: Tyres
-    gate: Gate
-    safe_stop: SafeStop
-
-
-@dataclass(frozen=True)
-class PlantParams:
-    """The car and the tyre it stands on."""
-
-    car: Car
-    tyre: TyreSet
+DEFAULT_CAR = 'bmw_545i.yaml'
 
 
 @dataclass(frozen=True)
@@ -179,10 +36,19 @@ class StopParams:
 
 
 @dataclass(frozen=True)
+class PatchParams:
+    """Where the road has another friction: see `road`."""
+
+    corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
+    friction: Annotated[tuple[float, ...], Range(0.05, 2.0, '-')]
+
+
+@dataclass(frozen=True)
 class NodeParams:
     """The plant as a node: config/bmw_545i.yaml."""
 
     friction: Annotated[float, Range(0.05, 2.0, '-')]
+    patches: PatchParams
     tyre_set: str
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
     start: StartParams
@@ -191,15 +57,30 @@ class NodeParams:
 
 
 def config(name: str) -> Path:
-    """Return the path of a file in config/; a name with a folder in it is a path already."""
-    return Path(name) if len(Path(name).parts) > 1 else share.path('vehicle_plant', 'config', name)
+    """Return the path of a file: in config/, or, with a folder in its name, anywhere.
+
+    Raises ParameterError when there is none.
+    """
+    try:
+        path = Path(name) if os.sep in name else share.path('vehicle_plant', 'config', name)
+    except FileNotFoundError as error:
+        raise ParameterError(f'{name}: {error}') from None
+    if not path.is_file():
+        raise ParameterError(f'{name}: there is no such file')
+    return path
+
+
+def tyre(name: str) -> TyreSet:
+    """Read a tyre from a .tir or YAML file found by `config`. Raises ParameterError."""
+    path = config(name)
+    return tir.load(path) if path.suffix.lower() == '.tir' else parameters.load(TyreSet, path)
 
 
 def plant(node: NodeParams) -> PlantParams:
-    """Return the car with the tyre set that it names. Raises ParameterError, FileNotFoundError."""
-    return PlantParams(node.car, parameters.load(TyreSet, config(node.tyre_set)))
+    """Return the car with the tyre that it names. Raises ParameterError."""
+    return PlantParams(node.car, tyre(node.tyre_set))
 
 
 def load(path: Path | None = None) -> PlantParams:
     """Read car and tyre, those of config/bmw_545i.yaml unless told otherwise."""
-    return plant(parameters.load(NodeParams, path or config('bmw_545i.yaml')))
+    return plant(parameters.load(NodeParams, path or config(DEFAULT_CAR)))

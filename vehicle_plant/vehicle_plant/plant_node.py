@@ -1,6 +1,7 @@
 """The plant on ROS 2: commands in; odometry, actuators, imu, wheels and the clock out."""
 
 import sys
+from pathlib import Path
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
@@ -9,7 +10,7 @@ from rclpy.node import Node
 from msgs_yaml import decode, encode, ros, stamp
 from msgs_yaml.checked import DecodeError
 from msgs_yaml.parameters import ParameterError
-from vehicle_plant import health, parameters, starts, stepper
+from vehicle_plant import health, parameters, road, starts, stepper
 from vehicle_plant.ring import Lockstep, Realtime
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, Simulator
@@ -29,8 +30,9 @@ class PlantNode(Node):
         super().__init__(health.NODE)
         self.wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.at_reference = self._declare_start()
-        self.params = ros.declare(self, parameters.NodeParams, parameters.config('bmw_545i.yaml'))
+        self.params = ros.declare(self, parameters.NodeParams, self._declare_car())
         self.plant = parameters.plant(self.params)
+        self.patches = road.of(self.params.patches)
         stepper.library()  # compiles, if need be, before time starts
         self.odometry_pub = ros.fast_publisher(self, '/vehicle/odometry')
         self.actuators_pub = ros.fast_publisher(self, '/vehicle/actuators')
@@ -51,6 +53,13 @@ class PlantNode(Node):
         if chosen not in choices:
             raise ParameterError(f'start.from is {chosen!r}; allowed {" or ".join(choices)}')
         return chosen == 'reference'
+
+    def _declare_car(self) -> Path:
+        about = ParameterDescriptor(
+            description='file of the car: in config/, or a path', read_only=True
+        )
+        name = self.declare_parameter('plant_params', parameters.DEFAULT_CAR, about).value
+        return parameters.config(name)
 
     def every(self, seconds, callback):
         """Return a timer on the wall clock."""
@@ -83,7 +92,7 @@ class PlantNode(Node):
         """Return the car at its start at this time."""
         at_path = starts.from_reference(self.reference) if self.at_reference else None
         start = at_path or starts.from_parameters(self.params.start)
-        return Simulator(self.plant, self.params.friction, start, stamp_ns)
+        return Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
 
     def on_command(self, msg):
         """Hand a command to the drive; one that breaks the contract counts as refused."""

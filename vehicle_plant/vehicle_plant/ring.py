@@ -8,9 +8,10 @@ straight. No ROS, no clock: time is an argument.
 from msgs_yaml.types import Command
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
-from vehicle_plant.track import Track
+from vehicle_plant.track import Track, join
 
 HELD_TICKS = 2
+WATCHED_STEPS = 10  # at once: a look costs as much as two steps
 
 
 class Lockstep:
@@ -55,6 +56,7 @@ class Realtime:
         self.car = car
         self._end = end
         self._last_command_ns = car.stamp_ns
+        self._unwatched: list[Track] = []
         self.gone = False
         self.missed_steps = 0
         self.longest_gap = 1
@@ -82,7 +84,13 @@ class Realtime:
             self.gone = True
             self.car.brake_straight()
         track = self.car.advance(None, due)
-        self.outcome = self._end.watch(track)
+        self._unwatched.append(track)
+        if sum(len(piece.rows) for piece in self._unwatched) >= WATCHED_STEPS:
+            self._watch()
+        return track
+
+    def _watch(self) -> None:
+        self.outcome = self._end.watch(join(self._unwatched))
+        self._unwatched = []
         if self.gone and self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
-        return track

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
-from vehicle_plant import graph, named, stepper
+from vehicle_plant import delay, graph, named, stepper
+from vehicle_plant.delay import DelayLine
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.set_points import Ramp
@@ -31,12 +32,18 @@ class Simulator:
     """The car on a road, in 1 ms steps. The same commands give the same track, bit by bit."""
 
     def __init__(
-        self, params: PlantParams, friction: float, start: Start, stamp_ns: int = START_NS
+        self,
+        params: PlantParams,
+        friction: float,
+        start: Start,
+        stamp_ns: int = START_NS,
+        patches: np.ndarray | None = None,
     ):
         """Put the car at its start: wheels rolling freely, springs at rest, servos at zero.
 
-        friction: road friction over that of the tyre's test surface. Raises ValueError when it is
-        not positive, or the start not finite.
+        friction: road friction over that of the tyre's test surface; patches: where it differs,
+        (k, 13) of `road.patches`. Raises ValueError when friction is not positive, or the start
+        not finite.
         """
         if not 0.0 < friction < np.inf:
             raise ValueError(f'friction is {friction}, allowed are positive numbers')
@@ -45,13 +52,18 @@ class Simulator:
         self._params = params
         self._friction = friction
         self._p = graph.parameter_vector(params, friction)
+        self._patches = patches if patches is not None and len(patches) else None
         held = SetPoints(0.0, 0.0, 0.0)
         self._ramp = Ramp(held)
+        self._delays = DelayLine(delay.of(params.car), held)
         self.gate = Gate(params.car, held, stamp_ns)
         self._stamp_ns = stamp_ns
         self._x = trimmed(params, start)
         derivative, _ = graph.functions()
-        readings = derivative(self._x, np.array(held), self._p)[1]
+        under = self._p
+        if self._patches is not None:
+            under = graph.gripping(self._x, self._p, self._patches)
+        readings = derivative(self._x, np.array(held), under)[1]
         self._row = np.concatenate([self._x, np.asarray(readings).ravel()])
 
     @property
@@ -103,7 +115,8 @@ class Simulator:
         """Advance by that many milliseconds under a new command, or under the last one (None)."""
         if command is not None:
             self.command(command)
-        rows = stepper.advance(self._x, self._ramp.take(steps), self._p)
+        set_points = self._delays.take(self._ramp.take(steps))
+        rows = stepper.advance(self._x, set_points, self._p, patches=self._patches)
         stamps = self._stamp_ns + STEP_NS * np.arange(1, steps + 1, dtype=np.int64)
         if steps:
             self._row = rows[-1].copy()

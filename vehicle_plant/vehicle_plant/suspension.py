@@ -14,7 +14,7 @@ import casadi as ca
 class Corner(NamedTuple):
     """Where a wheel is and how it hangs."""
 
-    axle: Any  # parameters.Axle
+    axle: Any  # car.Axle
     x: Any  # m from the CoG, forward
     y: Any  # m, left
     side: int  # 1 left, -1 right
@@ -70,10 +70,17 @@ def camber(ride, c: Corner):
     return c.axle.camber_per_roll * ride.phi - c.side * c.axle.static_camber_rad
 
 
-def ride_acceleration(ride, body_forces, contact_forces, corners, p):
+def air_lift(planar, body):
+    """Return the upward force of the air on the body at the front and the rear axle [N]."""
+    dynamic_pressure = body.air_density_kgpm3 / 2 * (planar.vx**2 + planar.vy**2)
+    return dynamic_pressure * body.front_lift_area_m2, dynamic_pressure * body.rear_lift_area_m2
+
+
+def ride_acceleration(ride, body_forces, contact_forces, corners, air, p):
     """Return vertical, roll and pitch acceleration of the body.
 
-    body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N].
+    body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N];
+    air: upward [N] per axle.
     """
     body, suspension = p.body, p.suspension
     unsprung = 2 * (suspension.front.unsprung_mass_kg + suspension.rear.unsprung_mass_kg)
@@ -87,7 +94,8 @@ def ride_acceleration(ride, body_forces, contact_forces, corners, p):
     for F, (Fx, Fy), c in zip(body_forces, contact_forces, corners):
         roll += c.y * F + height * Fy
         pitch -= c.x * F + height * Fx
-    lift = sum(body_forces[1:], body_forces[0])
+    pitch -= body.cog_to_front_m * air[0] - body.cog_to_rear_m * air[1]
+    lift = sum(body_forces[1:], body_forces[0]) + air[0] + air[1]
     return lift / sprung, roll / body.roll_inertia_kgm2, pitch / body.pitch_inertia_kgm2
 
 

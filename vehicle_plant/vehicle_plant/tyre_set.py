@@ -1,7 +1,8 @@
 """Coefficients of a Magic Formula 6.1 tyre, named as in Pacejka, Tire and Vehicle Dynamics, 4.3.2.
 
 Coefficients are numbers without unit unless their field says so; the file that holds them names
-its published source.
+its published source. Some ranges only fix a sign: axes are those of ISO, so cornering stiffness is
+negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in its place.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,10 @@ from typing import Annotated
 
 from msgs_yaml.parameters import Range
 
-Number = Annotated[float, Range(-1e3, 1e3, '-')]
+Number = Annotated[float, Range(-1e4, 1e4, '-')]
+Positive = Annotated[float, Range(1e-3, 1e3, '-')]
+Negative = Annotated[float, Range(-1e3, -1e-3, '-')]
+Shape = Annotated[float, Range(0.1, 5.0, '-')]
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Reference:
 class Longitudinal:
     """Pure longitudinal slip."""
 
-    PCX1: Number
+    PCX1: Shape
     PDX1: Number
     PDX2: Number
     PDX3: Number
@@ -32,7 +36,7 @@ class Longitudinal:
     PEX2: Number
     PEX3: Number
     PEX4: Number
-    PKX1: Number
+    PKX1: Positive
     PKX2: Number
     PKX3: Number
     PHX1: Number
@@ -49,7 +53,7 @@ class Longitudinal:
 class Lateral:
     """Pure side slip and camber."""
 
-    PCY1: Number
+    PCY1: Shape
     PDY1: Number
     PDY2: Number
     PDY3: Number
@@ -58,8 +62,8 @@ class Lateral:
     PEY3: Number
     PEY4: Number
     PEY5: Number
-    PKY1: Number
-    PKY2: Number
+    PKY1: Negative
+    PKY2: Positive
     PKY3: Number
     PKY4: Number
     PKY5: Number
@@ -67,6 +71,7 @@ class Lateral:
     PKY7: Number
     PHY1: Number
     PHY2: Number
+    PHY3: Number
     PVY1: Number
     PVY2: Number
     PVY3: Number
@@ -82,10 +87,10 @@ class Lateral:
 class CombinedLongitudinal:
     """Loss of longitudinal force by side slip."""
 
-    RBX1: Number
+    RBX1: Positive
     RBX2: Number
     RBX3: Number
-    RCX1: Number
+    RCX1: Shape
     REX1: Number
     REX2: Number
     RHX1: Number
@@ -95,11 +100,11 @@ class CombinedLongitudinal:
 class CombinedLateral:
     """Loss of lateral force by longitudinal slip, and the side force which that slip induces."""
 
-    RBY1: Number
+    RBY1: Positive
     RBY2: Number
     RBY3: Number
     RBY4: Number
-    RCY1: Number
+    RCY1: Shape
     REY1: Number
     REY2: Number
     RHY1: Number

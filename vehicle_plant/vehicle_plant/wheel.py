@@ -28,6 +28,12 @@ def motion(vx, vy, delta, omega, radius) -> Motion:
     return Motion(Vx, Vy, Vx - omega * radius)
 
 
+def turned(force: tyre.Force, delta):
+    """Return the force on a wheel steered by delta as (Fx, Fy) in vehicle axes."""
+    c, s = ca.cos(delta), ca.sin(delta)
+    return c * force.Fx - s * force.Fy, s * force.Fx + c * force.Fy
+
+
 def _moving(m: Motion, p):
     """Return 0 at standstill, rising smoothly to 1 at the standstill speed."""
     speed = ca.sqrt(m.Vx**2 + m.Vy**2 + m.Vsx**2)
@@ -47,8 +53,10 @@ def slip_rate(wheel, m: Motion, slope: tyre.Stiffness, grip, p):
     shorter = 1 / ca.sqrt(1 + used)
     sigma_x = slope.Kx / p.longitudinal_stiffness_npm * shorter
     sigma_y = -slope.Ky / p.lateral_stiffness_npm * shorter
-    sigma_x = ca.fmax(sigma_x, p.minimum_relaxation_m)
-    sigma_y = ca.fmax(sigma_y, p.minimum_relaxation_m)
+    # a wheel that spins up on ice turns so fast that its lag would leave the integrator's reach
+    shortest = ca.fmax(p.minimum_relaxation_m, V * p.minimum_relaxation_s)
+    sigma_x = ca.fmax(sigma_x, shortest)
+    sigma_y = ca.fmax(sigma_y, shortest)
     return (-m.Vsx - V * wheel.kappa) / sigma_x, (m.Vy - V * wheel.tan_alpha) / sigma_y
 
 

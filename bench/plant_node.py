@@ -1,0 +1,162 @@
+"""The plant's node against the wall clock: CPU, how punctual its 1 kHz timer is, what it misses.
+
+    .venv/bin/python bench/plant_node.py [--seconds 20] [--domain 24] [--json bench/plant_node.json]
+
+A second process drives the node: it sends a command every 50 ms and takes the odometry. The node's
+process notes when each step begins; `deviation` is by how much the time between two differs from
+1 ms. Nothing else should run: every other process shows in the percentiles.
+"""
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from msgs_yaml import decode, encode, ros
+from msgs_yaml.types import Command
+
+NS_PER_MS = 1e6
+TICK_S = 0.05
+CPU_TARGET = 35.0  # % of one core
+DEVIATION_TARGETS_MS = (0.2, 2.0)  # median, 99th percentile
+LATEST_S = 60.0
+
+
+class Driver(Node):
+    """Weaves."""
+
+    def __init__(self, context, mode):
+        super().__init__('controller', context=context)
+        self.declare_parameter('mode', mode)
+        self.raw = None
+        self.pub = ros.publisher(self, '/controller/command')
+        self.sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
+        self.timer = self.create_timer(TICK_S, self.on_tick)
+
+    def on_odometry(self, raw):
+        """Keep the newest state."""
+        self.raw = raw
+
+    def on_tick(self):
+        """Answer the newest state."""
+        if self.raw:
+            stamp_ns = decode.stamp_ns_of(self.raw)
+            steer = 0.03 * math.sin(stamp_ns / 1e9)
+            self.pub.publish(encode.command(Command(stamp_ns, steer, 0.0, 0.0, 300.0)))
+
+
+def inside(out: Path) -> int:
+    """Be the node, and leave behind when its steps began."""
+    from vehicle_plant import plant_node
+
+    on_step = plant_node.RealtimeDrive.on_step
+    begun, cpu, rings, stamps = [], [], [], []
+
+    def noted(drive):
+        begun.append(time.monotonic_ns())
+        cpu.append(time.process_time())
+        rings[:] = [drive.ring]
+        stamps.append(drive.ring.car.stamp_ns)
+        on_step(drive)
+
+    plant_node.RealtimeDrive.on_step = noted
+    exit_code = plant_node.main()
+    (ring,), first_ns = rings, stamps[0]
+    found = {
+        'begun_ns': begun,
+        'cpu_s': cpu[-1] - cpu[0],
+        'missed_steps': ring.missed_steps,
+        'longest_gap': ring.longest_gap,
+        'refused': ring.car.gate.rejected,
+        'driven_ms': (ring.car.stamp_ns - first_ns) / NS_PER_MS,
+    }
+    out.write_text(json.dumps(found))
+    return exit_code
+
+
+def drive(seconds: float, domain: int) -> dict:
+    """Run both processes; return what the node left behind."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, 'steps.json')
+        settings = {'mode': 'realtime', 'start.from': 'parameters', 'stop.time_s': seconds}
+        settings['stop.x_m'] = 10_000.0
+        given = [part for name, value in settings.items() for part in ('-p', f'{name}:={value}')]
+        command = [sys.executable, __file__, '--inside', str(out), '--ros-args', *given]
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        node = Driver(context, 'realtime')
+        executor = EventsExecutor(context=context)
+        executor.add_node(node)
+        plant = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(domain)})
+        try:
+            end = time.monotonic() + seconds + LATEST_S
+            while plant.poll() is None and time.monotonic() < end:
+                executor.spin_until_future_complete(rclpy.task.Future(), timeout_sec=0.2)
+        finally:
+            if plant.poll() is None:
+                plant.terminate()
+            plant.wait(timeout=10)
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+        return json.loads(out.read_text())
+
+
+def figures(found: dict) -> dict[str, float]:
+    """Return what the table shows."""
+    begun = np.array(found['begun_ns']) / NS_PER_MS
+    elapsed_ms = begun[-1] - begun[0]
+    deviation = np.abs(np.diff(begun) - 1.0)
+    return {
+        'cpu_percent_of_a_core': 100 * found['cpu_s'] * 1e3 / elapsed_ms,
+        'deviation_p50_ms': float(np.percentile(deviation, 50)),
+        'deviation_p99_ms': float(np.percentile(deviation, 99)),
+        'deviation_max_ms': float(deviation.max()),
+        'wakeups_per_s': len(begun) / elapsed_ms * 1e3,
+        'missed_steps': found['missed_steps'],
+        'longest_gap_steps': found['longest_gap'],
+        'steps_driven_per_ms': found['driven_ms'] / elapsed_ms,
+        'commands_refused': found['refused'],
+        'seconds': elapsed_ms / 1e3,
+    }
+
+
+def main() -> int:
+    """Print the table and write it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=20.0, help='of driving')
+    parser.add_argument('--domain', type=int, default=24, help='ROS domain')
+    default = Path(__file__).with_suffix('.json')
+    parser.add_argument('--json', type=Path, default=default, help='file to write')
+    parser.add_argument('--inside', type=Path, help=argparse.SUPPRESS)
+    options, _ = parser.parse_known_args()
+    if options.inside:
+        return inside(options.inside)
+    results = figures(drive(options.seconds, options.domain))
+    targets = dict(
+        zip(
+            ('cpu_percent_of_a_core', 'deviation_p50_ms', 'deviation_p99_ms'),
+            (CPU_TARGET, *DEVIATION_TARGETS_MS),
+        )
+    )
+    print(f'{"":<26}{"found":>12}{"target":>10}')
+    for name, value in results.items():
+        target = f'{targets[name]:10.1f}' if name in targets else ''
+        print(f'{name:<26}{value:12.3f}{target}')
+    options.json.write_text(json.dumps(results, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,192 @@
+"""Manoeuvres: what they drive, what they say about the car, what they leave behind."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msgs_yaml.types import Command
+from vehicle_plant import manoeuvre, parameters
+from vehicle_plant.manoeuvres import (
+    analysis,
+    course,
+    linear_single_track,
+    settings,
+    sine_with_dwell,
+    steady_circle,
+    straight_braking,
+)
+from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
+from vehicle_plant.track import join
+
+
+@pytest.fixture(scope='module')
+def results():
+    """Numbers and figure of every manoeuvre on dry road."""
+    case = course.Case(parameters.load(), 1.0, settings.load())
+    return {name: manoeuvre.perform(name, case) for name in MANOEUVRES}
+
+
+def value(results, name, number):
+    return results[name][0][number].value
+
+
+@pytest.mark.parametrize('delay_ms', [0, 70])
+def test_a_run_is_what_a_simulator_makes_of_the_same_commands(delay_ms):
+    plant = parameters.load()
+    late = replace(plant.car.steering, delay_ms=delay_ms)
+    plant = replace(plant, car=replace(plant.car, steering=late))
+    case = course.Case(plant, 0.8, settings.load())
+    run = MANOEUVRES['turn_braking'].runs(case)[2]
+    car = Simulator(case.plant, case.friction, Start(0.0, 0.0, 0.0, run.speed))
+    tracks = []
+    for tick in range(1, round(run.seconds / course.TICK_S) + 1):
+        wanted = run.law(tick * course.TICK_S, car.state.vx)
+        command = Command(car.stamp_ns, wanted.delta, 0.0, wanted.Fxf, wanted.Fxr)
+        tracks.append(car.advance(command, TICK_STEPS))
+    assert car.gate.rejected == 0, car.gate.last_reason
+    expected, found = join(tracks), course.drive(run, case)
+    assert found.rows.tobytes() == expected.rows.tobytes()
+    assert found.stamp_ns.tolist() == expected.stamp_ns.tolist()
+
+
+@pytest.mark.parametrize('name', MANOEUVRES)
+def test_every_number_is_finite_and_every_axis_has_its_unit(results, name):
+    numbers, figure = results[name]
+    assert all(np.isfinite(number.value) for number in numbers.values())
+    shared = {}
+    for axes in figure.axes:
+        assert axes.get_ylabel().endswith(']')
+        column = axes.get_subplotspec().colspan.start
+        shared.setdefault(column, []).append(axes.get_xlabel())
+    for labels in shared.values():
+        assert any(label.endswith(']') for label in labels)
+
+
+def test_car_understeers_and_slides_at_nine_tenths_of_g(results):
+    assert value(results, 'steady_circle', 'understeer_gradient') > 0
+    assert value(results, 'steady_circle', 'greatest_ay') == pytest.approx(0.89 * 9.81, rel=0.05)
+    # 3 to 4.5 degrees of roll at 1 g
+    assert 0.052 < value(results, 'steady_circle', 'roll_gradient') * 9.81 < 0.079
+
+
+def test_steer_for_an_acceleration_is_nearly_that_of_the_single_track():
+    case = course.Case(parameters.load(), 1.0, settings.load())
+    car = linear_single_track.linear_car(case.plant, 1.0)
+    # and more: roll, load transfer, bent tyres, and the lag of the car behind the ramp
+    assert 1.0 < steady_circle.steer_at(case, 25.0, 2.0) / car.steer(2.0, 25.0) < 1.15
+    with pytest.raises(ValueError, match=r'wanted 20\.00'):
+        steady_circle.steer_at(case, 25.0, 20.0)
+
+
+def test_yaw_rate_answers_a_step_before_lateral_acceleration(results):
+    for time in ('rise_time', 'response_time', 'peak_time'):
+        yaw_rate, ay = (value(results, 'step_steer', f'{n}_{time}') for n in ('yaw_rate', 'ay'))
+        assert 0.05 < yaw_rate < ay < 1.0
+    assert 0 < value(results, 'step_steer', 'yaw_rate_overshoot') < 0.3
+    # the gain of the step is that of the slow sine, less what 4 m/s^2 bends the tyres
+    slow = value(results, 'sine_sweep', 'gain_0.1_hz')
+    assert 0.9 * slow < value(results, 'step_steer', 'yaw_rate_gain') < slow
+
+
+def test_braking_distance_is_that_of_the_closed_form(results):
+    assert abs(value(results, 'straight_braking', 'distance_error')) < 2e-3
+    assert value(results, 'straight_braking', 'mean_full_deceleration') == pytest.approx(
+        6, rel=0.02
+    )
+    assert value(results, 'straight_braking', 'creep') < 1e-3
+
+
+def test_closed_form_of_braking_solves_its_equation():
+    form = straight_braking.ClosedForm(M=1900.0, F=9000.0, k=0.4)
+    left = np.linspace(0, float(form.duration(30.0)), 20001)
+    v = form.speed(left)
+    assert v[-1] == pytest.approx(30.0, rel=1e-12)
+    assert np.trapezoid(v, left) == pytest.approx(float(form.distance(30.0)), rel=1e-8)
+    slowing = np.gradient(v, left)[1:-1]
+    assert slowing == pytest.approx((form.F + form.k * v[1:-1] ** 2) / form.M, rel=1e-6)
+
+
+def test_braking_in_a_turn_turns_the_car_in_the_more_the_harder(results):
+    ratios = [value(results, 'turn_braking', f'yaw_rate_ratio_at_{a}') for a in (2, 3, 4, 5)]
+    assert ratios == sorted(ratios)
+    assert ratios[0] > 1
+    assert value(results, 'turn_braking', 'initial_radius') == pytest.approx(100, rel=0.03)
+
+
+def test_dwell_rests_at_the_second_peak_and_ends_straight():
+    f_hz, dwell = 0.7, 0.5
+    t = np.arange(-0.1, 2.2, 1e-3)
+    steer = np.array([sine_with_dwell.waveform(x, f_hz, dwell) for x in t])
+    peak = 0.75 / f_hz
+    assert steer[(t >= peak) & (t <= peak + dwell)] == pytest.approx(-1.0, abs=1e-12)
+    assert steer.max() == pytest.approx(1.0, abs=1e-4)
+    assert not steer[(t < 0) | (t >= 1 / f_hz + dwell)].any()
+    assert np.abs(np.diff(steer)).max() < 2 * np.pi * f_hz * 1.1e-3
+
+
+def test_car_is_agile_enough_and_stable_up_to_five_times_the_unit(results):
+    assert value(results, 'sine_with_dwell', 'passed_up_to') >= 5.0
+    displaced = [
+        value(results, 'sine_with_dwell', f'displacement_at_{a:g}')
+        for a in settings.load().sine_with_dwell.amplitudes
+    ]
+    assert displaced == sorted(displaced)
+
+
+@pytest.mark.parametrize('name', MANOEUVRES)
+def test_ice_can_be_driven_on(name):
+    case = course.Case(parameters.load(), 0.2, settings.load())
+    numbers, _ = manoeuvre.perform(name, case)
+    assert all(np.isfinite(number.value) for number in numbers.values())
+
+
+def test_phasor_finds_amplitude_and_phase_beside_a_drift():
+    t = np.arange(0, 3, 1e-3)
+    y = 0.3 * np.cos(2 * np.pi * t + 0.7) + 5 - 2 * t
+    assert analysis.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
+
+
+def test_reaching_is_interpolated_and_never_is_nan():
+    t = np.array([0.0, 1.0, 2.0])
+    assert analysis.first_reaching(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
+    assert analysis.first_reaching(t, np.array([2.0, 0.0, 4.0]), 1.0) == 0.0
+    assert np.isnan(analysis.first_reaching(t, np.zeros(3), 1.0))
+
+
+def test_command_lists_prints_and_writes(tmp_path, capsys):
+    assert manoeuvre.main(['--list']) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(MANOEUVRES)
+    out = tmp_path / 'new'
+    assert manoeuvre.main(['step_steer', '--friction', '0.7', '--out', str(out)]) == 0
+    printed = capsys.readouterr().out
+    written = json.loads((out / 'step_steer.json').read_text())
+    assert written['friction'] == 0.7
+    assert set(written['numbers']) == {line.split()[0] for line in printed.splitlines()}
+    assert written['numbers']['yaw_rate_gain']['unit'] == '1/s'
+    assert (out / 'step_steer.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_manual_names_every_manoeuvre():
+    manual = (Path(__file__).parents[2] / 'docs' / 'manoeuvres.md').read_text()
+    assert all(f'| `{name}` |' in manual for name in MANOEUVRES)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'line'),
+    [
+        ([], 'which manoeuvre'),
+        (['pirouette'], 'invalid choice'),
+        (['step_steer', '--friction', '0'], 'friction is 0.0'),
+        (['step_steer', '--friction', 'nan'], 'friction is nan'),
+        (['step_steer', '--car', 'none/such.yaml'], 'such.yaml'),
+    ],
+)
+def test_command_refuses_what_it_cannot_drive(arguments, line, capsys):
+    with pytest.raises(SystemExit) as ended:
+        manoeuvre.main(arguments)
+    assert ended.value.code != 0
+    assert line in capsys.readouterr().err

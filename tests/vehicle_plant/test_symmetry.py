@@ -1,0 +1,40 @@
+"""The car has no favourite side: mirrored steering mirrors the motion, in every manoeuvre."""
+
+import numpy as np
+import pytest
+
+from vehicle_plant import named, parameters
+from vehicle_plant.manoeuvres import course, settings
+from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant.state import Readings, State
+
+COLUMNS = (*named.names(State), *named.names(Readings))
+SIDES = {'fl': 'fr', 'fr': 'fl', 'rl': 'rr', 'rr': 'rl'}
+ODD = {'Y', 'psi', 'vy', 'r', 'phi', 'p', 'tan_alpha', 'ay', 'Fy'}  # change sign in a mirror
+LARGE = {'Fz', 'Fx', 'Fy', 'torque', 'front', 'rear'}  # N, N m: thousands
+
+
+def mirrored(name):
+    """Return the name and the sign under which a column appears in the mirror."""
+    parts = name.split('.')
+    odd = parts[-1] in ODD or parts[1] == 'steer'
+    return '.'.join(SIDES.get(part, part) for part in parts), -1 if odd else 1
+
+
+def test_a_mirror_shown_in_a_mirror_is_the_car():
+    for name in COLUMNS:
+        other, sign = mirrored(name)
+        assert other in COLUMNS
+        assert mirrored(other) == (name, sign)
+
+
+@pytest.mark.parametrize('name', MANOEUVRES)
+def test_mirrored_steering_mirrors_every_column(name):
+    case = course.Case(parameters.load(), 1.0, settings.load())
+    for run in MANOEUVRES[name].runs(case):
+        left, right = (course.drive(run, case, side=side) for side in (1, -1))
+        for column in COLUMNS:
+            other, sign = mirrored(column)
+            scale = 1e4 if LARGE & set(column.split('.')) else 1.0
+            difference = np.abs(left.column(column) - sign * right.column(other)).max()
+            assert difference <= 1e-9 * scale, (run.label, column)

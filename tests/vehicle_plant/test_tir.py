@@ -1,0 +1,238 @@
+"""A user's own tyre: property files are read as they are found, and mistakes are named."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from msgs_yaml import parameters as yaml_parameters
+from msgs_yaml.parameters import ParameterError
+from vehicle_plant import parameters, tir, tyre
+from vehicle_plant.tyre import Contact
+
+# the forms that files are written in: comments of both kinds, tabs, small letters, tables, MASS in
+# two sections, a Fortran exponent; the tyre is the example of the book
+TEXT = """\
+! a tyre [not a section] $ nor = this an entry
+$-------------------------------------------------units
+[UNITS]
+LENGTH\t\t\t= 'meter'
+FORCE = 'Newton'
+ANGLE = "radians"
+MASS = 'kg'
+TIME = 'second'
+[MODEL]
+FITTYP = 61   $ Magic Formula 6.1
+TYRESIDE = 'Left'
+[INERTIA]
+MASS = 9.3
+[SHAPE]
+{radial width}
+ 1.0    0.0
+ 0.9   -1.0d0
+
+[vertical]
+fnomin\t=\t4.0D+03   ! nominal load
+[LONGITUDINAL_COEFFICIENTS]
+PCX1 = 1.6
+PDX1 = 1.0
+PDX2 = -0.1
+PKX1 = 16
+RBX1 = 8.3
+RBX2 = 5
+RCX1 = .9
+[LATERAL_COEFFICIENTS]
+PCY1=1.3
+PDY1 = 1 $ no space = no matter
+PDY2 = -5e-002
+PKY1 = -15
+PKY2 = 2
+PKY6 = -1
+RBY1 = 4.9
+RBY2 = 2.2
+RCY1 = 1
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a text as a file of the name my.tir."""
+
+    def load(text):
+        path = tmp_path / 'my.tir'
+        path.write_text(text)
+        return tir.load(path)
+
+    return load
+
+
+def line_of(text, start):
+    return 1 + next(i for i, line in enumerate(text.splitlines()) if line.startswith(start))
+
+
+def forces(tyre_set, bare, mirror=1):
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(20):
+        Fz, kappa, slip, gamma = rng.uniform((1e3, -0.3, -0.3, -0.1), (8e3, 0.3, 0.3, 0.1))
+        c = Contact(Fz, kappa, mirror * slip, mirror * gamma, 1.0, 220e3)
+        F = tyre.force(c, tyre_set, bare)
+        found += [F.Fx, mirror * F.Fy]
+    return np.array(found)
+
+
+def test_property_file_is_the_tyre_of_its_yaml(read):
+    book = parameters.tyre('tyre_book.yaml')
+    # without pressure terms the nominal pressure has no effect
+    assert read(TEXT) == replace(book, reference=replace(book.reference, NOMPRES=200e3))
+
+
+def test_missing_coefficients_have_the_documented_defaults(read):
+    given = {line.split('=')[0].strip().upper() for line in TEXT.splitlines() if '=' in line}
+    values = yaml_parameters.flatten(read(TEXT))
+    missing = {key.rpartition('.')[2]: v for key, v in values.items()}
+    missing = {key: v for key, v in missing.items() if key not in given}
+    assert missing.pop('PKY4') == 2.0
+    assert missing.pop('NOMPRES') == 200e3
+    assert set(missing.values()) == {0.0}
+
+
+@pytest.mark.parametrize(
+    'key', ['FNOMIN', 'PCX1', 'PDX1', 'PKX1', 'RBX1', 'RCX1', 'PKY1', 'PKY2', 'RBY1', 'RCY1']
+)
+def test_missing_needed_key_is_named_with_its_section(read, key):
+    lines = [line for line in TEXT.splitlines() if not line.upper().startswith(key)]
+    axis = 'F' if key == 'FNOMIN' else key[2]
+    section = {'F': 'vertical', 'X': 'LONGITUDINAL', 'Y': 'LATERAL'}[axis]
+    line = line_of('\n'.join(lines), f'[{section}')
+    with pytest.raises(ParameterError, match=rf'my\.tir:{line}: {key}: is missing'):
+        read('\n'.join(lines))
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ("FORCE = 'Newton'", "FORCE = 'pound_force'", "FORCE: unit 'pound_force' is unknown"),
+        ('ANGLE = "radians"', "ANGLE = 'degrees'", 'ANGLE: .* allowed radian'),
+        ('PKY1 = -15', 'PKY1 = 15', 'lateral.PKY1: is out of range with 15.0'),
+        ('PCX1 = 1.6', 'PCX1 = 160', 'longitudinal.PCX1: is out of range with 160.0'),
+        ('PKX1 = 16', 'PKX1 = nan', 'longitudinal.PKX1: must be finite'),
+        ('PKX1 = 16', 'PKX1 = sixteen', "PKX1: 'sixteen' is no number"),
+        ('PKX1 = 16', 'PKX1 =', "PKX1: '' is no number"),
+        ('PDX1 = 1.0', 'PCX1 = 1.0', 'PCX1: is there already, in line'),
+        ('FITTYP = 61', 'FITTYP = 21', 'FITTYP: is 21; allowed 6 or 52 or 61 or 62'),
+        ("TYRESIDE = 'Left'", "TYRESIDE = 'TOP'", "TYRESIDE: is 'TOP'; allowed LEFT"),
+        ('PDX1 = 1.0', 'PDX1 1.0', "'PDX1 1.0' is no section, no KEY = value"),
+        ('RBX1 = 8.3', 'RBX1 = 8.3\nLMUY = -1', 'LMUY: is out of range'),
+        ('RBX1 = 8.3', 'RBX1 = 8.3\nLGAY = 2', 'LGAY: is not supported; allowed 1'),
+        ('RBX1 = 8.3', 'RBX1 = 8.3\nPPX1 = 0.2', 'NOMPRES: is missing, PPX1 needs it'),
+    ],
+)
+def test_mistake_is_named_with_file_line_and_key(read, old, new, message):
+    text = TEXT.replace(old, new)
+    assert text != TEXT
+    line = line_of(text, new.splitlines()[-1])
+    with pytest.raises(ParameterError, match=rf'my\.tir:{line}: {message}'):
+        read(text)
+
+
+def test_file_without_a_formula_is_refused(read):
+    with pytest.raises(ParameterError, match=r'my\.tir:9: FITTYP: is missing'):
+        read(TEXT.replace('FITTYP = 61', '$'))
+
+
+def asymmetric(read, bare, side):
+    values = (
+        'PHY1 = .003\nPHY2 = .001\nPVY1 = .04\nPVY2 = .02\nPVY3 = -.3\nPVY4 = .1\nPEY1 = -1\n'
+        'PEY3 = .2\nPEY4 = -3\nRBY3 = .02\nRVY1 = .05\nRVY2 = .07\nRVY3 = .5\nRVY4 = 12\n'
+        'RVY5 = 1.9\nRVY6 = -10\nPHY3 = .01\nPKY3 = -.02\nPDY3 = 2\nRHX1 = .007\nRHY1 = .009\n'
+    )
+    return read(TEXT.replace("'Left'", f"'{side}'") + values)
+
+
+def test_tyre_measured_on_the_right_is_mirrored(read, bare):
+    """The plant keeps left-hand tyres: the same coefficients of the other side are its mirror."""
+    left, right = (asymmetric(read, bare, side) for side in ('left', 'RIGHT'))
+    assert forces(right, bare) == pytest.approx(forces(left, bare, mirror=-1), rel=1e-12)
+    assert np.abs(forces(right, bare) - forces(left, bare)).max() > 50.0
+
+
+def test_side_is_left_where_the_file_does_not_say(read):
+    assert read(TEXT.replace("TYRESIDE = 'Left'", '!')) == read(TEXT)
+
+
+def test_scaling_factors_of_the_file_are_those_of_the_plant(read, bare):
+    """Pure slip: in combined slip only the car's own factors move the slip of the peak."""
+    rng = np.random.default_rng(11)
+    factors = {f.name: rng.uniform(0.8, 1.2) for f in fields(bare)}
+    factors |= {'LEX': 0.9, 'LEY': 0.9}
+    shifts = 'PHX1 = .01\nPVX1 = .02\nPEX1 = .3\nPHY1 = .01\nPVY1 = .02\nPVY3 = -.3\nPEY1 = -.8\n'
+    lines = ''.join(f'{key} = {value!r}\n' for key, value in factors.items())
+    scaled = read(TEXT + shifts + '[SCALING_COEFFICIENTS]\n' + lines)
+    for slip in ({'kappa': 0.07}, {'tan_alpha': 0.06}):
+        c = Contact(3500.0, 0.0, 0.0, 0.04, 1.0, 220e3)._replace(**slip)
+        by_file = tyre.force(c, scaled, bare)
+        by_car = tyre.force(c, read(TEXT + shifts), type(bare)(**factors))
+        which = 'Fx' if 'kappa' in slip else 'Fy'
+        assert getattr(by_file, which) == pytest.approx(getattr(by_car, which), rel=1e-12)
+
+
+CHRONO = """\
+[MODEL]
+PROPERTY_FILE_FORMAT = 'PAC2002'
+TYRESIDE = 'LEFT'
+[VERTICAL]
+FNOMIN = 4850
+[SCALING_COEFFICIENTS]
+LFZO = 0.81
+[LONGITUDINAL_COEFFICIENTS]
+"""
+
+
+def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
+    published = parameters.tyre('tyre_245_40r18.yaml')
+    lines = [
+        f'{key} = {value!r}\n'
+        for key, value in (
+            (dotted.rpartition('.')[2], value)
+            for dotted, value in yaml_parameters.flatten(published).items()
+        )
+        if key not in ('FNOMIN', 'NOMPRES', 'PKY4', 'PKY6', 'PKY7') and value
+    ]
+    found = yaml_parameters.flatten(read(CHRONO + ''.join(lines)))
+    expected = yaml_parameters.flatten(published) | {'reference.NOMPRES': 200e3}
+    assert found == pytest.approx(expected, rel=1e-12)
+
+
+def test_camber_shift_of_5_2_is_that_of_phy3_alone(read, bare):
+    """Stiffness with camber: Ky PHY3 plus the vertical shift, and nothing of 6.1."""
+    tyre_set = parameters.tyre('tyre_245_40r18.yaml')
+    h, Fz = 1e-5, 4500.0
+    Fy = [
+        tyre.force(Contact(Fz, 0.0, 0.0, s * h, 1.0, 220e3), tyre_set, symmetric(bare)).Fy
+        for s in (-1, 1)
+    ]
+    y = tyre_set.lateral
+    Ky = tyre.stiffness(Contact(Fz, 0.0, 0.0, 0.0, 1.0, 220e3), tyre_set, bare).Ky
+    dfz = Fz / tyre_set.reference.FNOMIN - 1
+    expected = Ky * y.PHY3 + Fz * (y.PVY3 + y.PVY4 * dfz)
+    assert (Fy[1] - Fy[0]) / (2 * h) == pytest.approx(expected, rel=1e-4)
+
+
+def symmetric(bare):
+    return replace(bare, LHX=0.0, LVX=0.0, LHY=0.0, LVY=0.0)
+
+
+def test_property_file_works_wherever_the_yaml_does(tmp_path):
+    path = tmp_path / 'my.tir'
+    path.write_text(TEXT)
+    car = tmp_path / 'car.yaml'
+    text = parameters.config(parameters.DEFAULT_CAR).read_text()
+    car.write_text(text.replace('tyre_205_60r15.yaml', str(path)))
+    assert parameters.load(car).tyre == tir.load(path)
+
+
+def test_tyre_that_is_not_there_is_named(tmp_path):
+    for name in ('nobody.tir', str(tmp_path / 'nobody.tir')):
+        with pytest.raises(ParameterError, match=r'nobody\.tir'):
+            parameters.tyre(name)

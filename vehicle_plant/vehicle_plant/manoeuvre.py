@@ -1,0 +1,80 @@
+"""Drive a standard manoeuvre with the plant: a table, its numbers as JSON, a figure.
+
+manoeuvre NAME [--car FILE] [--friction F] [--out DIR]
+manoeuvre --list
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from msgs_yaml.parameters import ParameterError
+from vehicle_plant import parameters
+from vehicle_plant.manoeuvres import course, settings
+from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant.manoeuvres.course import Case, Number
+
+
+def perform(name: str, case: Case) -> tuple[dict[str, Number], Figure]:
+    """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
+    manoeuvre = MANOEUVRES[name]
+    runs = manoeuvre.runs(case)
+    tracks = [course.drive(run, case) for run in runs]
+    return manoeuvre.numbers(case, runs, tracks), manoeuvre.draw(case, runs, tracks)
+
+
+def table(numbers: dict[str, Number]) -> str:
+    """Return one line per number: name, value, unit, meaning."""
+    width = max(map(len, numbers))
+    unit = max(len(n.unit) for n in numbers.values())
+    return '\n'.join(
+        f'{name:<{width}}  {n.value:12.6g}  {n.unit:<{unit}}  {n.meaning}'
+        for name, n in numbers.items()
+    )
+
+
+def record(name: str, friction: float, numbers: dict[str, Number]) -> str:
+    """Return the numbers as JSON text; a value that does not exist is null."""
+    values = {
+        key: n._asdict() | {'value': n.value if n.value == n.value else None}
+        for key, n in numbers.items()
+    }
+    return json.dumps({'manoeuvre': name, 'friction': friction, 'numbers': values}, indent=2) + '\n'
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    parser = argparse.ArgumentParser(prog='manoeuvre', description=__doc__.splitlines()[0])
+    parser.add_argument('name', nargs='?', choices=MANOEUVRES, metavar='NAME', help='see --list')
+    parser.add_argument('--list', action='store_true', help='list the manoeuvres')
+    parser.add_argument('--car', type=Path, help='YAML file of the car, the BMW 545i by default')
+    parser.add_argument('--friction', type=float, default=1.0, help='road friction scale')
+    parser.add_argument('--out', type=Path, help='folder for NAME.json and NAME.png')
+    options = parser.parse_args(arguments)
+    if options.list:
+        for name, manoeuvre in MANOEUVRES.items():
+            print(f'{name:<18}{manoeuvre.about}')
+        return 0
+    if options.name is None:
+        parser.error('which manoeuvre? --list names them')
+    if not 0.0 < options.friction <= 2.0:
+        parser.error(f'friction is {options.friction}, allowed 0 to 2')
+    try:
+        case = Case(parameters.load(options.car), options.friction, settings.load())
+        numbers, figure = perform(options.name, case)
+    except (ParameterError, FileNotFoundError, ValueError) as error:
+        parser.exit(1, f'manoeuvre: {error}\n')
+    print(table(numbers))
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        path = options.out / options.name
+        path.with_suffix('.json').write_text(record(options.name, options.friction, numbers))
+        figure.savefig(path.with_suffix('.png'), dpi=100, metadata={'Software': None})
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Standard open-loop manoeuvres of the plant, and the closed forms that they are held against."""

@@ -1,0 +1,155 @@
+"""Steady-state circle, ISO 4138: constant speed, steer that increases slowly until the car slides.
+
+Understeer gradient: slope of delta - L r / V over lateral acceleration.
+"""
+
+from functools import partial
+from math import degrees
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from vehicle_plant.circle import axles
+from vehicle_plant.manoeuvres import analysis, course, linear_single_track
+from vehicle_plant.manoeuvres.course import Case, Number, Run
+from vehicle_plant.manoeuvres.linear_single_track import LinearCar
+from vehicle_plant.state import SetPoints
+from vehicle_plant.track import Track
+
+SLIDING = 0.98  # of the greatest lateral acceleration so far: it will not come back
+
+
+def ramp(case: Case, speed: float) -> Run:
+    """Return the run at any speed [m/s]."""
+    p, settle = case.settings.steady_circle, case.settings.settle_s
+    hold = course.holding(case, speed)
+
+    def law(t, vx):
+        steer = np.clip((t - settle) * p.steer_rate_radps, 0.0, p.last_steer_rad)
+        return SetPoints(float(steer), *hold(vx))
+
+    seconds = settle + p.last_steer_rad / p.steer_rate_radps
+    return Run(f'{speed:.1f} m/s', speed, seconds, law)
+
+
+def steer_at(case: Case, speed: float, ay: float) -> float:
+    """Return the road-wheel angle for a lateral acceleration at a speed, off such a run [rad].
+
+    Raises ValueError when the car does not reach it.
+    """
+    track = course.drive(ramp(case, speed), case)
+    gripping = _gripping(case, track)
+    reached = track.column('acceleration.ay')[gripping]
+    if reached.max() < ay:
+        raise ValueError(f'{reached.max():.2f} m/s^2 at {speed:.1f} m/s, wanted {ay:.2f} m/s^2')
+    steer = track.column('servos.steer.position')[gripping]
+    return float(np.interp(ay, np.maximum.accumulate(reached), steer))
+
+
+def _gripping(case: Case, track: Track) -> slice:
+    """Return the rows from the beginning of steer until the car slides or spins."""
+    begin = round(case.settings.settle_s * analysis.MS_PER_S)
+    ay = track.column('acceleration.ay')
+    most = np.maximum.accumulate(ay)
+    linear = case.scaled(case.settings.steady_circle.fit_to_mps2)
+    sliding = np.flatnonzero((most > linear) & (ay < SLIDING * most))
+    end = sliding[0] if len(sliding) else len(ay)
+    return slice(begin, begin + int(np.argmax(ay[begin:end])) + 1)
+
+
+def runs(case: Case) -> tuple[Run, ...]:
+    """Return the one run."""
+    return (ramp(case, case.settings.steady_circle.speed_mps),)
+
+
+class Points(NamedTuple):
+    """The manoeuvre until the car slides, (n,) each."""
+
+    ay: np.ndarray  # m/s^2
+    steer: np.ndarray  # rad
+    extra: np.ndarray  # rad, steer beyond that of the radius, L r / V
+    vx: np.ndarray  # m/s
+    beta: np.ndarray  # rad, side slip at the CoG
+    phi: np.ndarray  # rad, roll
+
+
+def _points(case: Case, track: Track) -> Points:
+    gripping = _gripping(case, track)
+    vx, vy, r, ay, steer, phi = (
+        track.column(name)[gripping]
+        for name in (
+            'planar.vx',
+            'planar.vy',
+            'planar.r',
+            'acceleration.ay',
+            'servos.steer.position',
+            'ride.phi',
+        )
+    )
+    wheelbase = linear_single_track.linear_car(case.plant, case.friction).wheelbase
+    return Points(ay, steer, steer - wheelbase * r / vx, vx, np.arctan2(vy, vx), phi)
+
+
+def _closed_forms(car: LinearCar, V: float) -> tuple[float, float]:
+    """Return the understeer gradient of the single track and that with roll and load transfer."""
+    still = np.zeros(1)
+    body = linear_single_track.yaw_rate_response(car, V, still, body=True)[0].real
+    # r / delta = V / (L + K V^2)
+    return car.understeer, 1 / (V * body) - car.wheelbase / V**2
+
+
+def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+    """Return gradients in the linear range and the limit."""
+    (track,), p = tracks, case.settings.steady_circle
+    low, high = case.scaled(p.fit_from_mps2), case.scaled(p.fit_to_mps2)
+    points = _points(case, track)
+    car = linear_single_track.linear_car(case.plant, case.friction)
+    closed = _closed_forms(car, p.speed_mps)
+    slope = partial(analysis.slope, points.ay, low=low, high=high)
+    K = slope(points.extra)
+    gradient = 'rad/(m/s^2)'
+    return {
+        'understeer_gradient': Number(K, gradient, 'of the plant in the linear range'),
+        'understeer_gradient_single_track': Number(closed[0], gradient, 'm/L (l_r/C_f - l_f/C_r)'),
+        'understeer_gradient_with_body': Number(closed[1], gradient, 'and roll, load transfer'),
+        'characteristic_speed': Number(
+            float(np.sqrt(car.wheelbase / K)) if K > 0 else np.nan, 'm/s', 'sqrt(L / K)'
+        ),
+        'sideslip_gradient': Number(slope(points.beta), gradient, 'at the CoG'),
+        'roll_gradient': Number(slope(points.phi), gradient, 'of the body'),
+        'greatest_ay': Number(float(points.ay.max()), 'm/s^2', 'lateral acceleration at the limit'),
+        'slowest': Number(float(points.vx.min()), 'm/s', 'until then'),
+    }
+
+
+def draw(case: Case, _, tracks: list[Track]) -> Figure:
+    """Return handling diagram, attitude and axle slip."""
+    (track,), p = tracks, case.settings.steady_circle
+    points, gripping = _points(case, track), _gripping(case, track)
+    ay = points.ay
+    car = linear_single_track.linear_car(case.plant, case.friction)
+    figure = Figure(figsize=(12, 4), layout='constrained')
+    left, middle, right = figure.subplots(1, 3)
+    left.plot(ay, np.degrees(points.steer), label='steer')
+    left.plot(ay, np.degrees(points.extra), label='steer - L r / V')
+    line = np.array([0.0, 0.4 * ay.max()])
+    K, K_body = _closed_forms(car, p.speed_mps)
+    left.plot(line, degrees(K) * line, 'k:', label='linear single track')
+    left.plot(line, degrees(K_body) * line, 'k--', label='and roll, load transfer')
+    left.set_ylabel('road-wheel angle [deg]')
+    middle.plot(ay, np.degrees(points.phi), label='roll')
+    middle.plot(ay, np.degrees(points.beta), label='side slip of the CoG')
+    middle.set_ylabel('angle [deg]')
+    for name, axle in zip(('front', 'rear'), axles(track, case.plant)):
+        right.plot(ay, -np.degrees(axle.alpha[gripping]), label=f'{name} axle')
+    right.set_ylabel('slip angle, to the right [deg]')
+    for axes in (left, middle, right):
+        axes.set_xlabel('lateral acceleration [m/s²]')
+        axes.axvspan(0, case.scaled(p.fit_to_mps2), alpha=0.1, label='linear range')
+        axes.legend()
+        axes.grid()
+    figure.suptitle(
+        f'Steady-state circle (ISO 4138) at {p.speed_mps:.1f} m/s, friction {case.friction:g}'
+    )
+    return figure

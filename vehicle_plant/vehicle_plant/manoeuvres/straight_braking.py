@@ -1,0 +1,150 @@
+"""Straight-line braking to standstill with constant brake forces below the limit (no ABS).
+
+Closed form: M v' = -(F + k v^2), F = brakes and rolling resistance, k = drag, M = mass with the
+wheels' spin inertia J / R^2, hence from v to standstill s = M / (2 k) ln(1 + k v^2 / F) and
+t = M / sqrt(F k) atan(v sqrt(k / F)). The mean fully developed deceleration is that of UN R13-H:
+from 80 to 10 % of the initial speed.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from msgs_yaml.types import WHEELS
+from vehicle_plant.manoeuvres import analysis, course
+from vehicle_plant.manoeuvres.course import Case, Number, Run
+from vehicle_plant.state import SetPoints
+from vehicle_plant.track import Track
+
+FULL_FROM, FULL_TO = 0.8, 0.1  # of the initial speed
+SETTLED = 0.99  # of the brake force
+
+
+class ClosedForm(NamedTuple):
+    """Constants of the equation."""
+
+    M: float  # kg
+    F: float  # N
+    k: float  # N/(m/s)^2
+
+    def distance(self, v):
+        """Return the distance to standstill [m]."""
+        return self.M / (2 * self.k) * np.log1p(self.k * v**2 / self.F)
+
+    def duration(self, v):
+        """Return the time to standstill [s]."""
+        return self.M / np.sqrt(self.F * self.k) * np.arctan(v * np.sqrt(self.k / self.F))
+
+    def speed(self, left):
+        """Return the speed with so much time left to standstill [m/s]."""
+        angle = np.clip(left, 0, None) * np.sqrt(self.F * self.k) / self.M
+        return np.sqrt(self.F / self.k) * np.tan(angle)
+
+
+def brake_forces(case: Case, deceleration: float, front_share: float) -> tuple[float, float]:
+    """Return the axle forces for a deceleration [N], negative."""
+    total = -case.plant.car.body.mass_kg * case.scaled(deceleration)
+    return front_share * total, (1 - front_share) * total
+
+
+def closed_form(case: Case) -> ClosedForm:
+    """Return the constants for this case."""
+    p, car = case.settings.straight_braking, case.plant.car
+    body, wheel = car.body, car.wheel
+    brakes = -sum(brake_forces(case, p.deceleration_mps2, p.front_share))
+    return ClosedForm(
+        M=body.mass_kg + len(WHEELS) * wheel.spin_inertia_kgm2 / wheel.radius_m**2,
+        F=brakes + course.resistances(car, 0.0),
+        k=body.air_density_kgpm3 / 2 * body.drag_area_m2,
+    )
+
+
+def runs(case: Case) -> tuple[Run, ...]:
+    """Return the one run; it lasts until the car has stood for a while."""
+    p, settle = case.settings.straight_braking, case.settings.settle_s
+    forces = brake_forces(case, p.deceleration_mps2, p.front_share)
+    hold = course.holding(case, p.speed_mps)
+
+    def law(t, vx):
+        return SetPoints(0.0, *(forces if t > settle else hold(vx)))
+
+    seconds = settle + max(p.seconds, 1.5 * float(closed_form(case).duration(p.speed_mps)))
+    return (Run(f'{case.scaled(p.deceleration_mps2):g} m/s²', p.speed_mps, seconds, law),)
+
+
+def _settled(case: Case, track: Track) -> int:
+    """Return the row from which the brakes are fully on."""
+    p = case.settings.straight_braking
+    front, rear = brake_forces(case, p.deceleration_mps2, p.front_share)
+    force = track.column('servos.front.position') + track.column('servos.rear.position')
+    return int(np.flatnonzero(force > SETTLED * (front + rear))[-1]) + 1
+
+
+def _stopped(track: Track) -> int:
+    """Return the row at which the car first stands."""
+    return int(np.flatnonzero(track.column('planar.vx') <= 0)[0])
+
+
+def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+    """Return distances of the plant and of the closed form, and the deceleration."""
+    (track,), p, settle = tracks, case.settings.straight_braking, case.settings.settle_s
+    t, X, vx = course.times(track), track.column('planar.X'), track.column('planar.vx')
+    begin, full, end = round(settle * analysis.MS_PER_S), _settled(case, track), _stopped(track)
+    form = closed_form(case)
+    high, low = FULL_FROM * p.speed_mps, FULL_TO * p.speed_mps
+    passed = [float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low)]
+    distance, expected = X[end] - X[full], float(form.distance(vx[full]))
+    last = vx[t > t[-1] - settle]
+    return {
+        'stopping_distance': Number(float(X[end] - X[begin]), 'm', 'from the brake command'),
+        'stopping_time': Number(float(t[end] - t[begin]), 's', 'from the brake command'),
+        'full_braking_distance': Number(float(distance), 'm', 'from the full brake force'),
+        'full_braking_closed_form': Number(expected, 'm', 'M / (2 k) ln(1 + k v^2 / F)'),
+        'distance_error': Number(float(distance / expected - 1), '-', 'plant over closed form'),
+        'mean_full_deceleration': Number(
+            (high**2 - low**2) / (2 * (passed[1] - passed[0])), 'm/s^2', '80 to 10 % of the speed'
+        ),
+        'creep': Number(float(np.abs(last).max()), 'm/s', 'speed left while standing'),
+        'greatest_slip': Number(
+            float(max(-track.column(f'wheels.{w}.kappa')[full:end].min() for w in WHEELS)),
+            '-',
+            'of any wheel',
+        ),
+    }
+
+
+def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
+    """Return speed, deceleration, wheel slip and loads over time."""
+    (track,), settle = tracks, case.settings.settle_s
+    t = course.times(track) - settle
+    full = _settled(case, track)
+    form = closed_form(case)
+    vx = track.column('planar.vx')
+    left = float(form.duration(vx[full])) - (t - t[full])
+    closed = form.speed(left)
+    figure = Figure(figsize=(11, 7), layout='constrained')
+    (speed, slowing), (slip, load) = figure.subplots(2, 2, sharex=True)
+    speed.plot(t, vx, label='plant')
+    speed.plot(t[full:], closed[full:], 'k--', label='closed form, full brakes')
+    speed.set_ylabel('speed [m/s]')
+    slowing.plot(t, -track.column('acceleration.ax'), label='plant')
+    moving = (left > 0) & (np.arange(len(t)) >= full)
+    expected = (form.F + form.k * closed**2) / form.M
+    slowing.plot(t[moving], expected[moving], 'k--', label='closed form')
+    slowing.set_ylabel('deceleration [m/s²]')
+    for w in WHEELS[::2]:
+        slip.plot(t, 100 * track.column(f'wheels.{w}.kappa'), label=w)
+        load.plot(t, track.column(f'loads.{w}.Fz') / 1e3, label=w)
+    slip.set_ylabel('longitudinal slip [%]')
+    load.set_ylabel('wheel load [kN]')
+    for axes in (speed, slowing, slip, load):
+        axes.grid()
+        axes.legend()
+    for axes in (slip, load):
+        axes.set_xlabel('time since the brake command [s]')
+    speed.set_xlim(-settle / 2, t[-1])
+    figure.suptitle(
+        f'Straight braking with {chosen[0].label} without ABS, friction {case.friction:g}'
+    )
+    return figure
