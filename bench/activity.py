@@ -1,0 +1,53 @@
+"""Which priorities and limits are active in a plan: is a set of problems worth solving?"""
+
+import numpy as np
+from problems import Problems
+
+from mpcc_controller import mpcc_ocp
+from mpcc_controller.insight import Insight
+from mpcc_controller.mpcc_ocp import Limited
+from mpcc_controller.shooting import Plan, StageProblem
+from mpcc_controller.single_track import Input, State
+
+NEAR = 1e-3  # of the scale of the limit: so near counts as active
+FRICTION = ('front', 'rear', 'total')
+DEMANDING = ('obstacle', 'edge', 'friction')
+ACTUATORS = ('delta', 'Fx', 'd_delta', 'd_Fx', 'lambda_b')
+KINDS = (*DEMANDING, 'track', 'speed', 'actuator')
+
+
+def of(problem: StageProblem, problems: Problems, circles: int, obstacles: int) -> dict:
+    """Return a mask (n,) per kind: active at one stage of the driven plan, or more."""
+    insight = Insight(mpcc_ocp.template(circles, obstacles))
+    found = [_of_one(problem, insight, problems, k) for k in range(len(problems.x0))]
+    return {kind: np.array([kind in active for active in found]) for kind in KINDS}
+
+
+def demanding(active: dict) -> np.ndarray:
+    """Return the mask (n,) of the problems with an active obstacle, edge or friction limit."""
+    return np.any([active[kind] for kind in DEMANDING], axis=0)
+
+
+def _of_one(problem, insight, problems, k):
+    plan, P = Plan(problems.driven_X[k], problems.driven_U[k]), problems.P[k]
+    terms = insight.of(plan, P).terms
+    active = {kind for kind, term in (('obstacle', terms.v2o), ('edge', terms.v2e)) if term.any()}
+    bounds = problems.bounds_of(k)
+    g = Limited(*problem.constraints(plan.X[:-1].T, plan.U.T, P[:-1].T).full())
+    low, high = Limited(*bounds.g_low.T), Limited(*bounds.g_high.T)
+    reached = {n: _reached(v, a, b, 1) for n, v, a, b in zip(g._fields, g, low, high)}
+    active |= {name for name in ('track', 'speed') if reached[name]}
+    if any(reached[name] for name in FRICTION):
+        active.add('friction')
+    x_low, x_high = State(*bounds.x_low[1:].T), State(*bounds.x_high[1:].T)
+    u_low, u_high = Input(*bounds.u_low.T), Input(*bounds.u_high.T)
+    values = State(*plan.X[1:].T)._asdict() | Input(*plan.U.T)._asdict()
+    lows, highs = x_low._asdict() | u_low._asdict(), x_high._asdict() | u_high._asdict()
+    scale = dict(zip(problem.states, problem.scale_x)) | dict(zip(problem.inputs, problem.scale_u))
+    if any(_reached(values[n], lows[n], highs[n], scale[n]) for n in ACTUATORS):
+        active.add('actuator')
+    return active
+
+
+def _reached(values, low, high, scale):
+    return bool(np.any((values - low < NEAR * scale) | (high - values < NEAR * scale)))

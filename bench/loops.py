@@ -1,0 +1,110 @@
+"""The closed loops whose problems are solved, and how one is driven. In process, without ROS."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+from bags import closed_loop
+from mpcc_controller import car_file
+from mpcc_controller.controller import Controller
+from mpcc_controller.parameters import ControllerParams
+from msgs_yaml import parameters, ring, share
+from msgs_yaml.stamp import NS_PER_S
+from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
+from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.ring import Lockstep
+from vehicle_plant.run_end import RunEnd
+from vehicle_plant.simulator import Simulator, Start
+
+SCENARIOS = Path(__file__).parent / 'scenarios'
+RECORDING_SOLVER = 'fatrop'
+KPH = 1 / 3.6  # m/s
+
+
+class Loop(NamedTuple):
+    """One closed loop, and which of its ticks are kept."""
+
+    name: str
+    scenario: str  # a name of scenario_publisher, or a file in bench/scenarios
+    controller: str  # a file in mpcc_controller/config
+    speed: float | None  # m/s, instead of the scenario's
+    ticks: range
+
+
+ALL = range(10**6)
+SWERVE = range(125)  # until the last obstacle is passed
+FULL = (
+    Loop('double lane change, 68 km/h', 'double_lane_change', 'mpcc', 68 * KPH, SWERVE),
+    Loop('double lane change, 75 km/h', 'double_lane_change', 'mpcc', 75 * KPH, SWERVE),
+    Loop('double lane change, 80 km/h', 'double_lane_change', 'mpcc', 80 * KPH, SWERVE),
+    # around the obstacle: the rest of the lap is the same again and again
+    Loop('circle', 'circle_20m', 'mpcc', None, range(70, 120)),
+    Loop('circle, no collision avoidance', 'circle_20m', 'mpcc_no_ca', None, range(70, 120)),
+    Loop('pop-up obstacles', 'pop_up.yaml', 'mpcc', None, range(10, 190)),
+    Loop('moving obstacles', 'narrow_road.yaml', 'mpcc', None, range(160)),
+    Loop('wet road', 'wet_road.yaml', 'mpcc', None, ALL),
+)
+# a few ticks of some, where something happens
+QUICK = (
+    FULL[1]._replace(ticks=range(20, 45)),
+    FULL[3]._replace(ticks=range(90, 95)),
+    FULL[4]._replace(ticks=range(90, 95)),
+    FULL[5]._replace(ticks=range(15, 30)),
+    FULL[7]._replace(ticks=range(40, 50)),
+)
+
+
+class Tick(NamedTuple):
+    """One tick of a loop, after the controller's step."""
+
+    number: int
+    controller: Controller
+
+
+def controller_params(name: str) -> ControllerParams:
+    """Return the parameters of a controller that comes with the package."""
+    return parameters.load(
+        ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
+    )
+
+
+def with_solver(params: ControllerParams, name: str, **others) -> ControllerParams:
+    """Return the parameters with another solver, and its other settings where given."""
+    return replace(params, solver=replace(params.solver, name=name, **others))
+
+
+def load_scenario(name: str, speed: float | None) -> Scenario:
+    """Return a scenario by name or from bench/scenarios, driven at another speed where given."""
+    scn = scenario.load(SCENARIOS / name if name.endswith(scenario.SUFFIX) else name)
+    if speed is None:
+        return scn
+    document = yaml.safe_load(scn.text)
+    document['speed'] = {'constant_mps': float(speed)}
+    return scenario.parse(yaml.safe_dump(document), f'{name} at {speed:.2f} m/s')
+
+
+def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
+    """Drive a scenario to its end, as `bags.closed_loop.run`, and stop to look at every tick."""
+    car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
+    plant_side = Lockstep(car, RunEnd(closed_loop.stop_params(scn), car.now))
+    controller.reset(car.actuators)
+    controller.set_reference(ring.reference(scn.reference))
+    controller.set_edges(scn.edges)
+    number = 0
+    while not plant_side.outcome:
+        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
+        controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
+        command, _, _ = controller.step(ring.odometry(car.state))
+        yield Tick(number, controller)
+        plant_side.tick(command)
+        number += 1
+
+
+def make_controller(params: ControllerParams, friction: float) -> Controller:
+    """Return a controller of the car that its parameters name; it knows the road's friction."""
+    params = replace(params, model=replace(params.model, friction=friction))
+    return Controller(params, car_file.load(params))

@@ -1,0 +1,120 @@
+"""Solve every problem with every solver, in turn: a busy machine slows all of them alike."""
+
+import gc
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from problems import Problems
+
+from mpcc_controller import guess
+from mpcc_controller.ladder import Ladder
+from mpcc_controller.parameters import Fallback
+from mpcc_controller.shooting import Bounds, Plan, StageProblem
+from mpcc_controller.single_track import State
+from mpcc_controller.solver import StageSolver
+
+FIRST, WARM, COLD, POP_UP = 'first', 'warm', 'cold', 'pop-up'
+
+
+class Task(NamedTuple):
+    """One solve: the arguments of StageSolver.solve, and what kind of start it has.
+
+    FIRST is the first of a loop, which has no plan to start from; WARM has one; COLD could have one
+    but must do without; POP_UP has one, but an obstacle has appeared.
+    """
+
+    kind: str
+    x0: np.ndarray
+    P: np.ndarray
+    bounds: Bounds
+    start: Plan
+
+
+class Answer(NamedTuple):
+    """What a solver makes of a task; its own word on cost and residual is not kept."""
+
+    plan: Plan
+    iterations: int
+    message: str
+
+
+class Race(NamedTuple):
+    """What came of a race; `seconds` by label, (passes, tasks)."""
+
+    tasks: dict[str, list[Task]]
+    answers: dict[str, list[Answer]]
+    seconds: dict[str, np.ndarray]
+
+
+def tasks(
+    problem: StageProblem, problems: Problems, rules: Fallback, solver: StageSolver, cold_every: int
+) -> list[Task]:
+    """Return the tasks of one solver: its own plans, moved on as in the controller, start them.
+
+    Every `cold_every`-th problem is to be solved from a cold start as well.
+    """
+    warm = _chain(problem, problems, rules, solver)
+    cold = [
+        Task(
+            COLD, problems.x0[k], problems.cold_P[k], problems.bounds_of(k), problems.cold_start(k)
+        )
+        for k in range(0, len(warm), cold_every)
+    ]
+    pop_up = [
+        warm[k]._replace(kind=POP_UP, P=P)
+        for k, P in zip(problems.pop_up, problems.pop_up_P)
+        if warm[k].kind == WARM
+    ]
+    return warm + cold + pop_up
+
+
+def _chain(problem, problems, rules, solver):
+    """Solve the problems in their order; what the ladder would drive starts the next one."""
+    made, ladder = [], None
+    for k, x0 in enumerate(problems.x0):
+        if not problems.continues(k):
+            ladder = Ladder(rules)
+        moved_on = None
+        if ladder.plan is not None:
+            moved_on = guess.moved_on(ladder.plan, problems.P[k - 1], problem.dynamics, State(*x0))
+        kind = WARM if problems.continues(k) else FIRST
+        P, start = problems.P[k], moved_on
+        if not ladder.is_warm:
+            P, start = problems.cold_P[k], problems.cold_start(k)
+        task = Task(kind, x0, P, problems.bounds_of(k), start)
+        ladder.decide(solver.solve(*task[1:]), moved_on)
+        made.append(task)
+    return made
+
+
+def run(
+    solvers: dict[str, StageSolver],
+    given: dict[str, list[Task]],
+    passes: int,
+    report: Callable[[], None],
+) -> Race:
+    """Solve all tasks `passes` times, the solvers in turn; call `report` after every task."""
+    count = len(next(iter(given.values())))
+    seconds = {label: np.full((passes, count), np.nan) for label in solvers}
+    answers = {label: [None] * count for label in solvers}
+    order = list(solvers)
+    gc.collect()
+    gc.disable()
+    try:
+        for a_pass in range(passes):
+            for j in range(count):
+                # nobody always runs behind the same one, on the caches that this one leaves
+                order = order[1:] + order[:1]
+                for label in order:
+                    arguments = given[label][j][1:]
+                    began = time.perf_counter()
+                    solution = solvers[label].solve(*arguments)
+                    seconds[label][a_pass, j] = time.perf_counter() - began
+                    plan = Plan(solution.plan.X, solution.plan.U)
+                    answers[label][j] = Answer(plan, solution.iterations, solution.message)
+                report()
+    finally:
+        gc.enable()
+    return Race(given, answers, seconds)

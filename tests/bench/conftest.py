@@ -1,0 +1,97 @@
+"""The benchmark's modules, and small problems for them: nothing here needs a compiler."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+BENCH = Path(__file__).parents[2] / 'bench'
+sys.path.insert(0, str(BENCH))
+
+import loops  # noqa: E402
+import problems  # noqa: E402
+from loops import Loop  # noqa: E402
+
+from mpcc_controller import mpcc_ocp  # noqa: E402
+from mpcc_controller.shooting import Bounds, StageProblem  # noqa: E402
+
+HORIZON = 10
+LOOPS = (
+    Loop('swerve', 'double_lane_change', 'mpcc', None, range(55, 62)),
+    Loop('pop-up', 'pop_up.yaml', 'mpcc', None, range(17, 24)),
+)
+
+
+def small(name):
+    """Return a controller with a short horizon and interpreted functions."""
+    params = loops.controller_params(name)
+    model = replace(params.model, horizon=HORIZON)
+    return replace(params, model=model, solver=replace(params.solver, compiled=False))
+
+
+@pytest.fixture(scope='session', name='small')
+def small_params():
+    return small
+
+
+@pytest.fixture(scope='session')
+def driven_loops():
+    return LOOPS
+
+
+@pytest.fixture(scope='session')
+def params():
+    return small('mpcc')
+
+
+@pytest.fixture(scope='session')
+def problem(params):
+    return mpcc_ocp.build(HORIZON, params.model.step_s, 1, params.surroundings.max_obstacles)
+
+
+@pytest.fixture(scope='session')
+def recorded():
+    return problems.record(LOOPS, small)
+
+
+def two_wells():
+    """A point that may be pushed into one of two wells, at x = -1 and, a little deeper, x = 1."""
+    x, u, p = ca.SX.sym('x'), ca.SX.sym('u'), ca.SX.sym('p')
+    well = p * (x**2 - 1) ** 2 + 1 - 0.1 * x
+    return StageProblem(
+        name='two_wells',
+        states=('x',),
+        inputs=('u',),
+        parameters=('depth',),
+        horizon=4,
+        dynamics=ca.Function('dynamics', [x, u, p], [x + u]),
+        stage_cost=ca.Function('stage_cost', [x, u, p], [0.01 * u**2]),
+        terminal_cost=ca.Function('terminal_cost', [x, p], [well]),
+        constraints=ca.Function('constraints', [x, u, p], [u - x]),
+        terminal_constraints=ca.Function('terminal_constraints', [x, p], [x]),
+        scale_x=(1.0,),
+        scale_u=(2.0,),
+    )
+
+
+@pytest.fixture(scope='session')
+def wells():
+    return two_wells()
+
+
+@pytest.fixture
+def limits():
+    wide = np.full((4, 1), 3.0)
+    return Bounds(
+        x_low=np.full((5, 1), -2.0),
+        x_high=np.full((5, 1), 2.0),
+        u_low=-wide,
+        u_high=wide,
+        g_low=-2 * wide,
+        g_high=2 * wide,
+        h_low=np.array([-2.0]),
+        h_high=np.array([2.0]),
+    )

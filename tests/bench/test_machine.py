@@ -1,0 +1,39 @@
+"""The machine is named, and one core of it is used."""
+
+import os
+
+import machine
+import pytest
+
+
+@pytest.fixture
+def cores():
+    before = os.sched_getaffinity(0)
+    yield before
+    os.sched_setaffinity(0, before)
+
+
+def test_the_machine_is_named():
+    facts = machine.named()
+    assert all(str(value).strip() for value in facts.values())
+    assert facts['cores'] >= 1
+    assert facts['casadi'][0].isdigit()
+
+
+def test_pinning_leaves_one_core(cores):
+    said = machine.pin()
+    assert os.sched_getaffinity(0) == {max(cores)}
+    assert said == f'core {max(cores)}'
+
+
+def test_a_machine_that_does_not_pin_says_so(monkeypatch):
+    def refuse(*_):
+        raise PermissionError('not allowed')
+
+    monkeypatch.setattr(os, 'sched_setaffinity', refuse)
+    assert machine.pin() == 'not pinned (not allowed)'
+
+
+def test_what_cannot_be_read_is_said_to_be_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(machine, 'GOVERNOR', tmp_path / 'none')
+    assert machine.named()['governor'] == machine.UNKNOWN
