@@ -76,7 +76,7 @@ class NlpsolSolver:
 def _violation(call: Call, v, g) -> float:
     """Return the largest violation of a bound, a constraint or the dynamics, in solver units."""
     beyond = np.concatenate([call.lbx - v, v - call.ubx, call.lbg - g, g - call.ubg])
-    return max(0.0, float(beyond.max()))
+    return float(np.maximum(beyond.max(), 0.0))  # not max(): it would take NaN for 0
 
 
 def _refusal(guess, message, start_s):
