@@ -47,7 +47,7 @@ class Simulator:
         self._p = graph.parameter_vector(params, friction)
         held = SetPoints(0.0, 0.0, 0.0)
         self._ramp = Ramp(held)
-        self.gate = Gate(params.car, held, stamp_ns)
+        self.gate = Gate(params, friction, held, stamp_ns)
         self._stamp_ns = stamp_ns
         self._x = trimmed(params, start)
         derivative, _ = graph.functions()
