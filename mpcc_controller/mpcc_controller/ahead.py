@@ -1,35 +1,47 @@
-"""The state when a command takes hold, not when it was asked for: compensates computing time."""
+"""The state when a command takes hold, not when it was asked for: compensates the delay."""
 
-from collections.abc import Callable
+import math
 
 import casadi as ca
+import numpy as np
 
-from mpcc_controller import shooting, single_track
+from mpcc_controller import commanded, shooting, single_track
+from mpcc_controller.commanded import Ramp
 from mpcc_controller.single_track import Car, Input, State
-from mpcc_controller.target import SetPoints
-from msgs_yaml import stamp
 from msgs_yaml.types import VehicleState
 
+LONGEST_STEP_S = 0.01  # of the integration
 
-def make(car: Car, lead_s: float) -> Callable[[VehicleState, SetPoints], VehicleState]:
-    """Return a function that moves a state on by `lead_s` [s] while the set-points are held.
 
-    One midpoint step of the prediction model; a lead of 0 returns the state itself.
-    """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
-    step = shooting.rk2(lambda x, u, p: f(x, u), lead_s)
-    moved = ca.Function('moved', [x, u], [step(x, u, None)])
+class Ahead:
+    """Moves states on with the prediction model."""
 
-    def ahead(measured: VehicleState, now: SetPoints) -> VehicleState:
-        if not lead_s:
+    def __init__(self, car: Car):
+        x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+        h = ca.SX.sym('h')
+        rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+        f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
+        step = shooting.rk2(lambda x, u, p: f(x, u), h)
+        self._step = ca.Function('step', [x, u, h], [step(x, u, None)])
+
+    def __call__(self, measured: VehicleState, told: Ramp, stamp_ns: int) -> VehicleState:
+        """Return the state at `stamp_ns`, the measured one itself when that is its stamp.
+
+        Midpoint steps of the prediction model under the set-points that the actuators have been
+        told; as in the model, the actuators are where they are told to be.
+        """
+        if stamp_ns == measured.stamp_ns:
             return measured
-        held = Input(0.0, 0.0, single_track.ideal_split(now.Fx, car), 0.0)
-        start = State(*measured[1:], theta=0.0, delta=now.delta, Fx=now.Fx)
-        end = State(*map(float, moved(start, held).full().ravel()))
-        return VehicleState(
-            stamp.later(measured.stamp_ns, lead_s), end.X, end.Y, end.psi, end.vx, end.vy, end.r
-        )
+        motion = np.array(measured[1:])
+        for piece in commanded.pieces(told, measured.stamp_ns, stamp_ns):
+            motion = self._over(piece, motion, told.lambda_b)
+        return VehicleState(stamp_ns, *map(float, motion))
 
-    return ahead
+    def _over(self, piece, motion, lambda_b):
+        rates = [(b - a) / piece.seconds for a, b in zip(piece.begin, piece.end)]
+        u = Input(*rates, lambda_b, slack=0.0)
+        x = np.array(State(*motion, theta=0.0, delta=piece.begin.delta, Fx=piece.begin.Fx))
+        steps = math.ceil(piece.seconds / LONGEST_STEP_S)
+        for _ in range(steps):
+            x = self._step(x, u, piece.seconds / steps).full().ravel()
+        return x[: len(motion)]

@@ -5,17 +5,29 @@ A failure is a value: whatever happens inside, `step` returns a command that the
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from mpcc_controller import ahead, explain, reference, road, target
+from mpcc_controller import (
+    braking,
+    commanded,
+    explain,
+    guide,
+    reference,
+    road,
+    stages,
+    target,
+)
+from mpcc_controller.ahead import Ahead
+from mpcc_controller.commanded import Ramp
+from mpcc_controller.delay import Expected
 from mpcc_controller.gate import Gate
+from mpcc_controller.guide import Aim
 from mpcc_controller.horizon import Horizon, Outcome
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import State
 from mpcc_controller.stages import Scene
-from mpcc_controller.target import SetPoints
+from msgs_yaml import stamp
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -28,6 +40,7 @@ from msgs_yaml.types import (
 )
 
 NEVER = -1  # ns, older than every stamp
+NOT_FINITE = 'state_not_finite'
 
 
 class Controller:
@@ -53,11 +66,12 @@ class Controller:
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
         )
-        lead_s = params.solver.lead_s if limit_time else 0.0
-        self.ahead = ahead.make(self.car, lead_s)
+        self.delay = Expected(params.delay)
+        self.ahead = Ahead(self.car)
         self.scene = Scene(None, None, None)
-        self.last = Command(NEVER, 0.0, 0.0, 0.0, 0.0)  # sent last; its end is the set-point now
-        self.too_slow = False
+        self.publish_s: float | None = None  # what sending took last
+        self.ended = self.clock()  # the last step
+        self._begin(Command(NEVER, 0.0, 0.0, 0.0, 0.0))
 
     def set_reference(self, path: Reference) -> str:
         """Take a path; return '' or why it was turned down (the old one stays)."""
@@ -93,15 +107,20 @@ class Controller:
         share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
         if actuators.Fxf * actuators.Fxr < 0:
             share = 0.0
-        self.last = Command(
+        start = Command(
             stamp_ns=NEVER,
             delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
             d_delta=0.0,
             Fxf=float(share * actuators.Fxf),
             Fxr=float(share * actuators.Fxr),
         )
-        self.too_slow = False
+        self._begin(start)
         self.horizon.forget()
+
+    def _begin(self, command: Command) -> None:
+        self.last = command  # sent last
+        self.told = commanded.held(*commanded.end(command, self.car))
+        self.too_slow = False
 
     def step(self, x: VehicleState, age_s: float = 0.0) -> tuple[Command, Prediction, Why]:
         """Return the command that answers a state, the plan, and why.
@@ -109,36 +128,59 @@ class Controller:
         `age_s` is the age of the state when the step begins (0 in lockstep).
         """
         began = self.clock()
-        now = SetPoints(self.last.delta, self.last.Fxf + self.last.Fxr)
-        acts_on = self.ahead(x, now)
-        decision, said = self._decide(acts_on, now)
-        step_s = self.params.model.step_s
+        params, step_s = self.params, self.params.model.step_s
+        acts_ns = self._acts_ns(x, age_s)
+        acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
+        scene = stages.at_instant(self.scene, acts_ns)
+        decision, said = self._decide(acts_on, now, scene)
         if decision.plan is None:
-            goal = target.braking(x, now, self.car, self.params.limits, step_s)
+            aim = self._aim(acts_on, scene)
+            said |= {'guide': aim.line}
+            goal = braking.target(acts_on, now, aim.point, self.car, params)
         else:
-            goal = target.of_plan(decision.plan, self.car, self.params.limits)
+            goal = target.of_plan(decision.plan, self.car, params.limits)
         command = target.command(goal, now, self.car, step_s, x.stamp_ns)
-        if self.limit_time:
-            age_s += self.clock() - began
-        self.last, turned_back = self.gate.check(command, self.last, age_s)
+        checked_s = age_s + self.clock() - began if self.limit_time else age_s
+        self.last, turned_back = self.gate.check(command, self.last, checked_s)
         if turned_back:
-            self.horizon.ladder.brake(turned_back)
-        said |= explain.commanded(self.last, self.car, sum(self.gate.rejections.values()))
+            self.horizon.ladder.distrust()
+        due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
+        self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
+        said |= explain.commanded(self.last, self.car, self.gate.rejections)
+        said |= self._times(x.stamp_ns, acts_ns)
         why = explain.tick(x.stamp_ns, decision, turned_back, said)
-        return self.last, _prediction(acts_on, decision.plan, step_s), why
+        self.ended = self.clock()
+        self.delay.took(self.ended - began)
+        return self.last, explain.prediction(acts_on, decision.plan, step_s), why
 
-    def _decide(self, x, now) -> Outcome:
+    def published(self) -> None:
+        """Take note that what the last step returned has just been sent."""
+        self.publish_s = self.clock() - self.ended
+
+    def _acts_ns(self, x, age_s) -> int:
+        """Return when the command that answers `x` will take hold."""
+        if not self.limit_time:
+            return x.stamp_ns
+        soonest = stamp.later(x.stamp_ns, self.delay.after(age_s))
+        latest = stamp.later(x.stamp_ns, self.params.delay.longest_s)
+        # states come a little early now and then: the set-point before is reached first
+        return min(max(soonest, self.told.end_ns), latest)
+
+    def _decide(self, x, now, scene) -> Outcome:
         reason = self._obstruction(x)
-        if reason:
+        if reason == NOT_FINITE:
+            return Outcome(self.horizon.without_state(reason), {})
+        if self.missing():
             return Outcome(self.horizon.ladder.brake(reason), {})
-        x0 = self.horizon.initial_state(x, now, self.scene)
-        decision, said = self.horizon.solve(x0, self.scene)
+        x0 = self.horizon.initial_state(x, now, scene)
+        plan = self.horizon.solve if not reason else partial(self.horizon.brake, reason)
+        decision, said = plan(x0, scene)
         return Outcome(decision, explain.measured(x0) | said)
 
     def _obstruction(self, x) -> str:
         """Return why no plan can be made at all, or ''."""
         if not np.all(np.isfinite(x)):
-            return 'state_not_finite'
+            return NOT_FINITE
         limits = self.params.limits
         margin = limits.speed_hysteresis_mps if self.too_slow else 0.0
         self.too_slow = x.vx < limits.least_speed_mps + margin
@@ -146,11 +188,19 @@ class Controller:
             return f'no_{self.missing()[0]}'
         return 'too_slow' if self.too_slow else ''
 
+    def _aim(self, x, scene) -> Aim:
+        theta = None
+        if scene.path is not None and np.all(np.isfinite(x)):
+            theta = self.horizon.foot(x, scene)
+        return guide.aim(x, self.horizon.ladder.guide, scene.path, theta, self.params.braking)
 
-def _prediction(x: VehicleState, plan: Plan | None, step_s: float) -> Prediction:
-    """Return the planned poses; without a plan only the present one."""
-    if plan is None:
-        return Prediction(x.stamp_ns, *(np.array([value]) for value in (x.X, x.Y, x.psi, 0.0)))
-    states = State(*plan.X.T)
-    t = step_s * np.arange(len(plan.X))
-    return Prediction(x.stamp_ns, states.X, states.Y, states.psi, t)
+    def _times(self, stamp_ns, acts_ns) -> dict:
+        said = {'time.lead_ms': 1e3 * stamp.seconds(acts_ns - stamp_ns)}
+        if self.publish_s is not None:  # of the tick before: this one is not sent yet
+            said['time.publish_ms'] = 1e3 * self.publish_s
+        return said
+
+
+def unknown_state(stamp_ns: int) -> VehicleState:
+    """Return a state of which nothing is known but its time."""
+    return VehicleState(stamp_ns, *(np.nan,) * (len(VehicleState._fields) - 1))

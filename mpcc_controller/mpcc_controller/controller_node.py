@@ -5,11 +5,11 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from mpcc_controller import car_file, trigger
-from mpcc_controller.controller import Controller
+from mpcc_controller.controller import Controller, unknown_state
 from mpcc_controller.explain import OK
 from mpcc_controller.health import Monitor
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, ros, share
+from msgs_yaml import decode, encode, ros, share, stamp
 
 NAME = 'controller'
 REMIND_S = 2.0  # of wall time, between two lines that say what is missing
@@ -112,18 +112,29 @@ class ControllerNode(Node):
 
     def step(self):
         """Answer the state with a command, and say why."""
-        x = decode.odometry(ros.message('/vehicle/odometry', self.state))
+        x = self.decoded(ros.message('/vehicle/odometry', self.state))
         age_s = self.trigger.age_s(self.get_clock().now().nanoseconds)
         command, prediction, why = self.controller.step(x, age_s)
         self.answer = encode.command(command)
         self.command_pub.publish(self.answer)
-        self.prediction_pub.publish(encode.prediction(prediction))
+        if len(prediction.X):
+            self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
+        self.controller.published()
         health = self.monitor.on_step(why)
         if health:
             self.health_pub.publish(encode.health(health))
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
+
+    def decoded(self, msg):
+        """Return the state of a message; an unknown one, logged, when it breaks the contract."""
+        try:
+            return decode.odometry(msg)
+        except decode.DecodeError as error:
+            told = f'/vehicle/odometry turned down: {error}'
+            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            return unknown_state(stamp.to_ns(msg.header.stamp))
 
     def waiting(self):
         """Return what the first step waits for."""

@@ -1,27 +1,46 @@
 """Everything one tick has to say about itself, as the values of /controller/why."""
 
+from collections import Counter
+
 import numpy as np
 
-from mpcc_controller import single_track
+from mpcc_controller import distance, frenet, road, single_track
+from mpcc_controller.distance import Disc
 from mpcc_controller.insight import View
 from mpcc_controller.ladder import BRAKING, Decision
 from mpcc_controller.mpcc_ocp import Weights
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.shooting import Plan
 from mpcc_controller.single_track import Car, Input, State
 from mpcc_controller.solver import SOLVED, Solution
-from mpcc_controller.stages import Numbers
-from msgs_yaml.types import Command, Why
+from mpcc_controller.stages import Numbers, Scene
+from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 
 
 def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
-    """Return the `Why` of a tick; `gate` is the reason for which the gate intervened, or ''."""
+    """Return the `Why` of a tick; `gate` is the reason for which the gate intervened, or ''.
+
+    What has no value, as the cost of a solve that did not begin, is left out.
+    """
     level = {SOLVED: OK, BRAKING: ERROR}.get(decision.rung, WARN)
     told = f'{decision.rung}: {decision.reason}'
     if gate:
         level, told = ERROR, f'{told}; gate: {gate}'
     named = {'rung': decision.rung, 'reason': decision.reason, 'gate': gate or 'passed'}
+    values = {name: value for name, value in values.items() if value == value}  # NaN does not
     return Why(stamp_ns, level, told, named | values)
+
+
+def prediction(x: VehicleState, plan: Plan | None, step_s: float) -> Prediction:
+    """Return the planned poses; without a plan the present one, none when that is unknown."""
+    if plan is not None:
+        states = State(*plan.X.T)
+        t = step_s * np.arange(len(plan.X))
+        return Prediction(x.stamp_ns, states.X, states.Y, states.psi, t)
+    here = np.array([(x.X, x.Y, x.psi)] if np.all(np.isfinite(x)) else np.empty((0, 3)))
+    return Prediction(x.stamp_ns, *here.T, np.zeros(len(here)))
 
 
 def measured(x: State) -> dict:
@@ -34,29 +53,68 @@ def measured(x: State) -> dict:
     }
 
 
-def commanded(command: Command, car: Car, rejections: int) -> dict:
-    """Return the brake split that leaves (0 while not braking), and the ideal one."""
+def commanded(command: Command, car: Car, rejections: Counter) -> dict:
+    """Return the brake split that leaves (0 while not braking), the ideal one, and the refusals."""
     force = command.Fxf + command.Fxr
     return {
         'split.front': command.Fxf / force if force < 0 else 0.0,
         'split.ideal': float(single_track.ideal_split(force, car)),
-        'gate.rejections': rejections,
+        'gate.rejections': sum(rejections.values()),
+        **{f'gate.{reason}': count for reason, count in sorted(rejections.items())},
     }
 
 
-def solved(solution: Solution, prepare_s: float, warm: bool) -> dict:
-    """Return how the solver fared."""
-    return {
+def solved(first: Solution, second: Solution | None, prepare_s: float, warm: bool) -> dict:
+    """Return how the solvers fared; the second one's time counts like the first one's."""
+    said = {
         'solver.warm': warm,
-        'solver.status': solution.status,
-        'solver.message': solution.message,
-        'solver.iterations': solution.iterations,
-        'solver.primal_residual': solution.primal_residual,
-        'solver.dual_residual': solution.dual_residual,
-        'solver.cost': solution.cost,
+        **_fared('solver', first),
         'time.prepare_ms': 1e3 * prepare_s,
-        'time.solve_ms': 1e3 * solution.solve_s,
+        'time.solve_ms': 1e3 * first.solve_s,
     }
+    if second is not None:
+        said |= _fared('fallback', second)
+        said['time.fallback_ms'] = 1e3 * second.solve_s
+        said['time.solve_ms'] += said['time.fallback_ms']
+    return said
+
+
+def _fared(name, solution):
+    return {
+        f'{name}.status': solution.status,
+        f'{name}.message': solution.message,
+        f'{name}.iterations': solution.iterations,
+        f'{name}.primal_residual': solution.primal_residual,
+        f'{name}.dual_residual': solution.dual_residual,
+        f'{name}.cost': solution.cost,
+    }
+
+
+def surroundings(
+    x: State, scene: Scene, obstacles: tuple[Obstacle, ...], params: ControllerParams
+) -> dict:
+    """Return the distances at this instant, to obstacles also in path coordinates.
+
+    Each is that of the nearest of the vehicle's circles; the difference is positive where path
+    coordinates see more room than there is.
+    """
+    radius = params.body.circle_radius_m
+    circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
+    places = [frenet.place(scene.path, c.X, c.Y, x.theta) for c in circles]
+    said = {}
+    for one in obstacles:
+        disc = Disc(one.X, one.Y, one.r_obs)
+        place = frenet.place(scene.path, one.X, one.Y, x.theta)
+        straight = min(float(distance.v2o(c, disc)) for c in circles)
+        along = min(frenet.v2o(vehicle, place, radius, one.r_obs) for vehicle in places)
+        said[f'v2o.{one.id}'] = straight
+        said[f'v2o_frenet.{one.id}'] = along
+        said[f'v2o_difference.{one.id}'] = along - straight
+    here = (np.array([value]) for value in (x.X, x.Y))
+    edges = road.near_plan(scene.road, *here, params.surroundings.edge_window_m)
+    for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
+        said[f'v2e.{side}'] = float(min(gap[0] for gap in gaps))
+    return said
 
 
 def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:
@@ -85,9 +143,9 @@ def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:
 
 
 def _distance(name, weight_name, D, q, P_k):
-    """Return the distance now, the least one of the plan, and the largest weight on the way."""
+    """Return the least distance of the plan, the weight in force now and the largest to come."""
     return {
-        name: float(D[0]),
         f'{name}.least': float(np.min(D)),
         weight_name: float(P_k * np.max(q)),
+        f'{weight_name}.now': float(P_k * q[0]),
     }

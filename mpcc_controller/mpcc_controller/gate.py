@@ -35,8 +35,9 @@ class Gate:
     def check(self, command: Command, last: Command, age_s: float) -> Verdict:
         """Return the command, or the last one held in its place.
 
-        `age_s` is the age of the state that the command answers. The substitute keeps the steering
-        where it was last told to be and takes the force off at its rate limit.
+        `age_s` is the age of the state that the command answers; a state from the future, by a
+        tick or more, means that clocks disagree. The substitute keeps the steering where it was
+        last told to be and takes the force off at its rate limit.
         """
         reason = self._fault(command, last, age_s)
         if not reason:
@@ -48,6 +49,7 @@ class Gate:
         faults = {
             'not_finite': not all(math.isfinite(value) for value in command),
             'too_old': not age_s <= self.max_age_s,
+            'from_future': age_s <= -self.step_s,
             'not_newer': command.stamp_ns <= last.stamp_ns,
             'out_of_range': not self._in_range(command),
             'too_fast': not self._in_rate(command, last),

@@ -1,11 +1,21 @@
-"""From a state to a plan: projection, first guess, numbers, bounds, solver, ladder. SI units."""
+"""From a state to a plan: projection, first guess, numbers, bounds, solvers, ladder. SI units."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import bounds, explain, guess, mpcc_ocp, reference, solver, stages
+from mpcc_controller import (
+    bounds,
+    explain,
+    guess,
+    ladder,
+    mpcc_ocp,
+    reference,
+    shooting,
+    solver,
+    stages,
+)
 from mpcc_controller.insight import Insight
 from mpcc_controller.ladder import Decision, Ladder
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -39,6 +49,7 @@ class Horizon:
         size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
         self.problem = mpcc_ocp.build(params.model.horizon, params.model.step_s, *size)
         self.solver = solver.make(self.problem, _options(params, limit_time))
+        self.second = _second(params, self.problem, limit_time)
         self.insight = Insight(mpcc_ocp.template(*size))
         self.forget()
 
@@ -48,11 +59,16 @@ class Horizon:
         self.theta: float | None = None  # m, last foot on the path
         self.P: np.ndarray | None = None  # (N + 1, np), the numbers of the last solve
 
-    def initial_state(self, x: VehicleState, now: SetPoints, scene: Scene) -> State:
-        """Return the state at stage 0: the heading near the path's, theta by projection."""
+    def foot(self, x: VehicleState, scene: Scene) -> float:
+        """Return the distance [m] along the path of the point next to the car."""
         reach = self.params.surroundings.path_search_m
         self.theta = reference.project(scene.path, x.X, x.Y, self.theta, reach)
-        arcs, _ = reference.at(scene.path, self.theta)
+        return self.theta
+
+    def initial_state(self, x: VehicleState, now: SetPoints, scene: Scene) -> State:
+        """Return the state at stage 0: the heading near the path's, theta by projection."""
+        theta = self.foot(x, scene)
+        arcs, _ = reference.at(scene.path, theta)
         turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
         return State(
             X=x.X,
@@ -61,7 +77,7 @@ class Horizon:
             vx=x.vx,
             vy=x.vy,
             r=x.r,
-            theta=self.theta,
+            theta=theta,
             delta=now.delta,
             Fx=now.Fx,
         )
@@ -69,29 +85,57 @@ class Horizon:
     def solve(self, x0: State, scene: Scene) -> Outcome:
         """Return the rung for this tick, and what there is to say about it."""
         began = self.clock()
-        model, ladder = self.params.model, self.ladder
+        params, model = self.params, self.params.model
         moved_on = self._moved_on(x0)
+        warm = self.ladder.is_warm
         start = moved_on
-        if not ladder.is_warm:
+        if not warm:
             start = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
-        numbers = stages.numbers(self.params, self.car, scene, start.X)
-        limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
+        elif self.ladder.failures:
+            start = moved_on._replace(multipliers=None)  # they led the solver nowhere
+        numbers = stages.numbers(params, self.car, scene, start.X)
+        limits = bounds.build(params.limits, self.car, x0.Fx, model.horizon, model.step_s)
+        problem = np.array(x0), numbers.P, limits
         prepared = self.clock()
-        solution = self.solver.solve(np.array(x0), numbers.P, limits, start)
-        warm = ladder.is_warm
-        decision = ladder.decide(solution, moved_on)
+        first, second = _attempt(self.solver, problem, start), None
+        if self.second and ladder.fault(first, params.fallback):
+            second = _attempt(self.second, problem, start._replace(multipliers=None))
+        decision = self.ladder.decide(first, second, moved_on)
         self.P = numbers.P
-        said = explain.solved(solution, prepared - began, warm)
-        said |= {'plan.age': ladder.age, 'plan.failures': ladder.failures}
+        said = explain.solved(first, second, prepared - began, warm)
+        said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
+        said |= explain.surroundings(x0, scene, numbers.obstacles, params)
         if decision.plan is not None:
             view = self.insight.of(decision.plan, numbers.P)
             said |= explain.planned(view, numbers, decision.plan.U)
         return Outcome(decision, said)
 
+    def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
+        """Return the last rung without solving, and the distances there are to tell."""
+        here = State(*(np.array([value]) for value in x0))
+        near = stages.most_dangerous(self.params, scene.obstacles, here, np.zeros(1))
+        said = explain.surroundings(x0, scene, near, self.params)
+        return Outcome(self.ladder.brake(reason), said)
+
+    def without_state(self, reason: str) -> Decision:
+        """Return the rung for a tick whose state is not known: the plan goes on as planned."""
+        plan = self.ladder.plan
+        if plan is not None:
+            plan = shooting.shift(plan, self.problem.dynamics, self.P[-1])
+        return self.ladder.without_solution(reason, plan)
+
     def _moved_on(self, x0) -> Plan | None:
         if self.ladder.plan is None:
             return None
         return guess.moved_on(self.ladder.plan, self.P, self.problem.dynamics, x0)
+
+
+def _attempt(asked: solver.StageSolver, problem: tuple, start: Plan) -> solver.Solution:
+    """Return the solution; one that raises is a failed one: the car still needs a command."""
+    try:
+        return asked.solve(*problem, start)
+    except Exception as error:
+        return solver.Solution(start, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
 
 
 def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions:
@@ -103,3 +147,15 @@ def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions
         time_limit_s=rules.time_limit_s if limit_time else None,
         compiled=rules.compiled,
     )
+
+
+def _second(params: ControllerParams, problem, limit_time: bool) -> solver.StageSolver | None:
+    """Return the solver to ask after a failure; the same one again would only fail again."""
+    rules = params.solver
+    if rules.fallback in ('none', rules.name):
+        return None
+    rest_s = rules.fallback_limit_s - rules.time_limit_s
+    options = _options(params, limit_time)
+    limit_s = rest_s if limit_time else None
+    given = vars(options) | {'name': rules.fallback, 'time_limit_s': limit_s}
+    return solver.make(problem, solver.SolverOptions(**given))

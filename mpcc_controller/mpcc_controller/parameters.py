@@ -89,8 +89,18 @@ class Solver:
     max_iterations: Annotated[int, Range(1, 10000, 'iterations')]
     tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
     time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]
-    lead_s: Annotated[float, Range(0.0, 0.05, 's from state to effect of its command, realtime')]
     compiled: bool
+    fallback: Annotated[str, Choice('none', 'fatrop', 'ipopt')]  # none, too, when it is `name`
+    fallback_limit_s: Annotated[float, Range(1e-3, 10.0, 's, both solvers together, realtime only')]
+
+
+@dataclass(frozen=True)
+class Delay:
+    """From a state to the effect of its command; realtime only, in lockstep there is none."""
+
+    computing_s: Annotated[float, Range(0.0, 0.05, 's, expected until it has been measured')]
+    transport_s: Annotated[float, Range(0.0, 0.05, 's, from the controller to the actuators')]
+    longest_s: Annotated[float, Range(0.0, 0.2, 's, more is not predicted')]
 
 
 @dataclass(frozen=True)
@@ -100,7 +110,17 @@ class Fallback:
     acceptable_residual: Annotated[float, Range(1e-9, 1.0, 'primal, in the units of the solver')]
     max_plan_age: Annotated[int, Range(0, 50, 'ticks')]
     failures_to_cold_start: Annotated[int, Range(1, 100, 'failed solves in a row')]
+    max_guide_age: Annotated[int, Range(0, 50, 'ticks, to steer along the plan while braking')]
     max_state_age_s: Annotated[float, Range(1e-3, 10.0, 's, the gate rejects older commands')]
+
+
+@dataclass(frozen=True)
+class Braking:
+    """How the car steers while it brakes without a plan."""
+
+    preview_s: Annotated[float, Range(0.1, 5.0, 's of driving to the point that is steered to')]
+    least_preview_m: Annotated[float, Range(1.0, 50.0, 'm')]
+    lateral_use: Annotated[float, Range(0.0, 1.0, 'share of the usable friction, at most')]
 
 
 @dataclass(frozen=True)
@@ -116,7 +136,9 @@ class ControllerParams:
     limits: Limits
     surroundings: Surroundings
     solver: Solver
+    delay: Delay
     fallback: Fallback
+    braking: Braking
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from mpcc_controller.distance import Disc
 from mpcc_controller.mpcc_ocp import Body, Safety, Stage, Weights
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.single_track import Car, State
+from msgs_yaml.stamp import seconds
 from msgs_yaml.types import Obstacle, Obstacles
 
 EMPTY_SLOT = 1e4  # m beside the plan: an obstacle there has no priority, wherever the plan goes
@@ -93,6 +94,15 @@ def numbers(params: ControllerParams, vehicle: Car, scene: Scene, guess: np.ndar
     )
     columns = [np.broadcast_to(leaf, t.shape) for leaf in tree.leaves(stages)]
     return Numbers(stages, np.column_stack(columns), chosen)
+
+
+def at_instant(scene: Scene, stamp_ns: int) -> Scene:
+    """Return the scene with its obstacles where they will be at `stamp_ns`, going on as they do."""
+    if scene.obstacles is None:
+        return scene
+    t = seconds(stamp_ns - scene.obstacles.stamp_ns)
+    items = (o._replace(X=o.X + o.vX * t, Y=o.Y + o.vY * t) for o in scene.obstacles.items)
+    return scene._replace(obstacles=Obstacles(stamp_ns, tuple(items)))
 
 
 def most_dangerous(params, obstacles: Obstacles, x: State, t) -> tuple[Obstacle, ...]:

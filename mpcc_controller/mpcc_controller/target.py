@@ -1,4 +1,4 @@
-"""What the actuators are told to reach within one step, from a plan or from plain braking. SI."""
+"""What the actuators are told to reach within one step, and the command that says so. SI units."""
 
 from typing import NamedTuple
 
@@ -7,8 +7,8 @@ import numpy as np
 from mpcc_controller import single_track
 from mpcc_controller.parameters import Limits
 from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import GRAVITY, Car, Input, State
-from msgs_yaml.types import Command, VehicleState
+from mpcc_controller.single_track import Car, Input, State
+from msgs_yaml.types import Command
 
 
 class SetPoints(NamedTuple):
@@ -47,28 +47,6 @@ def within_friction(lambda_b: float, Fx: float, car: Car, limits: Limits) -> flo
     if least > most:  # more force than both axles hold: share it as their friction
         return float(car.mu_f * Fz.f / (car.mu_f * Fz.f + car.mu_r * Fz.r))
     return float(np.clip(lambda_b, least, most))
-
-
-def braking(x: VehicleState, now: SetPoints, car: Car, limits: Limits, dt: float) -> Target:
-    """Return straight braking as hard as the friction beside the lateral force allows.
-
-    The steering goes to zero and the force to its limit, both at their rate limits.
-    """
-    mu = limits.friction_use * min(car.mu_f, car.mu_r)
-    lateral = min(abs(x.vx * x.r) / GRAVITY, mu) if np.isfinite(x.vx * x.r) else 0.0
-    hardest = -min(np.sqrt(mu**2 - lateral**2) * car.m * GRAVITY, limits.brake_n)
-    turn, push = limits.steer_rate_radps * dt, limits.force_rate_nps * dt
-    Fx = float(np.clip(hardest, now.Fx - push, now.Fx + push))
-    split = np.clip(
-        single_track.ideal_split(Fx, car),
-        limits.brake_front_share_min,
-        limits.brake_front_share_max,
-    )
-    return Target(
-        delta=float(now.delta - np.clip(now.delta, -turn, turn)),
-        Fx=Fx,
-        lambda_b=within_friction(split, Fx, car, limits),
-    )
 
 
 def command(target: Target, now: SetPoints, car: Car, dt: float, stamp_ns: int) -> Command:

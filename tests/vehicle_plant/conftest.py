@@ -23,9 +23,14 @@ def bare(params):
 
 @pytest.fixture(scope='session')
 def drive(params):
-    """Drive a law(t, car) -> (delta, Fxf, Fxr) for some seconds from a straight start."""
+    """Drive a law(t, car) -> (delta, Fxf, Fxr) for some seconds from a straight start.
+
+    Wheels may be locked on purpose: the gate's friction budget is opened.
+    """
 
     def driven(law, seconds, speed, friction=1.0, plant=params):
+        gate = replace(plant.car.gate, friction_use=10.0)
+        plant = replace(plant, car=replace(plant.car, gate=gate))
         car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, speed))
         tracks = []
         for tick in range(round(seconds * 20)):

@@ -131,6 +131,7 @@ class Gate:
     force_tolerance_n: Annotated[float, Range(0.0, 5e3, 'N')]
     steer_rate_radps: Annotated[float, Range(0.1, 100.0, 'rad/s')]
     force_rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]
+    friction_use: Annotated[float, Range(0.5, 10.0, 'of what the tyres of an axle hold')]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ def health(ring: Lockstep | Realtime, stamp_ns: int) -> Health:
     values = {
         'commands_rejected': gate.rejected,
         'last_rejection': gate.last_reason or 'none',
+        **{f'rejected.{code}': count for code, count in sorted(gate.rejections.items())},
         'missed_steps': ring.missed_steps,
         'longest_gap_steps': ring.longest_gap,
         'controller_gone': ring.gone,

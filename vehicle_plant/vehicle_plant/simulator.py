@@ -56,7 +56,7 @@ class Simulator:
         held = SetPoints(0.0, 0.0, 0.0)
         self._ramp = Ramp(held)
         self._delays = DelayLine(delay.of(params.car), held)
-        self.gate = Gate(params.car, held, stamp_ns)
+        self.gate = Gate(params, friction, held, stamp_ns)
         self._stamp_ns = stamp_ns
         self._x = trimmed(params, start)
         derivative, _ = graph.functions()

@@ -133,6 +133,30 @@ def drive(controller, ticks, x=None):
     return Drive(np.array(rows), commands, whys)
 
 
+class Spoilt:
+    """A solver whose solutions are changed, and which remembers its guesses and solutions."""
+
+    def __init__(self, inner, spoil=lambda solution: solution, clock=None, takes_s=0.0):
+        self.inner, self.spoil, self.clock, self.takes_s = inner, spoil, clock, takes_s
+        self.guesses, self.solutions = [], []
+
+    def solve(self, x0, P, bounds, guess):
+        self.guesses.append(guess)
+        if self.clock:
+            self.clock.now += self.takes_s
+        self.solutions.append(self.spoil(self.inner.solve(x0, P, bounds, guess)))
+        return self.solutions[-1]
+
+
+class Clock:
+    """Stands still unless told otherwise."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
 @pytest.fixture(scope='session')
 def params():
     return load()[0]
@@ -147,6 +171,39 @@ def vehicle():
 def shared_controller(params, vehicle):
     """Return one controller for all tests of this process; `tell` resets it."""
     return Controller(params, vehicle)
+
+
+@pytest.fixture
+def changing(shared_controller, monkeypatch):
+    """Return the controller at the start of a lane change, without a second solver."""
+    shared_controller.gate.rejections.clear()
+    monkeypatch.setattr(shared_controller.horizon, 'second', None)
+    return tell(shared_controller, lane_change())
+
+
+@pytest.fixture
+def spoilt(changing, monkeypatch):
+    """Return a function that spoils the first, or second, solver of `changing`."""
+    genuine = changing.horizon.solver
+
+    def replace(spoil=lambda solution: solution, which='solver'):
+        made = Spoilt(genuine, spoil)
+        monkeypatch.setattr(changing.horizon, which, made)
+        return made
+
+    return replace
+
+
+@pytest.fixture
+def late():
+    """Return a controller in realtime whose solver takes 15 ms on a clock of its own."""
+    params, vehicle = load(
+        solver__time_limit_s=10.0, solver__fallback_limit_s=10.0, delay__computing_s=0.008
+    )
+    clock = Clock()
+    made = tell(Controller(params, vehicle, True, clock), straight())
+    made.horizon.solver = Spoilt(made.horizon.solver, clock=clock, takes_s=0.015)
+    return made
 
 
 @pytest.fixture(scope='session')
@@ -166,3 +223,4 @@ class World:
     rolling = staticmethod(rolling)
     drive = staticmethod(drive)
     make_car = staticmethod(make_car)
+    Spoilt = Spoilt

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mpcc_controller.controller import Controller
-from mpcc_controller.ladder import BRAKING, SHIFTED
-from mpcc_controller.solver import FAILED, SOLVED, STOPPED_EARLY
+from mpcc_controller.ladder import BRAKING
+from mpcc_controller.solver import SOLVED, STOPPED_EARLY
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
 
 TICK = 50_000_000
@@ -14,31 +14,6 @@ TICK = 50_000_000
 @pytest.fixture
 def controller(shared_controller, world):
     return world.tell(shared_controller, world.straight())
-
-
-class Broken:
-    """A solver that answers as told, and counts whether it was given a warm start."""
-
-    def __init__(self, inner, spoil):
-        self.inner, self.spoil, self.guesses = inner, spoil, []
-
-    def solve(self, x0, P, bounds, guess):
-        self.guesses.append(guess)
-        return self.spoil(self.inner.solve(x0, P, bounds, guess))
-
-
-@pytest.fixture
-def broken(controller, monkeypatch):
-    """Return a function that replaces the controller's solver for this test."""
-
-    def replace(spoil):
-        inner = controller.horizon.solver
-        inner = inner.inner if isinstance(inner, Broken) else inner
-        made = Broken(inner, spoil)
-        monkeypatch.setattr(controller.horizon, 'solver', made)
-        return made
-
-    return replace
 
 
 def test_a_straight_road_needs_no_steering(controller, world):
@@ -138,60 +113,6 @@ def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, worl
 # what fails
 
 
-def fail(solution):
-    return solution._replace(status=FAILED)
-
-
-def test_an_early_stop_that_is_good_enough_is_driven(controller, world, broken):
-    broken(lambda s: s._replace(status=STOPPED_EARLY, primal_residual=1e-5))
-    _, _, why = controller.step(world.rolling())
-    assert (why.values['rung'], why.values['reason']) == (STOPPED_EARLY, 'good_enough')
-
-
-def test_a_failed_solve_follows_the_last_plan_then_brakes_straight(controller, world, broken):
-    world.tell(controller, world.lane_change())
-    x = world.rolling(X=25.0)
-    controller.step(x)
-    broken(fail)
-    rungs, commands = [], []
-    for k in range(1, 8):
-        command, _, why = controller.step(x._replace(stamp_ns=k * TICK))
-        rungs.append(why.values['rung'])
-        commands.append(command)
-        assert why.values['reason'] == 'solver_failed'
-    assert rungs == [SHIFTED] * 5 + [BRAKING] * 2
-    assert commands[4].delta != commands[3].delta
-    assert commands[6].Fxf + commands[6].Fxr < commands[5].Fxf + commands[5].Fxr < 0
-    assert not controller.gate.rejections
-
-
-def test_a_shifted_plan_gives_the_set_points_that_it_planned(controller, world, broken):
-    world.tell(controller, world.lane_change())
-    controller.step(world.rolling(X=30.0))
-    planned = controller.horizon.ladder.plan.X[:, 7]
-    broken(fail)
-    for k in range(1, 5):
-        command, _, _ = controller.step(world.rolling(X=30.0, stamp_ns=k * TICK))
-        assert command.delta == pytest.approx(planned[k + 1], abs=1e-9)
-
-
-def test_after_three_failures_the_warm_start_is_dropped_and_driving_resumes(
-    controller, world, broken
-):
-    controller.step(world.rolling())
-    solves = broken(fail)
-    for k in range(1, 5):
-        *_, why = controller.step(world.rolling(X=float(k), stamp_ns=k * TICK))
-    assert not why.values['solver.warm']
-    offsets = [abs(g.X[1:, 4:6]).max() + abs(g.X[1:, 8]).max() for g in solves.guesses]
-    assert [offset > 0 for offset in offsets] == [True, True, True, False]
-    broken(lambda solution: solution)
-    *_, why = controller.step(world.rolling(X=5.0, stamp_ns=5 * TICK))
-    assert why.values['rung'] == SOLVED
-    *_, why = controller.step(world.rolling(X=6.0, stamp_ns=6 * TICK))
-    assert why.values['solver.warm']
-
-
 def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controller, world):
     rungs = []
     for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
@@ -215,32 +136,6 @@ def test_outside_the_road_the_problem_stays_solvable(controller, world):
     assert why.values['rung'] == SOLVED
     assert why.values['v2e.left'] < 0
     assert why.values['slack.max'] > 0.1
-
-
-@pytest.mark.parametrize('told', ['path', 'road', 'obstacles'])
-def test_what_is_missing_is_named_and_the_car_brakes(params, vehicle, world, told, controller):
-    controller.scene = controller.scene._replace(**{told: None})
-    assert controller.missing() == (told,)
-    command, prediction, why = controller.step(world.rolling())
-    assert (why.values['rung'], why.values['reason']) == (BRAKING, f'no_{told}')
-    assert command.Fxf < 0
-    assert len(prediction.X) == 1
-
-
-def test_a_state_that_is_not_finite_brakes(controller, world):
-    command, _, why = controller.step(world.rolling(r=np.nan))
-    assert why.values['reason'] == 'state_not_finite'
-    assert np.isfinite(command).all()
-
-
-def test_a_command_that_the_gate_turns_back_drops_the_plan(controller, world):
-    controller.step(world.rolling(stamp_ns=TICK))
-    command, _, why = controller.step(world.rolling(X=1.0, stamp_ns=TICK))
-    assert why.values['gate'] == 'not_newer'
-    assert why.values['gate.rejections'] == 1
-    assert controller.horizon.ladder.plan is None
-    assert command.d_delta == 0
-    controller.gate.rejections.clear()
 
 
 def test_a_restart_takes_its_set_points_from_the_actuators(controller, world):

@@ -1,5 +1,6 @@
 """The controller node as its own process over Fast DDS; this test is the rest of the ring."""
 
+import math
 import os
 import signal
 import subprocess
@@ -61,10 +62,10 @@ class Ring(Node):
         while time.monotonic() < until:
             self.executor_.spin_once(timeout_sec=0.05)
 
-    def state(self, stamp, X=0.0):
-        self.pubs['/vehicle/odometry'].publish(
-            encode.odometry(VehicleState(stamp, X, 0.0, 0.0, 20.0, 0.0, 0.0))
-        )
+    def state(self, stamp, X=0.0, vx=20.0):
+        message = encode.odometry(VehicleState(stamp, X, 0.0, 0.0, 20.0, 0.0, 0.0))
+        message.twist.twist.linear.x = vx
+        self.pubs['/vehicle/odometry'].publish(message)
 
     def actuators(self, stamp, delta=0.02):
         self.pubs['/vehicle/actuators'].publish(
@@ -163,6 +164,18 @@ def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
     ring.wait_for(lambda: len(ring.heard['/controller/why']) == 2)
     assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == START + TICK
     assert len(ring.heard['/controller/command']) == answered + 1
+
+    # a state that breaks the contract is answered, too: by the plan before, moved on
+    unreadable = START + 2 * TICK
+    ring.state(unreadable, vx=math.nan)
+    ring.obstacles(situation, unreadable)
+    ring.wait_for(lambda: len(ring.heard['/controller/why']) == 3)
+    why = decode.why(ring.heard['/controller/why'][-1])
+    assert (why.stamp_ns, why.values['reason']) == (unreadable, 'state_not_finite')
+    assert why.values['rung'] == 'shifted'
+    assert why.values['time.publish_ms'] > 0
+    assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == unreadable
+    assert 'odometry turned down' in process.text()
 
 
 def test_a_misspelt_parameter_stops_the_node_with_its_name():

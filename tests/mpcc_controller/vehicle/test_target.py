@@ -1,4 +1,4 @@
-"""Set-points from a plan and from straight braking."""
+"""Set-points from a plan."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller import single_track, stages, target
 from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import GRAVITY, Input, State
+from mpcc_controller.single_track import Input, State
 from mpcc_controller.target import SetPoints
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
@@ -47,28 +47,3 @@ def test_a_plan_is_followed_to_the_end_of_its_first_step(params, car):
     assert command.stamp_ns == 7
     assert (command.delta, command.d_delta) == pytest.approx((0.02, 0.4))
     assert (command.Fxf, command.Fxr) == pytest.approx((-550.0, -450.0))
-
-
-@quick
-@given(st.floats(0, 30), st.floats(-0.5, 0.5))
-def test_braking_keeps_room_for_the_lateral_force(params, car, world, vx, r):
-    now = SetPoints(0.1, -16000.0)
-    hardest = target.braking(world.rolling(v=vx, r=r), now, car, params.limits, 100.0)
-    asked = np.hypot(hardest.Fx / (car.m * GRAVITY), vx * r / GRAVITY)
-    limit = params.limits.friction_use * min(car.mu_f, car.mu_r)
-    assert asked <= max(limit, abs(vx * r) / GRAVITY) + 1e-9
-    assert hardest.Fx <= 0
-    assert hardest.delta == 0
-
-
-def test_braking_builds_up_at_the_rate_limits(params, car, world):
-    now = SetPoints(0.3, 2000.0)
-    first = target.braking(world.rolling(), now, car, params.limits, DT)
-    assert first.Fx == pytest.approx(2000.0 - params.limits.force_rate_nps * DT)
-    assert first.delta == pytest.approx(0.3 - params.limits.steer_rate_radps * DT)
-
-
-def test_braking_without_a_known_yaw_rate_brakes(params, car, world):
-    goal = target.braking(world.rolling(r=np.nan), SetPoints(0, 0), car, params.limits, DT)
-    assert goal.Fx < 0
-    assert np.isfinite(goal).all()
