@@ -173,6 +173,8 @@ class Controller:
         if self.missing():
             return Outcome(self.horizon.ladder.brake(reason), {})
         x0 = self.horizon.initial_state(x, now, scene)
+        if not reason and x0.theta > scene.path.length:
+            reason = 'path_ended'  # nobody said where to go from here
         plan = self.horizon.solve if not reason else partial(self.horizon.brake, reason)
         decision, said = plan(x0, scene)
         return Outcome(decision, explain.measured(x0) | said)

@@ -71,8 +71,9 @@ def test_the_second_solver_is_asked_only_after_a_failure(changing, world, spoilt
 
 
 def test_the_second_solver_is_another_one_or_there_is_none(world):
-    params, vehicle = world.load(solver__fallback='fatrop', solver__compiled=False)
-    assert params.solver.name == 'fatrop'
+    params, vehicle = world.load(
+        solver__name='fatrop', solver__fallback='fatrop', solver__compiled=False
+    )
     assert Controller(params, vehicle).horizon.second is None
     params, vehicle = world.load(
         solver__name='ipopt', solver__fallback='fatrop', solver__compiled=False
@@ -177,6 +178,16 @@ def test_rung_5_too_slow_still_steers_and_tells_its_distances(changing, world):
     assert why.values['v2e.left'] == pytest.approx(6.0 - 2.0 - 1.1, abs=1e-3)
     assert why.values['v2e.right'] == pytest.approx(2.0 + 2.5 - 1.1, abs=1e-3)
     assert why.values['set_point.delta'] == pytest.approx(changing.told.begin.delta)
+
+
+def test_rung_5_past_the_end_of_the_path_the_car_brakes_straight_on(changing, world):
+    X, Y = (column[-1] for column in changing.scene.path.arcs[:2])
+    before = changing.step(world.rolling(X=X - 1.0, Y=Y))[2]
+    assert before.values['rung'] == 'solved'
+    command, _, why = changing.step(world.rolling(X=X + 1.0, Y=Y, stamp_ns=TICK))
+    assert (why.values['rung'], why.values['reason']) == (BRAKING, 'path_ended')
+    assert command.Fxf < 0
+    assert abs(command.delta) < 0.01
 
 
 def test_an_unknown_state_follows_the_plan_blindly_for_five_ticks_then_brakes_straight(
