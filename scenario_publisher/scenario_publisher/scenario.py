@@ -1,4 +1,4 @@
-"""Scenarios: from a name or a file to the path, edges, obstacles, start and end of a run."""
+"""Scenarios: from a name or a file to path, edges, friction, obstacles, start and end of a run."""
 
 import math
 import os
@@ -10,9 +10,20 @@ import numpy as np
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
-from scenario_publisher import actors, build, checks, document, line, road, schema, shape
+from scenario_publisher import (
+    actors,
+    build,
+    checks,
+    document,
+    friction,
+    line,
+    road,
+    schema,
+    shape,
+)
 from scenario_publisher.actors import Actor
 from scenario_publisher.document import ScenarioError
+from scenario_publisher.friction import Patches
 from scenario_publisher.line import Line
 
 PACKAGE = 'scenario_publisher'
@@ -54,6 +65,7 @@ class Scenario(NamedTuple):
     stop: Stop
     text: str  # the YAML it was made from
     actors: tuple[Actor, ...]  # obstacles over time
+    patches: Patches = Patches()  # where the friction is another
 
 
 def available() -> tuple[str, ...]:
@@ -123,6 +135,7 @@ def _make(given, text, fail):
         stop=_stop(given.stop, path, start),
         text=text,
         actors=crowd,
+        patches=friction.make(given.friction_patches, where.centre, fail),
     )
     return made._replace(obstacles=obstacles_at(made, 0.0, START_NS))
 

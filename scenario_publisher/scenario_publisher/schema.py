@@ -8,23 +8,21 @@ from math import inf
 from typing import Annotated, Literal
 
 from msgs_yaml.parameters import Range
-from scenario_publisher.build import Pattern
-
-# coordinates and speeds as wide as topics.yaml lets them through
-Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
-Station = Annotated[float, Range(0.0, 10000.0, 'm')]
-Length = Annotated[float, Range(0.5, 10000.0, 'm')]
-Offset = Annotated[float, Range(-100.0, 100.0, 'm')]
-Yaw = Annotated[float, Range(-6.3, 6.3, 'rad')]
-# 5 m is the tightest circle a passenger car can turn
-Curvature = Annotated[float, Range(-0.2, 0.2, '1/m')]
-Speed = Annotated[float, Range(1.0, 100.0, 'm/s')]
-Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
-Radius = Annotated[float, Range(0.01, 50.0, 'm')]
-Time = Annotated[float, Range(0.0, 600.0, 's')]
-Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
-Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
-Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
+from scenario_publisher.quantities import (
+    Coordinate,
+    Friction,
+    Name,
+    Offset,
+    Radius,
+    Spacing,
+    Speed,
+    Station,
+    Text,
+    Time,
+    Velocity,
+    Yaw,
+)
+from scenario_publisher.segments import Segment
 
 
 @dataclass(frozen=True)
@@ -34,69 +32,6 @@ class Pose:
     x_m: Coordinate
     y_m: Coordinate
     yaw_rad: Yaw
-
-
-@dataclass(frozen=True)
-class Straight:
-    """Straight on."""
-
-    length_m: Length
-
-
-@dataclass(frozen=True)
-class Arc:
-    """Constant curvature."""
-
-    length_m: Length
-    curvature_1pm: Curvature
-
-
-@dataclass(frozen=True)
-class Clothoid:
-    """Curvature that changes linearly with the distance."""
-
-    length_m: Length
-    start_curvature_1pm: Curvature
-    end_curvature_1pm: Curvature
-
-
-@dataclass(frozen=True)
-class LaneChange:
-    """S-shaped step to the side; length measured along the heading it starts with."""
-
-    length_m: Length
-    offset_m: Offset
-
-
-@dataclass(frozen=True)
-class StraightSegment:
-    """A segment that is straight."""
-
-    straight: Straight
-
-
-@dataclass(frozen=True)
-class ArcSegment:
-    """A segment that is an arc."""
-
-    arc: Arc
-
-
-@dataclass(frozen=True)
-class ClothoidSegment:
-    """A segment that is a clothoid."""
-
-    clothoid: Clothoid
-
-
-@dataclass(frozen=True)
-class LaneChangeSegment:
-    """A segment that changes the lane."""
-
-    lane_change: LaneChange
-
-
-Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
 
 
 @dataclass(frozen=True)
@@ -174,6 +109,17 @@ class SpeedTable:
 
 
 @dataclass(frozen=True)
+class FrictionPatch:
+    """A stripe along the road with a friction of its own."""
+
+    from_m: Station
+    to_m: Station
+    from_offset_m: Offset
+    to_offset_m: Offset
+    friction: Friction
+
+
+@dataclass(frozen=True)
 class MapObstacle:
     """A round obstacle placed in the map."""
 
@@ -243,8 +189,9 @@ class File:
     road: Road
     path: Line
     speed: ConstantSpeed | SpeedTable
-    friction: Annotated[float, Range(0.05, 1.5, '-')]
+    friction: Friction
     start: StartOnPath | StartPose
     stop: Stop
     obstacles: tuple[MapObstacle | RoadObstacle, ...]
     sampling: Sampling = Sampling()
+    friction_patches: tuple[FrictionPatch, ...] = ()

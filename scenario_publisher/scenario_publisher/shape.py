@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from scenario_publisher import curves, line, polyline, schema
+from scenario_publisher import curves, line, polyline, schema, segments
 from scenario_publisher.line import Line
 
 Fail = Callable[[str, str], Exception]
@@ -42,14 +42,14 @@ def make_line(given: schema.Line, key: str, spacing: float, fail: Fail) -> Line:
 
 def _curve(segment, key, fail):
     match segment:
-        case schema.StraightSegment(straight=piece):
+        case segments.StraightSegment(straight=piece):
             return curves.straight(piece.length_m)
-        case schema.ArcSegment(arc=piece):
+        case segments.ArcSegment(arc=piece):
             return curves.arc(piece.length_m, piece.curvature_1pm)
-        case schema.ClothoidSegment(clothoid=piece):
+        case segments.ClothoidSegment(clothoid=piece):
             ends = piece.start_curvature_1pm, piece.end_curvature_1pm
             return curves.clothoid(piece.length_m, *ends)
-        case schema.LaneChangeSegment(lane_change=piece):
+        case segments.LaneChangeSegment(lane_change=piece):
             try:
                 return curves.lane_change(piece.length_m, piece.offset_m)
             except ValueError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenario_publisher import build, schema
+from scenario_publisher import build, friction, schema
 
 TEXT = (Path(__file__).parents[2] / 'docs/scenarios.md').read_text()
 ROW = re.compile(r'^\| `([^`]+)` \|[^|]*\| ([^|]*) \|([^|]*)\|$', re.MULTILINE)
@@ -17,6 +17,7 @@ SECTIONS = {
     'An edge': (schema.ConstantOffset, schema.OffsetTable, schema.PointEdge),
     'Speed': (schema.ConstantSpeed, schema.SpeedTable),
     'Start': (schema.StartOnPath, schema.StartPose),
+    'A friction patch': (schema.FrictionPatch,),
     'An obstacle': (schema.MapObstacle, schema.RoadObstacle),
 }
 # blocks with a section of their own, or told apart inside one
@@ -82,6 +83,15 @@ def test_the_complete_example_is_a_scenario(make):
     assert len(scn.actors) == 3
     assert scn.friction == 0.9
     assert scn.start.speed == 16.0
+    assert set(scn.patches.friction) == {0.2}
+
+
+def test_documented_limits_of_friction_patches_are_those_of_the_code():
+    allowed, _ = rows('Keys')['friction_patches']
+    assert allowed == f'0 to {friction.MOST} patches, see below'
+    assert f'within {100 * friction.SAGITTA:g} cm of the curve' in TEXT
+    assert f'turn by less than {friction.MAX_TURN:g} rad' in TEXT
+    assert f'{friction.SMALLEST:g} m or more behind `from_m`' in TEXT
 
 
 def test_the_example_of_an_error_is_what_one_sees(make):

@@ -107,6 +107,28 @@ def test_moving_obstacles_meet_the_car_where_the_comments_say():
     assert 3.5 - walker.Y - walker.r_obs - CAR_RADIUS == pytest.approx(0.5)
 
 
+def test_split_mu_is_slippery_under_the_left_wheels_only():
+    scn = scenario.load('split_mu')
+    assert scn.patches.friction == (0.4,)
+    assert scn.patches.corners_m == (40.0, 0.0, 90.0, 0.0, 90.0, 3.5, 40.0, 3.5)
+    assert np.all(scn.reference.Y == 0.0)
+    assert scn.edges.left[:, 1].max() == 3.5
+    assert (scn.friction, scn.start.speed, scn.obstacles.items) == (1.0, 18.0, ())
+
+
+def test_comments_of_split_mu_state_when_the_car_is_on_the_patch():
+    scn = scenario.load('split_mu')
+    reached, left = np.interp([40.0, 90.0], scn.reference.X, scn.reference.t)
+    comments = ' '.join(re.findall(r'# (.*)', scn.text))
+    assert f'reaches it {reached:.1f} s after the start' in comments
+    assert f'leaves it {left - reached:.1f} s later' in comments
+
+
+@pytest.mark.parametrize('name', [name for name in ALL if name != 'split_mu'])
+def test_other_shipped_scenarios_have_one_friction_everywhere(name):
+    assert scenario.load(name).patches == ((), ())
+
+
 def test_what_a_scenario_may_hold_fits_into_the_messages():
     topics = contract.load().topics
     assert topics['/scenario/reference'].sizes['poses'].high == shape.MAX_SAMPLES
