@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from bags import closed_loop, compare, domain, experiment, run
+from bags import closed_loop, compare, domain, experiment, folders, run
 from bags.interrupt import Interrupt
 from bags.progress import Progress
 from msgs_yaml import compiled
@@ -32,28 +32,44 @@ class Plan(NamedTuple):
 def run_all(plan: Plan, console: Console) -> int:
     """Make the runs, compare those that left a bag; return 0 when every run completed.
 
-    Raises BagError for a scenario, controller or setting that does not exist, before anything is
-    started, and KeyboardInterrupt when a signal came; no process is left behind in any case.
+    Raises BagError for a scenario, controller or setting that cannot be used, before anything is
+    started, and KeyboardInterrupt, which says what was kept, when a signal came; no process is
+    left behind in any case.
     """
     facts = closed_loop.scenario_facts(plan.scenario)
-    chosen = [experiment.controller(name) for name in dict.fromkeys(plan.controllers)]
+    chosen = experiment.controllers(plan.controllers)
     overrides = experiment.overrides(plan.settings)
     folder = plan.out / facts.name
+    for controller in chosen:
+        ring = experiment.nodes(facts, controller, plan.mode, folder, folder, overrides)
+        closed_loop.check_parameters(ring)
+    for line in folders.recover(folder):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if compiled.find_compiler() is None:
         console.print(NO_COMPILER)
     outcomes = []
-    with (
-        Interrupt() as interrupt,
-        Progress(console) as progress,
-        domain.reserved(os.environ) as number,
-    ):
-        settings = run.Settings(plan.mode, folder.absolute(), overrides, number, plan.time_limit_s)
-        for controller in chosen:
-            progress.begin(controller.name, facts.length_m)
-            outcome = run.one(facts, controller, settings, interrupt, progress)
-            progress.end(outcome.controller, outcome.completed, outcome.message)
-            outcomes.append(outcome)
-    made = [outcome.bag for outcome in outcomes if outcome.bag]
-    if made:
-        compare.show(compare.bags(made, folder), console)
+    try:
+        with (
+            Interrupt() as interrupt,
+            Progress(console) as progress,
+            domain.reserved(os.environ) as number,
+        ):
+            settings = run.Settings(
+                plan.mode, folder.absolute(), overrides, number, plan.time_limit_s
+            )
+            for controller in chosen:
+                progress.begin(controller.name, facts.length_m)
+                outcome = run.one(facts, controller, settings, interrupt, progress)
+                progress.end(outcome.controller, outcome.completed, outcome.message)
+                outcomes.append(outcome)
+        made = _made(outcomes)
+        if made:
+            compare.show(compare.bags(made, folder), console)
+    except KeyboardInterrupt:
+        kept = ', '.join(os.path.relpath(bag) for bag in _made(outcomes)) or 'nothing'
+        raise KeyboardInterrupt(f'every node was stopped; kept: {kept}') from None
     return 0 if all(outcome.completed for outcome in outcomes) else 1
+
+
+def _made(outcomes):
+    return [outcome.bag for outcome in outcomes if outcome.bag]

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from bags import info, repair
 from bags.errors import BagError
+from msgs_yaml.parameters import ParameterError
 
 RUNS = Path('bags', 'runs')
 TIME_LIMIT_S = 900.0
@@ -21,11 +22,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = _parser().parse_args(arguments)
     try:
         return chosen.command(chosen)
-    except BagError as error:
-        print(f'error: {error}', file=sys.stderr)
+    except (BagError, ParameterError, OSError) as error:
+        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print('interrupted: every node was stopped, nothing was kept', file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(': '.join(('interrupted', *map(str, interrupt.args))), file=sys.stderr)
         return INTERRUPTED
 
 
@@ -79,11 +80,18 @@ def _add_run(commands):
     )
     run.add_argument(
         '--time-limit',
-        type=float,
+        type=_seconds,
         default=TIME_LIMIT_S,
         metavar='S',
         help=f'wall time after which a run is given up (default: {TIME_LIMIT_S:.0f} s)',
     )
+
+
+def _seconds(text):
+    value = float(text)
+    if not 0.0 < value < float('inf'):
+        raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
+    return value
 
 
 def _add_compare(commands):

@@ -6,24 +6,35 @@ metrics.of(recorded.of(columns, closed_loop.run_info(scn, ...), 'mpcc'))
 """
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
-from bags import metrics, notes, simulated
+from bags import experiment, metrics, notes, simulated
 from bags.columns import Columns
 from bags.errors import BagError
-from bags.experiment import ScenarioFacts
+from bags.experiment import Node, ScenarioFacts
+from mpcc_controller import car_file
 from mpcc_controller.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import parameters, ring
+from msgs_yaml import overrides, parameters, ring
 from msgs_yaml.stamp import NS_PER_S
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
-from vehicle_plant import track
-from vehicle_plant.parameters import PlantParams, StopParams
+from vehicle_plant import parameters as plant_parameters
+from vehicle_plant import road, track
+from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import Simulator, Start
+
+# what a node reads, and the files that this names
+READ = {
+    'mpcc_node': (ControllerParams, car_file.load),
+    'plant_node': (NodeParams, plant_parameters.plant),
+}
+# what the plant declares beside them
+BY_HAND = ('start.from', experiment.DEFAULTS_NAMED)
 
 
 def run(
@@ -38,7 +49,12 @@ def run(
     `friction` is that of the road, the scenario's unless given; the controller believes its own
     parameter. The same arguments give the same columns, times of the solver excepted.
     """
-    car = Simulator(plant, scn.friction if friction is None else friction, Start(*scn.start))
+    car = Simulator(
+        plant,
+        scn.friction if friction is None else friction,
+        Start(*scn.start),
+        patches=road.patches(*scn.patches),
+    )
     plant_side = Lockstep(car, RunEnd(stop_params(scn), car.now))
     controller = Controller(params, vehicle)
     controller.reset(car.actuators)
@@ -113,6 +129,23 @@ def scenario_facts(name_or_path: str) -> ScenarioFacts:
         friction=scn.friction,
         start={'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed},
         stop=parameters.flatten(stop_params(scn)),
+        patches=scn.patches._asdict(),
         path=path,
         length_m=metrics.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
     )
+
+
+def check_parameters(nodes: Sequence[Node]) -> None:
+    """Read the parameters of controller and plant as they will; BagError for what they refuse."""
+    for node in nodes:
+        if node.executable not in READ:
+            continue
+        cls, load = READ[node.executable]
+        try:
+            given = experiment.given(node)
+            given = {name: value for name, value in given.items() if name not in BY_HAND}
+            made, _ = overrides.resolve(cls, experiment.defaults(node), given)
+            load(made)
+        except (parameters.ParameterError, OSError) as error:
+            files = ''.join(f' ({file})' for file in node.files)
+            raise BagError(f'the {node.role}{files} would not start: {error}') from None

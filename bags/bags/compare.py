@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from rich.console import Console
 
 from bags import figures, judge, metrics, palette, panels, read, recorded, table
 from bags.drive import Drive
-from bags.errors import BagError
+from bags.errors import BagError, DamagedBagWarning
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
@@ -30,7 +31,10 @@ def bags(paths: Sequence[Path | str], out: Path, force: bool = False) -> Compari
     Raises BagError for bags that cannot be judged, that name the same controller twice, or that
     drove unlike scenarios (`force` compares them all the same, on the road of the first).
     """
-    loaded = [read.load(path) for path in paths]
+    with warnings.catch_warnings():
+        # the damage is part of what comes out
+        warnings.simplefilter('ignore', DamagedBagWarning)
+        loaded = [read.load(path) for path in paths]
     if not force:
         _same_scenario(paths, [bag.run_info for bag in loaded])
     drives = {}
@@ -40,7 +44,8 @@ def bags(paths: Sequence[Path | str], out: Path, force: bool = False) -> Compari
         if name in drives:
             raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
         drives[name] = found
-    return write(drives, out)
+    damage = {name: bag.damage for name, bag in zip(drives, loaded) if bag.damage}
+    return write(drives, out, damage)
 
 
 def _same_scenario(paths, infos):
@@ -55,13 +60,20 @@ def _same_scenario(paths, infos):
             )
 
 
-def write(drives: dict[str, Drive], out: Path) -> Comparison:
-    """Judge drives by controller name and write what came out into the folder `out`."""
+def write(
+    drives: dict[str, Drive], out: Path, damage: Mapping[str, str] | None = None
+) -> Comparison:
+    """Judge drives by controller name and write what came out into the folder `out`.
+
+    `damage` says of a drive that its bag was only read up to some place.
+    """
     scenario = next(iter(drives.values())).facts.scenario
     colours = palette.colours(list(drives))
     runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
     found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': found}
+    if damage:
+        values['damage'] = dict(damage)
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
@@ -70,6 +82,8 @@ def write(drives: dict[str, Drive], out: Path) -> Comparison:
 
 def show(comparison: Comparison, console: Console) -> None:
     """Print the table, and where the files are."""
+    for damage in comparison.values.get('damage', {}).values():
+        console.print(damage, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(table.build(comparison.values))
     sheet = next(path for path in comparison.figures if path.suffix == '.png')
     for label, path in (('numbers', comparison.file), ('figures', sheet)):

@@ -8,31 +8,45 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from bags.errors import BagError
+
 LAST = 101  # beyond it the ports meet the range that Linux gives to clients
+HIGHEST = 232  # beyond it there are no ports
 PORT_BASE, PORTS_PER_DOMAIN, FIRST_UNICAST = 7400, 250, 10  # DDSI-RTPS 2.2, section 9.6.1
+PORTS_PER_PARTICIPANT, PARTICIPANTS = 2, 10  # as many are looked for
 
 
 @contextmanager
 def reserved(environment) -> Iterator[int]:
     """Yield the ROS_DOMAIN_ID of `environment`, or one that is free, reserved while in use.
 
-    Free means that no participant listens on its first discovery port, and that no other run holds
-    its lock file. Raises RuntimeError when all are taken.
+    Free means that no participant listens on its discovery ports, and that no other run holds its
+    lock file: two rings in one domain would answer each other. In a domain that is given somebody
+    may look on, so there only the lock counts. Raises BagError when the given one or all are taken.
     """
     given = environment.get('ROS_DOMAIN_ID')
-    if given:
-        yield int(given)
-        return
     # begin anywhere: runs started together do not all try the same one first
-    for domain in ((os.getpid() + k) % LAST + 1 for k in range(LAST)):
+    anywhere = ((os.getpid() + k) % LAST + 1 for k in range(LAST))
+    for domain in (_number(given),) if given else anywhere:
         lock = _lock(domain)
         if lock is None:
             continue
         with lock:
-            if _silent(domain):
+            if given or _silent(domain):
                 yield domain
                 return
-    raise RuntimeError(f'all ROS domains from 1 to {LAST} are in use; set ROS_DOMAIN_ID')
+    if given:
+        raise BagError(
+            f'ROS_DOMAIN_ID={given}: another run is in this domain, and two rings in one domain '
+            'answer each other; choose another one, or unset it to be given a free one'
+        )
+    raise BagError(f'all ROS domains from 1 to {LAST} are in use; set ROS_DOMAIN_ID')
+
+
+def _number(given):
+    if not given.isdecimal() or int(given) > HIGHEST:
+        raise BagError(f'ROS_DOMAIN_ID={given}: must be a whole number from 0 to {HIGHEST}')
+    return int(given)
 
 
 def _lock(domain):
@@ -48,7 +62,11 @@ def _lock(domain):
 
 
 def _silent(domain):
-    port = PORT_BASE + PORTS_PER_DOMAIN * domain + FIRST_UNICAST
+    first = PORT_BASE + PORTS_PER_DOMAIN * domain + FIRST_UNICAST
+    return all(_is_free(first + PORTS_PER_PARTICIPANT * k) for k in range(PARTICIPANTS))
+
+
+def _is_free(port):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(('', port))

@@ -11,6 +11,7 @@ SHEET_WIDTH = 15.0  # inch
 PANEL_SIZE = (7.0, 4.2)  # inch
 MIDDLE_ROW = (panels.v2e, panels.v2o, panels.velocity)
 LAST_ROW = (panels.sideslip, panels.steer, panels.force, panels.gg)
+WITH_AREAS = {road.trajectories, panels.v2e, panels.v2o}
 NAMES = {
     road.trajectories: 'trajectories',
     panels.v2e: 'v2e',
@@ -44,7 +45,7 @@ def _sheet(runs, title):
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
-    _legend(figure, runs)
+    _legend(figure, runs, (road.trajectories, panels.v2e))
     return figure
 
 
@@ -54,18 +55,19 @@ def _single(panel, runs):
         size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road.shape(runs) + 1.2, 3.0), SHEET_WIDTH))
     figure = Figure(figsize=size, layout='constrained')
     panel(figure.add_subplot(), runs)
-    _legend(figure, runs)
+    _legend(figure, runs, (panel,))
     return figure
 
 
-def _legend(figure, runs):
-    """Name every run once, and the marks of the scene, above the panels."""
+def _legend(figure, runs, drawn):
+    """Name every run once, and the marks that the panels have, above them."""
     keys = [Line2D([], [], label=run.name, lw=2.4, **run.line) for run in runs]
-    keys.append(
-        Line2D([], [], color=palette.REFERENCE, lw=1.0, ls=(0, (6, 3)), label='coarse path')
-    )
-    for colour, label in ((palette.UNSAFE, 'unsafe area'), (palette.COLLISION, 'collision')):
-        keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
+    if road.trajectories in drawn:
+        look = {'color': palette.REFERENCE, 'lw': 1.0, 'ls': (0, (6, 3))}
+        keys.append(Line2D([], [], label='coarse path', **look))
+    if not WITH_AREAS.isdisjoint(drawn):
+        for colour, label in ((palette.UNSAFE, 'unsafe area'), (palette.COLLISION, 'collision')):
+            keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
 
 

@@ -1,14 +1,19 @@
 """Where a run is recorded, and where it ends up: an older run stays until the new one is whole."""
 
+import fcntl
+import os
 import shutil
 import tempfile
 from pathlib import Path
 
 LOGS = 'logs'
+REPLACED = 'replaced'
 
 
 class Workshop:
     """A hidden folder beside the final place, so that moving is one rename.
+
+    It is locked while this program lives; `recover` cares for those whose program was killed.
 
     bag     folder that the recorder makes
     logs    what the nodes said, and the parameters they were given
@@ -19,6 +24,7 @@ class Workshop:
         self.final = scenario_folder / name
         self.failed = scenario_folder / f'{name}.failed'
         self.root = Path(tempfile.mkdtemp(prefix=f'.{name}.', dir=scenario_folder))
+        self._lock = _lock(self.root)
         self.bag = self.root / name
         self.logs = self.root / LOGS
         self.logs.mkdir()
@@ -26,7 +32,7 @@ class Workshop:
     @property
     def is_closed(self) -> bool:
         """Tell whether the recorder completed the bag."""
-        return (self.bag / 'metadata.yaml').is_file()
+        return _is_closed(self.bag)
 
     def keep(self) -> Path:
         """Put the bag with its logs in the final place; return it."""
@@ -38,14 +44,71 @@ class Workshop:
         return self._replace(self.failed, self.root) / LOGS
 
     def _replace(self, place, new):
-        old = Path(tempfile.mkdtemp(prefix='.old.', dir=place.parent))
+        # a kill between the two renames leaves the old one where `recover` finds it
+        old = self.root / REPLACED
+        old.mkdir()
         if place.exists():
             place.rename(old / place.name)
         new.rename(place)
-        shutil.rmtree(old)
+        shutil.rmtree(place / REPLACED, ignore_errors=True)
         self.discard()
         return place
 
     def discard(self):
         """Remove what was not kept."""
         shutil.rmtree(self.root, ignore_errors=True)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+def recover(scenario_folder: Path) -> list[str]:
+    """Clear up after runs that were killed; return a line about each that left something.
+
+    What they were about to replace is put back. Runs in progress are left alone.
+    """
+    said = []
+    for root in sorted(path for path in scenario_folder.glob('.*.*') if path.is_dir()):
+        lock = _lock(root)
+        if lock is not None:
+            said += _cleared(root)
+            os.close(lock)
+    return said
+
+
+def _cleared(root):
+    for old in root.glob(f'{REPLACED}/*'):
+        place = root.parent / old.name
+        if not place.exists():
+            old.rename(place)
+            yield f'{place}: put back; a run was killed while it was replaced'
+    name = root.name[1:].rpartition('.')[0]
+    if (root / name).exists() or (root / LOGS).exists():
+        yield _left(root, name)
+    else:
+        shutil.rmtree(root)
+
+
+def _left(root, name):
+    bag = root / name
+    told = f'a run of {name} was killed and left {root}'
+    if _is_closed(bag):
+        return f'{told}: its bag {bag} is whole; move it where you want it, or delete the folder'
+    if any(bag.glob('*.mcap')):
+        return f'{told}: `bags repair {bag}` makes a complete bag of it; or delete the folder'
+    return f'{told}: it holds no bag, only what the nodes said; delete it'
+
+
+def _is_closed(bag):
+    return (bag / 'metadata.yaml').is_file()
+
+
+def _lock(folder):
+    """Return the descriptor of a locked folder, None when another program holds it."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        return None
+    return descriptor

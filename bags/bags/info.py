@@ -49,7 +49,8 @@ def show(found: dict[str, Any], console: Console) -> None:
     for line in _loop(found):
         console.print(line, markup=False, highlight=False)
     for name, value in found['run'].items():
-        console.print(f'{name}: {_short(value)}', markup=False, highlight=False)
+        # a hash that is copied is one word
+        console.print(f'{name}: {_short(value)}', markup=False, highlight=False, soft_wrap=True)
 
 
 def _loop(found):

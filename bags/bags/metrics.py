@@ -143,15 +143,25 @@ def solve_times(solve_ms):
 def tick_counts(drive):
     """Return ticks, deadline misses and fallbacks.
 
-    A tick is a controller period that begins after the first state and before the last one. It is
-    missed when no command carries a stamp of that period.
+    A tick is missed when no command carries a stamp of its period.
     """
-    period = drive.facts.tick_ns
-    first, last = (-(-int(drive.motion.stamp_ns[k]) // period) for k in (0, -1))
-    answered = np.unique(drive.ticks.answered_ns // period)
-    answered = answered[(answered >= first) & (answered < last)]
+    ticks, answered = periods(drive.motion.stamp_ns, drive.ticks.answered_ns, drive.facts.tick_ns)
     return {
-        'ticks': last - first,
-        'deadline_misses': last - first - len(answered),
+        'ticks': ticks,
+        'deadline_misses': ticks - answered,
         'fallbacks': int(np.count_nonzero(drive.ticks.fallback)),
     }
+
+
+def periods(state_ns, answered_ns, period):
+    """Return how many controller periods [ns] a drive has, and how many of them were answered.
+
+    They count from the first answer: the car is held at its start until then. The period of the
+    last state is left out: its answer may come after the end. Without any answer every period
+    between the first state and the last one counts.
+    """
+    first, last = (-(-int(stamp) // period) for stamp in (state_ns.min(), state_ns.max()))
+    answered = np.unique(answered_ns // period)
+    answered = answered[(answered >= first) & (answered < last)]
+    first = int(answered[0]) if answered.size else first
+    return last - first, len(answered)

@@ -7,6 +7,7 @@ DASHED = (0, (5, 1.5))
 KNOWN_DASHES = {'mpcc_no_ca': DASHED}
 
 INK = '#262626'
+QUIET = '#6F6F6F'
 EDGE = '#404040'
 REFERENCE = '#8C8C8C'
 UNSAFE = '#E69F00'

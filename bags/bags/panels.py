@@ -15,6 +15,7 @@ from bags.judge import Series
 GRAVITY = 9.81  # m/s^2
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
+LEAST_SPAN_MPS = 2.0  # a tenth of a metre per second must not look like braking
 KILO = 1e3
 STATION = 'station along the coarse path [m]'
 
@@ -42,17 +43,22 @@ def v2e(ax, runs):
             _mark(ax, run, np.nanargmin(gap), gap)
     _unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2e.values()])
-    _note(ax, 'right edge strong, left edge pale')
+    note(ax, 'right edge strong, left edge pale')
     ax.set(xlabel=STATION, ylabel='$D_{V2E}$ [m]', title='Vehicle to road edge')
 
 
 def v2o(ax, runs):
     """Distance between the vehicle circle and each obstacle (D_V2O)."""
+    near = False
     for run in runs:
         for gap in run.series.v2o.values():
             _curve(ax, run, np.where(gap < 2 * FAR_M, gap, np.nan))
             if np.any(gap < FAR_M):
                 _mark(ax, run, np.nanargmin(gap), gap)
+                near = True
+    if not near:
+        text = f'no obstacle within {FAR_M:g} m'
+        ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=palette.QUIET)
     _unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
     ax.set_xlim(_stations(runs))
@@ -63,6 +69,9 @@ def velocity(ax, runs):
     """Longitudinal velocity."""
     for run in runs:
         _curve(ax, run, run.drive.motion.vx)
+    low, high = ax.get_ylim()
+    spare = max(0.0, LEAST_SPAN_MPS - (high - low)) / 2
+    ax.set_ylim(low - spare, high + spare)
     ax.set(xlabel=STATION, ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
 
 
@@ -96,14 +105,16 @@ def force(ax, runs):
 
 def gg(ax, runs):
     """Accelerations at the centre of gravity within the friction circle."""
-    for run in runs:
-        acc = run.drive.accelerations
-        ax.plot(acc.ay, acc.ax, **{**run.line, 'linestyle': '-', 'linewidth': 1.0, 'alpha': 0.85})
+    measured = [run.drive.accelerations for run in runs]
+    for run, acc in zip(runs, measured):
+        ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 1.0, 'alpha': 0.85})
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     radius = GRAVITY * max(run.drive.facts.friction for run in runs)
     ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=palette.EDGE, lw=1.0, ls=':')
-    _note(ax, 'dotted: friction circle')
-    ax.set_aspect('equal', adjustable='datalim')
+    note(ax, 'dotted: friction circle')
+    reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max() for acc in measured))
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    ax.set_aspect('equal', adjustable='box')
     ax.set(xlabel='$a_y$ [m/s²], left positive', ylabel='$a_x$ [m/s²]', title='G-G diagram')
 
 
@@ -142,7 +153,8 @@ def _distance_limits(ax, gaps):
     ax.set_ylim(low - 0.5, FAR_M)
 
 
-def _note(ax, text):
+def note(ax, text):
+    """Say something small about a panel, above its right corner."""
     ax.annotate(
         text,
         (1.0, 1.0),
@@ -152,5 +164,5 @@ def _note(ax, text):
         ha='right',
         va='bottom',
         fontsize=7.5,
-        color='#6F6F6F',
+        color=palette.QUIET,
     )

@@ -1,5 +1,6 @@
 """Start programs, watch over them, stop them: each with its own log file and session, by pid."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 INTERRUPT_S = 5.0  # how long a program may take to end after SIGINT
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 TAIL_LINES = 15
 TAIL_BYTES = 2000
 
@@ -55,8 +57,18 @@ def start(
     """Start a program; its output goes to `log`, unbuffered, `cores` are the only ones it may use.
 
     It runs in a session of its own: Ctrl-C in the terminal reaches this program only, which then
-    stops the others in order.
+    stops the others in order. Should this program be killed, the kernel interrupts them.
     """
+    libc, parent = ctypes.CDLL(None), os.getpid()
+
+    def tie():
+        # stays through exec, so through the shell scripts that nodes are started by, too
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        if cores:
+            os.sched_setaffinity(0, cores)
+        if os.getppid() != parent:  # killed before that
+            os.kill(os.getpid(), signal.SIGKILL)
+
     with log.open('wb') as output:
         popen = subprocess.Popen(
             command,
@@ -65,10 +77,8 @@ def start(
             stderr=subprocess.STDOUT,
             env={**environment, 'PYTHONUNBUFFERED': '1'},
             start_new_session=True,
+            preexec_fn=tie,
         )
-    if cores:
-        # it has one thread yet, the later ones inherit
-        os.sched_setaffinity(popen.pid, cores)
     return Process(name, popen, log)
 
 

@@ -1,5 +1,7 @@
 """What a person sees while runs are made: a line per controller with time, station and speed."""
 
+import sys
+
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
@@ -22,6 +24,8 @@ class Progress:
             TextColumn('{task.fields[said]}'),
             console=console,
             disable=not console.is_terminal,
+            # what goes wrong is said there, also when that is a file
+            redirect_stderr=sys.stderr.isatty(),
         )
         self._task = None
 
@@ -42,12 +46,11 @@ class Progress:
         self._bars.update(self._task, completed=sight.station, said=said)
 
     def end(self, controller: str, completed: bool, message: str) -> None:
-        """Show how the run ended; what went wrong in full, above the bars."""
+        """Show how the run ended; what went wrong in full, on stderr."""
         first, *_ = message.splitlines()
         self._bars.update(self._task, said=first)
         self._bars.stop_task(self._task)
         if not completed:
-            self.console.print(f'[red]{controller}:[/] ', end='')
-            self.console.print(message, markup=False, highlight=False, soft_wrap=True)
+            print(f'{controller}: {message}', file=sys.stderr)
         elif not self.console.is_terminal:
             self.console.print(f'{controller}: {message}', markup=False, highlight=False)

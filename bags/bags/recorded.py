@@ -19,6 +19,7 @@ NEEDED = (
     '/vehicle/actuators',
     '/vehicle/imu',
 )
+LOCKSTEP = 'lockstep'
 # a controller that never answered leaves neither behind
 ANSWERS = ('/controller/command', '/controller/why')
 DRIVEN = ('solved', 'stopped_early')  # rungs of the ladder that follow a fresh plan
@@ -38,6 +39,8 @@ def of(columns: Mapping[str, Columns], run_info: Mapping[str, str], name: str) -
     """Return the drive in the columns of a run; `name` is what errors call it."""
     odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
     actuators = columns['/vehicle/actuators']
+    if run_info.get('mode') == LOCKSTEP:
+        _check_one_ring(columns, name)
     return drive.Drive(
         drive.Motion(
             odometry.stamp_ns,
@@ -55,6 +58,18 @@ def of(columns: Mapping[str, Columns], run_info: Mapping[str, str], name: str) -
         _scene(columns),
         facts(run_info, name),
     )
+
+
+def _check_one_ring(columns, name):
+    """Refuse two answers to one state: in lockstep nobody gives them but a second controller."""
+    for topic in {'/vehicle/odometry', ANSWERS[0]} & columns.keys():
+        stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
+        if np.any(counts > 1):
+            stamp_s = stamps[np.argmax(counts)] / NS_PER_S
+            raise BagError(
+                f'{name}: {topic} has unlike messages of one stamp ({stamp_s:.3f} s): '
+                'two rings shared a ROS domain, and neither of them can be judged'
+            )
 
 
 def _ticks(columns):

@@ -4,9 +4,11 @@ import numpy as np
 from matplotlib.patches import Circle, Polygon
 
 from bags import geometry, palette
-from bags.panels import EVERY
+from bags.panels import EVERY, note
+from msgs_yaml.stamp import NS_PER_S
 
 OUTLINE_EVERY_S = 0.6
+TIME_EVERY = 2  # of the outlines one in this many is given its time, where obstacles move
 TRAIL_RADII = 8.0  # between two drawn places of a moving obstacle
 LONG_ROAD = 6.0  # length over width from which the lateral direction is drawn larger
 STRETCH = 3.0
@@ -22,12 +24,16 @@ def trajectories(ax, runs):
     for run in runs:
         _vehicle(ax, run)
     for obstacle in scene.obstacles:
-        _obstacle(ax, obstacle, scene.obstacle_stamp_ns, runs)
+        _obstacle(ax, obstacle, runs)
+    if any(_moves(obstacle) for obstacle in scene.obstacles):
+        _clock(ax, runs[0])
     low, high = view(runs)
     stretch = _stretch(high - low)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
     ax.set_aspect(stretch)
     scale = f', lateral scale × {stretch:.0f}' if stretch > 1.0 else ''
+    if scene.obstacles:
+        note(ax, 'shaded: where the centre of gravity must not be')
     ax.set_title(f'Trajectories of the centre of gravity{scale}')
 
 
@@ -36,7 +42,7 @@ def view(runs):
     seen = [np.column_stack([run.drive.motion.x, run.drive.motion.y]) for run in runs]
     drives = np.concatenate(seen)
     scene = runs[0].drive.scene
-    near = [drives]
+    near = [drives, *(_box(run, k) for run in runs for k in _shown(run))]
     for edge in (scene.left, scene.right):
         along = geometry.track(drives[:: 10 * EVERY], edge, np.inf).distance
         reach = np.linspace(along.min(), along.max(), 200)
@@ -67,9 +73,8 @@ def _edges(ax, scene):
 def _vehicle(ax, run):
     motion = run.drive.motion
     ax.plot(motion.x[::EVERY], motion.y[::EVERY], zorder=4, **run.line)
-    step = max(1, round(OUTLINE_EVERY_S / np.median(np.diff(run.series.t))))
-    for k in range(0, len(motion.x), step):
-        box = geometry.corners(motion.x[k], motion.y[k], motion.yaw[k], run.drive.facts.outline)
+    for k in _shown(run):
+        box = _box(run, k)
         ax.add_patch(
             Polygon(
                 box, facecolor=(run.colour, 0.10), edgecolor=(run.colour, 0.65), lw=0.8, zorder=3
@@ -77,13 +82,43 @@ def _vehicle(ax, run):
         )
 
 
-def _obstacle(ax, obstacle, stamp_ns, runs):
+def _shown(run):
+    """Return the samples at which the car is drawn."""
+    step = max(1, round(OUTLINE_EVERY_S / np.median(np.diff(run.series.t))))
+    return range(0, len(run.series.t), step)
+
+
+def _box(run, k):
+    motion = run.drive.motion
+    return geometry.corners(motion.x[k], motion.y[k], motion.yaw[k], run.drive.facts.outline)
+
+
+def _clock(ax, run):
+    """Say when the first car was where, at some of its places."""
+    motion = run.drive.motion
+    for k in _shown(run)[::TIME_EVERY]:
+        _time(ax, (motion.x[k], _box(run, k)[:, 1].max()), run.series.t[k], run.colour, 'bottom')
+
+
+def _time(ax, place, t, colour, side):
+    look = {'fontsize': 7.0, 'color': colour, 'ha': 'center', 'va': side}
+    ax.text(*place, f'{t:.1f} s', zorder=5, clip_on=True, **look)
+
+
+def _moves(obstacle):
+    return np.nanmax(np.hypot(obstacle.vx, obstacle.vy)) > STILL_MPS
+
+
+def _obstacle(ax, obstacle, runs):
     """Draw an obstacle with the area the centre of gravity must keep out of; a trail if moving."""
-    facts = runs[0].drive.facts
     seen = np.flatnonzero(np.isfinite(obstacle.x))
-    moves = np.hypot(obstacle.vx[seen], obstacle.vy[seen]).max() > STILL_MPS
+    moves = _moves(obstacle)
+    drive = runs[0].drive
     for k in _apart(obstacle, seen) if moves else seen[:1]:
-        _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, facts, pale=moves)
+        _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, drive.facts, pale=moves)
+        if moves:
+            t = (drive.scene.obstacle_stamp_ns[k] - drive.motion.stamp_ns[0]) / NS_PER_S
+            _time(ax, (obstacle.x[k], obstacle.y[k] - obstacle.radius), t, palette.INK, 'top')
     if moves:
         ax.plot(obstacle.x, obstacle.y, color=palette.EDGE, lw=0.8, ls=':', zorder=2)
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
+PAPER_NOTE = 'paper: its MPCC with FORCESPro on a dSPACE DS6001'
 
 
 class Row(NamedTuple):
@@ -25,7 +26,7 @@ ROWS = (
     Row('  left', 'm', 2, ('min_v2e_per_edge_m', 'left')),
     Row('  right', 'm', 2, ('min_v2e_per_edge_m', 'right')),
     Row('min gap of the outline', 'm', 2, ('min_outline_gap_m',)),
-    Row('overshoots', 'm', 2, ('overshoots',)),
+    Row('overshoots', 'm at x', 2, ('overshoots',)),
     Row('peak sideslip angle', 'deg', 1, ('peak_sideslip_deg',)),
     Row('  at station', 'm', 1, ('peak_sideslip_at_m',)),
     Row('min speed', 'm/s', 1, ('min_speed_mps',)),
@@ -47,11 +48,17 @@ GOOD_WHEN = {'completed': True, 'collided': False, 'entered_unsafe_area': False}
 def build(comparison: dict) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json)."""
     runs = comparison['runs']
-    table = Table(title=f'Scenario {comparison["scenario"]}', title_justify='left')
+    table = Table(
+        title=f'Scenario {comparison["scenario"]}',
+        title_justify='left',
+        caption=PAPER_NOTE,
+        caption_justify='left',
+    )
     table.add_column('metric', no_wrap=True)
     table.add_column('unit')
     for name in runs:
-        table.add_column(name, justify='right', no_wrap=True)
+        cut = name in comparison.get('damage', {})
+        table.add_column(f'{name}, bag cut' if cut else name, justify='right', no_wrap=True)
     table.add_column('paper', justify='right', style='dim')
     for row in _rows(runs):
         cells = [_cell(row, _look_up(found, row.path)) for found in runs.values()]

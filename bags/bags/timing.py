@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags import read
+from bags import metrics, read
 from msgs_yaml import contract, decode
 from msgs_yaml.stamp import NS_PER_S
 
@@ -26,7 +26,7 @@ class Latency(NamedTuple):
 
 
 class Ticks(NamedTuple):
-    """Controller periods between the first and the last state."""
+    """Controller periods between the first command and the last state."""
 
     count: int
     unanswered: int  # no command carries a stamp of the period
@@ -62,13 +62,11 @@ def period_ns(mode: str) -> int:
 
 
 def ticks(bag: read.Bag, period: int) -> Ticks:
-    """Count the periods [ns] that were answered, late or never; BagError as `latency`.
+    """Count the periods [ns] from the first command that were answered, late or never.
 
-    The period of the last state is left out: its answer may come after the end of the recording.
+    Raises BagError as `latency`.
     """
-    stamps = stamps_ns(read.recording(bag, STATE))
-    first, last = -(-int(stamps.min()) // period), -(-int(stamps.max()) // period)
-    answered = np.unique(stamps_ns(read.recording(bag, COMMAND)) // period)
-    answered = answered[(answered >= first) & (answered < last)]
+    states, commands = (stamps_ns(read.recording(bag, topic)) for topic in (STATE, COMMAND))
+    count, answered = metrics.periods(states, commands, period)
     late = int(np.count_nonzero(latency(bag).latency_s * NS_PER_S > period))
-    return Ticks(last - first, last - first - len(answered), late)
+    return Ticks(count, count - answered, late)

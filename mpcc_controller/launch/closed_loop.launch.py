@@ -52,10 +52,12 @@ def nodes(context):
     }
     recorded = {'recorders': 1}  # nobody starts before the recorder listens
     friction = {'friction': driven.friction}
+    flat = driven.patches._asdict().items()
+    patches = {f'patches.{name}': list(values) for name, values in flat if values}
     plant = Node(
         package='vehicle_plant',
         executable='plant_node',
-        parameters=[mode, recorded, friction, start, stop],
+        parameters=[mode, recorded, friction, patches, start, stop],
         output='screen',
     )
     return [

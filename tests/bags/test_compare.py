@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bags import cli, compare, drive, figures, judge, metrics, palette, panels, table
+from bags import cli, compare, drive, figures, judge, metrics, palette, panels, road, table
 
 
 @pytest.fixture(scope='module')
@@ -72,6 +72,60 @@ def test_a_figure_shows_every_run_in_its_own_colour(drives):
         assert '[' in axes.get_xlabel()
 
 
+@pytest.fixture(scope='module')
+def runs(drives):
+    colours = palette.colours(list(drives))
+    return [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+
+
+@pytest.mark.parametrize(
+    ('panel', 'marks'),
+    [
+        (road.trajectories, ['coarse path', 'unsafe area', 'collision']),
+        (panels.v2o, ['unsafe area', 'collision']),
+        (panels.sideslip, []),
+    ],
+)
+def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
+    (legend,) = figures._single(panel, runs).legends
+    assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
+
+
+def test_a_whole_car_is_seen_at_the_start(runs):
+    axes = figures.Figure().add_subplot()
+    road.trajectories(axes, runs)
+    assert axes.get_xlim()[0] < -runs[0].drive.facts.outline.rear
+
+
+def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_drive):
+    axes = figures.Figure().add_subplot()
+    road.trajectories(axes, runs)
+    times = {text.get_text() for text in axes.texts}
+    assert {'0.0 s', '1.2 s', '2.4 s'} <= times
+    still = figures.Figure().add_subplot()
+    one = make_drive()
+    road.trajectories(still, [panels.Run('mpcc', one, judge.series(one), 'C0')])
+    assert [text.get_text() for text in still.texts] == []
+
+
+def test_a_panel_of_obstacles_without_any_says_so(make_drive):
+    one = make_drive()
+    axes = figures.Figure().add_subplot()
+    panels.v2o(axes, [panels.Run('mpcc', one, judge.series(one), 'C0')])
+    assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
+
+
+def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs):
+    speed, gg = figures.Figure().subplots(1, 2)
+    motion = runs[0].drive.motion
+    wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
+    panels.velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
+    assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPAN_MPS)
+    panels.gg(gg, runs)
+    assert gg.get_xlim() == gg.get_ylim()
+    assert gg.get_aspect() == 1.0
+
+
 def test_a_controller_keeps_its_colour_whoever_else_drives():
     assert palette.colours(['mpcc', 'frenet'])['frenet'] == palette.colours(['frenet'])['frenet']
     many = [f'own_{k}' for k in range(12)]
@@ -98,6 +152,17 @@ def test_what_a_run_does_not_have_is_a_dash(make_drive):
     lines = console.file.getvalue().splitlines()
     nearest = next(line for line in lines if 'min distance to obstacle' in line)
     assert '–' in nearest
+
+
+def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(drives, tmp_path):
+    damage = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
+    console = Console(file=io.StringIO(), width=140)
+    compare.show(compare.write(drives, tmp_path, damage), console)
+    lines = console.file.getvalue().splitlines()
+    assert lines[0] == damage['mpcc']
+    (head,) = (line for line in lines if 'metric' in line)
+    assert [cell.strip() for cell in head.split('┃')][3:5] == ['mpcc, bag cut', 'mpcc_no_ca']
+    assert json.loads((tmp_path / 'comparison.json').read_text())['damage'] == damage
 
 
 def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):

@@ -219,6 +219,17 @@ def test_ticks_without_a_command_are_misses(make_drive):
     assert metrics.tick_counts(late)['deadline_misses'] == 3
 
 
+def test_the_time_before_the_first_command_is_no_miss(make_drive):
+    driven = make_drive()
+    # on the wall clock the car is held until then, and the first answer is to any state
+    answered = driven.ticks.answered_ns[20:] + 7 * MS
+    held = driven._replace(ticks=driven.ticks._replace(answered_ns=answered))
+    found = metrics.tick_counts(held)
+    assert (found['ticks'], found['deadline_misses']) == (80, 0)
+    never = driven._replace(ticks=driven.ticks._replace(answered_ns=answered[:0]))
+    assert metrics.tick_counts(never)['deadline_misses'] == 100
+
+
 def test_a_command_for_any_state_of_its_period_serves_that_tick(make_drive):
     driven = make_drive()
     shifted = driven.ticks._replace(answered_ns=driven.ticks.answered_ns + 7 * MS)

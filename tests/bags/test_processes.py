@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -129,3 +130,25 @@ def test_an_ignored_sigint_is_not_handed_on(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )
     assert log.read_text() == 'False\n'
+
+
+def test_a_program_is_interrupted_when_its_starter_is_killed_also_behind_a_script(tmp_path):
+    script = (
+        'import os, pathlib, signal, sys\n'
+        'from bags import processes\n'
+        'command = ["sh", "-c", "exec sleep 60"]\n'
+        'started = processes.start("child", command, pathlib.Path(sys.argv[1]), os.environ)\n'
+        'while b"sleep" not in pathlib.Path(f"/proc/{started.popen.pid}/cmdline").read_bytes(): 0\n'
+        'print(started.popen.pid, flush=True)\n'
+        'os.kill(os.getpid(), signal.SIGKILL)\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, tmp_path / 'log'], stdout=subprocess.PIPE, timeout=30
+    )
+    child = f'/proc/{int(done.stdout)}/stat'
+    for _ in range(100):
+        # nobody may be there to bury it
+        if not os.path.exists(child) or ') Z ' in Path(child).read_text():
+            return
+        time.sleep(0.02)
+    pytest.fail('it is still running')

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from bags import compare, inbox, notes, recorded
-from bags.errors import BagError
+from bags import columns, compare, inbox, notes, recorded
+from bags.errors import BagError, DamagedBagWarning
 from bags.rosbag2_writer import BagWriter
 from msgs_yaml import contract, encode
 from msgs_yaml.types import VehicleState
@@ -70,6 +70,21 @@ def test_the_judge_takes_its_distances_from_the_notes_of_the_run(note):
     assert length == pytest.approx(2.9 + recorded.FRONT_OVERHANG_M + recorded.REAR_OVERHANG_M)
 
 
+@pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])
+def test_two_rings_in_one_domain_are_not_judged(note, topic):
+    def table(form, stamps):
+        stamp_ns = np.array(stamps, dtype=np.int64)
+        return form(stamp_ns, *(np.zeros(len(stamps)) for _ in form._fields[1:]))
+
+    stamps = {'/vehicle/odometry': [10, 20, 30], '/controller/command': [10, 20]}
+    stamps[topic] = [10, 20, 20]
+    forms = {'/vehicle/odometry': columns.Odometry, '/controller/command': columns.Command}
+    made = {name: table(forms[name], stamps[name]) for name in forms}
+    made |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
+    with pytest.raises(BagError, match=f'{topic} has unlike messages of one stamp.*two rings'):
+        recorded.of(made, note('schema: 1'), 'bag')
+
+
 def test_a_bag_without_notes_cannot_be_judged(note):
     with pytest.raises(BagError, match="bag: the run does not say 'parameters'"):
         recorded.facts({}, 'bag')
@@ -105,3 +120,12 @@ def test_notes_say_what_the_numbers_depend_on(note):
     assert 'unknown' not in (versions['python'], versions['casadi'], versions['rclpy'])
     assert json.loads(found['machine'])['cores'] >= 1
     assert found['scenario_sha256'] == notes.digest('schema: 1') != notes.digest('schema: 2')
+
+
+def test_damage_is_no_warning_of_python_with_a_source_line(note, make_bag, tmp_path, recwarn):
+    bag = make_bag('one', note('schema: 1'))
+    (file,) = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(BagError, match='no message of'):
+        compare.bags([bag], tmp_path / 'out')
+    assert not [one for one in recwarn if one.category is DamagedBagWarning]

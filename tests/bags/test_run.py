@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bags import experiment, run
+from bags import experiment, folders, run
 from bags.interrupt import Interrupt
 from bags.progress import Progress
 
@@ -37,6 +37,7 @@ FACTS = experiment.ScenarioFacts(
     friction=0.8,
     start={'x_m': 1.0, 'y_m': 2.0, 'yaw_rad': 0.0, 'speed_mps': 20.0},
     stop={'x_m': 99.0, 'y_m': 0.0, 'yaw_rad': 0.0, 'armed_after_m': 9.0, 'time_s': 20.0},
+    patches={'corners_m': (), 'friction': ()},
     path=np.array([[0.0, 0.0], [120.0, 0.0]]),
     length_m=99.0,
 )
@@ -215,9 +216,50 @@ def test_ctrl_c_at_the_command_leaves_no_process_and_no_run(tmp_path, command):
     command.send_signal(signal.SIGINT)
     _, said = command.communicate(timeout=30)
     assert command.returncode == 130
-    assert said == 'interrupted: every node was stopped, nothing was kept\n'
+    assert said == 'interrupted: every node was stopped; kept: nothing\n'
     assert left_over(tmp_path) == []
     assert list((tmp_path / 'runs/straight').iterdir()) == []
+
+
+def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
+    # the first plant ends at once, the second one never
+    flag = tmp_path / 'flag'
+    prefix('vehicle_plant/plant_node', f'[ -e {flag} ] || {{ touch {flag}; exit 0; }}\n{WAIT}')
+    command = [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', 'runs']
+    process = subprocess.Popen(
+        [*command, '--controller', 'mpcc', '--controller', 'mpcc_no_ca'],
+        cwd=tmp_path,
+        env={**os.environ, 'ROS_DOMAIN_ID': '54'},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.glob('runs/straight/.mpcc_no_ca.*/logs/plant_node.log')):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert said == 'interrupted: every node was stopped; kept: runs/straight/mpcc\n'
+    assert left_over(tmp_path) == []
+
+
+def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it_left(
+    tmp_path, command
+):
+    assert len(left_over(tmp_path)) >= 4
+    command.kill()
+    command.communicate(timeout=10)
+    deadline = time.monotonic() + 10.0
+    while left_over(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert left_over(tmp_path) == []
+    (left,) = (tmp_path / 'runs/straight').iterdir()
+    (said,) = folders.recover(tmp_path / 'runs/straight')
+    assert str(left / 'mpcc') in said
 
 
 def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
@@ -230,8 +272,8 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
         timeout=60,
     )
     assert done.returncode == 1
-    assert 'mpcc_node ended early with exit code 4' in done.stdout
-    assert '| no solver' in done.stdout
+    assert 'mpcc: mpcc_node ended early with exit code 4' in done.stderr
+    assert '| no solver' in done.stderr
     assert left_over(tmp_path) == []
 
 

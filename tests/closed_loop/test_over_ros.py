@@ -11,38 +11,58 @@ from bags import read, recorded
 from bags.columns import Values
 
 SCENARIO = 'double_lane_change'
+# friction patches go another way to the plant than everything else
+SCENARIOS = (SCENARIO, 'split_mu')
 # recorded with a new stamp each time they are repeated, told once in process
 REPEATED = ('/scenario/reference', '/scenario/road_edges')
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    """Drive the double lane change through the nodes."""
-    out = tmp_path_factory.mktemp('over_ros')
+def bags(tmp_path_factory):
+    """Drive the scenarios through the nodes."""
+    return {name: drive(tmp_path_factory.mktemp(name), name) for name in SCENARIOS}
+
+
+def drive(out, name):
     done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', 'run', SCENARIO, '--out', out],
+        [sys.executable, '-m', 'bags.cli', 'run', name, '--out', out],
         env={**os.environ, 'ROS_DOMAIN_ID': '58'},
         capture_output=True,
         text=True,
         timeout=240,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return read.load(out / SCENARIO / 'mpcc')
+    return read.load(out / name / 'mpcc')
 
 
 @pytest.mark.ros
-def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bag):
-    made, _ = ring.drive(SCENARIO, 'mpcc')
-    recorded_ = read.columns(bag)
+@pytest.mark.parametrize('name', SCENARIOS)
+def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bags, name):
+    made, _ = ring.drive(name, 'mpcc')
+    recorded_ = read.columns(bags[name])
     for topic in made.keys() - set(REPEATED):
-        for name, one in made[topic]._asdict().items():
-            if not (isinstance(made[topic], Values) and name == 'values'):
-                other = getattr(recorded_[topic], name)
-                assert np.array_equal(one, other), f'{topic}: {name}'
+        for column, one in made[topic]._asdict().items():
+            if not (isinstance(made[topic], Values) and column == 'values'):
+                other = getattr(recorded_[topic], column)
+                assert np.array_equal(one, other), f'{topic}: {column}'
     assert made['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
 
 
 @pytest.mark.ros
-def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(ring, bag):
+def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(ring, bags):
     _, driven = ring.drive(SCENARIO, 'mpcc')
-    assert recorded.of_bag(bag).facts == driven.facts
+    assert recorded.of_bag(bags[SCENARIO]).facts == driven.facts
+
+
+def test_a_slippery_patch_is_felt_by_the_wheels_on_it(ring):
+    made, _ = ring.drive('split_mu', 'mpcc')
+    left, right = 0, 1
+    kappa = made['/vehicle/wheels'].slip[:, 2:]
+    force = made['/vehicle/wheels'].force_x_n[:, 2:]
+    x = np.interp(made['/vehicle/wheels'].t_s, *made['/vehicle/odometry'][1:3])
+    slope = np.mean(force[(x > 50) & (x < 80)], axis=0) / np.mean(
+        kappa[(x > 50) & (x < 80)], axis=0
+    )
+    before = np.mean(force[x < 35], axis=0) / np.mean(kappa[x < 35], axis=0)
+    assert abs(before[left] / before[right] - 1) < 0.05
+    assert slope[left] < slope[right]

@@ -95,6 +95,16 @@ def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
     assert 'scenario: double_lane_change' in said
 
 
+def test_a_hash_stays_one_word(tmp_path, bag_folder, capsys):
+    recorded = read.load(bag_folder).recordings['/controller/command']
+    noted = {'scenario_sha256': 'f' * 64}
+    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {'run': noted})
+    writer.write(0, 1, 1, recorded.payloads[0])
+    writer.close()
+    assert info.main([str(tmp_path / 'bag')]) == 0
+    assert f'scenario_sha256: {"f" * 64}\n' in capsys.readouterr().out
+
+
 def test_command_prints_json_on_demand(bag_folder, messages, capsys):
     assert info.main([str(bag_folder), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['messages'] == sum(map(len, messages.values()))

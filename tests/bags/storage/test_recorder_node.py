@@ -101,6 +101,19 @@ def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_rin
     assert counts(folder) == {'/vehicle/odometry': recovered}
 
 
+def test_several_publishers_of_one_topic_are_no_loss(tmp_path, start_recorder, make_ring, messages):
+    recorder, rings = start_recorder(tmp_path / 'bag'), [make_ring('lockstep') for _ in range(2)]
+    for ring in rings:
+        ring.wait_for_recorder()
+    (health,) = messages['/diagnostics']
+    for publisher in (0, 0, 0, 1, 0):
+        rings[publisher].publish('/diagnostics', health)
+        time.sleep(0.1)
+    code, said = recorder.end()
+    assert code == 0
+    assert 'lost' not in said
+
+
 def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
     before = (bag_folder / 'mpcc_0.mcap').read_bytes()
     code, said = start_recorder(bag_folder).wait()
