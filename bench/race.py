@@ -83,8 +83,10 @@ def _chain(problem, problems, rules, solver):
         P, start = problems.P[k], moved_on
         if not ladder.is_warm:
             P, start = problems.cold_P[k], problems.cold_start(k)
+        elif ladder.failures:  # as the controller does: they led the solver nowhere
+            start = moved_on._replace(multipliers=None)
         task = Task(kind, x0, P, problems.bounds_of(k), start)
-        ladder.decide(solver.solve(*task[1:]), moved_on)
+        ladder.decide(solver.solve(*task[1:]), None, moved_on)
         made.append(task)
     return made
 
