@@ -93,10 +93,11 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
 
 @pytest.fixture(scope='module')
 def fails_at(parts):
-    """Return a function that drives with a solver that fails for good at a tick."""
+    """Return a function that drives with solvers that fail for good at a tick."""
     scn, params, vehicle, plant = parts
     controller = Controller(params, vehicle)
     failing = controller.horizon.solver = Failing(controller.horizon.solver)
+    controller.horizon.second = None
 
     def run(tick):
         return drive(controller, scn, plant, on_tick=lambda k: setattr(failing, 'dead', k >= tick))

@@ -104,6 +104,8 @@ def test_each_axle_may_change_its_force_at_the_greatest_rate(params, axle, reaso
     assert check(Gate(slow, 1.0, resting, START_NS), **still | {axle: -10000.0}).accepted
     slow_gate = Gate(slow, 1.0, resting, START_NS)
     assert check(slow_gate, **still | {axle: -10001.0}) == (False, reason)
+    both = SetPoints(0.1, -8000.0, -8000.0)
+    assert check(Gate(slow, 1.0, both, START_NS), Fxf=-8000.0, Fxr=-8000.0).accepted
     pressed = SetPoints(0.1, *((-10001.0, 0.0) if axle == 'Fxf' else (0.0, -10001.0)))
     assert not check(Gate(slow, 1.0, pressed, START_NS), **still).accepted
 
@@ -132,6 +134,16 @@ def test_a_command_is_too_old_when_it_is_held_no_longer(gate):
     assert check(gate, oldest + 1) == (False, 'the command is 0.15 s old')
     assert gate.rejections == {'too_old': 1}
     assert check(gate, oldest).accepted
+
+
+def test_ages_and_times_between_commands_are_differences_whatever_the_stamps(params):
+    """Also right after time began, when a stamp is a divisor of the next one."""
+    command = GOOD._replace(stamp_ns=TICK_NS)
+    gate = Gate(params, 1.0, HELD, 0)
+    assert not gate.check(command, 8 * TICK_NS, TICK_NS).accepted
+    assert gate.check(command, 2 * TICK_NS, TICK_NS).accepted
+    far = command._replace(stamp_ns=5 * TICK_NS, delta=0.11 + 0.3)  # 2 ticks' worth of turning
+    assert gate.check(far, 5 * TICK_NS, TICK_NS).accepted
 
 
 def test_the_limits_of_range_themselves_pass(params, wide):

@@ -83,6 +83,7 @@ TURN, PUSH = 0.524 * STEP, 40000.0 * STEP
         (change(), math.nan, 'too_old'),
         (change(), math.inf, 'too_old'),
         (change(), -STEP, 'from_future'),
+        (change(), -1.0, 'from_future'),
         (change(stamp_ns=0), 0.0, 'not_newer'),
         (change(stamp_ns=-1), 0.0, 'not_newer'),
         (step({'delta': 0.47}, delta=0.471 * OVER), 0.0, 'out_of_range'),
@@ -95,6 +96,7 @@ TURN, PUSH = 0.524 * STEP, 40000.0 * STEP
         (step({'Fxf': 0.0, 'Fxr': 5900.0}, Fxf=0.0, Fxr=6000 * OVER), 0.0, 'out_of_range'),
         (change(Fxf=-4800.0, Fxr=1.0), 0.0, 'out_of_range'),
         (change(Fxf=1.0, Fxr=-4800.0), 0.0, 'out_of_range'),
+        (step({'Fxf': 0.0, 'Fxr': 0.0}, Fxf=-0.5, Fxr=0.5), 0.0, 'out_of_range'),
         (change(delta=0.1 + TURN * OVER), 0.0, 'too_fast'),
         (change(delta=0.1 - TURN * OVER), 0.0, 'too_fast'),
         (change(d_delta=0.524 * OVER), 0.0, 'too_fast'),
@@ -143,6 +145,15 @@ def test_a_bad_command_is_turned_back_for_its_reason(gate, pair, age, reason):
 def test_a_command_on_its_limit_passes(gate, pair, age):
     command, last = pair
     assert gate.check(command, last, age) == (command, '')
+
+
+@pytest.mark.parametrize('name', ['delta', 'd_delta'])
+def test_a_rounding_error_beyond_a_limit_passes_and_twice_the_allowance_does_not(gate, name):
+    limit = {'delta': LIMITS.steer_rad, 'd_delta': LIMITS.steer_rate_radps}[name]
+    last = LAST._replace(delta=0.47)
+    for beyond, passes in ((5e-7, True), (2e-6, False)):
+        command = GOOD._replace(delta=0.47)._replace(**{name: limit * (1 + beyond)})
+        assert (gate.check(command, last, 0.0).reason == '') == passes
 
 
 @pytest.mark.parametrize(('share', 'reason'), [(UNDER, ''), (OVER, 'beyond_friction')])
