@@ -51,7 +51,7 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@touch $@
 
 demo: setup
-	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca
+	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
 test: setup
 	$(BIN)/python -m pytest

@@ -18,7 +18,7 @@ KINDS = (*DEMANDING, 'track', 'speed', 'actuator')
 
 def of(problem: StageProblem, problems: Problems, circles: int, obstacles: int) -> dict:
     """Return a mask (n,) per kind: active at one stage of the driven plan, or more."""
-    insight = Insight(mpcc_ocp.template(circles, obstacles))
+    insight = Insight(mpcc_ocp.formula(circles, obstacles))
     found = [_of_one(problem, insight, problems, k) for k in range(len(problems.x0))]
     return {kind: np.array([kind in active for active in found]) for kind in KINDS}
 

@@ -78,7 +78,9 @@ def _chain(problem, problems, rules, solver):
             ladder = Ladder(rules)
         moved_on = None
         if ladder.plan is not None:
-            moved_on = guess.moved_on(ladder.plan, problems.P[k - 1], problem.dynamics, State(*x0))
+            moved_on = guess.moved_on(
+                ladder.plan, problem.dynamics, problems.P[k - 1][-1], State(*x0)
+            )
         kind = WARM if problems.continues(k) else FIRST
         P, start = problems.P[k], moved_on
         if not ladder.is_warm:

@@ -30,6 +30,7 @@ setup(
     entry_points={
         'console_scripts': [
             'mpcc_node = mpcc_controller.mpcc_node:main',
+            'frenet_node = mpcc_controller.frenet_node:main',
         ],
     },
 )

@@ -35,6 +35,7 @@ def _parser():
     commands = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
     _add_run(commands)
     _add_compare(commands)
+    _add_distances(commands)
     for module, meaning in (
         (info, 'contents of a bag, and how the run behind it went in time'),
         (repair, 'rebuild summary, footer and metadata.yaml after a kill'),
@@ -109,6 +110,20 @@ def _add_compare(commands):
     )
 
 
+def _add_distances(commands):
+    distances = commands.add_parser(
+        'distances', help='distance to the obstacle on a circle, in two frames (experiment 1)'
+    )
+    distances.set_defaults(command=_distances)
+    distances.add_argument('bag', type=Path, metavar='BAG', help='a run of circle_20m')
+    distances.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='receives distances.json, .png and .svg (default: the folder of the bag)',
+    )
+
+
 def _run(chosen) -> int:
     # the cores that closed_loop stands on take a second to load: only who runs waits for them
     from bags import campaign
@@ -131,6 +146,14 @@ def _compare(chosen) -> int:
 
     out = chosen.out or Path(os.path.abspath(chosen.bags[0])).parent
     compare.show(compare.bags(chosen.bags, out, chosen.force), Console())
+    return 0
+
+
+def _distances(chosen) -> int:
+    from bags import distances
+
+    out = chosen.out or Path(os.path.abspath(chosen.bag)).parent
+    distances.show(distances.bag(chosen.bag, out), Console())
     return 0
 
 

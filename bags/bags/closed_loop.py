@@ -31,6 +31,7 @@ from vehicle_plant.simulator import Simulator, Start
 # what a node reads, and the files that this names
 READ = {
     'mpcc_node': (ControllerParams, car_file.load),
+    'frenet_node': (ControllerParams, car_file.load),
     'plant_node': (NodeParams, plant_parameters.plant),
 }
 # what the plant declares beside them

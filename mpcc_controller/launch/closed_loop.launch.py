@@ -75,7 +75,7 @@ def nodes(context):
         ),
         Node(
             package='mpcc_controller',
-            executable='mpcc_node',
+            executable='frenet_node' if chosen['controller'].startswith('frenet') else 'mpcc_node',
             parameters=[str(config), mode, recorded, {'model.friction': driven.friction}],
             output='screen',
         ),

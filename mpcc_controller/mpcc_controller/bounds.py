@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpcc_controller.mpcc_ocp import Limited, total_use
+from mpcc_controller.ocp import Limited, total_use
 from mpcc_controller.parameters import Limits
 from mpcc_controller.shooting import Bounds
 from mpcc_controller.single_track import Car, Input, State
@@ -10,19 +10,23 @@ from mpcc_controller.single_track import Car, Input, State
 ROOM = 1e-3  # relative room left between a state that cannot be changed and its bound
 
 
-def build(limits: Limits, car: Car, Fx: float, horizon: int, dt: float) -> Bounds:
+def build(
+    limits: Limits, car: Car, Fx: float, horizon: int, dt: float, state: type = State
+) -> Bounds:
     """Return the bounds for a plan that starts with the total force `Fx` [N].
+
+    `state` is the NamedTuple of the formulation's states; delta and Fx are bounded.
 
     Where the force is beyond its share of the friction already (the road has turned slippery, or
     a restart found it so), the friction bounds open to what the force can be brought back to at
     its rate limit: a present that cannot be changed must not make the problem infeasible.
     """
     free = np.inf
-    x_high = State(
-        **dict.fromkeys(State._fields, free) | {'delta': limits.steer_rad, 'Fx': limits.drive_n}
+    x_high = state(
+        **dict.fromkeys(state._fields, free) | {'delta': limits.steer_rad, 'Fx': limits.drive_n}
     )
-    x_low = State(
-        **dict.fromkeys(State._fields, -free) | {'delta': -limits.steer_rad, 'Fx': -limits.brake_n}
+    x_low = state(
+        **dict.fromkeys(state._fields, -free) | {'delta': -limits.steer_rad, 'Fx': -limits.brake_n}
     )
     u_high = Input(
         d_delta=limits.steer_rate_radps,

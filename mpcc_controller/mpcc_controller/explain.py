@@ -8,7 +8,6 @@ from mpcc_controller import distance, frenet, road, single_track
 from mpcc_controller.distance import Disc
 from mpcc_controller.insight import View
 from mpcc_controller.ladder import BRAKING, Decision
-from mpcc_controller.mpcc_ocp import Weights
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.shooting import Plan
 from mpcc_controller.single_track import Car, Input, State
@@ -120,7 +119,7 @@ def surroundings(
 def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:
     """Return the plan's cost by term, its distances and priorities, its use of the friction."""
     terms = {name: float(np.sum(term)) for name, term in view.terms._asdict().items()}
-    weights = {name: float(getattr(numbers.stages.weights, name)) for name in Weights._fields}
+    weights = {name: float(weight) for name, weight in numbers.stages.weights._asdict().items()}
     slack = U[:, Input._fields.index('slack')]
     said = {'cost.total': sum(terms.values())}
     said |= {f'cost.{name}': term for name, term in terms.items()}
@@ -129,14 +128,13 @@ def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:
         said |= _distance(f'v2o.{obstacle.id}', f'q_v2o.{obstacle.id}', D, q, weights['v2o'])
     for side, D, q in zip(('left', 'right'), view.v2e, view.priority_e):
         said |= _distance(f'v2e.{side}', f'q_v2e.{side}', D, q, weights['v2e'])
+    for error, e in view.tracking._asdict().items():
+        said |= {f'error.{error}': float(e[0]), f'error.{error}_max': float(np.max(np.abs(e)))}
     return said | {
         'friction.front': float(view.friction.f[0]),
         'friction.rear': float(view.friction.r[0]),
         'friction.front_max': float(np.max(view.friction.f)),
         'friction.rear_max': float(np.max(view.friction.r)),
-        'error.con': float(view.con[0]),
-        'error.lag': float(view.lag[0]),
-        'error.lag_max': float(np.max(np.abs(view.lag))),
         'slack.max': float(np.max(np.abs(slack))),
         'v_ref': float(numbers.stages.v_ref[0]),
     }

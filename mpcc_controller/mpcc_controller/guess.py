@@ -48,6 +48,9 @@ def start_at(plan: Plan, x0: State) -> Plan:
     return plan._replace(X=X)
 
 
-def moved_on(plan: Plan, P: np.ndarray, dynamics: ca.Function, x0: State) -> Plan:
-    """Return the plan one tick later, starting at the measured state `x0`."""
-    return start_at(shooting.shift(plan, dynamics, P[-1]), x0)
+def moved_on(plan: Plan, motion: ca.Function, numbers: tuple, x0: State) -> Plan:
+    """Return the plan one tick later, starting at the measured state `x0`.
+
+    `motion` moves (x, u, numbers) on by one step, as `single_track.step` does with those of a car.
+    """
+    return start_at(shooting.shift(plan, motion, np.array(numbers)), x0)

@@ -8,11 +8,13 @@ import numpy as np
 from mpcc_controller import (
     bounds,
     explain,
+    formulation,
     guess,
     ladder,
-    mpcc_ocp,
+    ocp,
     reference,
     shooting,
+    single_track,
     solver,
     stages,
 )
@@ -34,7 +36,10 @@ class Outcome(NamedTuple):
 
 
 class Horizon:
-    """Solves the problem once per tick and carries plan and path distance to the next one."""
+    """Solves the problem once per tick and carries plan and path distance to the next one.
+
+    Plans are in the map here, whatever the states of the problem are (`formulation`).
+    """
 
     def __init__(
         self,
@@ -46,11 +51,13 @@ class Horizon:
         self.params = params
         self.car = stages.car(params, vehicle)
         self.clock = clock
-        size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
-        self.problem = mpcc_ocp.build(params.model.horizon, params.model.step_s, *size)
+        self.formulation = formulation.make(params, self.car)
+        formula = self.formulation.formula
+        self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
         self.solver = solver.make(self.problem, _options(params, limit_time))
         self.second = _second(params, self.problem, limit_time)
-        self.insight = Insight(mpcc_ocp.template(*size))
+        self.insight = Insight(formula)
+        self.motion = single_track.step(params.model.step_s)
         self.forget()
 
     def forget(self) -> None:
@@ -93,20 +100,25 @@ class Horizon:
             start = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
         elif self.ladder.failures:
             start = moved_on._replace(multipliers=None)  # they led the solver nowhere
-        numbers = stages.numbers(params, self.car, scene, start.X)
-        limits = bounds.build(params.limits, self.car, x0.Fx, model.horizon, model.step_s)
-        problem = np.array(x0), numbers.P, limits
+        form = self.formulation
+        numbers = form.numbers(scene, start.X)
+        limits = bounds.build(
+            params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
+        )
+        begin = form.enter(start, scene.path)
+        problem = begin.X[0], numbers.P, limits
         prepared = self.clock()
-        first, second = _attempt(self.solver, problem, start), None
+        first, second = self._attempt(self.solver, problem, begin, scene), None
         if self.second and ladder.fault(first, params.fallback):
-            second = _attempt(self.second, problem, start._replace(multipliers=None))
+            unaided = begin._replace(multipliers=None)
+            second = self._attempt(self.second, problem, unaided, scene)
         decision = self.ladder.decide(first, second, moved_on)
         self.P = numbers.P
         said = explain.solved(first, second, prepared - began, warm)
         said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
         said |= explain.surroundings(x0, scene, numbers.obstacles, params)
         if decision.plan is not None:
-            view = self.insight.of(decision.plan, numbers.P)
+            view = self.insight.of(form.enter(decision.plan, scene.path), numbers.P)
             said |= explain.planned(view, numbers, decision.plan.U)
         return Outcome(decision, said)
 
@@ -121,21 +133,26 @@ class Horizon:
         """Return the rung for a tick whose state is not known: the plan goes on as planned."""
         plan = self.ladder.plan
         if plan is not None:
-            plan = shooting.shift(plan, self.problem.dynamics, self.P[-1])
+            plan = shooting.shift(plan, self.motion, np.array(self.car))
         return self.ladder.without_solution(reason, plan)
+
+    def _attempt(self, asked: solver.StageSolver, problem: tuple, begin: Plan, scene: Scene):
+        """Return the solution, in the map; one that raises is a failed one.
+
+        The car needs a command all the same.
+        """
+        try:
+            found = asked.solve(*problem, begin)
+        except Exception as error:
+            found = solver.Solution(
+                begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0
+            )
+        return found._replace(plan=self.formulation.leave(found.plan, scene.path))
 
     def _moved_on(self, x0) -> Plan | None:
         if self.ladder.plan is None:
             return None
-        return guess.moved_on(self.ladder.plan, self.P, self.problem.dynamics, x0)
-
-
-def _attempt(asked: solver.StageSolver, problem: tuple, start: Plan) -> solver.Solution:
-    """Return the solution; one that raises is a failed one: the car still needs a command."""
-    try:
-        return asked.solve(*problem, start)
-    except Exception as error:
-        return solver.Solution(start, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
+        return guess.moved_on(self.ladder.plan, self.motion, self.car, x0)
 
 
 def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions:

@@ -5,36 +5,34 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from mpcc_controller import arc, distance, mpcc_ocp, single_track, tree
-from mpcc_controller.mpcc_ocp import STATE_TERMS, Stage, Weights
+from mpcc_controller import ocp, single_track, tree
+from mpcc_controller.ocp import Formula
 from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import Axles, Input, State
+from mpcc_controller.single_track import Axles
 
 
 class View(NamedTuple):
     """One stage, looked at; the leaves of `Insight` before they are gathered over the stages."""
 
-    terms: Weights  # weighted squared errors
+    terms: Any  # weighted squared errors, under the names of the weights
     v2o: tuple  # m, per obstacle slot, the nearest circle
     v2e: tuple  # m, left and right, the nearest circle
     priority_o: tuple  # q / P_k per obstacle slot
     priority_e: tuple  # q / P_k, left and right
     friction: Axles  # -, tyre force over mu Fz
     split_ideal: Any  # -
-    con: Any  # m
-    lag: Any  # m
+    tracking: Any  # the formulation's errors
 
 
 class Insight:
-    """Evaluates plans of one problem."""
+    """Evaluates plans of one formulation."""
 
-    def __init__(self, shape: Stage):
-        xs, us = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-        ps = ca.SX.sym('p', len(tree.leaves(shape)))
-        x, u = State(*ca.vertsplit(xs)), Input(*ca.vertsplit(us))
-        self._view = _view(x, u, tree.fill(shape, ca.vertsplit(ps)))
+    def __init__(self, formula: Formula):
+        flat, x, u, p = ocp.symbols(formula)
+        self._view = _view(formula, x, u, p)
+        self._of_input = tuple(formula.input_errors(x, u, p))
         outputs = ca.vertcat(*tree.leaves(self._view))
-        self._evaluate = ca.Function('insight', [xs, us, ps], [outputs])
+        self._evaluate = ca.Function('insight', list(flat), [outputs])
 
     def of(self, plan: Plan, P: np.ndarray) -> View:
         """Return a view whose leaves are arrays over the stages (N + 1,).
@@ -44,30 +42,28 @@ class Insight:
         """
         U = np.vstack((plan.U, plan.U[-1:]))
         view = tree.fill(self._view, self._evaluate(plan.X.T, U.T, P.T).full())
-        for name in set(Weights._fields) - set(STATE_TERMS):
+        for name in self._of_input:
             getattr(view.terms, name)[-1] = 0
         return view
 
 
-def _view(x: State, u: Input, p: Stage) -> View:
-    v2o, v2e = mpcc_ocp.distances(x, p)
-    v2o, v2e = (tuple(_smallest(D) for D in group) for group in (v2o, v2e))
+def _view(formula, x, u, p) -> View:
+    v2o, v2e = (tuple(_smallest(D) for D in group) for group in formula.distances(x, p))
     Fz = single_track.loads(x.Fx, p.car)
     F = single_track.tyre_forces(x, u, p.car)
-    pose = arc.at(p.path, x.theta)
+    squared = ocp.errors(formula, x, u, p)
     return View(
-        terms=Weights(**mpcc_ocp.terms(mpcc_ocp.errors(x, u, p), p.weights)),
+        terms=type(p.weights)(**ocp.terms(squared, p.weights)),
         v2o=v2o,
         v2e=v2e,
-        priority_o=tuple(distance.priority(D, p.D_sft.o) for D in v2o),
-        priority_e=tuple(distance.priority(D, p.D_sft.e) for D in v2e),
+        priority_o=tuple(formula.priority(D, p.D_sft.o) for D in v2o),
+        priority_e=tuple(formula.priority(D, p.D_sft.e) for D in v2e),
         friction=Axles(
             f=ca.hypot(F.F_xf, F.F_yf) / (p.car.mu_f * Fz.f),
             r=ca.hypot(F.F_xr, F.F_yr) / (p.car.mu_r * Fz.r),
         ),
         split_ideal=single_track.ideal_split(x.Fx, p.car),
-        con=arc.contouring(pose, x.X, x.Y),
-        lag=arc.lag(pose, x.X, x.Y),
+        tracking=formula.tracking(x, p),
     )
 
 

@@ -1,21 +1,20 @@
-"""The paper's optimal control problem: errors, cost, constraints, build. SI units, its symbols.
+"""The paper's optimal control problem: errors, cost, constraints. SI units, its symbols.
 
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from mpcc_controller import arc, distance, shooting, single_track, tree
+from mpcc_controller import arc, distance, ocp, shooting, single_track
 from mpcc_controller.arc import Arc
-from mpcc_controller.distance import Disc, Edge, Edges
+from mpcc_controller.ocp import PAPER, Body, Formula, Limited, Rules, Safety
 from mpcc_controller.single_track import Car, Input, State
 
 # The solver's units: forces in kN, everything else as it is
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
-SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
-STATE_TERMS = ('con', 'lag', 'vel', 'v2o', 'v2e')
 LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, the distance to the centre of the track has a tip there
 
 
@@ -33,20 +32,6 @@ class Weights(NamedTuple):
     slack: Any
 
 
-class Safety(NamedTuple):
-    """Safety distances D_sft [m] to obstacles and edges."""
-
-    o: Any
-    e: Any
-
-
-class Body(NamedTuple):
-    """The circles that stand for the vehicle."""
-
-    radius: Any  # m
-    offsets: tuple  # m ahead of the CoG, one per circle
-
-
 class Stage(NamedTuple):
     """Every number that one stage of the problem needs."""
 
@@ -58,23 +43,19 @@ class Stage(NamedTuple):
     v_ref: Any  # m/s
     centre: Arc  # of the road, along the distance of the path
     half_width: Any  # m, from the centre to the edges
-    edges: Edges
-    obstacles: tuple[Disc, ...]
+    edges: Any  # as the measure of the distances has them
+    obstacles: tuple  # the same
 
 
-class Limited(NamedTuple):
-    """The constrained quantities of a stage, in the order of the rows of g."""
+class Tracking(NamedTuple):
+    """How far the vehicle is from where it should be."""
 
-    front: Any  # -, longitudinal force over friction, front axle
-    rear: Any  # -, rear axle
-    total: Any  # -, both axles together
-    track: Any  # m, beyond the road (less the slack)
-    speed: Any  # m/s (plus the slack)
+    con: Any  # m, right of the path positive
+    lag: Any  # m, behind positive
 
 
-def template(circles: int, obstacles: int) -> Stage:
+def template(circles: int, obstacles: int, rules: Rules = PAPER) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
-    edge = Edge(*Edge._fields)
     return Stage(
         car=Car(*Car._fields),
         weights=Weights(*Weights._fields),
@@ -84,102 +65,54 @@ def template(circles: int, obstacles: int) -> Stage:
         v_ref='v_ref',
         centre=Arc(*Arc._fields),
         half_width='half_width',
-        edges=Edges(edge, edge),
-        obstacles=(Disc(*Disc._fields),) * obstacles,
+        edges=rules.measure.edges,
+        obstacles=(rules.measure.disc,) * obstacles,
     )
 
 
-def distances(x: State, p: Stage):
+def distances(x: State, p: Stage, rules: Rules = PAPER):
     """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
     circles = [distance.circle(x, offset, p.body.radius) for offset in p.body.offsets]
-    v2o = [[distance.v2o(c, obstacle) for c in circles] for obstacle in p.obstacles]
-    v2e = [list(D) for D in zip(*(distance.v2e(c, p.edges) for c in circles))]
-    return v2o, v2e
+    return rules.measure.distances(circles, p)
 
 
-def state_errors(x: State, p: Stage) -> dict:
-    """Return the squared errors of the paper's eq. 4 that depend on the state."""
+def tracking(x: State, p: Stage) -> Tracking:
+    """Return the contouring and the lag error (paper, section 3.1)."""
     pose = arc.at(p.path, x.theta)
-    v2o, v2e = distances(x, p)
-    return {
-        'con': arc.contouring(pose, x.X, x.Y) ** 2,
-        'lag': arc.lag(pose, x.X, x.Y) ** 2,
-        'vel': (x.vx - p.v_ref) ** 2,
-        'v2o': sum(distance.intrusion(D, p.D_sft.o) for circles in v2o for D in circles),
-        'v2e': sum(distance.intrusion(D, p.D_sft.e) for circles in v2e for D in circles),
-    }
+    return Tracking(arc.contouring(pose, x.X, x.Y), arc.lag(pose, x.X, x.Y))
 
 
-def input_errors(x: State, u: Input, p: Stage) -> dict:
-    """Return the squared errors that depend on the input, and the square of the slack."""
-    return {
-        'd_delta': u.d_delta**2,
-        'd_Fx': u.d_Fx**2,
-        'lambda_b': (u.lambda_b - single_track.ideal_split(x.Fx, p.car)) ** 2,
-        'slack': u.slack**2,
-    }
-
-
-def errors(x: State, u: Input, p: Stage) -> dict:
-    """Return every squared error of a stage under the name of its weight."""
-    return state_errors(x, p) | input_errors(x, u, p)
-
-
-def terms(squared: dict, weights: Weights) -> dict:
-    """Return the cost terms, the dictionary that is logged."""
-    return {name: getattr(weights, name) * error for name, error in squared.items()}
+def state_errors(x: State, p: Stage, rules: Rules = PAPER) -> dict:
+    """Return the squared errors of the paper's eq. 4 that depend on the state."""
+    e = tracking(x, p)
+    found = {'con': e.con**2, 'lag': e.lag**2, 'vel': (x.vx - p.v_ref) ** 2}
+    return found | ocp.distance_errors(*distances(x, p, rules), p.D_sft, rules.priority)
 
 
 def limited(x: State, u: Input, p: Stage) -> Limited:
     """Return the constrained quantities of the paper's section 3.2."""
-    Fz = single_track.loads(x.Fx, p.car)
-    F = single_track.split(x.Fx, u.lambda_b, p.car)
     centre = arc.at(p.centre, x.theta)
     away = ca.sqrt((x.X - centre.X) ** 2 + (x.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
-    return Limited(
-        front=F.f / (p.car.mu_f * Fz.f),
-        rear=F.r / (p.car.mu_r * Fz.r),
-        total=total_use(x.Fx, p.car),
-        track=away - (p.half_width - p.body.radius) - u.slack,
-        speed=x.vx + u.slack,
+    return ocp.limited(x, u, p, away - (p.half_width - p.body.radius))
+
+
+def formula(circles: int, obstacles: int, rules: Rules = PAPER) -> Formula:
+    """Return the formulation for vehicle circles and obstacles of the given numbers."""
+    return Formula(
+        name='mpcc',
+        state=State,
+        shape=template(circles, obstacles, rules),
+        scale_x=SCALE_X,
+        rates=lambda x, u, p: single_track.derivative(x, u, p.car),
+        state_errors=partial(state_errors, rules=rules),
+        input_errors=ocp.input_errors,
+        limited=limited,
+        distances=partial(distances, rules=rules),
+        priority=rules.priority,
+        tracking=tracking,
     )
-
-
-def total_use(Fx, car: Car):
-    """Return the total longitudinal force over the friction of both axles (signed)."""
-    Fz = single_track.loads(Fx, car)
-    return Fx / (car.mu_f * Fz.f + car.mu_r * Fz.r)
 
 
 def build(horizon: int, dt: float, circles: int, obstacles: int) -> shooting.StageProblem:
-    """Build the problem once; afterwards only numbers change, never the graph.
-
-    `horizon` is the number of steps of `dt` [s]; `circles` and `obstacles` fix the size of
-    `Stage`.
-    """
-    shape = template(circles, obstacles)
-    xs, us = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    ps = ca.SX.sym('p', len(tree.leaves(shape)))
-    x, u = State(*ca.vertsplit(xs)), Input(*ca.vertsplit(us))
-    p = tree.fill(shape, ca.vertsplit(ps))
-
-    rates = ca.Function('rates', [xs, us, ps], [ca.vertcat(*single_track.derivative(x, u, p.car))])
-    step = shooting.rk2(rates, dt)
-    stage = sum(terms(errors(x, u, p), p.weights).values())
-    last = sum(terms(state_errors(x, p), p.weights).values())
-    return shooting.StageProblem(
-        name='mpcc',
-        states=State._fields,
-        inputs=Input._fields,
-        parameters=tree.names(shape),
-        horizon=horizon,
-        dynamics=ca.Function('dynamics', [xs, us, ps], [step(xs, us, ps)]),
-        stage_cost=ca.Function('stage_cost', [xs, us, ps], [stage]),
-        terminal_cost=ca.Function('terminal_cost', [xs, ps], [last]),
-        constraints=ca.Function('constraints', [xs, us, ps], [ca.vertcat(*limited(x, u, p))]),
-        terminal_constraints=ca.Function(
-            'terminal_constraints', [xs, ps], [total_use(x.Fx, p.car)]
-        ),
-        scale_x=SCALE_X,
-        scale_u=SCALE_U,
-    )
+    """Return the paper's problem with `horizon` steps of `dt` [s]."""
+    return ocp.build(formula(circles, obstacles), horizon, dt)

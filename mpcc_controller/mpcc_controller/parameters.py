@@ -20,6 +20,16 @@ class Model:
 
 
 @dataclass(frozen=True)
+class Formulation:
+    """Which problem is solved; every choice but `lag` changes its functions."""
+
+    name: Annotated[str, Choice('mpcc', 'frenet')]  # states in the map, or along the path
+    distance: Annotated[str, Choice('cartesian', 'path')]  # where D is measured; frenet: path
+    priority: Annotated[str, Choice('gaussian', 'step')]  # how a distance counts
+    lag: bool  # whether the lag error costs; frenet has none
+
+
+@dataclass(frozen=True)
 class Body:
     """The circles that stand for the vehicle."""
 
@@ -33,6 +43,7 @@ class Tolerances:
 
     contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]
     lag_m: Annotated[float, Range(1e-3, 1e3, 'm')]
+    heading_rad: Annotated[float, Range(1e-3, 1e3, 'rad from the path, frenet only')]
     velocity_mps: Annotated[float, Range(1e-3, 1e3, 'm/s')]
     steer_rate_radps: Annotated[float, Range(1e-3, 1e3, 'rad/s')]
     force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
@@ -128,6 +139,7 @@ class ControllerParams:
     """One controller, one file."""
 
     car_file: str  # in config/, or a path
+    formulation: Formulation
     model: Model
     body: Body
     tolerances: Tolerances

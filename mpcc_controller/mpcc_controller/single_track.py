@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from mpcc_controller import fiala
+from mpcc_controller import fiala, shooting
 
 GRAVITY = 9.81  # m/s^2
 SLIP_SPEED_ROUNDING = 0.25  # (m/s)^2; 4 mm/s at 20 m/s for a least speed of 5 m/s
@@ -64,6 +64,14 @@ class Axles(NamedTuple):
 
     f: Any
     r: Any
+
+
+class Body(NamedTuple):
+    """Rates of the velocities of the body."""
+
+    vx: Any  # m/s^2, of the component: centripetal acceleration included
+    vy: Any  # m/s^2
+    r: Any  # rad/s^2
 
 
 class TyreForces(NamedTuple):
@@ -147,22 +155,44 @@ def tyre_forces(x, u, car):
     )
 
 
-def derivative(x: State, u: Input, car: Car) -> State:
-    """Return dx/dt as a `State` (paper, eq. 1)."""
+def body_rates(x, u: Input, car: Car) -> Body:
+    """Return how the velocities of the body change (paper, eq. 1).
+
+    `x` needs vx, vy, r, delta and Fx: it does not matter in which coordinates the car is placed.
+    """
     F = tyre_forces(x, u, car)
     F_drag = car.drag * x.vx**2 + car.rolling
-    sin_psi, cos_psi = ca.sin(x.psi), ca.cos(x.psi)
     sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
     ahead = F.F_xf * cos_delta - F.F_yf * sin_delta  # front axle force along the body, N
     aside = F.F_xf * sin_delta + F.F_yf * cos_delta  # and across it
+    return Body(
+        vx=(ahead + F.F_xr - F_drag) / car.m + x.r * x.vy,
+        vy=(aside + F.F_yr) / car.m - x.r * x.vx,
+        r=(car.l_f * aside - car.l_r * F.F_yr) / car.Izz,
+    )
+
+
+def derivative(x: State, u: Input, car: Car) -> State:
+    """Return dx/dt as a `State` (paper, eq. 1)."""
+    body = body_rates(x, u, car)
+    sin_psi, cos_psi = ca.sin(x.psi), ca.cos(x.psi)
     return State(
         X=x.vx * cos_psi - x.vy * sin_psi,
         Y=x.vx * sin_psi + x.vy * cos_psi,
         psi=x.r,
-        vx=(ahead + F.F_xr - F_drag) / car.m + x.r * x.vy,
-        vy=(aside + F.F_yr) / car.m - x.r * x.vx,
-        r=(car.l_f * aside - car.l_r * F.F_yr) / car.Izz,
+        vx=body.vx,
+        vy=body.vy,
+        r=body.r,
         theta=ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING),
         delta=u.d_delta,
         Fx=u.d_Fx,
     )
+
+
+def step(dt: float) -> ca.Function:
+    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2)."""
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    car = ca.SX.sym('car', len(Car._fields))
+    rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), Car(*ca.vertsplit(car)))
+    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+    return ca.Function('step', [x, u, car], [shooting.rk2(f, dt)(x, u, car)])

@@ -1,18 +1,23 @@
-"""Parameters, path, road and obstacles to the numbers of every stage. Boundary names end here."""
+"""Parameters, path, road and obstacles to the numbers of every stage. Boundary names end here.
 
-from typing import NamedTuple
+What is here is the MPCC's, and what it shares with the baseline (`frenet_stages`).
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpcc_controller import distance, mpcc_ocp, reference, road, tree
+from mpcc_controller import distance, measure, mpcc_ocp, ocp, reference, road, tree
 from mpcc_controller.distance import Disc
-from mpcc_controller.mpcc_ocp import Body, Safety, Stage, Weights
+from mpcc_controller.measure import Measure
+from mpcc_controller.mpcc_ocp import Stage, Weights
+from mpcc_controller.ocp import Body, Rules, Safety
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.single_track import Car, State
 from msgs_yaml.stamp import seconds
 from msgs_yaml.types import Obstacle, Obstacles
 
-EMPTY_SLOT = 1e4  # m beside the plan: an obstacle there has no priority, wherever the plan goes
+MEASURES = {'cartesian': measure.CARTESIAN, 'path': measure.PATH}
 
 
 class Scene(NamedTuple):
@@ -26,7 +31,7 @@ class Scene(NamedTuple):
 class Numbers(NamedTuple):
     """What one solve is given."""
 
-    stages: Stage  # each leaf (N + 1,)
+    stages: Any  # the formulation's numbers of a stage, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
     obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
 
@@ -58,7 +63,7 @@ def weights(params: ControllerParams) -> Weights:
     tolerances = params.tolerances
     return Weights(
         con=tolerances.contouring_m**-2,
-        lag=tolerances.lag_m**-2,
+        lag=tolerances.lag_m**-2 if params.formulation.lag else 0.0,
         vel=tolerances.velocity_mps**-2,
         d_delta=tolerances.steer_rate_radps**-2,
         d_Fx=tolerances.force_rate_nps**-2,
@@ -69,30 +74,58 @@ def weights(params: ControllerParams) -> Weights:
     )
 
 
+def safety(params: ControllerParams) -> Safety:
+    """Return the safety distances."""
+    return Safety(params.safety.obstacle_m, params.safety.edge_m)
+
+
+def body(params: ControllerParams) -> Body:
+    """Return the circles of the vehicle."""
+    return Body(params.body.circle_radius_m, tuple(params.body.circle_offsets_m))
+
+
+def rules(params: ControllerParams) -> Rules:
+    """Return how distances are measured and how they count."""
+    chosen = params.formulation
+    return Rules(MEASURES[chosen.distance], ocp.PRIORITIES[chosen.priority])
+
+
 def numbers(params: ControllerParams, vehicle: Car, scene: Scene, guess: np.ndarray) -> Numbers:
     """Return the numbers of every stage around the guessed states `guess` (N + 1, nx)."""
     x = State(*guess.T)
     arcs, v_ref = reference.at(scene.path, x.theta)
     window = params.surroundings.edge_window_m
     track = road.beside_path(scene.road, arcs, window)
-    t = params.model.step_s * np.arange(len(guess))
-    chosen = most_dangerous(params, scene.obstacles, x, t)
-    slots = params.surroundings.max_obstacles
-    discs = [Disc(o.X + o.vX * t, o.Y + o.vY * t, o.r_obs) for o in chosen]
-    beyond = Disc(x.X, x.Y + EMPTY_SLOT, 0.0)
+    way = rules(params).measure
+    discs, chosen = slots(params, way, scene, x)
     stages = Stage(
         car=vehicle,
         weights=weights(params),
-        D_sft=Safety(params.safety.obstacle_m, params.safety.edge_m),
-        body=Body(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
+        D_sft=safety(params),
+        body=body(params),
         path=arcs,
         v_ref=v_ref,
         centre=track.centre,
         half_width=track.half_width,
-        edges=road.near_plan(scene.road, x.X, x.Y, window),
-        obstacles=tuple(discs) + (beyond,) * (slots - len(discs)),
+        edges=way.road(scene.road, arcs, x, window),
+        obstacles=discs,
     )
-    columns = [np.broadcast_to(leaf, t.shape) for leaf in tree.leaves(stages)]
+    return gathered(stages, chosen, len(guess))
+
+
+def slots(params: ControllerParams, way: Measure, scene: Scene, x: State):
+    """Return the obstacles of the problem as `way` measures them, and which ones they are."""
+    t = params.model.step_s * np.arange(len(x.X))
+    chosen = most_dangerous(params, scene.obstacles, x, t)
+    moved = (Disc(o.X + o.vX * t, o.Y + o.vY * t, o.r_obs) for o in chosen)
+    discs = tuple(way.obstacle(scene.path, disc, x) for disc in moved)
+    empty = params.surroundings.max_obstacles - len(discs)
+    return discs + (way.nowhere(x),) * empty, chosen
+
+
+def gathered(stages, chosen: tuple[Obstacle, ...], count: int) -> Numbers:
+    """Return the numbers of `count` stages, also as a matrix."""
+    columns = [np.broadcast_to(leaf, (count,)) for leaf in tree.leaves(stages)]
     return Numbers(stages, np.column_stack(columns), chosen)
 
 
@@ -119,6 +152,11 @@ def most_dangerous(params, obstacles: Obstacles, x: State, t) -> tuple[Obstacle,
     return tuple(sorted(sorted(obstacles.items, key=closest)[:slots], key=lambda o: o.id))
 
 
-def shape(params: ControllerParams) -> Stage:
-    """Return the template of the stage numbers for these parameters."""
-    return mpcc_ocp.template(len(params.body.circle_offsets_m), params.surroundings.max_obstacles)
+def size(params: ControllerParams) -> tuple[int, int]:
+    """Return the numbers of vehicle circles and of obstacles in the problem."""
+    return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+
+
+def formula(params: ControllerParams) -> ocp.Formula:
+    """Return the MPCC for these parameters, in symbols."""
+    return mpcc_ocp.formula(*size(params), rules(params))

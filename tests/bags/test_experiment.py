@@ -85,7 +85,7 @@ def test_a_controller_may_be_a_file_of_its_own(tmp_path):
 
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
     for wrong in ('timid', 'car'):
-        with pytest.raises(BagError, match=f"'{wrong}'; there are mpcc, mpcc_no_ca"):
+        with pytest.raises(BagError, match=f"'{wrong}'; there are frenet, mpcc, mpcc_no_ca"):
             experiment.controller(wrong)
 
 
@@ -124,7 +124,7 @@ def test_a_controller_file_with_few_keys_is_noted_with_the_defaults_of_the_node(
         (['--set', 'plant.tyre_set=nosuch.yaml'], 'nosuch.yaml'),
         (['--set', 'plant.plant_params=1'], 'config/1'),
         (['--set', 'controller.car_file=nosuch.yaml'], 'nosuch.yaml'),
-        (['--controller', 'car'], 'there are mpcc'),
+        (['--controller', 'car'], 'there are frenet, mpcc'),
         (['--controller', 'broken.yaml'], 'broken.yaml'),
         (['--out', '/dev/null'], '/dev/null'),
     ],

@@ -1,5 +1,6 @@
 """Runs of the ring in process, each made once."""
 
+import dataclasses
 from functools import cache
 
 import pytest
@@ -35,6 +36,16 @@ class Ring:
         scn, *params = self.parts(scene, controller)
         notes = closed_loop.run_info(scn, controller, *params, self.plant)
         return columns, recorded.of(columns, notes, controller)
+
+    def ablated(self, scene, controller, **rules):
+        """Drive with other rules of the cost and return the drive as the judge takes it."""
+        scn, params, vehicle = self.parts(scene, controller)
+        changed = dataclasses.replace(params.formulation, **rules)
+        parts = scn, dataclasses.replace(params, formulation=changed), vehicle
+        columns = closed_loop.run(*parts, self.plant)
+        scn, *params = parts
+        notes = closed_loop.run_info(scn, controller, *params, self.plant)
+        return recorded.of(columns, notes, controller)
 
     def metrics(self, scene, controller):
         """Return the metrics of a drive."""

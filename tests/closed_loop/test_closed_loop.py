@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bags import metrics
 from bags.columns import Values
 
 DOUBLE = 'double_lane_change'
@@ -92,3 +93,21 @@ def test_acceleration_is_the_change_of_velocity(ring):
     inner = slice(1, -1)
     assert np.allclose(imu.ax_mps2[inner], ax[::10][inner], atol=0.05)
     assert np.allclose(imu.ay_mps2[inner], ay[::10][inner], atol=0.05)
+
+
+def test_the_baseline_drives_the_double_lane_change_past_both_obstacles(ring):
+    found = ring.metrics(DOUBLE, 'frenet')
+    assert found['completed']
+    assert not found['collided']
+    assert found['fallbacks'] == found['deadline_misses'] == 0
+    assert min(found['min_v2o_per_obstacle_m'].values()) > 0.3
+    assert found['peak_sideslip_deg'] < 10.0
+
+
+def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(ring):
+    driven = [ring.drive(DOUBLE, 'mpcc')[1]]
+    for rule in ({'distance': 'path'}, {'priority': 'step'}, {'lag': False}):
+        driven.append(ring.ablated(DOUBLE, 'mpcc', **rule))
+    found = [metrics.of(one) for one in driven]
+    assert all(one['completed'] and not one['collided'] for one in found)
+    assert len({one['min_v2o_m'] for one in found}) == len(found)

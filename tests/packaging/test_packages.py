@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 EXECUTABLES = {
     'msgs_yaml': (),
     'scenario_publisher': ('scenario_node',),
-    'mpcc_controller': ('mpcc_node',),
+    'mpcc_controller': ('mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('recorder_node', 'bags'),
 }

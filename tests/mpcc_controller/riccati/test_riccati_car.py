@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from mpcc_controller import bounds, guess, mpcc_ocp, reference, road, solver, stages
+from mpcc_controller import (
+    bounds,
+    guess,
+    ocp,
+    reference,
+    road,
+    single_track,
+    solver,
+    stages,
+)
 from mpcc_controller.parameters import CarBody, CarParams, ControllerParams, Tyre
 from mpcc_controller.shooting import Plan
 from mpcc_controller.single_track import State
@@ -29,9 +38,9 @@ class Drive:
         file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
         self.params = parameters.load(ControllerParams, file)
         self.car = stages.car(self.params, CAR)
-        model, surroundings = self.params.model, self.params.surroundings
-        sizes = len(self.params.body.circle_offsets_m), surroundings.max_obstacles
-        self.problem = mpcc_ocp.build(model.horizon, model.step_s, *sizes)
+        model = self.params.model
+        self.problem = ocp.build(stages.formula(self.params), model.horizon, model.step_s)
+        self.motion = single_track.step(model.step_s)
         X = np.arange(0.0, 200.0, 1.0)
         path = reference.build(Reference(0, X, 0 * X, 0 * X, X / SPEED))
         edges = RoadEdges(0, *(np.array([[-50.0, y], [250.0, y]]) for y in (4.0, -4.0)))
@@ -47,8 +56,8 @@ class Drive:
         limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
         return np.array(x0), P, limits, plan
 
-    def moved_on(self, plan, P):
-        return guess.moved_on(plan, P, self.problem.dynamics, State(*plan.X[1]))
+    def moved_on(self, plan):
+        return guess.moved_on(plan, self.motion, self.car, State(*plan.X[1]))
 
 
 @pytest.fixture(scope='module')
@@ -76,11 +85,9 @@ def test_cold_start_finds_the_cost_that_fatrop_finds(drive, own, fatrop):
 
 def test_drive_past_an_obstacle_stays_warm_and_as_cheap_as_fatrop(drive, own, fatrop):
     found = own.solve(*drive.numbers(X_START))
-    P = drive.numbers(X_START)[1]
     for _ in range(12):
-        plan = drive.moved_on(found.plan, P)
+        plan = drive.moved_on(found.plan)
         numbers = drive.numbers(State(*plan.X[0]), plan)
-        P = numbers[1]
         found, reference = own.solve(*numbers), fatrop.solve(*numbers)
         assert found.status == SOLVED
         assert found.iterations <= 10

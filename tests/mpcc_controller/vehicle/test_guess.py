@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mpcc_controller import guess, mpcc_ocp, reference, stages
+from mpcc_controller import guess, reference, single_track, stages
 from mpcc_controller.shooting import Plan
 from mpcc_controller.single_track import State
 
@@ -13,15 +13,11 @@ def car(params, vehicle):
     return stages.car(params, vehicle)
 
 
-def test_theta_of_a_moved_plan_is_counted_from_the_new_foot(params, car):
-    problem = mpcc_ocp.build(4, 0.05, 1, 1)
-    shape = mpcc_ocp.template(1, 1)
+def test_theta_of_a_moved_plan_is_counted_from_the_new_foot(car):
     X = np.tile(State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), (5, 1)).astype(float)
     X[:, 0] = X[:, 6] = np.arange(5.0)
-    P = np.zeros((5, len(problem.parameters)))
-    P[:, : len(shape.car)] = car
     foot = State(1.1, 0.2, 0.0, 19.9, 0.0, 0.0, 1.4, 0.01, -10.0)
-    moved = guess.moved_on(Plan(X, np.zeros((4, 4))), P, problem.dynamics, foot)
+    moved = guess.moved_on(Plan(X, np.zeros((4, 4))), single_track.step(0.05), car, foot)
     states = State(*moved.X.T)
     assert tuple(moved.X[0]) == foot
     assert states.theta == pytest.approx([1.4, 2.4, 3.4, 4.4, 5.4], abs=1e-2)

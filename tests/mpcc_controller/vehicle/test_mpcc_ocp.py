@@ -5,7 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller import bounds, guess, mpcc_ocp, reference, road, single_track, stages, tree
+from mpcc_controller import (
+    bounds,
+    guess,
+    mpcc_ocp,
+    ocp,
+    reference,
+    road,
+    single_track,
+    stages,
+    tree,
+)
 from mpcc_controller.insight import Insight
 from mpcc_controller.mpcc_ocp import Weights
 from mpcc_controller.shooting import Plan
@@ -57,16 +67,15 @@ def test_the_objective_is_the_sum_of_the_logged_terms(problem, params, numbers, 
     plan, P = wild(plan, seed), given_numbers.P
     cost = float(problem.terminal_cost(plan.X[-1], P[-1]))
     cost += problem.stage_cost.map(N)(plan.X[:-1].T, plan.U.T, P[:-1].T).full().sum()
-    view = Insight(stages.shape(params)).of(plan, P)
+    view = Insight(stages.formula(params)).of(plan, P)
     assert sum(np.sum(term) for term in view.terms) == pytest.approx(cost, rel=1e-12)
 
 
 def test_weights_and_errors_have_the_same_names():
-    stage = mpcc_ocp.template(1, 2)
-    numeric = tree.fill(stage, [1.0] * len(tree.leaves(stage)))
-    found = mpcc_ocp.errors(State(*[1.0] * 9), Input(*[0.5] * 4), numeric)
+    formula = mpcc_ocp.formula(1, 2)
+    numeric = tree.fill(formula.shape, [1.0] * len(tree.leaves(formula.shape)))
+    found = ocp.errors(formula, State(*[1.0] * 9), Input(*[0.5] * 4), numeric)
     assert set(found) == set(Weights._fields)
-    assert set(mpcc_ocp.STATE_TERMS) < set(found)
 
 
 def test_weights_are_one_over_the_squared_tolerances(world):
@@ -103,7 +112,7 @@ def test_errors_are_those_of_the_paper(params, car, scene):
     x = State(21.0, 0.4, 0.0, 18.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     numbers = stages.numbers(params, car, scene, np.tile(x, (N + 1, 1)))
     stage = tree.fill(numbers.stages, numbers.P[0])
-    found = mpcc_ocp.errors(x, Input(0.1, 2000.0, 0.6, 0.2), stage)
+    found = ocp.errors(stages.formula(params), x, Input(0.1, 2000.0, 0.6, 0.2), stage)
     assert float(found['con']) == pytest.approx(0.4**2)
     assert float(found['lag']) == pytest.approx(1.0)
     assert float(found['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
@@ -121,7 +130,7 @@ def test_every_circle_counts_against_every_obstacle_and_edge(world, scene, offse
     x = State(71.0, 4.9, 0.0, 20.0, 0.0, 0.0, 71.0, 0.0, 0.0)
     numbers = stages.numbers(params, car, scene, np.tile(x, (N + 1, 1)))
     stage = tree.fill(numbers.stages, numbers.P[0])
-    found = mpcc_ocp.errors(x, Input(0, 0, 0.5, 0), stage)
+    found = ocp.errors(stages.formula(params), x, Input(0, 0, 0.5, 0), stage)
     D_o = [np.hypot(71.0 + o - 72.0, 4.9 - 1.5) - 2.1 for o in offsets]
     D_e = 6.0 - 4.9 - 1.1
 
@@ -156,7 +165,7 @@ def test_an_empty_slot_costs_nothing_anywhere(problem, params, car, scene, numbe
     free = scene._replace(obstacles=scene.obstacles._replace(items=()))
     plan, _ = numbers
     P = stages.numbers(params, car, free, plan.X).P
-    view = Insight(stages.shape(params)).of(wild(plan, 1), P)
+    view = Insight(stages.formula(params)).of(wild(plan, 1), P)
     assert np.all(view.terms.v2o == 0)
 
 
@@ -184,7 +193,7 @@ def test_a_force_beyond_a_slippery_road_leaves_the_problem_feasible(world):
     car = stages.car(params, vehicle)
     Fx = -12000.0
     found = bounds.build(params.limits, car, Fx, N, DT)
-    beyond = abs(mpcc_ocp.total_use(Fx, car))
+    beyond = abs(ocp.total_use(Fx, car))
     assert beyond > 1 > params.limits.friction_use
     assert found.g_high[0, 0] > beyond
     force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))

@@ -12,7 +12,7 @@ TICK = 50_000_000
 
 NAMES = (
     'rung reason gate gate.rejections theta vx v_ref set_point.delta set_point.Fx',
-    'split.front split.ideal slack.max error.con error.lag error.lag_max',
+    'split.front split.ideal slack.max error.con error.con_max error.lag error.lag_max',
     'solver.warm solver.status solver.message solver.iterations solver.cost',
     'solver.primal_residual solver.dual_residual plan.age plan.failures',
     'time.prepare_ms time.solve_ms time.lead_ms',

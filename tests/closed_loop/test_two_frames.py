@@ -1,0 +1,80 @@
+"""The paper's first experiment: the distances that both controllers see on the ideal circle.
+
+The scenario's own path and obstacle go through the controllers' code as they do while driving; the
+closed forms are those of the judge, which shares no code with them.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bags import two_frames
+from mpcc_controller import formulation, reference, road, stages, tree
+from mpcc_controller.distance import CENTRE_ROUNDING
+from mpcc_controller.shooting import Plan
+from mpcc_controller.single_track import State
+from mpcc_controller.stages import Scene
+from msgs_yaml import ring as ring_values
+from scenario_publisher import scenario
+
+RADIUS, STATION, N = 20.0, 62.83, 50  # m of circle_20m.yaml; stages
+
+
+def on_path(s):
+    """Return states on the ideal circle at the stations `s` (k,)."""
+    still = 0.0 * s
+    X, Y = RADIUS * np.sin(s / RADIUS), RADIUS * (1 - np.cos(s / RADIUS))
+    return np.column_stack(
+        State(X, Y, s / RADIUS, still + 9.0, still, still + 9.0 / RADIUS, s, still, still)
+    )
+
+
+def distances(ring, controller, states, inside, rules=None):
+    """Return D_V2O [m] of the only obstacle at states on the path, as the controller sees it."""
+    scn, params, vehicle = ring.parts('circle_20m', controller)
+    if rules:
+        rules = dataclasses.replace(params.formulation, **rules)
+        params = dataclasses.replace(params, formulation=rules)
+    reach, bearing = RADIUS - inside, STATION / RADIUS
+    one = scenario.obstacles_at(scn, 0.0, 0).items[0]
+    spot = one._replace(X=reach * np.sin(bearing), Y=RADIUS - reach * np.cos(bearing))
+    told = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
+    path = reference.build(ring_values.reference(scn.reference))
+    scene = Scene(path, road.build(scn.edges), told)
+    form = formulation.make(params, stages.car(params, vehicle))
+    plan = form.enter(Plan(states, np.zeros((len(states) - 1, 4))), path)
+    numbers = form.numbers(scene, states)
+    found = []
+    for row, p in zip(plan.X, numbers.P):
+        v2o, _ = form.formula.distances(form.formula.state(*row), tree.fill(numbers.stages, p))
+        reach = one.r_obs + params.body.circle_radius_m
+        # the distance to the centre is rounded by a known amount, so that its tip has a slope
+        found.append(np.sqrt((float(v2o[0][0]) + reach) ** 2 - CENTRE_ROUNDING) - reach)
+    return np.array(found)
+
+
+@pytest.fixture(scope='module')
+def gaps():
+    return np.linspace(-55.0, 20.0, N + 1)
+
+
+@pytest.mark.parametrize('inside', [1.0, -1.0])
+def test_the_mpcc_sees_the_chord_of_the_circle(ring, gaps, inside):
+    found = distances(ring, 'mpcc', on_path(STATION + gaps), inside)
+    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    assert found == pytest.approx(closed.cartesian, abs=1e-9)
+
+
+@pytest.mark.parametrize('inside', [1.0, -1.0])
+def test_the_baseline_sees_the_path_as_straight(ring, gaps, inside):
+    found = distances(ring, 'frenet', on_path(STATION + gaps), inside)
+    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    assert found == pytest.approx(closed.frenet, abs=1e-9)
+
+
+@pytest.mark.parametrize('inside', [1.0, -1.0])
+def test_the_mpcc_that_measures_along_the_path_sees_what_the_baseline_sees(ring, gaps, inside):
+    found = distances(ring, 'mpcc', on_path(STATION + gaps), inside, {'distance': 'path'})
+    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    assert found == pytest.approx(closed.frenet, abs=1e-9)

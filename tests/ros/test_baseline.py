@@ -1,0 +1,75 @@
+"""The baseline through the node graph, and the paper's first experiment from a recorded drive."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bags import cdr, read
+from msgs_yaml import conformance
+
+pytestmark = pytest.mark.ros
+DOMAIN = '57'
+
+
+def bags(*arguments):
+    """Call `bags` as a user would; return what it printed."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'bags.cli', *map(str, arguments)],
+        env={**os.environ, 'ROS_DOMAIN_ID': DOMAIN},
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_baseline_drives_the_double_lane_change_through_its_own_node(tmp_path):
+    bags('run', 'double_lane_change', '--controller', 'frenet', '--out', tmp_path)
+    folder = tmp_path / 'double_lane_change'
+    found = json.loads((folder / 'comparison.json').read_text())['runs']['frenet']
+    assert found['completed']
+    assert not found['collided']
+    assert found['fallbacks'] == found['deadline_misses'] == 0
+    bag = read.load(folder / 'frenet')
+    controller = json.loads(bag.run_info['parameters'])['controller']
+    assert controller['formulation.name'] == 'frenet'
+    for name in ('/controller/why', '/controller/prediction', '/controller/command'):
+        recording = bag.recordings[name]
+        topic = recording.topic
+        assert (
+            len(recording.payloads) == found['ticks'] + 1
+        )  # the state at the end is answered, too
+        for payload in recording.payloads:
+            message = cdr.decode(payload, topic.schema, topic.type)
+            assert conformance.check(name, message) == []
+
+
+def test_without_collision_avoidance_the_circle_shows_one_distance_in_two_frames(tmp_path):
+    bags('run', 'circle_20m', '--controller', 'mpcc_no_ca', '--out', tmp_path)
+    folder = tmp_path / 'circle_20m'
+    printed = bags('distances', folder / 'mpcc_no_ca')
+    assert 'closed form' in printed
+    found = json.loads((folder / 'distances.json').read_text())
+    recorded = found['recorded']
+    assert recorded['collided']  # nothing keeps it away
+    # what there was to see at the driven poses is what the closed form says
+    for side in ('inside', 'outside'):
+        closed = found['overestimation_m'][side]
+        assert recorded['overestimation_m'][side] == pytest.approx(closed, abs=0.05)
+    assert (folder / 'distances.png').stat().st_size > 10_000
+
+
+def test_a_folder_without_a_bag_has_no_figure(tmp_path):
+    missing = subprocess.run(
+        [sys.executable, '-m', 'bags.cli', 'distances', tmp_path / 'nothing'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert missing.returncode == 1
+    assert missing.stderr.startswith('error: ')
+    assert missing.stderr.count('\n') == 1
