@@ -134,6 +134,13 @@ def test_lockstep_sends_every_millisecond_once_and_ends_at_the_finish_line(run, 
     assert last[4:] == car.state[4:]
 
 
+def test_on_request_imu_and_wheels_come_with_every_step(run):
+    done = run(23, weave, **{'stop.x_m': 5.0, 'imu_wheels_period_ms': 1})
+    odometry = done.controller.stamps('odometry')
+    assert len(odometry) > 200
+    assert done.controller.stamps('imu') == done.controller.stamps('wheels') == odometry
+
+
 def contract_ratio(fast, slow):
     topics = contract.load().topics
     return round(topics[fast].rate_hz['lockstep'] / topics[slow].rate_hz['lockstep'])

@@ -50,6 +50,7 @@ class NodeParams:
     friction: Annotated[float, Range(0.05, 2.0, '-')]
     patches: PatchParams
     tyre_set: str
+    imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
     start: StartParams
     stop: StopParams

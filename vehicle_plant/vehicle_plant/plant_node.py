@@ -19,7 +19,6 @@ LOOK_S = 0.1  # how often the start is tried
 REPEAT_S = 1.0  # the first state, until somebody answers it
 FROZEN_S = 0.05  # the same in realtime
 ALONE_S = 0.001  # between ticks without a controller
-SLOW_NS = 10_000_000  # imu and wheels
 HEALTH_NS = 1_000_000_000
 
 
@@ -108,7 +107,7 @@ class PlantNode(Node):
         for row, stamp_ns in enumerate(track.stamp_ns.tolist()):
             self.odometry_pub.publish(track.state(row))
             self.actuators_pub.publish(track.actuators(row))
-            if stamp_ns % SLOW_NS == 0:
+            if stamp_ns % (self.params.imu_wheels_period_ms * STEP_NS) == 0:
                 self.imu_pub.publish(track.imu(row))
                 self.wheels_pub.publish(track.wheels(row))
 
