@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+from rich import box
 from rich.table import Table
 
 PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
@@ -26,7 +27,7 @@ ROWS = (
     Row('  left', 'm', 2, ('min_v2e_per_edge_m', 'left')),
     Row('  right', 'm', 2, ('min_v2e_per_edge_m', 'right')),
     Row('min gap of the outline', 'm', 2, ('min_outline_gap_m',)),
-    Row('overshoots', 'm at x', 2, ('overshoots',)),
+    Row('overshoots at x', 'm', 2, ('overshoots',)),
     Row('peak sideslip angle', 'deg', 1, ('peak_sideslip_deg',)),
     Row('  at station', 'm', 1, ('peak_sideslip_at_m',)),
     Row('min speed', 'm/s', 1, ('min_speed_mps',)),
@@ -53,13 +54,18 @@ def build(comparison: dict) -> Table:
         title_justify='left',
         caption=PAPER_NOTE,
         caption_justify='left',
+        # no lines between the columns: three controllers fit into 80 characters
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
     )
     table.add_column('metric', no_wrap=True)
-    table.add_column('unit')
+    table.add_column('unit', no_wrap=True)
     for name in runs:
         cut = name in comparison.get('damage', {})
         table.add_column(f'{name}, bag cut' if cut else name, justify='right', no_wrap=True)
-    table.add_column('paper', justify='right', style='dim')
+    table.add_column('paper', justify='right', style='dim', no_wrap=True)
     for row in _rows(runs):
         cells = [_cell(row, _look_up(found, row.path)) for found in runs.values()]
         table.add_row(row.title, row.unit, *cells, _paper(row))
