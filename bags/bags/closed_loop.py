@@ -1,17 +1,19 @@
 """The ring in process, without ROS: the same steps in the same order as the nodes in lockstep.
 
-scn = scenario.load('double_lane_change')
-columns = closed_loop.run(scn, controller_params, car_params, plant_params)
-metrics.of(recorded.of(columns, closed_loop.run_info(scn, ...), 'mpcc'))
+metrics.of(closed_loop.drive(closed_loop.setup('double_lane_change', 'mpcc', speed_mps=21.0)))
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
-from bags import experiment, metrics, notes, simulated
+from bags import experiment, metrics, notes, recorded, simulated
 from bags.columns import Columns
+from bags.drive import Drive
 from bags.errors import BagError
 from bags.experiment import Node, ScenarioFacts
 from mpcc_controller import car_file
@@ -34,8 +36,53 @@ READ = {
     'frenet_node': (ControllerParams, car_file.load),
     'plant_node': (NodeParams, plant_parameters.plant),
 }
+# no parameter is set beside the files
+NO_SETTINGS: Mapping[str, Mapping[str, Any]] = {}
 # what the plant declares beside them
 BY_HAND = ('start.from', experiment.DEFAULTS_NAMED)
+
+
+class Setup(NamedTuple):
+    """All that decides a drive in process; it can be sent to another process."""
+
+    name: str  # of the controller
+    scn: Scenario
+    params: ControllerParams
+    vehicle: CarParams
+    plant: PlantParams
+    friction: float  # of the road; what the controller believes is params.model.friction
+
+
+def setup(
+    scenario_name: str,
+    controller: str,
+    settings: Mapping[str, Mapping[str, Any]] = NO_SETTINGS,
+    speed_mps: float | None = None,
+) -> Setup:
+    """Return a drive as `bags run` would make it.
+
+    `controller` is a name in mpcc_controller/config or a YAML file; `settings` are parameters of
+    `plant` and `controller` by role and dotted name, as of --set; `speed_mps` replaces the
+    scenario's desired speed by a constant. Raises BagError for what cannot be used.
+    """
+    chosen = experiment.controller(controller)
+    scn = load_scenario(scenario_name, speed_mps)
+    nowhere = Path()
+    ring = experiment.nodes(
+        _facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
+    )
+    read = {node.role: _read(node) for node in ring if node.executable in READ}
+    params, vehicle = read['controller']
+    node, plant = read['plant']
+    return Setup(chosen.name, scn, params, vehicle, plant, node.friction)
+
+
+def drive(prepared: Setup) -> Drive:
+    """Drive once and return what a recording of it would say, ready for `metrics.of`."""
+    name, scn, params, vehicle, plant, friction = prepared
+    columns = run(scn, params, vehicle, plant, friction)
+    info = run_info(scn, name, params, vehicle, plant, friction)
+    return recorded.of(columns, info, name)
 
 
 def run(
@@ -115,18 +162,31 @@ def stop_params(scn: Scenario) -> StopParams:
     return StopParams(x_m=x, y_m=y, yaw_rad=yaw, armed_after_m=armed_after, time_s=time)
 
 
-def scenario_facts(name_or_path: str) -> ScenarioFacts:
-    """Return what the nodes are told about a scenario. Raises BagError when it cannot be used."""
+def load_scenario(name_or_path: str, speed_mps: float | None = None) -> Scenario:
+    """Return a scenario, at another constant desired speed where given. Raises BagError."""
     try:
         scn = scenario.load(name_or_path)
+        if speed_mps is None:
+            return scn
+        document = yaml.safe_load(scn.text)
+        document['speed'] = {'constant_mps': float(speed_mps)}
+        return scenario.parse(yaml.safe_dump(document), f'{name_or_path} at {speed_mps:.2f} m/s')
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
+
+
+def scenario_facts(name_or_path: str) -> ScenarioFacts:
+    """Return what the nodes are told about a scenario. Raises BagError when it cannot be used."""
+    return _facts(load_scenario(name_or_path), name_or_path)
+
+
+def _facts(scn, source):
     x, y, yaw, speed = scn.start
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     return ScenarioFacts(
         name=scn.name,
         text=scn.text,
-        source=name_or_path,
+        source=source,
         friction=scn.friction,
         start={'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed},
         stop=parameters.flatten(stop_params(scn)),
@@ -139,14 +199,18 @@ def scenario_facts(name_or_path: str) -> ScenarioFacts:
 def check_parameters(nodes: Sequence[Node]) -> None:
     """Read the parameters of controller and plant as they will; BagError for what they refuse."""
     for node in nodes:
-        if node.executable not in READ:
-            continue
-        cls, load = READ[node.executable]
-        try:
-            given = experiment.given(node)
-            given = {name: value for name, value in given.items() if name not in BY_HAND}
-            made, _ = overrides.resolve(cls, experiment.defaults(node), given)
-            load(made)
-        except (parameters.ParameterError, OSError) as error:
-            files = ''.join(f' ({file})' for file in node.files)
-            raise BagError(f'the {node.role}{files} would not start: {error}') from None
+        if node.executable in READ:
+            _read(node)
+
+
+def _read(node):
+    """Return the parameters of a node, and the files that they name."""
+    cls, load = READ[node.executable]
+    try:
+        given = experiment.given(node)
+        given = {name: value for name, value in given.items() if name not in BY_HAND}
+        made, _ = overrides.resolve(cls, experiment.defaults(node), given)
+        return made, load(made)
+    except (parameters.ParameterError, OSError) as error:
+        files = ''.join(f' ({file})' for file in node.files)
+        raise BagError(f'the {node.role}{files} would not start: {error}') from None

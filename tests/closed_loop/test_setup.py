@@ -1,0 +1,35 @@
+"""A drive in process is set up as `bags run` would set it up."""
+
+import numpy as np
+import pytest
+
+from bags import closed_loop
+from bags.errors import BagError
+
+
+def test_a_drive_without_settings_is_the_run_of_the_files(ring):
+    _, recorded = ring.drive('double_lane_change', 'mpcc')
+    again = closed_loop.drive(closed_loop.setup('double_lane_change', 'mpcc'))
+    assert np.array_equal(again.motion.x, recorded.motion.x)
+    assert np.array_equal(again.inputs.force, recorded.inputs.force)
+    assert again.facts == recorded.facts
+
+
+def test_settings_reach_controller_and_plant():
+    settings = {'controller': {'tolerances.lag_m': 0.3}, 'plant': {'friction': 0.95}}
+    made = closed_loop.setup('double_lane_change', 'frenet', settings)
+    assert made.params.tolerances.lag_m == 0.3
+    assert made.params.model.friction == 1.0
+    assert made.friction == 0.95
+
+
+def test_another_speed_is_that_of_path_and_start():
+    made = closed_loop.setup('double_lane_change', 'mpcc', speed_mps=18.0)
+    *_, speed = made.scn.start
+    assert speed == pytest.approx(18.0)
+
+
+@pytest.mark.parametrize('role', ['controller', 'plant'])
+def test_a_setting_that_does_not_exist_is_named(role):
+    with pytest.raises(BagError, match='tolerances.lag'):
+        closed_loop.setup('double_lane_change', 'mpcc', {role: {'tolerances.lag': 0.3}})
