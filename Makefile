@@ -64,8 +64,8 @@ lint: $(VENV)/.requirements
 SAFE := */gate.py,*/ladder.py,*/braking.py,*/guide.py
 coverage: setup
 	$(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q \
-	  tests/vehicle_plant/test_gate.py tests/mpcc_controller/vehicle/test_gate.py \
-	  tests/mpcc_controller/vehicle/test_ladder.py tests/mpcc_controller/vehicle/test_braking.py
+	  tests/vehicle_plant/test_gate.py tests/mpcc_controller/driving/test_gate.py \
+	  tests/mpcc_controller/driving/test_ladder.py tests/mpcc_controller/driving/test_braking.py
 	$(BIN)/python -m coverage report --fail-under=100
 
 check: lint test coverage

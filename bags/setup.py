@@ -1,6 +1,6 @@
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NAME = 'bags'
 
@@ -11,7 +11,7 @@ setup(
     license='Apache-2.0',
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
-    packages=[NAME],
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels

@@ -3,11 +3,11 @@
 import numpy as np
 from problems import Problems
 
-from mpcc_controller import mpcc_ocp
-from mpcc_controller.insight import Insight
-from mpcc_controller.mpcc_ocp import Limited
-from mpcc_controller.shooting import Plan, StageProblem
-from mpcc_controller.single_track import Input, State
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.problem.insight import Insight
+from mpcc_controller.problem.mpcc_ocp import Limited
+from mpcc_controller.solvers.shooting import Plan, StageProblem
 
 NEAR = 1e-3  # of the scale of the limit: so near counts as active
 FRICTION = ('front', 'rear', 'total')

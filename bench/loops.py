@@ -9,7 +9,7 @@ import yaml
 
 from bags import closed_loop
 from mpcc_controller import car_file
-from mpcc_controller.controller import Controller
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import parameters, ring, share
 from msgs_yaml.stamp import NS_PER_S

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from bags import closed_loop
 from mpcc_controller import car_file
-from mpcc_controller.controller import Controller
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import encode, parameters, ring, share
 from msgs_yaml.stamp import NS_PER_S

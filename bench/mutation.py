@@ -41,13 +41,13 @@ class Target(NamedTuple):
 TARGETS = (
     Target(
         'ladder',
-        'mpcc_controller/mpcc_controller/ladder.py',
-        'tests/mpcc_controller/vehicle/test_ladder.py',
+        'mpcc_controller/mpcc_controller/driving/ladder.py',
+        'tests/mpcc_controller/driving/test_ladder.py',
     ),
     Target(
         'gate of the controller',
-        'mpcc_controller/mpcc_controller/gate.py',
-        'tests/mpcc_controller/vehicle/test_gate.py',
+        'mpcc_controller/mpcc_controller/driving/gate.py',
+        'tests/mpcc_controller/driving/test_gate.py',
     ),
     Target(
         'gate of the plant',

@@ -13,9 +13,9 @@ from rich.progress import Progress
 from tables import Sheet, number
 from variants import OWN, RealTimeIteration
 
-from mpcc_controller import solver
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.solver import SolverOptions
+from mpcc_controller.solvers import solver
+from mpcc_controller.solvers.solver import SolverOptions
 
 
 class Drive(NamedTuple):

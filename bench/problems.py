@@ -8,11 +8,13 @@ import loops
 import numpy as np
 from loops import Loop
 
-from mpcc_controller import guess, reference, stages
-from mpcc_controller.controller import Controller
+from mpcc_controller.driving import guess
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.shooting import Bounds, Plan, ProblemError, StageProblem
-from mpcc_controller.single_track import State
+from mpcc_controller.path import reference
+from mpcc_controller.problem import stages
+from mpcc_controller.solvers.shooting import Bounds, Plan, ProblemError, StageProblem
 from msgs_yaml.types import Obstacle
 
 POP_UP_EVERY = 6  # ticks

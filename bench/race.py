@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from problems import Problems
 
-from mpcc_controller import guess
-from mpcc_controller.ladder import Ladder
+from mpcc_controller.driving import guess
+from mpcc_controller.driving.ladder import Ladder
+from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
-from mpcc_controller.shooting import Bounds, Plan, StageProblem
-from mpcc_controller.single_track import State
-from mpcc_controller.solver import StageSolver
+from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
+from mpcc_controller.solvers.solver import StageSolver
 
 FIRST, WARM, COLD, POP_UP = 'first', 'warm', 'cold', 'pop-up'
 

@@ -14,8 +14,8 @@ from rich.progress import Progress
 from tables import Sheet, number
 from variants import Variant
 
-from mpcc_controller import mpcc_ocp
 from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.problem import mpcc_ocp
 
 PASSES = 3
 # 30 ticks with obstacles around; every horizon ends on the road

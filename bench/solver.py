@@ -27,9 +27,9 @@ from rich.progress import Progress
 from variants import Variant
 from verdict import Court, Verdict
 
-from mpcc_controller import mpcc_ocp
 from mpcc_controller.parameters import Fallback
-from mpcc_controller.shooting import StageProblem
+from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.solvers.shooting import StageProblem
 
 FULL_PASSES, QUICK_PASSES = 5, 2
 COLD_EVERY = 5  # problems

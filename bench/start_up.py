@@ -10,8 +10,8 @@ import loops
 from rich.progress import Progress
 from tables import Sheet, number
 
-from mpcc_controller import solver
 from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.solvers import solver
 
 CACHE = 'MPCC_CACHE_DIR'
 DRY = 1.0  # friction

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import solver
-from mpcc_controller.shooting import Bounds, Plan, StageProblem
-from mpcc_controller.solver import Solution, SolverOptions, StageSolver
+from mpcc_controller.solvers import solver
+from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
+from mpcc_controller.solvers.solver import Solution, SolverOptions, StageSolver
 
 OWN = 'riccati'
 OURS, ONE_STEP, BASELINE = 'ours', 'ours_one_step', 'fatrop_c'

@@ -1,6 +1,6 @@
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NAME = 'mpcc_controller'
 
@@ -11,8 +11,8 @@ setup(
     license='Apache-2.0',
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
-    packages=[NAME],
-    package_data={NAME: ['riccati_c/*']},
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.solvers': ['riccati_c/*']},
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from bags import experiment, metrics, notes, recorded, simulated
-from bags.columns import Columns
-from bags.drive import Drive
 from bags.errors import BagError
-from bags.experiment import Node, ScenarioFacts
+from bags.experiments import experiment, notes, simulated
+from bags.experiments.experiment import Node, ScenarioFacts
+from bags.storage.columns import Columns
+from bags.verdict import metrics, recorded
+from bags.verdict.drive import Drive
 from mpcc_controller import car_file
-from mpcc_controller.controller import Controller
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import overrides, parameters, ring
 from msgs_yaml.stamp import NS_PER_S

@@ -19,8 +19,8 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
-from bags.inbox import Filing, bag_topics
-from bags.rosbag2_writer import BagWriter
+from bags.storage.inbox import Filing, bag_topics
+from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import contract, qos, ros, share
 from msgs_yaml.parameters import ParameterError, Range
 

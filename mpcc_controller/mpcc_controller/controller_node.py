@@ -4,10 +4,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from mpcc_controller import car_file, trigger
-from mpcc_controller.controller import Controller, unknown_state
-from mpcc_controller.explain import OK
-from mpcc_controller.health import Monitor
+from mpcc_controller import car_file
+from mpcc_controller.driving import trigger
+from mpcc_controller.driving.controller import Controller, unknown_state
+from mpcc_controller.driving.explain import OK
+from mpcc_controller.driving.health import Monitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import decode, encode, ros, share, stamp
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bags import drive, geometry
+from bags.verdict import drive, geometry
 
 MS = 1_000_000
 START_NS = 1_000_000_000

@@ -15,8 +15,8 @@ import loops  # noqa: E402
 import problems  # noqa: E402
 from loops import Loop  # noqa: E402
 
-from mpcc_controller import mpcc_ocp  # noqa: E402
-from mpcc_controller.shooting import Bounds, StageProblem  # noqa: E402
+from mpcc_controller.problem import mpcc_ocp  # noqa: E402
+from mpcc_controller.solvers.shooting import Bounds, StageProblem  # noqa: E402
 
 HORIZON = 10
 LOOPS = (

@@ -6,9 +6,10 @@ import numpy as np
 import problems
 import pytest
 
-from mpcc_controller import mpcc_ocp, tree
-from mpcc_controller.shooting import ProblemError
-from mpcc_controller.single_track import State
+from mpcc_controller.model import tree
+from mpcc_controller.model.single_track import State
+from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.solvers.shooting import ProblemError
 
 
 def arrays(given):

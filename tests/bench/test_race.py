@@ -18,9 +18,9 @@ from race import COLD, FIRST, POP_UP, WARM, Answer, Race, Task
 from variants import BASELINE, Variant
 from verdict import GOOD, INFEASIBLE, OTHER_MINIMUM, Verdict
 
-from mpcc_controller import solver
-from mpcc_controller.shooting import Plan
-from mpcc_controller.solver import FAILED, Solution, SolverOptions
+from mpcc_controller.solvers import solver
+from mpcc_controller.solvers.shooting import Plan
+from mpcc_controller.solvers.solver import FAILED, Solution, SolverOptions
 
 FATROP = SolverOptions('fatrop', 100, 1e-6, None, compiled=False)
 

@@ -5,7 +5,8 @@ from functools import cache
 
 import pytest
 
-from bags import closed_loop, metrics, recorded
+from bags import closed_loop
+from bags.verdict import metrics, recorded
 from mpcc_controller import car_file
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import parameters, share

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bags import metrics
-from bags.columns import Values
+from bags.storage.columns import Values
+from bags.verdict import metrics
 
 DOUBLE = 'double_lane_change'
 

@@ -7,8 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from bags import read, recorded
-from bags.columns import Values
+from bags.storage import read
+from bags.storage.columns import Values
+from bags.verdict import recorded
 
 SCENARIO = 'double_lane_change'
 # friction patches go another way to the plant than everything else

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bags import closed_loop
-from mpcc_controller import guide
-from mpcc_controller.controller import Controller
-from mpcc_controller.solver import FAILED
+from mpcc_controller.driving import guide
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.solvers.solver import FAILED
 from msgs_yaml import ring as as_received
 from msgs_yaml.stamp import NS_PER_S
 from scenario_publisher import scenario

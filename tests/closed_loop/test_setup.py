@@ -31,5 +31,5 @@ def test_another_speed_is_that_of_path_and_start():
 
 @pytest.mark.parametrize('role', ['controller', 'plant'])
 def test_a_setting_that_does_not_exist_is_named(role):
-    with pytest.raises(BagError, match='tolerances.lag'):
+    with pytest.raises(BagError, match=r'tolerances\.lag'):
         closed_loop.setup('double_lane_change', 'mpcc', {role: {'tolerances.lag': 0.3}})

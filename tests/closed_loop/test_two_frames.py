@@ -9,12 +9,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bags import two_frames
-from mpcc_controller import formulation, reference, road, stages, tree
-from mpcc_controller.distance import CENTRE_ROUNDING
-from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import State
-from mpcc_controller.stages import Scene
+from bags.verdict import two_frames
+from mpcc_controller.model import tree
+from mpcc_controller.model.single_track import State
+from mpcc_controller.path import reference, road
+from mpcc_controller.path.distance import CENTRE_ROUNDING
+from mpcc_controller.problem import formulation, stages
+from mpcc_controller.problem.stages import Scene
+from mpcc_controller.solvers.shooting import Plan
 from msgs_yaml import ring as ring_values
 from scenario_publisher import scenario
 

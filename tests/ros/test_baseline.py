@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from bags import cdr, read
+from bags.storage import cdr, read
 from msgs_yaml import conformance
 
 pytestmark = pytest.mark.ros

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bags import cdr, read
+from bags.storage import cdr, read
 from msgs_yaml import conformance, contract
 
 pytestmark = pytest.mark.ros

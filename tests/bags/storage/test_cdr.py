@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bags import cdr, layout, read
 from bags.errors import BagError
+from bags.storage import cdr, layout, read
 
 INNER = 'uint8 level\nfloat64[] numbers\nstring name\n'
 TEXT = (

@@ -3,7 +3,7 @@
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bags import definitions
+from bags.storage import definitions
 from msgs_yaml import contract
 
 TYPES = sorted({topic.type for topic in contract.load().topics.values()})

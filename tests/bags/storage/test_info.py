@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from bags import info, read
-from bags.rosbag2_writer import BagWriter
-from bags.summary import summary
+from bags import cli
+from bags.storage import read
+from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.summary import summary
 
 
 @pytest.fixture
@@ -82,11 +83,11 @@ def test_bag_without_states_is_described_too(tmp_path, bag_folder):
     found = summary(read.load(tmp_path / 'bag'))
     assert found['latency_ms'] is None
     assert found['topics']['/controller/command']['rate_hz'] is None
-    assert info.main([str(tmp_path / 'bag')]) == 0
+    assert cli.main(['info', str(tmp_path / 'bag')]) == 0
 
 
 def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
-    assert info.main([str(bag_folder)]) == 0
+    assert cli.main(['info', str(bag_folder)]) == 0
     said = capsys.readouterr().out
     for topic, sent in messages.items():
         (row,) = (line for line in said.splitlines() if line.startswith(topic))
@@ -101,21 +102,21 @@ def test_a_hash_stays_one_word(tmp_path, bag_folder, capsys):
     writer = BagWriter(tmp_path / 'bag', [recorded.topic], {'run': noted})
     writer.write(0, 1, 1, recorded.payloads[0])
     writer.close()
-    assert info.main([str(tmp_path / 'bag')]) == 0
+    assert cli.main(['info', str(tmp_path / 'bag')]) == 0
     assert f'scenario_sha256: {"f" * 64}\n' in capsys.readouterr().out
 
 
 def test_command_prints_json_on_demand(bag_folder, messages, capsys):
-    assert info.main([str(bag_folder), '--json']) == 0
+    assert cli.main(['info', str(bag_folder), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['messages'] == sum(map(len, messages.values()))
 
 
 def test_damage_is_part_of_what_is_printed(tmp_path, bag_folder, capsys):
     (tmp_path / 'cut.mcap').write_bytes((bag_folder / 'mpcc_0.mcap').read_bytes()[:-9])
-    assert info.main([str(tmp_path / 'cut.mcap')]) == 0
+    assert cli.main(['info', str(tmp_path / 'cut.mcap')]) == 0
     assert 'bags repair' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_what_cannot_be_read_is_an_error_in_one_line(tmp_path, capsys):
-    assert info.main([str(tmp_path / 'none')]) == 1
+    assert cli.main(['info', str(tmp_path / 'none')]) == 1
     assert capsys.readouterr().err.count('\n') == 1

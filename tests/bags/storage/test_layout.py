@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from bags import layout
-from bags.definitions import schema_text
+from bags.storage import layout
+from bags.storage.definitions import schema_text
 
 TYPE = 'sensor_msgs/msg/JointState'
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -5,10 +5,10 @@ import time
 import numpy as np
 import pytest
 
-from bags import read
-from bags.columns import Values
 from bags.errors import BagError, DamagedBagWarning
-from bags.rosbag2_writer import BagWriter
+from bags.storage import read
+from bags.storage.columns import Values
+from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import stamp, types, yaw
 
 FLAT = {

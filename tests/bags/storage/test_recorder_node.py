@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from bags import contents, read, repair, timing
+from bags.storage import contents, read, repair, timing
 
 pytestmark = pytest.mark.ros
 LOST_BY_A_KILL_S = 1.0

@@ -11,10 +11,11 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from bags import contents, read, repair
+from bags import cli
 from bags.errors import BagError
-from bags.rosbag2_writer import BagWriter
-from bags.scan import scan
+from bags.storage import contents, read, repair
+from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.scan import scan
 
 CHUNKS = 10
 PER_CHUNK = 20
@@ -202,12 +203,12 @@ def test_what_holds_nothing_is_refused_and_stays(tmp_path):
 
 def test_command_says_what_was_recovered_and_where_the_damage_is(healthy, damage, capsys):
     folder = damage(healthy.data[: len(healthy.data) // 2])
-    assert repair.main([str(folder)]) == 0
+    assert cli.main(['repair', str(folder)]) == 0
     said = capsys.readouterr().out
     assert 'repaired; the damaged file is kept as bag_0.mcap.damaged' in said
     assert 'damage at byte' in said
     assert '/vehicle/odometry' in said
-    assert repair.main([str(folder)]) == 0
+    assert cli.main(['repair', str(folder)]) == 0
     assert 'complete, nothing to repair' in capsys.readouterr().out
-    assert repair.main([str(folder / 'none')]) == 1
+    assert cli.main(['repair', str(folder / 'none')]) == 1
     assert 'no such bag' in capsys.readouterr().err

@@ -10,9 +10,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from bags import contents, read, repair
 from bags.errors import BagError
-from bags.rosbag2_writer import BagWriter
+from bags.storage import contents, read, repair
+from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import contract
 
 

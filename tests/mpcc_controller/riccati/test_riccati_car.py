@@ -3,21 +3,16 @@
 import numpy as np
 import pytest
 
-from mpcc_controller import (
-    bounds,
-    guess,
-    ocp,
-    reference,
-    road,
-    single_track,
-    solver,
-    stages,
-)
+from mpcc_controller.driving import guess
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarBody, CarParams, ControllerParams, Tyre
-from mpcc_controller.shooting import Plan
-from mpcc_controller.single_track import State
-from mpcc_controller.solution import SOLVED
-from mpcc_controller.stages import Scene
+from mpcc_controller.path import reference, road
+from mpcc_controller.problem import bounds, ocp, stages
+from mpcc_controller.problem.stages import Scene
+from mpcc_controller.solvers import solver
+from mpcc_controller.solvers.shooting import Plan
+from mpcc_controller.solvers.solution import SOLVED
 from msgs_yaml import parameters, share
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
 

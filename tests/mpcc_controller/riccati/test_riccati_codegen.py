@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mpcc_controller import riccati_codegen, riccati_model, riccati_source
-from mpcc_controller.riccati_graph import Graph
+from mpcc_controller.solvers import riccati_codegen, riccati_model, riccati_source
+from mpcc_controller.solvers.riccati_graph import Graph
 from msgs_yaml import compiled
 
 LANES = 8

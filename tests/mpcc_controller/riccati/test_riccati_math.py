@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from mpcc_controller import riccati_source
+from mpcc_controller.solvers import riccati_source
 from msgs_yaml import compiled
 
 NAMES = ('sin', 'cos', 'tan', 'atan', 'exp', 'log', 'tanh', 'sqrt')

@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mpcc_controller import riccati_solver, shooting
-from mpcc_controller.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
-from mpcc_controller.shooting import Plan, ProblemError
-from mpcc_controller.solution import FAILED, SOLVED, STOPPED_EARLY
+from mpcc_controller.solvers import riccati_solver, shooting
+from mpcc_controller.solvers.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
+from mpcc_controller.solvers.shooting import Plan, ProblemError
+from mpcc_controller.solvers.solution import FAILED, SOLVED, STOPPED_EARLY
 
 
 def by_hand(matrices, x0, horizon):

@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mpcc_controller import shooting
-from mpcc_controller.shooting import Bounds, Plan, StageProblem
-from mpcc_controller.solver import SolverOptions
+from mpcc_controller.solvers import shooting
+from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
+from mpcc_controller.solvers.solver import SolverOptions
 
 
 class Case(NamedTuple):

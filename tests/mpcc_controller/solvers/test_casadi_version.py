@@ -1,7 +1,7 @@
 import pytest
 
-from mpcc_controller import casadi_version
-from mpcc_controller.casadi_version import CasadiTooOldError
+from mpcc_controller.solvers import casadi_version
+from mpcc_controller.solvers.casadi_version import CasadiTooOldError
 
 
 @pytest.mark.parametrize('version', ['3.7.0', '3.8.2', '3.10.0', '4.0.0+custom'])

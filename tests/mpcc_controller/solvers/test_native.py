@@ -6,7 +6,7 @@ import stat
 import numpy as np
 import pytest
 
-from mpcc_controller import native, nlp_functions, solver
+from mpcc_controller.solvers import native, nlp_functions, solver
 
 
 @pytest.fixture

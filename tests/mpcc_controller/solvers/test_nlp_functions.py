@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mpcc_controller import nlp_functions, stage_functions
-from mpcc_controller.layout import Layout
+from mpcc_controller.solvers import nlp_functions, stage_functions
+from mpcc_controller.solvers.layout import Layout
 
 SOLVERS = ('fatrop', 'ipopt')
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mpcc_controller.backend import Call
-from mpcc_controller.nlpsol_solver import _violation
+from mpcc_controller.solvers.backend import Call
+from mpcc_controller.solvers.nlpsol_solver import _violation
 
 FREE = np.array([-math.inf]), np.array([math.inf])
 CALL = Call(np.zeros(1), np.zeros(0), *FREE, np.array([-1.0]), np.array([1.0]))

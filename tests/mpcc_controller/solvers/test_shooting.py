@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller import shooting
-from mpcc_controller.shooting import Multipliers, Plan, ProblemError
+from mpcc_controller.solvers import shooting
+from mpcc_controller.solvers.shooting import Multipliers, Plan, ProblemError
 
 
 def pendulum(x, u, p):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from mpcc_controller import fatrop, shooting, solver
-from mpcc_controller.shooting import Plan, ProblemError
+from mpcc_controller.solvers import fatrop, shooting, solver
+from mpcc_controller.solvers.shooting import Plan, ProblemError
 
 SOLVERS = ('riccati', 'fatrop', 'ipopt')
 each_solver = pytest.mark.parametrize('name', SOLVERS)

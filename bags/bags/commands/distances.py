@@ -1,0 +1,29 @@
+"""The paper's first experiment: the distance to the obstacle on a circle, in two frames."""
+
+import argparse
+import os
+from pathlib import Path
+
+from rich.console import Console
+
+HELP = 'distance to the obstacle on a circle, in two frames (experiment 1)'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bags distances`."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='a run of circle_20m')
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='receives distances.json, .png and .svg (default: the folder of the bag)',
+    )
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Measure and show. Raises BagError."""
+    from bags.pictures import distances
+
+    out = chosen.out or Path(os.path.abspath(chosen.bag)).parent
+    distances.show(distances.bag(chosen.bag, out), Console())
+    return 0

@@ -1,0 +1,1 @@
+"""Runs: which nodes, started, watched, stopped, and noted."""

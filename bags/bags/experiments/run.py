@@ -1,0 +1,156 @@
+"""One run: start the nodes of the ring, watch until the plant ends, stop them, keep the bag."""
+
+import json
+import os
+import re
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bags.experiments import experiment, notes, processes
+from bags.experiments.experiment import Controller, Node, ScenarioFacts
+from bags.experiments.folders import Workshop
+from bags.experiments.follow import Follower
+from bags.experiments.interrupt import Interrupt
+from bags.experiments.processes import Process, ProcessError
+from bags.experiments.progress import Progress
+
+RECORDER_S = 30.0  # to write what is still under way, and to complete the bag
+SETTLE_S = 0.3
+# what ROS puts before a message: [INFO] [1700000000.123456789] [plant]:
+PREFIX = re.compile(r'^(\[[^\]]*\] ?)+: ')
+# exit codes of the plant that end a run as they should: finish line, neither reached, no controller
+FINISHED, NOT_FINISHED, CONTROLLER_GONE = 0, 2, 3
+ENDINGS = (FINISHED, NOT_FINISHED, CONTROLLER_GONE)
+
+
+class Settings(NamedTuple):
+    """How runs are made."""
+
+    mode: str  # lockstep or realtime
+    folder: Path  # that receives <controller>/
+    overrides: Mapping[str, Mapping[str, Any]]  # parameters by role
+    domain: int  # ROS_DOMAIN_ID
+    time_limit_s: float  # of wall time per run
+
+
+class Outcome(NamedTuple):
+    """How one run ended."""
+
+    controller: str
+    completed: bool
+    message: str
+    bag: Path | None  # where the bag was kept
+
+
+def one(
+    facts: ScenarioFacts,
+    chosen: Controller,
+    settings: Settings,
+    interrupt: Interrupt,
+    progress: Progress,
+) -> Outcome:
+    """Run one controller through a scenario with every node a process of its own.
+
+    Whatever happens, no process is left behind. A node that ends early, a run beyond its time
+    limit or a bag that is not closed give an Outcome that is not completed and leaves an older bag
+    alone; the logs are then set aside in `<controller>.failed`. Raises KeyboardInterrupt.
+    """
+    workshop = Workshop(settings.folder, chosen.name)
+    try:
+        ring = experiment.nodes(
+            facts,
+            chosen,
+            settings.mode,
+            workshop.bag,
+            workshop.logs / 'run_info.json',
+            settings.overrides,
+        )
+        _note(ring, facts, chosen, settings, workshop)
+        follower = Follower(workshop.bag, facts.path)
+        message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
+    except ProcessError as error:
+        logs = workshop.set_aside()
+        return Outcome(chosen.name, False, f'{error}\n  logs: {logs}', None)
+    finally:
+        workshop.discard()
+    return Outcome(chosen.name, code == FINISHED, message, workshop.final)
+
+
+def _note(ring, facts, chosen, settings, workshop):
+    found = notes.of(facts.name, facts.text, chosen.name, settings.mode, experiment.noted(ring))
+    (workshop.logs / 'run_info.json').write_text(json.dumps(found, indent=2))
+
+
+def _drive(ring, settings, workshop, interrupt, progress, follower):
+    """Return the plant's last words and its exit code; the bag is in its place by then."""
+    environment = _environment(settings, workshop)
+    cores = _cores(settings.mode)
+    running: dict[str, Process] = {}
+    try:
+        for node in ring:
+            running[node.role] = _start(node, workshop, environment, cores.get(node.role))
+        code = _watch(running, settings.time_limit_s, interrupt, progress, follower)
+        # the state at the end is answered, too: so the same run always records the same messages
+        time.sleep(SETTLE_S)
+    finally:
+        recorder = [process for role, process in running.items() if role == 'recorder']
+        processes.stop([p for role, p in running.items() if role != 'recorder'])
+        processes.stop(recorder, RECORDER_S)
+    if running['recorder'].code != 0 or not workshop.is_closed:
+        raise ProcessError(f'the bag was not closed: {processes.obituary(running["recorder"])}')
+    said = PREFIX.sub('', processes.last_line(running['plant'].log))
+    workshop.keep()
+    return said or f'the plant ended with exit code {code}', code
+
+
+def _start(node: Node, workshop, environment, cores):
+    written = workshop.logs / f'{node.role}.yaml'
+    experiment.write_parameters(node, written)
+    command = processes.resolve(node.package, node.executable)
+    command += experiment.arguments(node, written)
+    log = workshop.logs / f'{node.executable}.log'
+    return processes.start(node.executable, command, log, environment, cores)
+
+
+def _watch(running, time_limit_s, interrupt, progress, follower):
+    """Return the plant's exit code; ProcessError when anything ends that should not."""
+    plant = running['plant']
+    others = [process for process in running.values() if process is not plant]
+    deadline = time.monotonic() + time_limit_s
+    while plant.code is None:
+        processes.check(others)
+        sight = follower.look()
+        if sight:
+            progress.show(sight)
+        if time.monotonic() > deadline:
+            said = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
+            raise ProcessError(
+                f'the run took longer than {time_limit_s:g} s of wall time; the nodes said last:'
+                + ''.join(said)
+            )
+        interrupt.sleep()
+    if plant.code not in ENDINGS:
+        raise ProcessError(processes.obituary(plant))
+    return plant.code
+
+
+def _environment(settings, workshop):
+    return {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        **os.environ,
+        'ROS_DOMAIN_ID': str(settings.domain),
+        'ROS_LOG_DIR': str(workshop.logs),
+        # one thread per node: the matrices are small
+        'OPENBLAS_NUM_THREADS': '1',
+        'RCUTILS_COLORIZED_OUTPUT': '0',
+    }
+
+
+def _cores(mode):
+    """Return the core of its own that plant and controller get on the wall clock."""
+    available = sorted(os.sched_getaffinity(0))
+    if mode != 'realtime' or len(available) < 2:
+        return {}
+    return {'plant': {available[0]}, 'controller': {available[1]}}

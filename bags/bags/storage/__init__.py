@@ -1,0 +1,1 @@
+"""MCAP files in the rosbag2 layout: written, read into columns, described, repaired."""

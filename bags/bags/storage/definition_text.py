@@ -1,0 +1,58 @@
+"""Message definitions out of the text that a bag carries ('ros2msg'): types and their fields."""
+
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+from bags.errors import BagError
+from bags.storage.definitions import PRIMITIVES, SEPARATOR, split
+
+FIELD = re.compile(
+    r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<length>\d*)\])?\s+(?P<name>\w+)'
+)
+
+
+class Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    base: str  # a primitive or 'package/Name'
+    is_array: bool
+    length: int | None  # of an array of fixed length
+
+
+@lru_cache(maxsize=64)
+def parse(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
+    """Fields of `type_name` (under '') and of all types it needs (under 'package/Name').
+
+    Raises BagError naming the line that is no field, or the type that is missing.
+    """
+    package, _ = split(type_name)
+    first, *others = re.split(rf'^{SEPARATOR}\nMSG: ', text, flags=re.MULTILINE)
+    types = {'': _fields(first, package)}
+    for section in others:
+        name, _, body = section.partition('\n')
+        types['/'.join(split(name.strip()))] = _fields(body, split(name)[0])
+    for fields in types.values():
+        for field in fields:
+            if field.base not in PRIMITIVES and field.base not in types:
+                raise BagError(f'definition of {type_name}: {field.base} is not in it')
+    return types
+
+
+def _fields(text, package):
+    fields = []
+    for line in text.splitlines():
+        code = line.partition('#')[0].strip()
+        found = FIELD.match(code)
+        if code and not found:
+            raise BagError(f'{line!r} is no field of a message')
+        # a constant has the form of a field and then '='
+        if not code or code[found.end() :].lstrip().startswith('='):
+            continue
+        base = found['base']
+        if base not in PRIMITIVES:
+            base = '/'.join(split(base)) if '/' in base else f'{package}/{base}'
+        fixed = found['length'] if found['length'] and not found['bound'] else None
+        fields.append(Field(found['name'], base, found['array'] is not None, fixed and int(fixed)))
+    return tuple(fields)

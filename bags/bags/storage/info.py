@@ -1,0 +1,69 @@
+"""`bags info`: what a bag holds and how the run behind it went in time."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+MB = 1e6
+NOT_KNOWN = '-'
+
+
+def table(topics: dict[str, dict[str, Any]]) -> Table:
+    """One row per topic; what is lost or missing is red."""
+    made = Table(box=None, header_style='bold', pad_edge=False)
+    made.add_column('topic')
+    for title in ('messages', 'rate in Hz', 'longest gap in s', 'lost'):
+        made.add_column(title, justify='right')
+    for name, found in topics.items():
+        lost = _number(found['lost'], 'd')
+        made.add_row(
+            name,
+            Text(str(found['messages']), style='' if found['messages'] else 'red'),
+            _number(found['rate_hz'], '.2f'),
+            _number(found['longest_gap_s'], '.3f'),
+            Text(lost, style='red' if found['lost'] else ''),
+        )
+    return made
+
+
+def show(found: dict[str, Any], console: Console) -> None:
+    """Print a summary for a person."""
+    console.print(
+        Text(found['path'], style='bold'), f'{found["bytes"] / MB:.2f} MB,', found['mode']
+    )
+    console.print(f'{found["messages"]} messages in {found["duration_s"]:.3f} s')
+    if found['damage']:
+        console.print(Text(found['damage'], style='red'))
+    console.print(table(found['topics']))
+    for line in _loop(found):
+        console.print(line, markup=False, highlight=False)
+    for name, value in found['run'].items():
+        # a hash that is copied is one word
+        console.print(f'{name}: {_short(value)}', markup=False, highlight=False, soft_wrap=True)
+
+
+def _loop(found):
+    if found['latency_ms'] is not None:
+        named = ', '.join(f'{name} {value:.2f}' for name, value in found['latency_ms'].items())
+        yield f'state to command in ms: {named}'
+    if found['ticks'] is not None:
+        late = found['ticks']['late']
+        yield (
+            f'ticks: {found["ticks"]["count"]}, missed {found["ticks"]["deadline_misses"]}'
+            + ('' if late is None else f', late {late}')
+        )
+    if found['rungs'] is not None:
+        yield 'rungs: ' + ', '.join(f'{name} {n}' for name, n in found['rungs'].items())
+        for reason, n in found['fallbacks'].items():
+            yield f'  fell back {n} times: {reason}'
+
+
+def _number(value, form):
+    return NOT_KNOWN if value is None else f'{value:{form}}'
+
+
+def _short(text, longest=100):
+    line = ' '.join(text.split())
+    return line if len(line) <= longest else f'{line[:longest]} ...'

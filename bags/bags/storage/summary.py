@@ -1,0 +1,102 @@
+"""What a bag holds and how the run behind it went in time."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from bags.storage import read, timing
+from bags.verdict.recorded import DRIVEN
+from msgs_yaml.stamp import NS_PER_S
+
+MS_PER_S = 1000.0
+
+
+def summary(bag: read.Bag) -> dict[str, Any]:
+    """Return what is known of a bag, ready for JSON; None where the bag lacks what it takes.
+
+    Rates and gaps are of log time: ROS time in lockstep, time of arrival in realtime.
+    """
+    present = [r for r in bag.recordings.values() if r.payloads]
+    first = min(int(r.log_ns.min()) for r in present)
+    last = max(int(r.log_ns.max()) for r in present)
+    return {
+        'path': str(bag.path),
+        'bytes': bag.path.stat().st_size,
+        'mode': _mode(bag),
+        'start_s': first / NS_PER_S,
+        'duration_s': (last - first) / NS_PER_S,
+        'messages': sum(len(r.payloads) for r in present),
+        'damage': bag.damage,
+        'topics': {name: topic(recorded) for name, recorded in bag.recordings.items()},
+        **_loop(bag),
+        **_rungs(bag),
+        'run': bag.run_info,
+    }
+
+
+def topic(recorded: read.Recording) -> dict[str, Any]:
+    """Count, rate [1/s], longest gap [s] and losses of one topic; losses None where unknown."""
+    n = len(recorded.payloads)
+    gaps = np.diff(np.sort(recorded.log_ns)) / NS_PER_S
+    span = float(gaps.sum())
+    return {
+        'type': recorded.topic.type,
+        'messages': n,
+        'rate_hz': (n - 1) / span if span > 0.0 else None,
+        'longest_gap_s': float(gaps.max()) if n > 1 else None,
+        'lost': _lost(recorded.sequence),
+    }
+
+
+def _lost(sequence):
+    """Numbers missing in the publisher's count; with several publishers they cannot be told."""
+    steps = np.diff(sequence)
+    if not len(sequence) or not sequence.all() or (steps <= 0).any():
+        return None
+    return int((steps - 1).sum())
+
+
+def _mode(bag):
+    """Only lockstep has simulated time."""
+    return 'lockstep' if timing.CLOCK in bag.recordings and _any(bag, timing.CLOCK) else 'realtime'
+
+
+def _any(bag, *topics):
+    return all(name in bag.recordings and bag.recordings[name].payloads for name in topics)
+
+
+def _loop(bag):
+    """How the controller answered, from the times at which states and commands were sent."""
+    if not _any(bag, timing.STATE, timing.COMMAND):
+        return {'latency_ms': None, 'ticks': None}
+    latency_ms = MS_PER_S * timing.latency(bag).latency_s
+    mode = _mode(bag)
+    counted = timing.ticks(bag, timing.period_ns(mode))
+    return {
+        'latency_ms': {
+            'p50': float(np.percentile(latency_ms, 50)),
+            'p99': float(np.percentile(latency_ms, 99)),
+            'max': float(latency_ms.max()),
+        }
+        if latency_ms.size
+        else None,
+        'ticks': {
+            'count': counted.count,
+            'deadline_misses': counted.unanswered,
+            # simulated time waits for the command: nothing can be late
+            'late': counted.late if mode == 'realtime' else None,
+        },
+    }
+
+
+def _rungs(bag):
+    """What the controller says it did, and why it fell back."""
+    if not _any(bag, timing.WHY):
+        return {'rungs': None, 'fallbacks': None}
+    reports = [value.values for value in read.values(bag, timing.WHY)]
+    fell = [r for r in reports if r.get('rung') not in DRIVEN]
+    return {
+        'rungs': dict(Counter(str(report.get('rung')) for report in reports)),
+        'fallbacks': dict(Counter(str(report.get('reason')) for report in fell)),
+    }

@@ -1,0 +1,73 @@
+"""When messages were sent and when they were answered, from the times that a bag keeps.
+
+The publisher's time is wall clock in every mode; so latency means something in lockstep too: how
+long a state waited for its command, transport and computing together.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.storage import read
+from bags.verdict import metrics
+from msgs_yaml import contract, decode
+from msgs_yaml.stamp import NS_PER_S
+
+STATE = '/vehicle/odometry'
+COMMAND = '/controller/command'
+CLOCK = '/clock'
+WHY = '/controller/why'
+
+
+class Latency(NamedTuple):
+    """One row per command that answers a recorded state, n of them."""
+
+    stamp_ns: np.ndarray  # (n,) int64, of the state and of the command
+    latency_s: np.ndarray  # (n,) from sending the state to sending the command
+
+
+class Ticks(NamedTuple):
+    """Controller periods between the first command and the last state."""
+
+    count: int
+    unanswered: int  # no command carries a stamp of the period
+    late: int  # answered, but when the period was over
+
+
+def stamps_ns(recorded: read.Recording) -> np.ndarray:
+    """Header stamps (n,) int64 of a topic whose messages begin with a header."""
+    return np.array([decode.stamp_ns_of(data) for data in recorded.payloads], dtype=np.int64)
+
+
+def latency(bag: read.Bag) -> Latency:
+    """Join every command with the state of equal stamp; BagError when either topic is empty.
+
+    A state that was sent again counts from the last time it was sent before the command.
+    """
+    states, commands = read.recording(bag, STATE), read.recording(bag, COMMAND)
+    sent_ns = {}
+    for stamp, publish in zip(stamps_ns(states).tolist(), states.publish_ns.tolist()):
+        sent_ns.setdefault(stamp, []).append(publish)
+    rows = []
+    for stamp, publish in zip(stamps_ns(commands).tolist(), commands.publish_ns.tolist()):
+        before = [sent for sent in sent_ns.get(stamp, ()) if sent <= publish]
+        if before:
+            rows.append((stamp, publish - max(before)))
+    joined = np.array(rows, dtype=np.int64).reshape(-1, 2)
+    return Latency(joined[:, 0], joined[:, 1] / NS_PER_S)
+
+
+def period_ns(mode: str) -> int:
+    """Period of the controller in a mode, from the contract."""
+    return round(NS_PER_S / contract.load().topics[COMMAND].rate_hz[mode])
+
+
+def ticks(bag: read.Bag, period: int) -> Ticks:
+    """Count the periods [ns] from the first command that were answered, late or never.
+
+    Raises BagError as `latency`.
+    """
+    states, commands = (stamps_ns(read.recording(bag, topic)) for topic in (STATE, COMMAND))
+    count, answered = metrics.periods(states, commands, period)
+    late = int(np.count_nonzero(latency(bag).latency_s * NS_PER_S > period))
+    return Ticks(count, count - answered, late)

@@ -1,0 +1,1 @@
+"""What a drive was worth; shares nothing with what drove it."""

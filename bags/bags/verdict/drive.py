@@ -1,0 +1,93 @@
+"""What the judge looks at: one drive as plain arrays, SI units, whatever it was read from.
+
+Positions are in the frame `map`, velocities and accelerations in `base_link` (ISO 8855).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.verdict.geometry import Outline
+
+
+class Motion(NamedTuple):
+    """The centre of gravity, one entry per odometry message."""
+
+    stamp_ns: np.ndarray
+    x: np.ndarray  # m
+    y: np.ndarray  # m
+    yaw: np.ndarray  # rad
+    vx: np.ndarray  # m/s
+    vy: np.ndarray  # m/s
+
+
+class Accelerations(NamedTuple):
+    """What the inertial unit at the centre of gravity measured."""
+
+    stamp_ns: np.ndarray
+    ax: np.ndarray  # m/s^2
+    ay: np.ndarray  # m/s^2
+
+
+class Inputs(NamedTuple):
+    """Where the actuators were."""
+
+    stamp_ns: np.ndarray
+    steer: np.ndarray  # rad, at the road wheels
+    force: np.ndarray  # N, both axles, braking negative
+
+
+class Ticks(NamedTuple):
+    """What the controller said about each of its steps, and which states it answered."""
+
+    answered_ns: np.ndarray  # stamps of the commands
+    solve_ms: np.ndarray  # ms, one per /controller/why
+    fallback: np.ndarray  # rung of the ladder, 0 = solved, one per /controller/why
+
+
+class Obstacle(NamedTuple):
+    """One obstacle over time; not-a-number where a message does not name it."""
+
+    id: int
+    x: np.ndarray  # m, one entry per obstacle message
+    y: np.ndarray  # m
+    vx: np.ndarray  # m/s
+    vy: np.ndarray  # m/s
+    radius: float  # m
+
+
+class Scene(NamedTuple):
+    """What the scenario published."""
+
+    reference: np.ndarray  # (n, 2) m, the coarse path
+    left: np.ndarray  # (n, 2) m, left road edge in driving order
+    right: np.ndarray  # (m, 2) m
+    obstacle_stamp_ns: np.ndarray  # one entry per obstacle message
+    obstacles: tuple[Obstacle, ...]
+
+
+class Facts(NamedTuple):
+    """Parameters of the nodes of that run which the judge needs."""
+
+    scenario: str
+    controller: str
+    outline: Outline
+    circles: tuple[float, ...]  # m, vehicle circle centres ahead of the centre of gravity
+    vehicle_radius: float  # m
+    safe_obstacle: float  # m, D_sft,O
+    safe_edge: float  # m, D_sft,E
+    friction: float  # peak lateral acceleration over g that the road offers
+    tick_ns: int  # controller period
+    stop: tuple[float, float]  # m, a point of the finish line
+    armed_after: float  # m, travelled before the finish line counts
+
+
+class Drive(NamedTuple):
+    """One run."""
+
+    motion: Motion
+    accelerations: Accelerations
+    inputs: Inputs
+    ticks: Ticks
+    scene: Scene
+    facts: Facts

@@ -1,0 +1,1 @@
+"""From state to command, every tick: receding horizon, fallbacks, gate. No ROS."""

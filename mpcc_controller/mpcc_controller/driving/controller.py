@@ -1,0 +1,201 @@
+"""The receding horizon: one state in, one command out, and why. No ROS; SI units.
+
+A failure is a value: whatever happens inside, `step` returns a command that the gate let through.
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from mpcc_controller.driving import braking, commanded, explain, guide, target
+from mpcc_controller.driving.ahead import Ahead
+from mpcc_controller.driving.commanded import Ramp
+from mpcc_controller.driving.delay import Expected
+from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.guide import Aim
+from mpcc_controller.driving.horizon import Horizon, Outcome
+from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.path import reference, road
+from mpcc_controller.problem import stages
+from mpcc_controller.problem.stages import Scene
+from msgs_yaml import stamp
+from msgs_yaml.types import (
+    Actuators,
+    Command,
+    Obstacles,
+    Prediction,
+    Reference,
+    RoadEdges,
+    VehicleState,
+    Why,
+)
+
+NEVER = -1  # ns, older than every stamp
+NOT_FINITE = 'state_not_finite'
+
+
+class Controller:
+    """Solves the problem of `mpcc_ocp` at every step and follows the first input of its plan.
+
+    `limit_time` (realtime) lets the solver stop at its wall-time limit and the gate count the
+    computing time, and plans from the state at which the command will take hold; without it equal
+    inputs give equal commands. `clock` [s] tells durations.
+    """
+
+    def __init__(
+        self,
+        params: ControllerParams,
+        vehicle: CarParams,
+        limit_time: bool = False,
+        clock: Callable[[], float] = time.perf_counter,
+    ):
+        self.params = params
+        self.limit_time = limit_time
+        self.clock = clock
+        self.horizon = Horizon(params, vehicle, limit_time, clock)
+        self.car = self.horizon.car
+        self.gate = Gate(
+            params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
+        )
+        self.delay = Expected(params.delay)
+        self.ahead = Ahead(self.car)
+        self.scene = Scene(None, None, None)
+        self.publish_s: float | None = None  # what sending took last
+        self.ended = self.clock()  # the last step
+        self._begin(Command(NEVER, 0.0, 0.0, 0.0, 0.0))
+
+    def set_reference(self, path: Reference) -> str:
+        """Take a path; return '' or why it was turned down (the old one stays)."""
+        try:
+            built = reference.build(path)
+        except reference.PathError as error:
+            return str(error)
+        if self.scene.path is None or not reference.is_same(built, self.scene.path):
+            self.scene = self.scene._replace(path=built)
+            self.horizon.theta = None
+        return ''
+
+    def set_edges(self, edges: RoadEdges) -> str:
+        """Take road edges; return '' or why they were turned down (the old ones stay)."""
+        try:
+            self.scene = self.scene._replace(road=road.build(edges))
+        except road.EdgeError as error:
+            return str(error)
+        return ''
+
+    def set_obstacles(self, obstacles: Obstacles) -> None:
+        """Take the obstacles as of their stamp."""
+        self.scene = self.scene._replace(obstacles=obstacles)
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the names of what the controller has not been told yet."""
+        return tuple(name for name, known in self.scene._asdict().items() if known is None)
+
+    def reset(self, actuators: Actuators) -> None:
+        """Start anew, with the set-points where the actuators are, inside their limits."""
+        limits = self.params.limits
+        force = actuators.Fxf + actuators.Fxr
+        share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
+        if actuators.Fxf * actuators.Fxr < 0:
+            share = 0.0
+        start = Command(
+            stamp_ns=NEVER,
+            delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
+            d_delta=0.0,
+            Fxf=float(share * actuators.Fxf),
+            Fxr=float(share * actuators.Fxr),
+        )
+        self._begin(start)
+        self.horizon.forget()
+
+    def _begin(self, command: Command) -> None:
+        self.last = command  # sent last
+        self.told = commanded.held(*commanded.end(command, self.car))
+        self.too_slow = False
+
+    def step(self, x: VehicleState, age_s: float = 0.0) -> tuple[Command, Prediction, Why]:
+        """Return the command that answers a state, the plan, and why.
+
+        `age_s` is the age of the state when the step begins (0 in lockstep).
+        """
+        began = self.clock()
+        params, step_s = self.params, self.params.model.step_s
+        acts_ns = self._acts_ns(x, age_s)
+        acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
+        scene = stages.at_instant(self.scene, acts_ns)
+        decision, said = self._decide(acts_on, now, scene)
+        if decision.plan is None:
+            aim = self._aim(acts_on, scene)
+            said |= {'guide': aim.line}
+            goal = braking.target(acts_on, now, aim.point, self.car, params)
+        else:
+            goal = target.of_plan(decision.plan, self.car, params.limits)
+        command = target.command(goal, now, self.car, step_s, x.stamp_ns)
+        checked_s = age_s + self.clock() - began if self.limit_time else age_s
+        self.last, turned_back = self.gate.check(command, self.last, checked_s)
+        if turned_back:
+            self.horizon.ladder.distrust()
+        due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
+        self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
+        said |= explain.commanded(self.last, self.car, self.gate.rejections)
+        said |= self._times(x.stamp_ns, acts_ns)
+        why = explain.tick(x.stamp_ns, decision, turned_back, said)
+        self.ended = self.clock()
+        self.delay.took(self.ended - began)
+        return self.last, explain.prediction(acts_on, decision.plan, step_s), why
+
+    def published(self) -> None:
+        """Take note that what the last step returned has just been sent."""
+        self.publish_s = self.clock() - self.ended
+
+    def _acts_ns(self, x, age_s) -> int:
+        """Return when the command that answers `x` will take hold."""
+        if not self.limit_time:
+            return x.stamp_ns
+        soonest = stamp.later(x.stamp_ns, self.delay.after(age_s))
+        latest = stamp.later(x.stamp_ns, self.params.delay.longest_s)
+        # states come a little early now and then: the set-point before is reached first
+        return min(max(soonest, self.told.end_ns), latest)
+
+    def _decide(self, x, now, scene) -> Outcome:
+        reason = self._obstruction(x)
+        if reason == NOT_FINITE:
+            return Outcome(self.horizon.without_state(reason), {})
+        if self.missing():
+            return Outcome(self.horizon.ladder.brake(reason), {})
+        x0 = self.horizon.initial_state(x, now, scene)
+        if not reason and x0.theta > scene.path.length:
+            reason = 'path_ended'  # nobody said where to go from here
+        plan = self.horizon.solve if not reason else partial(self.horizon.brake, reason)
+        decision, said = plan(x0, scene)
+        return Outcome(decision, explain.measured(x0) | said)
+
+    def _obstruction(self, x) -> str:
+        """Return why no plan can be made at all, or ''."""
+        if not np.all(np.isfinite(x)):
+            return NOT_FINITE
+        limits = self.params.limits
+        margin = limits.speed_hysteresis_mps if self.too_slow else 0.0
+        self.too_slow = x.vx < limits.least_speed_mps + margin
+        if self.missing():
+            return f'no_{self.missing()[0]}'
+        return 'too_slow' if self.too_slow else ''
+
+    def _aim(self, x, scene) -> Aim:
+        theta = None
+        if scene.path is not None and np.all(np.isfinite(x)):
+            theta = self.horizon.foot(x, scene)
+        return guide.aim(x, self.horizon.ladder.guide, scene.path, theta, self.params.braking)
+
+    def _times(self, stamp_ns, acts_ns) -> dict:
+        said = {'time.lead_ms': 1e3 * stamp.seconds(acts_ns - stamp_ns)}
+        if self.publish_s is not None:  # of the tick before: this one is not sent yet
+            said['time.publish_ms'] = 1e3 * self.publish_s
+        return said
+
+
+def unknown_state(stamp_ns: int) -> VehicleState:
+    """Return a state of which nothing is known but its time."""
+    return VehicleState(stamp_ns, *(np.nan,) * (len(VehicleState._fields) - 1))

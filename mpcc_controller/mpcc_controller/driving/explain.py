@@ -1,0 +1,150 @@
+"""Everything one tick has to say about itself, as the values of /controller/why."""
+
+from collections import Counter
+
+import numpy as np
+
+from mpcc_controller.driving.ladder import BRAKING, Decision
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import distance, frenet, road
+from mpcc_controller.path.distance import Disc
+from mpcc_controller.problem.insight import View
+from mpcc_controller.problem.stages import Numbers, Scene
+from mpcc_controller.solvers.shooting import Plan
+from mpcc_controller.solvers.solver import SOLVED, Solution
+from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
+
+OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+
+
+def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
+    """Return the `Why` of a tick; `gate` is the reason for which the gate intervened, or ''.
+
+    What has no value, as the cost of a solve that did not begin, is left out.
+    """
+    level = {SOLVED: OK, BRAKING: ERROR}.get(decision.rung, WARN)
+    told = f'{decision.rung}: {decision.reason}'
+    if gate:
+        level, told = ERROR, f'{told}; gate: {gate}'
+    named = {'rung': decision.rung, 'reason': decision.reason, 'gate': gate or 'passed'}
+    values = {name: value for name, value in values.items() if value == value}  # NaN does not
+    return Why(stamp_ns, level, told, named | values)
+
+
+def prediction(x: VehicleState, plan: Plan | None, step_s: float) -> Prediction:
+    """Return the planned poses; without a plan the present one, none when that is unknown."""
+    if plan is not None:
+        states = State(*plan.X.T)
+        t = step_s * np.arange(len(plan.X))
+        return Prediction(x.stamp_ns, states.X, states.Y, states.psi, t)
+    here = np.array([(x.X, x.Y, x.psi)] if np.all(np.isfinite(x)) else np.empty((0, 3)))
+    return Prediction(x.stamp_ns, *here.T, np.zeros(len(here)))
+
+
+def measured(x: State) -> dict:
+    """Return where the car is on its path and what its actuators were last told."""
+    return {
+        'theta': float(x.theta),
+        'vx': float(x.vx),
+        'set_point.delta': float(x.delta),
+        'set_point.Fx': float(x.Fx),
+    }
+
+
+def commanded(command: Command, car: Car, rejections: Counter) -> dict:
+    """Return the brake split that leaves (0 while not braking), the ideal one, and the refusals."""
+    force = command.Fxf + command.Fxr
+    return {
+        'split.front': command.Fxf / force if force < 0 else 0.0,
+        'split.ideal': float(single_track.ideal_split(force, car)),
+        'gate.rejections': sum(rejections.values()),
+        **{f'gate.{reason}': count for reason, count in sorted(rejections.items())},
+    }
+
+
+def solved(first: Solution, second: Solution | None, prepare_s: float, warm: bool) -> dict:
+    """Return how the solvers fared; the second one's time counts like the first one's."""
+    said = {
+        'solver.warm': warm,
+        **_fared('solver', first),
+        'time.prepare_ms': 1e3 * prepare_s,
+        'time.solve_ms': 1e3 * first.solve_s,
+    }
+    if second is not None:
+        said |= _fared('fallback', second)
+        said['time.fallback_ms'] = 1e3 * second.solve_s
+        said['time.solve_ms'] += said['time.fallback_ms']
+    return said
+
+
+def _fared(name, solution):
+    return {
+        f'{name}.status': solution.status,
+        f'{name}.message': solution.message,
+        f'{name}.iterations': solution.iterations,
+        f'{name}.primal_residual': solution.primal_residual,
+        f'{name}.dual_residual': solution.dual_residual,
+        f'{name}.cost': solution.cost,
+    }
+
+
+def surroundings(
+    x: State, scene: Scene, obstacles: tuple[Obstacle, ...], params: ControllerParams
+) -> dict:
+    """Return the distances at this instant, to obstacles also in path coordinates.
+
+    Each is that of the nearest of the vehicle's circles; the difference is positive where path
+    coordinates see more room than there is.
+    """
+    radius = params.body.circle_radius_m
+    circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
+    places = [frenet.place(scene.path, c.X, c.Y, x.theta) for c in circles]
+    said = {}
+    for one in obstacles:
+        disc = Disc(one.X, one.Y, one.r_obs)
+        place = frenet.place(scene.path, one.X, one.Y, x.theta)
+        straight = min(float(distance.v2o(c, disc)) for c in circles)
+        along = min(frenet.v2o(vehicle, place, radius, one.r_obs) for vehicle in places)
+        said[f'v2o.{one.id}'] = straight
+        said[f'v2o_frenet.{one.id}'] = along
+        said[f'v2o_difference.{one.id}'] = along - straight
+    here = (np.array([value]) for value in (x.X, x.Y))
+    edges = road.near_plan(scene.road, *here, params.surroundings.edge_window_m)
+    for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
+        said[f'v2e.{side}'] = float(min(gap[0] for gap in gaps))
+    return said
+
+
+def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:
+    """Return the plan's cost by term, its distances and priorities, its use of the friction."""
+    terms = {name: float(np.sum(term)) for name, term in view.terms._asdict().items()}
+    weights = {name: float(weight) for name, weight in numbers.stages.weights._asdict().items()}
+    slack = U[:, Input._fields.index('slack')]
+    said = {'cost.total': sum(terms.values())}
+    said |= {f'cost.{name}': term for name, term in terms.items()}
+    said |= {f'weight.{name}': weight for name, weight in weights.items()}
+    for obstacle, D, q in zip(numbers.obstacles, view.v2o, view.priority_o):
+        said |= _distance(f'v2o.{obstacle.id}', f'q_v2o.{obstacle.id}', D, q, weights['v2o'])
+    for side, D, q in zip(('left', 'right'), view.v2e, view.priority_e):
+        said |= _distance(f'v2e.{side}', f'q_v2e.{side}', D, q, weights['v2e'])
+    for error, e in view.tracking._asdict().items():
+        said |= {f'error.{error}': float(e[0]), f'error.{error}_max': float(np.max(np.abs(e)))}
+    return said | {
+        'friction.front': float(view.friction.f[0]),
+        'friction.rear': float(view.friction.r[0]),
+        'friction.front_max': float(np.max(view.friction.f)),
+        'friction.rear_max': float(np.max(view.friction.r)),
+        'slack.max': float(np.max(np.abs(slack))),
+        'v_ref': float(numbers.stages.v_ref[0]),
+    }
+
+
+def _distance(name, weight_name, D, q, P_k):
+    """Return the least distance of the plan, the weight in force now and the largest to come."""
+    return {
+        f'{name}.least': float(np.min(D)),
+        weight_name: float(P_k * np.max(q)),
+        f'{weight_name}.now': float(P_k * q[0]),
+    }

@@ -1,0 +1,170 @@
+"""From a state to a plan: projection, first guess, numbers, bounds, solvers, ladder. SI units."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving import explain, guess, ladder
+from mpcc_controller.driving.ladder import Decision, Ladder
+from mpcc_controller.driving.target import SetPoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import State
+from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.path import reference
+from mpcc_controller.problem import bounds, formulation, ocp, stages
+from mpcc_controller.problem.insight import Insight
+from mpcc_controller.problem.stages import Scene
+from mpcc_controller.solvers import shooting, solver
+from mpcc_controller.solvers.shooting import Plan
+from msgs_yaml.types import VehicleState
+
+
+class Outcome(NamedTuple):
+    """What came of one attempt."""
+
+    decision: Decision
+    said: dict  # values for `Why`
+
+
+class Horizon:
+    """Solves the problem once per tick and carries plan and path distance to the next one.
+
+    Plans are in the map here, whatever the states of the problem are (`formulation`).
+    """
+
+    def __init__(
+        self,
+        params: ControllerParams,
+        vehicle: CarParams,
+        limit_time: bool,
+        clock: Callable[[], float],
+    ):
+        self.params = params
+        self.car = stages.car(params, vehicle)
+        self.clock = clock
+        self.formulation = formulation.make(params, self.car)
+        formula = self.formulation.formula
+        self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
+        self.solver = solver.make(self.problem, _options(params, limit_time))
+        self.second = _second(params, self.problem, limit_time)
+        self.insight = Insight(formula)
+        self.motion = single_track.step(params.model.step_s)
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop the plan and the place on the path: the next tick starts anew."""
+        self.ladder = Ladder(self.params.fallback)
+        self.theta: float | None = None  # m, last foot on the path
+        self.P: np.ndarray | None = None  # (N + 1, np), the numbers of the last solve
+
+    def foot(self, x: VehicleState, scene: Scene) -> float:
+        """Return the distance [m] along the path of the point next to the car."""
+        reach = self.params.surroundings.path_search_m
+        self.theta = reference.project(scene.path, x.X, x.Y, self.theta, reach)
+        return self.theta
+
+    def initial_state(self, x: VehicleState, now: SetPoints, scene: Scene) -> State:
+        """Return the state at stage 0: the heading near the path's, theta by projection."""
+        theta = self.foot(x, scene)
+        arcs, _ = reference.at(scene.path, theta)
+        turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
+        return State(
+            X=x.X,
+            Y=x.Y,
+            psi=float(x.psi + 2 * np.pi * turns),
+            vx=x.vx,
+            vy=x.vy,
+            r=x.r,
+            theta=theta,
+            delta=now.delta,
+            Fx=now.Fx,
+        )
+
+    def solve(self, x0: State, scene: Scene) -> Outcome:
+        """Return the rung for this tick, and what there is to say about it."""
+        began = self.clock()
+        params, model = self.params, self.params.model
+        moved_on = self._moved_on(x0)
+        warm = self.ladder.is_warm
+        start = moved_on
+        if not warm:
+            start = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
+        elif self.ladder.failures:
+            start = moved_on._replace(multipliers=None)  # they led the solver nowhere
+        form = self.formulation
+        numbers = form.numbers(scene, start.X)
+        limits = bounds.build(
+            params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
+        )
+        begin = form.enter(start, scene.path)
+        problem = begin.X[0], numbers.P, limits
+        prepared = self.clock()
+        first, second = self._attempt(self.solver, problem, begin, scene), None
+        if self.second and ladder.fault(first, params.fallback):
+            unaided = begin._replace(multipliers=None)
+            second = self._attempt(self.second, problem, unaided, scene)
+        decision = self.ladder.decide(first, second, moved_on)
+        self.P = numbers.P
+        said = explain.solved(first, second, prepared - began, warm)
+        said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
+        said |= explain.surroundings(x0, scene, numbers.obstacles, params)
+        if decision.plan is not None:
+            view = self.insight.of(form.enter(decision.plan, scene.path), numbers.P)
+            said |= explain.planned(view, numbers, decision.plan.U)
+        return Outcome(decision, said)
+
+    def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
+        """Return the last rung without solving, and the distances there are to tell."""
+        here = State(*(np.array([value]) for value in x0))
+        near = stages.most_dangerous(self.params, scene.obstacles, here, np.zeros(1))
+        said = explain.surroundings(x0, scene, near, self.params)
+        return Outcome(self.ladder.brake(reason), said)
+
+    def without_state(self, reason: str) -> Decision:
+        """Return the rung for a tick whose state is not known: the plan goes on as planned."""
+        plan = self.ladder.plan
+        if plan is not None:
+            plan = shooting.shift(plan, self.motion, np.array(self.car))
+        return self.ladder.without_solution(reason, plan)
+
+    def _attempt(self, asked: solver.StageSolver, problem: tuple, begin: Plan, scene: Scene):
+        """Return the solution, in the map; one that raises is a failed one.
+
+        The car needs a command all the same.
+        """
+        try:
+            found = asked.solve(*problem, begin)
+        except Exception as error:
+            found = solver.Solution(
+                begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0
+            )
+        return found._replace(plan=self.formulation.leave(found.plan, scene.path))
+
+    def _moved_on(self, x0) -> Plan | None:
+        if self.ladder.plan is None:
+            return None
+        return guess.moved_on(self.ladder.plan, self.motion, self.car, x0)
+
+
+def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions:
+    rules = params.solver
+    return solver.SolverOptions(
+        name=rules.name,
+        max_iterations=rules.max_iterations,
+        tolerance=rules.tolerance,
+        time_limit_s=rules.time_limit_s if limit_time else None,
+        compiled=rules.compiled,
+    )
+
+
+def _second(params: ControllerParams, problem, limit_time: bool) -> solver.StageSolver | None:
+    """Return the solver to ask after a failure; the same one again would only fail again."""
+    rules = params.solver
+    if rules.fallback in ('none', rules.name):
+        return None
+    rest_s = rules.fallback_limit_s - rules.time_limit_s
+    options = _options(params, limit_time)
+    limit_s = rest_s if limit_time else None
+    given = vars(options) | {'name': rules.fallback, 'time_limit_s': limit_s}
+    return solver.make(problem, solver.SolverOptions(**given))

@@ -1,0 +1,1 @@
+"""The prediction model: the car as the controller believes it to be."""

@@ -1,0 +1,199 @@
+"""Non-linear single track: the prediction model of the paper, eq. 1 and 2. SI units, ISO 8855.
+
+The names are the paper's. Two corrections to the printed equations: X' = vx cos psi - vy sin psi
+(the paper prints a plus), and the axle loads follow the longitudinal force quasi-statically, as
+the paper's own ideal brake split needs them to.
+"""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from mpcc_controller.model import fiala
+from mpcc_controller.solvers import shooting
+
+GRAVITY = 9.81  # m/s^2
+SLIP_SPEED_ROUNDING = 0.25  # (m/s)^2; 4 mm/s at 20 m/s for a least speed of 5 m/s
+STANDSTILL_ROUNDING = 1e-6  # (m/s)^2; |v| has no derivative at rest
+
+
+class State(NamedTuple):
+    """State x of the prediction model."""
+
+    X: Any  # m, map
+    Y: Any  # m, map
+    psi: Any  # rad, map
+    vx: Any  # m/s, body
+    vy: Any  # m/s, body
+    r: Any  # rad/s
+    theta: Any  # m, travelled distance
+    delta: Any  # rad, road-wheel angle
+    Fx: Any  # N, total longitudinal force
+
+
+class Input(NamedTuple):
+    """Input u: the paper's three, and the slack that keeps the problem feasible."""
+
+    d_delta: Any  # rad/s
+    d_Fx: Any  # N/s
+    lambda_b: Any  # -, front share of the braking force
+    slack: Any  # m of missing road and m/s of missing speed
+
+
+class Car(NamedTuple):
+    """The numbers of the vehicle and its tyres; mu_* already holds the road's friction."""
+
+    m: Any  # kg
+    Izz: Any  # kg m^2
+    l_f: Any  # m, CoG to front axle
+    l_r: Any  # m, CoG to rear axle
+    h: Any  # m, CoG above the road
+    drag: Any  # N/(m/s)^2
+    rolling: Any  # N
+    lambda_d: Any  # -, front share of the driving force (0: rear-wheel drive)
+    C_f: Any  # N/rad, cornering stiffness of the front axle
+    C_r: Any  # N/rad
+    mu_f: Any  # -
+    mu_r: Any  # -
+    tyre_switch: Any  # -, where the tangent continues the Fiala curve
+    v_slip: Any  # m/s, least speed in the slip angles
+    force_blend: Any  # N, width of the change from braking to driving
+
+
+class Axles(NamedTuple):
+    """One quantity per axle."""
+
+    f: Any
+    r: Any
+
+
+class Body(NamedTuple):
+    """Rates of the velocities of the body."""
+
+    vx: Any  # m/s^2, of the component: centripetal acceleration included
+    vy: Any  # m/s^2
+    r: Any  # rad/s^2
+
+
+class TyreForces(NamedTuple):
+    """Forces in the wheel frames [N]; `F_yf` and `F_yr` are positive to the left."""
+
+    F_xf: Any
+    F_xr: Any
+    F_yf: Any
+    F_yr: Any
+
+
+def loads(Fx, car):
+    """Return the axle loads [N] while `Fx` [N] accelerates the car (quasi-static)."""
+    wheelbase = car.l_f + car.l_r
+    weight = car.m * GRAVITY
+    return Axles(
+        f=(weight * car.l_r - car.h * Fx) / wheelbase,
+        r=(weight * car.l_f + car.h * Fx) / wheelbase,
+    )
+
+
+def ideal_split(Fx, car):
+    """Return the brake split at which both axles lock together; the paper's ratio simplifies."""
+    Fz = loads(Fx, car)
+    return Fz.f / (Fz.f + Fz.r)
+
+
+def split(Fx, lambda_b, car):
+    """Return the longitudinal force [N] per axle as the paper's eq. 2 demands it.
+
+    The two cases are written with min and max: equal to the printed if, without the branch.
+    """
+    brake, drive = ca.fmin(Fx, 0), ca.fmax(Fx, 0)
+    return Axles(
+        f=lambda_b * brake + car.lambda_d * drive,
+        r=(1 - lambda_b) * brake + (1 - car.lambda_d) * drive,
+    )
+
+
+def smooth_split(Fx, lambda_b, car):
+    """Return `split` without its corner at Fx = 0, for the optimiser.
+
+    A plan that passes from braking to driving in a bend often has its best force exactly in that
+    corner, where no gradient vanishes and the solver circles until its iteration limit. The share
+    of the front axle changes from lambda_b to lambda_d within some `force_blend`; the axles share
+    the sign of Fx, and their sum is Fx.
+    """
+    driving = (1 + ca.tanh(Fx / car.force_blend)) / 2
+    front = lambda_b + (car.lambda_d - lambda_b) * driving
+    return Axles(f=front * Fx, r=(1 - front) * Fx)
+
+
+def slips(x, car):
+    """Return tan(alpha) per axle.
+
+    Below `v_slip` the speed in the denominator is held up smoothly: RK2 at 50 ms turns unstable
+    on the tyre dynamics near 5 m/s, and an iterate of the solver may pass through any speed.
+    """
+    faster = x.vx - car.v_slip
+    v = car.v_slip + (faster + ca.sqrt(faster**2 + SLIP_SPEED_ROUNDING)) / 2
+    return Axles(
+        f=ca.tan(ca.atan((x.vy + car.l_f * x.r) / v) - x.delta),
+        r=(x.vy - car.l_r * x.r) / v,
+    )
+
+
+def tyre_forces(x, u, car):
+    """Return the forces of both axles, each inside its friction circle."""
+    Fz = loads(x.Fx, car)
+    demand = smooth_split(x.Fx, u.lambda_b, car)
+    tan_alpha = slips(x, car)
+    F_xf = fiala.longitudinal_force(demand.f, Fz.f, car.mu_f)
+    F_xr = fiala.longitudinal_force(demand.r, Fz.r, car.mu_r)
+    front = fiala.lateral_capacity(F_xf, Fz.f, car.mu_f)
+    rear = fiala.lateral_capacity(F_xr, Fz.r, car.mu_r)
+    return TyreForces(
+        F_xf=F_xf,
+        F_xr=F_xr,
+        F_yf=fiala.lateral_force(tan_alpha.f, front, car.C_f, car.tyre_switch),
+        F_yr=fiala.lateral_force(tan_alpha.r, rear, car.C_r, car.tyre_switch),
+    )
+
+
+def body_rates(x, u: Input, car: Car) -> Body:
+    """Return how the velocities of the body change (paper, eq. 1).
+
+    `x` needs vx, vy, r, delta and Fx: it does not matter in which coordinates the car is placed.
+    """
+    F = tyre_forces(x, u, car)
+    F_drag = car.drag * x.vx**2 + car.rolling
+    sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
+    ahead = F.F_xf * cos_delta - F.F_yf * sin_delta  # front axle force along the body, N
+    aside = F.F_xf * sin_delta + F.F_yf * cos_delta  # and across it
+    return Body(
+        vx=(ahead + F.F_xr - F_drag) / car.m + x.r * x.vy,
+        vy=(aside + F.F_yr) / car.m - x.r * x.vx,
+        r=(car.l_f * aside - car.l_r * F.F_yr) / car.Izz,
+    )
+
+
+def derivative(x: State, u: Input, car: Car) -> State:
+    """Return dx/dt as a `State` (paper, eq. 1)."""
+    body = body_rates(x, u, car)
+    sin_psi, cos_psi = ca.sin(x.psi), ca.cos(x.psi)
+    return State(
+        X=x.vx * cos_psi - x.vy * sin_psi,
+        Y=x.vx * sin_psi + x.vy * cos_psi,
+        psi=x.r,
+        vx=body.vx,
+        vy=body.vy,
+        r=body.r,
+        theta=ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING),
+        delta=u.d_delta,
+        Fx=u.d_Fx,
+    )
+
+
+def step(dt: float) -> ca.Function:
+    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2)."""
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    car = ca.SX.sym('car', len(Car._fields))
+    rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), Car(*ca.vertsplit(car)))
+    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+    return ca.Function('step', [x, u, car], [shooting.rk2(f, dt)(x, u, car)])

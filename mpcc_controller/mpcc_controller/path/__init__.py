@@ -1,0 +1,1 @@
+"""The road as the controller sees it: paths, edges, and the distances to what must be avoided."""

@@ -1,0 +1,50 @@
+"""A piece of path as a circular arc: how the reference enters the problem, as numbers per stage."""
+
+from typing import Any, NamedTuple
+
+from mpcc_controller.model import maths
+
+
+class Arc(NamedTuple):
+    """The path around the distance `theta` along it."""
+
+    X: Any  # m, map, the point at theta
+    Y: Any  # m, map
+    psi: Any  # rad, heading at theta, continuous along the path
+    kappa: Any  # 1/m, curvature, left positive
+    theta: Any  # m
+
+
+class Pose(NamedTuple):
+    """A point of the path and its heading."""
+
+    X: Any  # m, map
+    Y: Any  # m, map
+    psi: Any  # rad
+
+
+def at(arc: Arc, theta) -> Pose:
+    """Return the pose at the distance `theta` [m]; numbers or CasADi expressions.
+
+    The chord of the arc points along its mean heading and is d sinc(half) long. Two terms of the
+    series of sinc replace sin(half) / half, which has no value on a straight path: the error is
+    half^4 / 120, 1e-7 of the length for a turn of 0.1 rad.
+    """
+    d = theta - arc.theta
+    half = arc.kappa * d / 2
+    chord = d * (1 - half**2 / 6)
+    return Pose(
+        X=arc.X + chord * maths.cos(arc.psi + half),
+        Y=arc.Y + chord * maths.sin(arc.psi + half),
+        psi=arc.psi + 2 * half,
+    )
+
+
+def contouring(pose: Pose, X, Y):
+    """Return e_Con [m] of a point (paper, section 3.1): positive to the right of the path."""
+    return maths.sin(pose.psi) * (X - pose.X) - maths.cos(pose.psi) * (Y - pose.Y)
+
+
+def lag(pose: Pose, X, Y):
+    """Return e_Lag [m] of a point (paper, section 3.1): positive behind the pose."""
+    return -maths.cos(pose.psi) * (X - pose.X) - maths.sin(pose.psi) * (Y - pose.Y)

@@ -1,0 +1,144 @@
+"""The behaviour planner's path as arcs: strict check, projection, numbers per stage. SI units."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.path import arc
+from mpcc_controller.path.arc import Arc
+from msgs_yaml.types import Reference
+
+NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
+STRAY = 1e-3  # m of distance that a metre along the path counts for, between equally near places
+
+
+class PathError(ValueError):
+    """The path cannot be driven; the text says which pose is wrong."""
+
+
+class Path(NamedTuple):
+    """A path of n segments and the straight lines that continue it: n + 2 arcs in order."""
+
+    arcs: Arc  # each field (n + 2,): the start of the arc, but the end of the first one
+    v: np.ndarray  # (n + 2,) m/s, desired speed
+    length: float  # m
+
+
+def build(reference: Reference) -> Path:
+    """Check a path and cut it into arcs.
+
+    Raises `PathError` for fewer than two poses, numbers that are not finite, repeated poses,
+    stamps that do not increase, a heading against the driving direction, or doubling back.
+    """
+    X, Y, psi, t = (np.asarray(column, float) for column in reference[1:])
+    if not X.shape == Y.shape == psi.shape == t.shape or X.ndim != 1 or X.size < 2:
+        raise PathError(f'a path needs two poses or more, with equal columns; it has {X.shape}')
+    for name, column in zip(reference._fields[1:], (X, Y, psi, t)):
+        _require(np.isfinite(column), f'{name} is not finite')
+    dX, dY, dt = np.diff(X), np.diff(Y), np.diff(t)
+    chord = np.hypot(dX, dY)
+    _require(dt > 0, 'the stamp does not increase after it')
+    _require(chord > 0, 'the next pose is at the same place')
+    along = np.arctan2(dY, dX)
+    _require(np.abs(_wrap(np.diff(along))) < np.pi / 2, 'the path doubles back after it')
+    _require(np.abs(_wrap(psi[:-1] - along)) < np.pi / 2, 'its heading points backwards')
+    _require(np.abs(_wrap(psi[1:] - along)) < np.pi / 2, 'the next heading points backwards')
+
+    turn = _wrap(np.diff(psi))
+    along = np.unwrap(along)
+    ds = chord / np.sinc(turn / (2 * np.pi))
+    theta = np.concatenate(([0], np.cumsum(ds)))
+    start, end = along[0] - turn[0] / 2, along[-1] + turn[-1] / 2
+    arcs = Arc(
+        X=np.concatenate((X[:1], X)),
+        Y=np.concatenate((Y[:1], Y)),
+        psi=np.concatenate(([start], along - turn / 2, [end])),
+        kappa=np.concatenate(([0], turn / ds, [0])),
+        theta=np.concatenate((theta[:1], theta)),
+    )
+    v = ds / dt
+    return Path(arcs, np.concatenate((v[:1], v, v[-1:])), float(theta[-1]))
+
+
+def at(path: Path, theta) -> tuple[Arc, np.ndarray]:
+    """Return the arcs that touch the path at `theta` [m] (k,), and the desired speeds [m/s] (k,).
+
+    Before the start and past the end the path goes on straight.
+    """
+    theta = np.asarray(theta, float)
+    # the first arc holds for every theta below 0, the last one past the end
+    index = np.searchsorted(path.arcs.theta[1:], theta, side='right')
+    piece = Arc(*(column[index] for column in path.arcs))
+    pose = arc.at(piece, theta)
+    return Arc(pose.X, pose.Y, pose.psi, piece.kappa, theta), path.v[index]
+
+
+def project(path: Path, X: float, Y: float, near: float | None, reach: float) -> float:
+    """Return theta [m] of the point of the path next to (X, Y).
+
+    With `near` only the path within `reach` [m] of that theta counts, so that a path that comes
+    back to the same place is not short-cut; with None all of it.
+    """
+    arcs = path.arcs
+    first, last = 1, arcs.theta.size - 1
+    if near is not None:
+        first = np.clip(np.searchsorted(arcs.theta, near - reach) - 1, first, last - 1)
+        last = np.clip(np.searchsorted(arcs.theta, near + reach) + 1, first + 1, last)
+    nodes = slice(first, last + 1)
+    share, inside, square = _feet(arcs, nodes, X, Y)
+    best = np.argmin(square)
+    # past either end of the path its straight continuation counts
+    if best == 0 or best == len(share) - 1:
+        inside[best] = share[best]
+    theta = arcs.theta[first + best] + inside[best] * np.diff(arcs.theta[nodes])[best]
+    return _refine(path, X, Y, float(theta))
+
+
+def lap(path: Path, X: float, Y: float, near: float) -> float:
+    """Return roughly where on the path (X, Y) is; of equally near places that nearest `near` [m].
+
+    It is a `near` for `project`, whatever the distance along the path.
+    """
+    nodes = slice(1, path.arcs.theta.size)
+    _, inside, square = _feet(path.arcs, nodes, X, Y)
+    theta = path.arcs.theta[nodes]
+    theta = theta[:-1] + inside * np.diff(theta)
+    return float(theta[np.argmin(np.sqrt(square) + STRAY * np.abs(theta - near))])
+
+
+def _feet(arcs, nodes, X, Y):
+    """Return the foot on each chord as a share of it, free and inside it, and its distance^2."""
+    corners = np.column_stack((arcs.X[nodes], arcs.Y[nodes]))
+    chords = np.diff(corners, axis=0)
+    away = np.array((X, Y)) - corners[:-1]
+    share = np.sum(away * chords, axis=1) / np.sum(chords**2, axis=1)
+    inside = np.clip(share, 0, 1)
+    return share, inside, np.sum((away - inside[:, None] * chords) ** 2, axis=1)
+
+
+def _refine(path, X, Y, theta):
+    """Follow the arc until the point is neither ahead of the pose nor behind it."""
+    for _ in range(NEWTON_STEPS):
+        piece, _ = at(path, theta)
+        pose = arc.at(piece, theta)
+        left = -arc.contouring(pose, X, Y)
+        shrink = 1 - piece.kappa * left
+        if shrink <= 0:  # the point lies beyond the centre of the arc: no foot to go to
+            break
+        theta = theta - arc.lag(pose, X, Y) / shrink
+    return float(theta)
+
+
+def _wrap(angle):
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _require(good, complaint):
+    if not np.all(good):
+        raise PathError(f'pose {int(np.argmin(good))}: {complaint}')
+
+
+def is_same(one: Path, other: Path) -> bool:
+    """Tell whether two paths are equal, number by number."""
+    columns = zip((*one.arcs, one.v), (*other.arcs, other.v))
+    return all(np.array_equal(a, b) for a, b in columns)

@@ -1,0 +1,1 @@
+"""The optimal control problems, stage by stage: costs, constraints, numbers per stage."""

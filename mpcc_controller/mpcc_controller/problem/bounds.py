@@ -1,0 +1,66 @@
+"""Limits of actuators, speed and friction as the bounds of every stage (paper, section 3.2)."""
+
+import numpy as np
+
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import Limits
+from mpcc_controller.problem.ocp import Limited, total_use
+from mpcc_controller.solvers.shooting import Bounds
+
+ROOM = 1e-3  # relative room left between a state that cannot be changed and its bound
+
+
+def build(
+    limits: Limits, car: Car, Fx: float, horizon: int, dt: float, state: type = State
+) -> Bounds:
+    """Return the bounds for a plan that starts with the total force `Fx` [N].
+
+    `state` is the NamedTuple of the formulation's states; delta and Fx are bounded.
+
+    Where the force is beyond its share of the friction already (the road has turned slippery, or
+    a restart found it so), the friction bounds open to what the force can be brought back to at
+    its rate limit: a present that cannot be changed must not make the problem infeasible.
+    """
+    free = np.inf
+    x_high = state(
+        **dict.fromkeys(state._fields, free) | {'delta': limits.steer_rad, 'Fx': limits.drive_n}
+    )
+    x_low = state(
+        **dict.fromkeys(state._fields, -free) | {'delta': -limits.steer_rad, 'Fx': -limits.brake_n}
+    )
+    u_high = Input(
+        d_delta=limits.steer_rate_radps,
+        d_Fx=limits.force_rate_nps,
+        lambda_b=limits.brake_front_share_max,
+        slack=free,
+    )
+    u_low = u_high._replace(
+        d_delta=-limits.steer_rate_radps,
+        d_Fx=-limits.force_rate_nps,
+        lambda_b=limits.brake_front_share_min,
+        slack=-free,
+    )
+    sf = friction_share(limits, car, Fx, horizon, dt)
+    every = np.ones(horizon)
+    g_high = Limited(sf[:-1], sf[:-1], sf[:-1], track=0 * every, speed=free * every)
+    g_low = Limited(-sf[:-1], -sf[:-1], -sf[:-1], -free * every, limits.least_speed_mps * every)
+    return Bounds(
+        x_low=np.tile(x_low, (horizon + 1, 1)),
+        x_high=np.tile(x_high, (horizon + 1, 1)),
+        u_low=np.tile(u_low, (horizon, 1)),
+        u_high=np.tile(u_high, (horizon, 1)),
+        g_low=np.column_stack(g_low),
+        g_high=np.column_stack(g_high),
+        h_low=-sf[-1:],
+        h_high=sf[-1:],
+    )
+
+
+def friction_share(limits: Limits, car: Car, Fx: float, horizon: int, dt: float) -> np.ndarray:
+    """Return the share of the friction that each stage (N + 1,) may use.
+
+    It is the paper's sf, or what the force cannot be brought below sooner.
+    """
+    left = np.maximum(abs(Fx) - limits.force_rate_nps * dt * np.arange(horizon + 1), 0)
+    inherited = np.abs(total_use(np.copysign(left, Fx), car))
+    return np.maximum(limits.friction_use, (1 + ROOM) * inherited)

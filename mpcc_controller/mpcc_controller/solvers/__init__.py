@@ -1,0 +1,1 @@
+"""Solvers of stage-wise problems; none of them knows a vehicle."""

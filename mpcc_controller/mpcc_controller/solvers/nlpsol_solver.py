@@ -1,0 +1,92 @@
+"""A StageSolver out of fatrop or IPOPT: pack, look, solve, judge by our own residuals."""
+
+import math
+import time
+
+import numpy as np
+
+from mpcc_controller.solvers import backend, native, nlp_functions, sound
+from mpcc_controller.solvers.backend import Call
+from mpcc_controller.solvers.buffered import Buffered
+from mpcc_controller.solvers.fatrop import Fatrop
+from mpcc_controller.solvers.ipopt import Ipopt
+from mpcc_controller.solvers.layout import Layout
+from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
+from mpcc_controller.solvers.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions
+
+BACKENDS = {'fatrop': Fatrop, 'ipopt': Ipopt}
+
+
+class NlpsolSolver:
+    """A StageSolver (see `solution`); `options.name` is a key of BACKENDS."""
+
+    def __init__(self, problem: StageProblem, options: SolverOptions):
+        self._problem = problem
+        self._layout = Layout(problem)
+        functions = nlp_functions.build(problem, options.name)
+        if options.compiled:
+            functions = native.compile_all(functions, f'{problem.name}_{options.name}')
+        self._lagrangian = Buffered(functions['nlp_grad'])
+        self._backend = BACKENDS[options.name](problem, options, functions)
+
+    def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
+        """See `solution.StageSolver`."""
+        start_s = time.perf_counter()
+        self._layout.check(x0, P, bounds, guess)
+        guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
+        wrong = sound.complaint(self._problem, x0, P, bounds, guess)
+        if wrong:
+            return _refusal(guess, wrong, start_s)
+        v_low, v_high, g_low, g_high = self._layout.pack_bounds(x0, bounds)
+        v0 = self._layout.pack(guess.X, guess.U)
+        call = Call(v0, P.ravel(), v_low, v_high, g_low, g_high)
+        at = self._lagrangian(x=v0, p=call.p, lam_f=1, lam_g=0)
+        wrong = sound.blow_up(self._problem, at['f'][0], at['g'], at['grad_gamma_x'])
+        if wrong:
+            return _refusal(guess, wrong, start_s)
+        results, ending = self._backend.run(call, start_s)
+        return self._judge(guess, call, results, ending, start_s)
+
+    def _judge(self, guess, call, results, ending, start_s):
+        v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']
+        at = self._lagrangian(x=v, lam_g=lam_g)
+        primal = _violation(call, v, at['g'])
+        status, reason = FAILED, ending.reason
+        if ending.solved:
+            status = SOLVED
+        elif reason in backend.LIMITS:
+            status = STOPPED_EARLY
+        plan = Plan(*self._layout.unpack(v), self._layout.unpack_multipliers(lam_v, lam_g))
+        if not (np.isfinite(v).all() and math.isfinite(primal)):
+            plan, status, reason = guess, FAILED, f'{reason}; the last iterate is not finite'
+        # the first state is nobody's choice, so the slope along it means nothing
+        slope = (at['grad_gamma_x'] + lam_v)[self._problem.nx :]
+        return Solution(
+            plan=plan,
+            cost=float(at['f'][0]),
+            status=status,
+            message=reason,
+            iterations=ending.iterations,
+            primal_residual=primal,
+            dual_residual=float(np.abs(slope).max()),
+            solve_s=time.perf_counter() - start_s,
+        )
+
+
+def _violation(call: Call, v, g) -> float:
+    """Return the largest violation of a bound, a constraint or the dynamics, in solver units."""
+    beyond = np.concatenate([call.lbx - v, v - call.ubx, call.lbg - g, g - call.ubg])
+    return float(np.maximum(beyond.max(), 0.0))  # not max(): it would take NaN for 0
+
+
+def _refusal(guess, message, start_s):
+    return Solution(
+        plan=guess,
+        cost=math.nan,
+        status=FAILED,
+        message=message,
+        iterations=0,
+        primal_residual=math.inf,
+        dual_residual=math.inf,
+        solve_s=time.perf_counter() - start_s,
+    )

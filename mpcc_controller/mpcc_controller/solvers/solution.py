@@ -1,0 +1,49 @@
+"""What goes into and comes out of a solver; a failed solve is a value, not an exception."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from mpcc_controller.solvers.shooting import Bounds, Plan
+
+SOLVED, STOPPED_EARLY, FAILED = 'solved', 'stopped_early', 'failed'
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Which solver, and when it stops."""
+
+    name: str  # 'fatrop' or 'ipopt'
+    max_iterations: int
+    tolerance: float  # of the optimality conditions, in solver units
+    time_limit_s: float | None  # wall time of one solve; None in lockstep
+    compiled: bool  # the problem's functions as C; else CasADi's interpreter
+
+
+class Solution(NamedTuple):
+    """The outcome of one solve.
+
+    A plan stopped early may be good enough: judge it by its residuals, the largest violation of a
+    constraint and the largest slope of the Lagrangian, both in solver units. The plan of a failure
+    is the last iterate, or the guess where there is none.
+    """
+
+    plan: Plan
+    cost: float
+    status: str  # SOLVED, STOPPED_EARLY or FAILED
+    message: str  # why, for a person
+    iterations: int
+    primal_residual: float
+    dual_residual: float
+    solve_s: float  # wall time of the whole call
+
+
+class StageSolver(Protocol):
+    """Solves one problem again and again with other numbers."""
+
+    def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
+        """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.
+
+        Raises ProblemError when an array has the wrong shape.
+        """

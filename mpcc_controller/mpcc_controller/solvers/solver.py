@@ -1,0 +1,38 @@
+"""Choose and make the solver of a stage problem."""
+
+from mpcc_controller.solvers import casadi_version, riccati_solver
+from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
+from mpcc_controller.solvers.shooting import ProblemError, StageProblem
+from mpcc_controller.solvers.solution import (
+    FAILED,
+    SOLVED,
+    STOPPED_EARLY,
+    Solution,
+    SolverOptions,
+    StageSolver,
+)
+
+__all__ = [
+    'FAILED',
+    'SOLVED',
+    'STOPPED_EARLY',
+    'Solution',
+    'SolverOptions',
+    'StageSolver',
+    'make',
+]
+
+# what makes a StageSolver of a StageProblem and SolverOptions, by the name in the options
+SOLVERS = {'riccati': riccati_solver.make, 'fatrop': NlpsolSolver, 'ipopt': NlpsolSolver}
+
+
+def make(problem: StageProblem, options: SolverOptions) -> StageSolver:
+    """Return a solver; where options say so it first compiles the functions of the problem.
+
+    Raises CasadiTooOldError, and ProblemError for a solver that does not exist.
+    """
+    casadi_version.check()
+    if options.name not in SOLVERS:
+        known = ', '.join(SOLVERS)
+        raise ProblemError(f'there is no solver {options.name!r}; there are: {known}')
+    return SOLVERS[options.name](problem, options)

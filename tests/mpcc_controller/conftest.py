@@ -1,0 +1,226 @@
+"""A controller, roads to drive on, and the prediction model itself as the car."""
+
+import dataclasses
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.parameters import CarBody, CarParams, ControllerParams, Tyre
+from msgs_yaml import parameters, share
+from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
+
+TICK_S = 0.05
+FINE_STEPS = 10  # of the car per tick
+# a car of its own, so that a new identification of the plant changes no test here
+CAR = CarParams(
+    CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0), Tyre(144e3, 198e3, 0.88, 0.92)
+)
+REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
+
+
+def load(name='mpcc', **changes):
+    """Return (controller parameters, car); changes are `group__field=value`."""
+    params = parameters.load(
+        ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
+    )
+    for key, value in changes.items():
+        group, field = key.split('__')
+        block = dataclasses.replace(getattr(params, group), **{field: value})
+        params = dataclasses.replace(params, **{group: block})
+    return params, CAR
+
+
+class Situation(NamedTuple):
+    """A road with obstacles."""
+
+    reference: Reference
+    edges: RoadEdges
+    obstacles: Obstacles
+
+
+def path(X, Y, v):
+    X, Y = np.asarray(X, float), np.asarray(Y, float)
+    psi = np.unwrap(np.arctan2(np.gradient(Y), np.gradient(X)))
+    t = np.concatenate(([0], np.cumsum(np.hypot(np.diff(X), np.diff(Y))))) / v
+    return Reference(0, X, Y, psi, t)
+
+
+def straight(v=20.0, obstacles=(), left=6.0, right=-6.0):
+    X = np.arange(0.0, 300.0, 1.0)
+    sides = [np.array([[-50.0, y], [350.0, y]]) for y in (left, right)]
+    return Situation(path(X, 0 * X, v), RoadEdges(0, *sides), Obstacles(0, tuple(obstacles)))
+
+
+def lane_change(v=20.0):
+    """Return a change of 3.5 m over 30 m, with an obstacle that cuts 0.1 m into the path."""
+    X = np.arange(0.0, 260.0, 0.5)
+    u = np.clip((X - 45) / 30, 0, 1)
+    Y = 3.5 * (10 * u**3 - 15 * u**4 + 6 * u**5)
+    sides = [np.array([[-50.0, y], [350.0, y]]) for y in (6.0, -2.5)]
+    obstacle = Obstacle(1, 72.0, 1.5, 1.0, 0.0, 0.0)
+    return Situation(path(X, Y, v), RoadEdges(0, *sides), Obstacles(0, (obstacle,)))
+
+
+def tell(controller, situation):
+    assert controller.set_reference(situation.reference) == ''
+    assert controller.set_edges(situation.edges) == ''
+    controller.set_obstacles(situation.obstacles)
+    controller.reset(REST)
+    return controller
+
+
+def rolling(v=20.0, stamp_ns=0, X=0.0, Y=0.0, psi=0.0, vy=0.0, r=0.0):
+    return VehicleState(stamp_ns, X, Y, psi, v, vy, r)
+
+
+def make_car(car):
+    """Return the prediction model over one tick, integrated finely by Runge-Kutta 4."""
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    f = ca.Function('f', [x, u], [ca.vertcat(*rates)])
+    h = TICK_S / FINE_STEPS
+
+    def tick(x, command):
+        x = State(*x)
+        force = command.Fxf + command.Fxr
+        u = Input(
+            d_delta=(command.delta - x.delta) / TICK_S,
+            d_Fx=(force - x.Fx) / TICK_S,
+            lambda_b=command.Fxf / force if force < 0 else 0.5,
+            slack=0.0,
+        )
+        u, x = ca.DM(u), ca.DM(x)
+        for _ in range(FINE_STEPS):
+            k1 = f(x, u)
+            k2 = f(x + h / 2 * k1, u)
+            k3 = f(x + h / 2 * k2, u)
+            k4 = f(x + h * k3, u)
+            x += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return State(*map(float, x.full().ravel()))
+
+    return tick
+
+
+class Drive(NamedTuple):
+    """A closed loop, tick by tick."""
+
+    X: np.ndarray  # (n, nx)
+    commands: list
+    whys: list
+
+    @property
+    def states(self):
+        return State(*self.X.T)
+
+
+def drive(controller, ticks, x=None):
+    """Drive the prediction model with the controller."""
+    x = x or State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    advance = make_car(controller.car)
+    rows, commands, whys = [], [], []
+    for k in range(ticks):
+        stamp = k * round(TICK_S * 1e9)
+        command, _, why = controller.step(VehicleState(stamp, *x[:6]))
+        rows.append(x)
+        commands.append(command)
+        whys.append(why)
+        x = advance(x, command)
+    return Drive(np.array(rows), commands, whys)
+
+
+class Spoilt:
+    """A solver whose solutions are changed, and which remembers its guesses and solutions."""
+
+    def __init__(self, inner, spoil=lambda solution: solution, clock=None, takes_s=0.0):
+        self.inner, self.spoil, self.clock, self.takes_s = inner, spoil, clock, takes_s
+        self.guesses, self.solutions = [], []
+
+    def solve(self, x0, P, bounds, guess):
+        self.guesses.append(guess)
+        if self.clock:
+            self.clock.now += self.takes_s
+        self.solutions.append(self.spoil(self.inner.solve(x0, P, bounds, guess)))
+        return self.solutions[-1]
+
+
+class Clock:
+    """Stands still unless told otherwise."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture(scope='session')
+def params():
+    return load()[0]
+
+
+@pytest.fixture(scope='session')
+def vehicle():
+    return load()[1]
+
+
+@pytest.fixture(scope='session')
+def shared_controller(params, vehicle):
+    """Return one controller for all tests of this process; `tell` resets it."""
+    return Controller(params, vehicle)
+
+
+@pytest.fixture
+def changing(shared_controller, monkeypatch):
+    """Return the controller at the start of a lane change, without a second solver."""
+    shared_controller.gate.rejections.clear()
+    monkeypatch.setattr(shared_controller.horizon, 'second', None)
+    return tell(shared_controller, lane_change())
+
+
+@pytest.fixture
+def spoilt(changing, monkeypatch):
+    """Return a function that spoils the first, or second, solver of `changing`."""
+    genuine = changing.horizon.solver
+
+    def replace(spoil=lambda solution: solution, which='solver'):
+        made = Spoilt(genuine, spoil)
+        monkeypatch.setattr(changing.horizon, which, made)
+        return made
+
+    return replace
+
+
+@pytest.fixture
+def late():
+    """Return a controller in realtime whose solver takes 15 ms on a clock of its own."""
+    params, vehicle = load(
+        solver__time_limit_s=10.0, solver__fallback_limit_s=10.0, delay__computing_s=0.008
+    )
+    clock = Clock()
+    made = tell(Controller(params, vehicle, True, clock), straight())
+    made.horizon.solver = Spoilt(made.horizon.solver, clock=clock, takes_s=0.015)
+    return made
+
+
+@pytest.fixture(scope='session')
+def world():
+    """Return the helpers of this file: test modules cannot import it."""
+    return World
+
+
+class World:
+    """The helpers of this file under one name."""
+
+    load = staticmethod(load)
+    path = staticmethod(path)
+    straight = staticmethod(straight)
+    lane_change = staticmethod(lane_change)
+    tell = staticmethod(tell)
+    rolling = staticmethod(rolling)
+    drive = staticmethod(drive)
+    make_car = staticmethod(make_car)
+    Spoilt = Spoilt

@@ -1,0 +1,208 @@
+"""The receding horizon: physics of its answers, and what it does when something fails."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.ladder import BRAKING
+from mpcc_controller.solvers.solver import SOLVED, STOPPED_EARLY
+from msgs_yaml.types import Actuators, Obstacle, Obstacles
+
+TICK = 50_000_000
+
+
+@pytest.fixture
+def controller(shared_controller, world):
+    return world.tell(shared_controller, world.straight())
+
+
+def test_a_straight_road_needs_no_steering(controller, world):
+    command, prediction, why = controller.step(world.rolling())
+    assert why.values['rung'] == SOLVED
+    assert abs(command.delta) < 1e-6
+    assert np.max(np.abs(prediction.Y)) < 1e-4
+    assert command.stamp_ns == prediction.stamp_ns == why.stamp_ns
+
+
+def test_at_the_desired_speed_the_force_goes_towards_the_drag(controller, world):
+    run = world.drive(controller, 60)
+    force = run.commands[-1].Fxf + run.commands[-1].Fxr
+    drag = controller.car.drag * 20**2 + controller.car.rolling
+    assert force == pytest.approx(drag, rel=0.1)
+    assert run.commands[-1].Fxf == 0
+
+
+def mirrored(situation):
+    flip = np.array([1, -1])
+    reference, edges, obstacles = situation
+    return situation._replace(
+        reference=reference._replace(Y=-reference.Y, psi=-reference.psi),
+        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
+        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
+    )
+
+
+def test_a_mirrored_road_mirrors_the_steering(controller, world):
+    situation = world.lane_change()
+    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
+    world.tell(controller, situation)
+    here, plan, _ = controller.step(state)
+    world.tell(controller, mirrored(situation))
+    there, other, _ = controller.step(state._replace(psi=-state.psi, vy=-state.vy, r=-state.r))
+    assert np.max(np.abs(plan.Y)) > 1
+    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
+    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
+    assert there.Fxf + there.Fxr == pytest.approx(here.Fxf + here.Fxr, abs=1.0)
+
+
+@pytest.mark.parametrize('side', [1, -1])
+def test_an_obstacle_beside_the_path_pushes_the_plan_to_the_free_side(controller, world, side):
+    blocked = world.straight(obstacles=[Obstacle(1, 30.0, -0.5 * side, 1.0, 0.0, 0.0)])
+    world.tell(controller, blocked)
+    _, prediction, why = controller.step(world.rolling())
+    beside = np.argmin(np.abs(prediction.X - 30.0))
+    assert side * prediction.Y[beside] > 1.4
+    assert why.values['v2o.1.least'] > 0
+    assert why.values['q_v2o.1'] > 0
+    assert why.values['cost.v2o'] > 0
+
+
+def test_the_cost_that_is_told_is_the_sum_of_its_terms_and_the_solver_s(controller, world):
+    world.tell(controller, world.lane_change())
+    _, _, why = controller.step(world.rolling(X=20.0))
+    told = {name: value for name, value in why.values.items() if name.startswith('cost.')}
+    total = told.pop('cost.total')
+    assert total == pytest.approx(sum(told.values()), rel=1e-12)
+    assert total == pytest.approx(why.values['solver.cost'], rel=1e-6)
+    assert {name.removeprefix('cost.') for name in told} == {
+        name.removeprefix('weight.') for name in why.values if name.startswith('weight.')
+    }
+
+
+def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
+    def westwards(reference):
+        return reference._replace(X=-reference.X, psi=reference.psi * 0 + np.pi)
+
+    situation = world.straight()
+    swapped = situation.edges._replace(
+        left=situation.edges.right * [-1, 1], right=situation.edges.left * [-1, 1]
+    )
+    world.tell(
+        controller, situation._replace(reference=westwards(situation.reference), edges=swapped)
+    )
+    command, prediction, _ = controller.step(world.rolling(psi=-np.pi + 0.01))
+    assert prediction.psi[0] == pytest.approx(np.pi + 0.01)
+    assert -0.03 < command.delta < 0
+
+
+def test_equal_inputs_give_equal_commands(controller, world):
+    runs = []
+    for _ in range(2):
+        world.tell(controller, world.lane_change())
+        runs.append(world.drive(controller, 15).commands)
+    assert runs[0] == runs[1]
+
+
+def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, world):
+    world.tell(controller, world.lane_change())
+    _, _, why = controller.step(world.rolling(X=20.0))
+    assert 0.3 < why.values['friction.front_max'] < 1.02
+    assert why.values['friction.rear_max'] < 1.02
+
+
+# what fails
+
+
+def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controller, world):
+    rungs = []
+    for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
+        *_, why = controller.step(world.rolling(v=v, X=0.4 * k, stamp_ns=k * TICK))
+        rungs.append((why.values['rung'], why.values['reason']))
+    assert rungs[0][0] == SOLVED
+    assert rungs[1:4] == [(BRAKING, 'too_slow')] * 3
+    assert rungs[4][0] == SOLVED
+
+
+def test_just_above_the_least_speed_hard_braking_is_still_a_solvable_problem(controller, world):
+    controller.reset(Actuators(0, 0.0, 0.0, -7000.0, -5000.0, (0.0,) * 4))
+    *_, why = controller.step(world.rolling(v=7.1))
+    assert why.values['rung'] == SOLVED
+    assert why.values['slack.max'] > 0.1
+
+
+def test_outside_the_road_the_problem_stays_solvable(controller, world):
+    world.tell(controller, world.straight(left=3.0, right=-3.0))
+    *_, why = controller.step(world.rolling(Y=2.5))
+    assert why.values['rung'] == SOLVED
+    assert why.values['v2e.left'] < 0
+    assert why.values['slack.max'] > 0.1
+
+
+def test_a_restart_takes_its_set_points_from_the_actuators(controller, world):
+    controller.reset(Actuators(0, 0.05, 0.0, -1200.0, -800.0, (0.0,) * 4))
+    _, _, why = controller.step(world.rolling())
+    assert why.values['set_point.delta'] == pytest.approx(0.05)
+    assert why.values['set_point.Fx'] == pytest.approx(-2000.0)
+    controller.reset(Actuators(0, 0.6, 0.0, 3000.0, -1000.0, (0.0,) * 4))
+    assert controller.last.delta == pytest.approx(controller.params.limits.steer_rad)
+    assert (controller.last.Fxf, controller.last.Fxr) == (0, 0)
+
+
+def test_a_path_or_an_edge_that_is_no_good_is_turned_down_and_the_old_one_kept(controller, world):
+    situation = world.straight()
+    before = controller.scene
+    stuck = situation.reference._replace(t=situation.reference.t * 0)
+    assert 'stamp does not increase' in controller.set_reference(stuck)
+    assert 'left edge' in controller.set_edges(situation.edges._replace(left=np.zeros((2, 2))))
+    assert controller.scene == before
+
+
+def test_the_same_path_again_keeps_the_place_on_it(controller, world):
+    controller.step(world.rolling(X=30.0))
+    assert controller.set_reference(world.straight().reference) == ''
+    assert controller.horizon.theta == pytest.approx(30.0)
+    controller.set_reference(world.straight(v=15.0).reference)
+    assert controller.horizon.theta is None
+
+
+def test_a_pop_up_obstacle_is_avoided_from_the_next_step_on(controller, world):
+    controller.step(world.rolling())
+    controller.set_obstacles(Obstacles(0, (Obstacle(7, 28.0, -0.4, 1.0, 0.0, 0.0),)))
+    *_, why = controller.step(world.rolling(X=1.0, stamp_ns=TICK))
+    assert why.values['rung'] == SOLVED
+    assert why.values['v2o.7.least'] > 0
+
+
+# what it is for
+
+
+def test_a_lane_change_past_an_obstacle_ends_on_the_path_without_contact(controller, world):
+    situation = world.lane_change()
+    run = world.drive(world.tell(controller, situation), 110)
+    obstacle = situation.obstacles.items[0]
+    x = run.states
+    gap = np.hypot(x.X - obstacle.X, x.Y - obstacle.Y) - obstacle.r_obs - 1.1
+    assert np.min(gap) > 0.2
+    assert x.X[-1] > 100
+    assert abs(x.Y[-1] - 3.5) < 0.2
+    assert {why.values['rung'] for why in run.whys} <= {SOLVED, STOPPED_EARLY}
+    assert not controller.gate.rejections
+
+
+def test_without_collision_avoidance_the_same_lane_change_touches_the_obstacle(world):
+    situation = world.lane_change()
+    run = world.drive(world.tell(Controller(*world.load('mpcc_no_ca')), situation), 80)
+    obstacle = situation.obstacles.items[0]
+    gap = np.hypot(run.states.X - obstacle.X, run.states.Y - obstacle.Y) - obstacle.r_obs - 1.1
+    assert np.min(gap) < 0
+
+
+def test_both_solvers_answer_alike(controller, world):
+    situation = world.lane_change()
+    commands = []
+    for name in ('fatrop', 'ipopt'):
+        params, vehicle = world.load(solver__name=name, solver__compiled=False)
+        made = world.tell(Controller(params, vehicle), situation)
+        commands.append(made.step(world.rolling(X=30.0))[0])
+    assert commands[0][1:] == pytest.approx(commands[1][1:], abs=2.0)
+    assert commands[0].delta == pytest.approx(commands[1].delta, abs=1e-5)

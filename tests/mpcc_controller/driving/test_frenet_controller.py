@@ -1,0 +1,133 @@
+"""The receding horizon with the baseline's problem: physics of its answers."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.ladder import SHIFTED
+from mpcc_controller.solvers.solver import FAILED, SOLVED
+from msgs_yaml import conformance, encode
+from msgs_yaml.types import Obstacle, Obstacles
+
+
+@pytest.fixture(scope='module')
+def controller(world):
+    return Controller(*world.load('frenet'))
+
+
+def mirrored(situation):
+    flip = np.array([1, -1])
+    path, edges, obstacles = situation
+    return situation._replace(
+        reference=path._replace(Y=-path.Y, psi=-path.psi),
+        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
+        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
+    )
+
+
+def test_a_straight_road_needs_no_steering(controller, world):
+    world.tell(controller, world.straight())
+    command, prediction, why = controller.step(world.rolling())
+    assert why.values['rung'] == SOLVED
+    assert abs(command.delta) < 1e-6
+    assert np.max(np.abs(prediction.Y)) < 1e-4
+    assert prediction.X[-1] == pytest.approx(50.0, rel=0.02)
+
+
+def test_a_mirrored_road_mirrors_the_steering(controller, world):
+    situation = world.lane_change()
+    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
+    world.tell(controller, situation)
+    here, plan, _ = controller.step(state)
+    world.tell(controller, mirrored(situation))
+    there, other, _ = controller.step(state._replace(psi=-state.psi, vy=-state.vy, r=-state.r))
+    assert np.max(np.abs(plan.Y)) > 1
+    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
+    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
+
+
+@pytest.mark.parametrize('side', [1, -1])
+def test_an_obstacle_beside_the_path_pushes_the_plan_to_the_free_side(controller, world, side):
+    blocked = world.straight(obstacles=[Obstacle(1, 30.0, -0.5 * side, 1.0, 0.0, 0.0)])
+    world.tell(controller, blocked)
+    _, prediction, why = controller.step(world.rolling())
+    beside = np.argmin(np.abs(prediction.X - 30.0))
+    assert side * prediction.Y[beside] > 1.4
+    assert why.values['v2o.1.least'] > 0
+    assert why.values['q_v2o.1'] > 0
+
+
+def test_what_is_told_is_what_was_solved_and_obeys_the_contract(controller, world):
+    world.tell(controller, world.lane_change())
+    _, prediction, why = controller.step(world.rolling(X=20.0, Y=0.3, psi=0.05, stamp_ns=1))
+    told = {name: value for name, value in why.values.items() if name.startswith('cost.')}
+    assert set(told) - {'cost.total', 'cost.slack'} == {
+        f'cost.{name}' for name in ('e', 'dpsi', 'vel', 'd_delta', 'd_Fx', 'lambda_b', 'v2o', 'v2e')
+    }
+    assert why.values['cost.total'] == pytest.approx(why.values['solver.cost'], rel=1e-6)
+    assert why.values['error.e'] == pytest.approx(0.3, abs=1e-6)
+    assert why.values['error.dpsi'] == pytest.approx(0.05, abs=1e-6)
+    assert conformance.check('/controller/why', encode.why(why)) == []
+    assert (prediction.X[0], prediction.Y[0], prediction.psi[0]) == pytest.approx(
+        (20.0, 0.3, 0.05), abs=1e-9
+    )
+
+
+def test_in_closed_loop_it_changes_lane_past_the_obstacle(controller, world):
+    world.tell(controller, world.lane_change())
+    run = world.drive(controller, 90)
+    assert {why.values['rung'] for why in run.whys} == {SOLVED}
+    gap = np.hypot(run.states.X - 72.0, run.states.Y - 1.5).min() - 2.1
+    assert gap > 0.3
+    assert run.states.Y[-1] == pytest.approx(3.5, abs=0.4)
+
+
+def test_a_failure_follows_the_last_plan_in_the_map(controller, world, monkeypatch):
+    world.tell(controller, world.lane_change())
+    first = controller.step(world.rolling(X=40.0))[1]
+    inner = controller.horizon.solver
+
+    class Failing:
+        """Answers with the last iterate, and says that it is none."""
+
+        def solve(self, *numbers):
+            return inner.solve(*numbers)._replace(status=FAILED)
+
+    monkeypatch.setattr(controller.horizon, 'solver', Failing())
+    monkeypatch.setattr(controller.horizon, 'second', None, raising=False)  # nor any other
+    state = world.rolling(X=41.0, stamp_ns=50_000_000)
+    _, second, why = controller.step(state)
+    assert why.values['rung'] == SHIFTED
+    assert first.Y[2:] == pytest.approx(second.Y[1:-1], abs=1e-9)
+
+
+def test_a_path_told_anew_carries_the_plan_over(controller, world):
+    """The same road, its path beginning 10 m later: s is another, the drive is not."""
+    situation, state = world.lane_change(), world.rolling(X=31.0, stamp_ns=50_000_000)
+    path = situation.reference
+    shorter = {name: getattr(path, name)[20:] for name in ('X', 'Y', 'psi')}
+    later = path._replace(**shorter, t=path.t[20:] - path.t[20])
+    found = []
+    for told in (path, later):
+        world.tell(controller, situation)
+        controller.step(world.rolling(X=30.0))
+        assert controller.set_reference(told) == ''
+        found.append(controller.step(state))
+    (_, before, _), (_, after, why) = found
+    assert why.values['rung'] == SOLVED
+    assert why.values['theta'] == pytest.approx(21.0, abs=1e-6)
+    assert why.values['solver.iterations'] < 12
+    assert pytest.approx(before.X, abs=1e-3) == after.X
+    assert pytest.approx(before.Y, abs=1e-3) == after.Y
+
+
+def test_equal_bounds_fix_the_brake_split(world):
+    params, vehicle = world.load(
+        'frenet',
+        limits__brake_front_share_min=0.6,
+        limits__brake_front_share_max=0.6,
+    )
+    controller = world.tell(Controller(params, vehicle), world.straight(v=12.0))
+    commands = world.drive(controller, 6).commands[2:]
+    assert all(c.Fxf + c.Fxr < -500 for c in commands)
+    assert [c.Fxf / (c.Fxf + c.Fxr) for c in commands] == pytest.approx([0.6] * 4, abs=1e-3)

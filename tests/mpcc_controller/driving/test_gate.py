@@ -1,0 +1,223 @@
+"""The last check: what is turned back, and what leaves in its place."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving.gate import Gate
+from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import Limits
+from msgs_yaml.types import Command
+
+quick = settings(deadline=None, derandomize=True, max_examples=100)
+STEP, MAX_AGE = 0.05, 0.2
+LIMITS = Limits(
+    steer_rad=0.471,
+    steer_rate_radps=0.524,
+    brake_n=17000.0,
+    drive_n=6000.0,
+    force_rate_nps=40000.0,
+    brake_front_share_min=0.4,
+    brake_front_share_max=0.9,
+    friction_use=0.95,
+    least_speed_mps=7.0,
+    speed_hysteresis_mps=1.0,
+)
+CAR = Car(
+    m=1850.0,
+    Izz=3300.0,
+    l_f=1.43,
+    l_r=1.46,
+    h=0.54,
+    drag=0.4,
+    rolling=180.0,
+    lambda_d=0.0,
+    C_f=144e3,
+    C_r=198e3,
+    mu_f=0.95,
+    mu_r=0.97,
+    tyre_switch=0.95,
+    v_slip=5.0,
+    force_blend=200.0,
+)
+# the friction of the front axle by hand: weight 18148.5 N, 2.89 m, 0.54 m up
+FRONT_AT_12_KN = 0.95 * (18148.5 * 1.46 + 0.54 * 12000) / 2.89
+LAST = Command(0, 0.1, 0.0, -3000.0, -2000.0)
+GOOD = Command(50_000_000, 0.11, 0.2, -3300.0, -2200.0)
+OVER, UNDER = 1 + 1e-5, 1 - 1e-5
+
+
+@pytest.fixture
+def gate():
+    return Gate(LIMITS, CAR, STEP, MAX_AGE)
+
+
+def change(**fields):
+    return GOOD._replace(**fields), LAST
+
+
+def step(last, **fields):
+    """Return a command and the one before it, which differs from LAST."""
+    return GOOD._replace(**fields), LAST._replace(**last)
+
+
+def test_a_good_command_passes_unchanged(gate):
+    assert gate.check(GOOD, LAST, 0.0) == (GOOD, '')
+    assert not gate.rejections
+
+
+TURN, PUSH = 0.524 * STEP, 40000.0 * STEP
+
+
+@pytest.mark.parametrize(
+    ('pair', 'age', 'reason'),
+    [
+        (change(delta=math.nan), 0.0, 'not_finite'),
+        (change(d_delta=math.nan), 0.0, 'not_finite'),
+        (change(d_delta=-math.inf), 0.0, 'not_finite'),
+        (change(Fxf=math.nan), 0.0, 'not_finite'),
+        (change(Fxr=-math.inf), 0.0, 'not_finite'),
+        (change(), MAX_AGE * OVER, 'too_old'),
+        (change(), math.nan, 'too_old'),
+        (change(), math.inf, 'too_old'),
+        (change(), -STEP, 'from_future'),
+        (change(), -1.0, 'from_future'),
+        (change(stamp_ns=0), 0.0, 'not_newer'),
+        (change(stamp_ns=-1), 0.0, 'not_newer'),
+        (step({'delta': 0.47}, delta=0.471 * OVER), 0.0, 'out_of_range'),
+        (step({'delta': -0.47}, delta=-0.471 * OVER), 0.0, 'out_of_range'),
+        (
+            step({'Fxf': -9900.0, 'Fxr': -6600.0}, Fxf=-10200 * OVER, Fxr=-6800.0 * OVER),
+            0.0,
+            'out_of_range',
+        ),
+        (step({'Fxf': 0.0, 'Fxr': 5900.0}, Fxf=0.0, Fxr=6000 * OVER), 0.0, 'out_of_range'),
+        (change(Fxf=-4800.0, Fxr=1.0), 0.0, 'out_of_range'),
+        (change(Fxf=1.0, Fxr=-4800.0), 0.0, 'out_of_range'),
+        (step({'Fxf': 0.0, 'Fxr': 0.0}, Fxf=-0.5, Fxr=0.5), 0.0, 'out_of_range'),
+        (change(delta=0.1 + TURN * OVER), 0.0, 'too_fast'),
+        (change(delta=0.1 - TURN * OVER), 0.0, 'too_fast'),
+        (change(d_delta=0.524 * OVER), 0.0, 'too_fast'),
+        (change(d_delta=-0.524 * OVER), 0.0, 'too_fast'),
+        (change(Fxf=-4500.0, Fxr=-500.0 - PUSH * OVER), 0.0, 'too_fast'),
+        (change(Fxf=-2500.0, Fxr=-2500.0 + PUSH * OVER), 0.0, 'too_fast'),
+        # the axles do not add up to hide each other: only the sum has a rate limit
+        (change(Fxf=0.0, Fxr=-5000.0 - PUSH * OVER), 0.0, 'too_fast'),
+        (
+            step({'Fxf': -12000.0, 'Fxr': 0.0}, Fxf=-FRONT_AT_12_KN * 1.05, Fxr=0.0),
+            0.0,
+            'beyond_friction',
+        ),
+        (step({'Fxf': -3000.0, 'Fxr': -7500.0}, Fxf=-4000, Fxr=-7000.0), 0.0, 'beyond_friction'),
+    ],
+)
+def test_a_bad_command_is_turned_back_for_its_reason(gate, pair, age, reason):
+    command, last = pair
+    leaves, told = gate.check(command, last, age)
+    assert told == reason
+    assert gate.rejections == {reason: 1}
+    assert (leaves.stamp_ns, leaves.delta, leaves.d_delta) == (command.stamp_ns, last.delta, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('pair', 'age'),
+    [
+        (change(), MAX_AGE),
+        (change(), -STEP * UNDER),
+        (change(stamp_ns=1), 0.0),
+        (step({'delta': 0.46}, delta=0.471), 0.0),
+        (step({'delta': -0.46}, delta=-0.471), 0.0),
+        (step({'Fxf': -11000.0, 'Fxr': -5500.0}, Fxf=-11600.0, Fxr=-5400.0), 0.0),
+        (step({'Fxf': 0.0, 'Fxr': 5900.0}, Fxf=0.0, Fxr=6000.0), 0.0),
+        (step({'Fxf': 900.0, 'Fxr': 900.0}, Fxf=1000.0, Fxr=1000.0), 0.0),
+        (change(Fxf=0.0, Fxr=-5000.0), 0.0),
+        (change(Fxf=-5000.0, Fxr=0.0), 0.0),
+        (change(delta=0.1 + TURN), 0.0),
+        (change(delta=0.1 - TURN), 0.0),
+        (change(d_delta=0.524), 0.0),
+        (change(d_delta=-0.524), 0.0),
+        (change(Fxf=-4500.0, Fxr=-500.0 - PUSH), 0.0),
+        (change(Fxf=-2500.0, Fxr=-2500.0 + PUSH), 0.0),
+    ],
+)
+def test_a_command_on_its_limit_passes(gate, pair, age):
+    command, last = pair
+    assert gate.check(command, last, age) == (command, '')
+
+
+@pytest.mark.parametrize('name', ['delta', 'd_delta'])
+def test_a_rounding_error_beyond_a_limit_passes_and_twice_the_allowance_does_not(gate, name):
+    limit = {'delta': LIMITS.steer_rad, 'd_delta': LIMITS.steer_rate_radps}[name]
+    last = LAST._replace(delta=0.47)
+    for beyond, passes in ((5e-7, True), (2e-6, False)):
+        command = GOOD._replace(delta=0.47)._replace(**{name: limit * (1 + beyond)})
+        assert (gate.check(command, last, 0.0).reason == '') == passes
+
+
+@pytest.mark.parametrize(('share', 'reason'), [(UNDER, ''), (OVER, 'beyond_friction')])
+def test_the_friction_of_an_axle_is_that_of_its_load_under_the_braking(gate, share, reason):
+    def held(front, rear):
+        """Return whether the gate lets a command of exactly this size pass."""
+        command = GOOD._replace(Fxf=front, Fxr=rear)
+        return gate.check(command, command._replace(stamp_ns=0), 0.0).reason
+
+    # front: F = 0.95 (18148.5 * 1.46 + 0.54 F) / 2.89, all on one axle
+    front = 0.95 * 18148.5 * 1.46 / (2.89 - 0.95 * 0.54)
+    rear = 0.97 * 18148.5 * 1.43 / (2.89 + 0.97 * 0.54)
+    assert held(-front * share, 0.0) == reason
+    assert held(0.0, -rear * share) == reason
+
+
+def test_driving_unloads_the_front_axle_and_loads_the_rear(gate):
+    # a front-driven car of little grip: F = mu (18148.5 * 1.46 - 0.54 F) / 2.89
+    slippery = Gate(LIMITS, CAR._replace(mu_f=0.3, mu_r=0.3), STEP, MAX_AGE)
+    front = 0.3 * 18148.5 * 1.46 / (2.89 + 0.3 * 0.54)
+    rear = 0.3 * 18148.5 * 1.43 / (2.89 - 0.3 * 0.54)
+    for share, reason in ((UNDER, ''), (OVER, 'beyond_friction')):
+        for Fxf, Fxr in ((front * share, 0.0), (0.0, rear * share)):
+            command = GOOD._replace(Fxf=Fxf, Fxr=Fxr)
+            told = slippery.check(command, command._replace(stamp_ns=0), 0.0).reason
+            assert told == reason
+
+
+def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
+    gate.check(GOOD._replace(delta=math.nan, Fxf=-1e6), LAST, 9.0)
+    gate.check(GOOD._replace(delta=3.0), LAST, 9.0)
+    gate.check(GOOD._replace(delta=3.0), LAST, 0.0)
+    gate.check(GOOD._replace(delta=3.0), LAST, 0.0)
+    assert gate.rejections == {'not_finite': 1, 'too_old': 1, 'out_of_range': 2}
+
+
+@quick
+@given(
+    st.builds(
+        Command,
+        st.just(50_000_000),
+        *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
+    )
+)
+def test_whatever_comes_what_leaves_is_finite_and_within_the_rates(command):
+    gate = Gate(LIMITS, CAR, STEP, MAX_AGE)
+    leaves, _ = gate.check(command, LAST, 0.0)
+    assert all(math.isfinite(value) for value in leaves)
+    assert abs(leaves.delta - LAST.delta) <= TURN * OVER
+    assert abs(leaves.Fxf + leaves.Fxr - LAST.Fxf - LAST.Fxr) <= PUSH * OVER
+
+
+@pytest.mark.parametrize(
+    ('last', 'held'),
+    [
+        ((-3000.0, -2000.0), (-1800.0, -1200.0)),
+        ((0.0, 5000.0), (0.0, 3000.0)),
+        ((-600.0, -400.0), (0.0, 0.0)),
+        ((-1200.0, -800.0), (0.0, 0.0)),
+        ((0.0, 0.0), (0.0, 0.0)),
+        ((-0.6, -0.4), (0.0, 0.0)),
+    ],
+)
+def test_a_held_command_lets_the_force_go_at_its_rate_and_keeps_its_split(gate, last, held):
+    before = LAST._replace(Fxf=last[0], Fxr=last[1])
+    leaves, _ = gate.check(GOOD._replace(delta=math.nan), before, 0.0)
+    assert (leaves.Fxf, leaves.Fxr) == pytest.approx(held)

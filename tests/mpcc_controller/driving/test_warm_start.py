@@ -1,0 +1,75 @@
+"""What one tick hands on to the next: plan, multipliers, or after failures neither."""
+
+from collections import Counter
+
+import numpy as np
+
+from mpcc_controller.solvers.shooting import Multipliers
+from mpcc_controller.solvers.solver import FAILED, SOLVED
+
+TICK = 50_000_000
+
+
+def fail(solution):
+    return solution._replace(status=FAILED)
+
+
+def test_primal_and_dual_move_on_by_one_stage(changing, world, spoilt):
+    solves = spoilt(lambda s: s)
+    changing.step(world.rolling(X=25.0))
+    old = solves.solutions[-1].plan
+    changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    guess = solves.guesses[-1]
+    assert np.array_equal(guess.X[1:-1, :6], old.X[2:, :6])
+    assert np.array_equal(guess.U[:-1], old.U[1:])
+    for name in set(Multipliers._fields) - {'h'}:
+        moved, before = getattr(guess.multipliers, name), getattr(old.multipliers, name)
+        assert np.array_equal(moved[:-1], before[1:]), name
+        assert np.array_equal(moved[-1], before[-1]), name
+    assert np.array_equal(guess.multipliers.h, old.multipliers.h)
+
+
+def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
+    changing, world, spoilt
+):
+    changing.step(world.rolling(X=25.0))
+    solves = spoilt(fail)
+    warm = []
+    for k in range(1, 5):
+        *_, why = changing.step(world.rolling(X=25.0 + k, stamp_ns=k * TICK))
+        warm.append(why.values['solver.warm'])
+    assert warm == [True, True, True, False]
+    assert [g.multipliers is None for g in solves.guesses] == [False, True, True, True]
+    # the guess along the path has no side slip; a plan moved on has
+    vy = [np.abs(g.X[1:, 4]).max() for g in solves.guesses]
+    assert min(vy[:3]) > 0
+    assert vy[3] == 0
+    spoilt(lambda s: s)
+    *_, why = changing.step(world.rolling(X=30.0, stamp_ns=5 * TICK))
+    assert why.values['rung'] == SOLVED
+    *_, why = changing.step(world.rolling(X=31.0, stamp_ns=6 * TICK))
+    assert why.values['solver.warm']
+
+
+def test_the_second_solver_starts_from_the_same_plan_without_multipliers(changing, world, spoilt):
+    changing.step(world.rolling(X=25.0))
+    first, second = spoilt(fail), spoilt(lambda s: s, 'second')
+    changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    assert second.guesses[-1].multipliers is None
+    assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)
+
+
+def test_a_command_that_the_gate_turns_back_is_counted_told_and_its_plan_dropped(changing, world):
+    changing.step(world.rolling(X=25.0, stamp_ns=TICK))
+    command, _, why = changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    v = why.values
+    assert (v['gate'], v['gate.rejections'], v['gate.not_newer']) == ('not_newer', 1, 1)
+    assert why.level == 2
+    assert changing.gate.rejections == Counter(not_newer=1)
+    assert changing.horizon.ladder.plan is None
+    assert changing.horizon.ladder.guide is None
+    assert command.d_delta == 0
+    # the substitute is where the next plan begins
+    *_, why = changing.step(world.rolling(X=27.0, stamp_ns=2 * TICK))
+    assert why.values['set_point.delta'] == command.delta
+    assert why.values['rung'] == SOLVED

@@ -1,0 +1,181 @@
+"""Single track against an independent transcription, and against what every car does."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.problem import stages
+from mpcc_controller.solvers import shooting
+
+quick = settings(deadline=None, derandomize=True, max_examples=60)
+states = st.tuples(
+    st.floats(-100, 100),
+    st.floats(-100, 100),
+    st.floats(-3, 3),
+    st.floats(10, 30),
+    st.floats(-2, 2),
+    st.floats(-0.8, 0.8),
+    st.floats(0, 100),
+    st.floats(-0.3, 0.3),
+    st.floats(-14000, 5000),
+)
+
+
+@pytest.fixture(scope='module')
+def car(params, vehicle):
+    return stages.car(params, vehicle)
+
+
+@pytest.fixture(scope='module')
+def rates(car):
+    x, u = ca.SX.sym('x', 9), ca.SX.sym('u', 4)
+    found = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    return ca.Function('rates', [x, u], [ca.vertcat(*found)])
+
+
+def transcribed(x, u, c):
+    """Return dx/dt written anew from the paper's eq. 1 and 2, and Fiala's cases."""
+    L, g = c.l_f + c.l_r, 9.81
+    Fz = ((c.m * g * c.l_r - c.h * x.Fx) / L, (c.m * g * c.l_f + c.h * x.Fx) / L)
+    part = 0.5 + 0.5 * math.tanh(x.Fx / c.force_blend)
+    front = part * c.lambda_d + (1 - part) * u.lambda_b
+    slips = (
+        math.atan2(x.vy + c.l_f * x.r, x.vx) - x.delta,
+        math.atan2(x.vy - c.l_r * x.r, x.vx),
+    )
+    forces = []
+    for asked, load, mu, C, alpha in zip(
+        (front * x.Fx, (1 - front) * x.Fx), Fz, (c.mu_f, c.mu_r), (c.C_f, c.C_r), slips
+    ):
+        M = 0.99 * mu * load
+        e = 0.02 * M
+        Fx = 0.5 * (math.hypot(asked + M, e) - math.hypot(asked - M, e))
+        F_max = math.sqrt((mu * load) ** 2 - Fx**2)
+        z, xi = math.tan(alpha), c.tyre_switch
+        if abs(z) < 3 * xi * F_max / C:
+            Fy = -C * z + C**2 * abs(z) * z / (3 * F_max) - C**3 * z**3 / (27 * F_max**2)
+        else:
+            Fy = -C * (1 - xi) ** 2 * z - F_max * (3 * xi**2 - 2 * xi**3) * math.copysign(1, z)
+        forces.append((Fx, Fy))
+    (Fxf, Fyf), (Fxr, Fyr) = forces
+    sin, cos = math.sin(x.delta), math.cos(x.delta)
+    drag = c.drag * x.vx**2 + c.rolling
+    return (
+        x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi),
+        x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi),
+        x.r,
+        (-Fyf * sin + Fxf * cos + Fxr - drag) / c.m + x.r * x.vy,
+        (Fyf * cos + Fxf * sin + Fyr) / c.m - x.r * x.vx,
+        (c.l_f * Fyf * cos + c.l_f * Fxf * sin - c.l_r * Fyr) / c.Izz,
+        math.hypot(x.vx, x.vy),
+        u.d_delta,
+        u.d_Fx,
+    )
+
+
+@quick
+@given(states, st.floats(0.4, 0.9))
+def test_derivative_equals_an_independent_transcription(car, rates, x, lambda_b):
+    u = Input(0.3, -2e4, lambda_b, 0.0)
+    expected = transcribed(State(*x), u, car)
+    # the speed in the slip angles is raised by 12 mm/s at 10 m/s
+    assert rates(x, u).full().ravel() == pytest.approx(expected, rel=3e-3, abs=3e-2)
+
+
+@quick
+@given(states)
+def test_a_mirrored_state_moves_mirrored(rates, x):
+    mirror = np.array([1, -1, -1, 1, -1, -1, 1, -1, 1])
+    here = rates(x, (0.3, -1e4, 0.6, 0.0)).full().ravel()
+    there = rates(mirror * x, (-0.3, -1e4, 0.6, 0.0)).full().ravel()
+    assert there == pytest.approx(mirror * here, abs=1e-9)
+
+
+def test_rolling_straight_only_drag_slows_the_car(car, rates):
+    x = State(0, 0, 0, 20.0, 0, 0, 0, 0, 0)
+    found = State(*rates(x, (0, 0, 0.6, 0)).full().ravel())
+    assert found.vx == pytest.approx(-(car.drag * 20.0**2 + car.rolling) / car.m)
+    assert (found.vy, found.r, found.Y) == (0, 0, 0)
+
+
+@quick
+@given(st.floats(-16000, 6000), st.floats(0.4, 0.9))
+def test_axle_forces_add_up_to_the_total_and_never_oppose(car, Fx, lambda_b):
+    for split in (single_track.split, single_track.smooth_split):
+        F = split(Fx, lambda_b, car)
+        assert float(F.f + F.r) == pytest.approx(Fx, abs=1e-9)
+        assert float(F.f) * float(F.r) >= 0
+
+
+def test_braking_is_split_and_driving_goes_to_the_driven_axle(car):
+    brake, drive = single_track.split(-8000.0, 0.6, car), single_track.split(4000.0, 0.6, car)
+    assert (float(brake.f), float(brake.r)) == pytest.approx((-4800.0, -3200.0))
+    assert (float(drive.f), float(drive.r)) == (0.0, 4000.0)
+
+
+def test_the_smooth_split_is_the_exact_one_outside_its_blend(car):
+    for Fx in (-10 * car.force_blend, 10 * car.force_blend):
+        smooth, exact = (f(Fx, 0.6, car) for f in (single_track.smooth_split, single_track.split))
+        assert float(smooth.f) == pytest.approx(float(exact.f), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('deceleration', 'split'), [(0, 0.505), (2, 0.543), (4, 0.581), (6, 0.619), (8, 0.658)]
+)
+def test_ideal_brake_split_follows_the_load(car, deceleration, split):
+    found = single_track.ideal_split(-car.m * deceleration, car)
+    assert found == pytest.approx(split, abs=1e-3)
+
+
+def test_both_axles_lock_together_at_the_ideal_split(car):
+    Fx = -12000.0
+    F, Fz = (
+        single_track.split(Fx, single_track.ideal_split(Fx, car), car),
+        single_track.loads(Fx, car),
+    )
+    assert float(F.f) / Fz.f == pytest.approx(float(F.r) / Fz.r)
+
+
+def test_error_of_a_midpoint_step_falls_with_the_cube_of_the_step(rates):
+    x = np.array([0, 0, 0.1, 20.0, 0.2, 0.3, 0, 0.04, -3000.0])
+    u = np.array([0.2, -5000.0, 0.6, 0.0])
+
+    def error(dt):
+        one = shooting.rk2(lambda x, u, p: rates(x, u).full().ravel(), dt)(x, u, None)
+        fine = x
+        for _ in range(100):
+            fine = shooting.rk2(lambda x, u, p: rates(x, u).full().ravel(), dt / 100)(fine, u, None)
+        return np.max(np.abs(one - fine))
+
+    assert error(0.02) / error(0.01) == pytest.approx(8, rel=0.25)
+
+
+def growth_per_midpoint_step(rates, vx, dt):
+    """Return the largest eigenvalue of the lateral motion over one step of 50 ms."""
+    lateral = [State._fields.index(name) for name in ('vy', 'r')]
+    x = np.array(State(0, 0, 0, vx, 0, 0, 0, 0, 0), float)
+    a = np.empty((2, 2))
+    for column, index in enumerate(lateral):
+        moved = x.copy()
+        moved[index] = 1e-6
+        slope = (rates(moved, (0, 0, 0.6, 0)) - rates(x, (0, 0, 0.6, 0))).full().ravel() / 1e-6
+        a[:, column] = dt * slope[lateral]
+    return np.max(np.abs(np.linalg.eigvals(np.eye(2) + a + a @ a / 2)))
+
+
+@pytest.mark.parametrize('vx', [7.0, 10.0, 20.0, 30.0])
+def test_a_midpoint_step_is_stable_on_the_tyres_from_the_least_speed_on(rates, params, vx):
+    assert vx >= params.limits.least_speed_mps
+    assert growth_per_midpoint_step(rates, vx, params.model.step_s) < 1
+
+
+@pytest.mark.parametrize('vx', [0.0, 2.0, 5.0])
+def test_below_the_least_speed_an_error_grows_no_faster_than_at_five_m_per_s(rates, vx):
+    """A midpoint step is not stable there; the held-up speed keeps its growth bounded."""
+    assert growth_per_midpoint_step(rates, vx, 0.05) < 1.5

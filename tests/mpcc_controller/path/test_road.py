@@ -1,0 +1,75 @@
+"""Road edges: the nearest point, what touches there, the middle of the road."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.path import distance, road
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Circle
+from mpcc_controller.path.road import EdgeError
+from msgs_yaml.types import RoadEdges
+
+R = 40.0
+
+
+def ring_road(turn=1, step=1.0):
+    """Return a road of 7 m about a circle of radius R that starts along x at the origin."""
+    s = np.arange(-30, 90, step) / R
+
+    def line(n):
+        radius = R - turn * n
+        return np.column_stack((radius * np.sin(s), turn * (R - radius * np.cos(s))))
+
+    return road.build(RoadEdges(0, line(3.5), line(-3.5)))
+
+
+@pytest.mark.parametrize('turn', [1, -1])
+def test_distances_to_curved_edges_are_those_to_circles(turn):
+    made = ring_road(turn)
+    for angle, n in ((0.3, 0.0), (0.5, 1.5), (1.0, -2.0)):
+        radius = R - turn * n
+        X, Y = radius * np.sin(angle), turn * (R - radius * np.cos(angle))
+        edges = road.near_plan(made, np.array([X]), np.array([Y]), 2.0)
+        to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
+        # corners 1 m apart lie 1 / (8 R) = 3 mm outside their chord
+        assert float(to_left[0]) == pytest.approx(3.5 - n - 1.1, abs=5e-3)
+        assert float(to_right[0]) == pytest.approx(3.5 + n - 1.1, abs=5e-3)
+
+
+@pytest.mark.parametrize('turn', [1, -1])
+def test_an_edge_bends_with_the_road(turn):
+    edges = road.near_plan(ring_road(turn), np.array([10.0]), np.array([turn * 1.0]), 4.0)
+    assert edges.left.kappa[0] == pytest.approx(turn / (R - turn * 3.5), rel=0.05)
+    assert edges.right.kappa[0] == pytest.approx(turn / (R + turn * 3.5), rel=0.05)
+
+
+def test_the_middle_of_the_road_lies_between_the_edges_wherever_the_path_is():
+    sides = [np.array([[-10.0, y], [100.0, y]]) for y in (6.0, -2.5)]
+    made = road.build(RoadEdges(0, *sides))
+    on_path = Arc(np.array([20.0]), np.array([3.5]), np.zeros(1), np.zeros(1), np.array([20.0]))
+    track = road.beside_path(made, on_path, 2.0)
+    assert (track.centre.X[0], track.centre.Y[0]) == pytest.approx((20.0, 1.75))
+    assert track.half_width[0] == pytest.approx(4.25)
+
+
+def test_past_its_ends_an_edge_goes_on_straight():
+    sides = [np.array([[0.0, y], [10.0, y]]) for y in (3.0, -3.0)]
+    made = road.build(RoadEdges(0, *sides))
+    edges = road.near_plan(made, np.array([200.0, -200.0]), np.array([1.0, 1.0]), 2.0)
+    assert pytest.approx([3.0, 3.0]) == edges.left.Y
+    assert pytest.approx([200.0, -200.0]) == edges.left.X
+
+
+def test_repeated_points_of_an_edge_do_no_harm():
+    left = np.array([[0.0, 3.0], [0.0, 3.0], [10.0, 3.0], [10.0, 3.0]])
+    made = road.build(RoadEdges(0, left, left - [0.0, 6.0]))
+    assert np.all(np.diff(made.left.s) > 0)
+
+
+@pytest.mark.parametrize(
+    'left', [np.array([[0.0, 3.0]]), np.array([[0.0, 3.0], [np.nan, 3.0]]), np.zeros((3, 2))]
+)
+def test_an_edge_that_is_no_line_is_refused_by_side(left):
+    right = np.array([[0.0, -3.0], [10.0, -3.0]])
+    with pytest.raises(EdgeError, match='left edge'):
+        road.build(RoadEdges(0, left, right))
