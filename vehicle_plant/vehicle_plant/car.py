@@ -31,6 +31,15 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Outline:
+    """The shell: it moves nothing, but it is what touches an obstacle."""
+
+    front_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
+    rear_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
+    width_m: Annotated[float, Range(0.5, 3.0, 'm')]
+
+
+@dataclass(frozen=True)
 class Axle:
     """Suspension of one axle; rates are per wheel, at the wheel."""
 
@@ -147,6 +156,7 @@ class Car:
     """Everything of the car but the tyre's coefficients."""
 
     body: Body
+    outline: Outline
     suspension: Suspension
     wheel: Wheel
     brake: BrakeLining

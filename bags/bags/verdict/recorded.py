@@ -24,9 +24,6 @@ LOCKSTEP = 'lockstep'
 # a controller that never answered leaves neither behind
 ANSWERS = ('/controller/command', '/controller/why')
 DRIVEN = ('solved', 'stopped_early')  # rungs of the ladder that follow a fresh plan
-# The plant moves a body without a shell; this is the shell of the BMW 545i (E60) that it stands
-# for: 4.84 m long and 1.85 m wide on a wheelbase of 2.89 m (Wikipedia, BMW 5 Series (E60))
-FRONT_OVERHANG_M, REAR_OVERHANG_M, WIDTH_M = 0.84, 1.11, 1.85
 
 
 def of_bag(bag: read.Bag) -> drive.Drive:
@@ -118,9 +115,9 @@ def facts(run_info: Mapping[str, str], name: str) -> drive.Facts:
             scenario=run_info['scenario'],
             controller=run_info['controller'],
             outline=Outline(
-                front=plant['car.body.cog_to_front_m'] + FRONT_OVERHANG_M,
-                rear=plant['car.body.cog_to_rear_m'] + REAR_OVERHANG_M,
-                width=WIDTH_M,
+                front=plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
+                rear=plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
+                width=plant['car.outline.width_m'],
             ),
             circles=tuple(controller['body.circle_offsets_m']),
             vehicle_radius=controller['body.circle_radius_m'],

@@ -26,6 +26,9 @@ PARAMETERS = {
     },
     'plant': {
         'car.body.cog_to_front_m': 1.4,
+        'car.outline.front_overhang_m': 0.8,
+        'car.outline.rear_overhang_m': 1.1,
+        'car.outline.width_m': 1.9,
         'car.body.cog_to_rear_m': 1.5,
         'friction': 0.5,
         'stop.armed_after_m': 80.0,
@@ -68,8 +71,8 @@ def test_the_judge_takes_its_distances_from_the_notes_of_the_run(note):
     assert found.tick_ns == 50_000_000
     assert found.friction == pytest.approx(0.5 * 0.9)
     assert (found.stop, found.armed_after) == ((165.0, 1.0), 80.0)
-    length = found.outline.front + found.outline.rear
-    assert length == pytest.approx(2.9 + recorded.FRONT_OVERHANG_M + recorded.REAR_OVERHANG_M)
+    assert found.outline.front + found.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
+    assert found.outline.width == 1.9
 
 
 @pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])
