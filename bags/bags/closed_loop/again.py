@@ -20,7 +20,7 @@ class Again:
     """One controller on the ticks of a recording."""
 
     def __init__(self, params: ControllerParams, vehicle: CarParams):
-        self.controller = Controller(params, vehicle)
+        self.controller, self.vehicle = Controller(params, vehicle), vehicle
         self._told: Told | None = None
 
     def answer(self, told: Told, stamp_ns: int) -> tuple[Command, Prediction, Why]:

@@ -17,6 +17,7 @@ from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.stages import Numbers, Scene
 from mpcc_controller.solvers import shooting, solver
 from mpcc_controller.solvers.shooting import Bounds, Plan
+from mpcc_controller.solvers.solver import Solution
 from msgs_yaml.types import VehicleState
 
 
@@ -110,9 +111,7 @@ class Horizon:
             start = moved_on._replace(multipliers=None)  # they led the solver nowhere
         posed = self.posed = self.pose(x0, scene, start)
         prepared = self.clock()
-        first, second = self._attempt(self.solver, posed, posed.begin), None
-        if self.second and ladder.fault(first, params.fallback):
-            second = self._attempt(self.second, posed, posed.begin._replace(multipliers=None))
+        first, second = self.attempt(posed)
         decision = self.ladder.decide(first, second, moved_on)
         numbers = posed.numbers
         said = explain.solved(first, second, prepared - began, warm)
@@ -132,6 +131,14 @@ class Horizon:
         )
         return Posed(x0, scene, start, form.enter(start, scene.path), numbers, limits)
 
+    def attempt(self, posed: Posed) -> tuple[Solution, Solution | None]:
+        """Return the first solver's solution, and the second one's where it had to be asked."""
+        first = self._asked(self.solver, posed, posed.begin)
+        if not self.second or not ladder.fault(first, self.params.fallback):
+            return first, None
+        unaided = posed.begin._replace(multipliers=None)
+        return first, self._asked(self.second, posed, unaided)
+
     def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
         """Return the last rung without solving, and the distances there are to tell."""
         here = State(*(np.array([value]) for value in x0))
@@ -146,7 +153,7 @@ class Horizon:
             plan = shooting.shift(plan, self.motion, np.array(self.car))
         return self.ladder.without_solution(reason, plan)
 
-    def _attempt(self, asked: solver.StageSolver, posed: Posed, begin: Plan):
+    def _asked(self, asked: solver.StageSolver, posed: Posed, begin: Plan) -> Solution:
         """Return the solution, in the map; one that raises is a failed one.
 
         The car needs a command all the same.
@@ -154,9 +161,7 @@ class Horizon:
         try:
             found = asked.solve(*posed.arguments, begin)
         except Exception as error:
-            found = solver.Solution(
-                begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0
-            )
+            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
         return found._replace(plan=self.formulation.leave(found.plan, posed.scene.path))
 
     def _moved_on(self, x0) -> Plan | None:
