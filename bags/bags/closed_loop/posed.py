@@ -88,7 +88,7 @@ class Problem:
                 'model.horizon and model.step_s cannot be changed in one tick: its first guess is '
                 'the plan of the tick before'
             )
-        horizon = Horizon(params, vehicle, limit_time=False, clock=self.horizon.clock)
+        horizon = self._horizon(params, vehicle)
         start = self.posed.start
         if params.formulation.name != self.horizon.params.formulation.name:
             start = start._replace(multipliers=None)  # of other constraints
@@ -98,8 +98,8 @@ class Problem:
     def precise(self, tolerance: float) -> 'Problem':
         """Return the same problem for a solver that ends at another tolerance."""
         params = self.horizon.params
-        solver = replace(params.solver, tolerance=tolerance)
-        return self.changed(replace(params, solver=solver), self.vehicle)
+        params = replace(params, solver=replace(params.solver, tolerance=tolerance))
+        return Problem(self._horizon(params, self.vehicle), self.vehicle, self.posed, self.stamp_ns)
 
     def weighted(self, factors: Mapping[str, float]) -> 'Problem':
         """Return the same problem with some weights multiplied.
@@ -122,6 +122,9 @@ class Problem:
         """Return the same problem with a solution, multipliers included, as its first guess."""
         begin = self.horizon.formulation.enter(solved.plan, self.posed.scene.path)
         return self._with(self.posed._replace(start=solved.plan, begin=begin))
+
+    def _horizon(self, params, vehicle):
+        return Horizon(params, vehicle, limit_time=False, clock=self.horizon.clock)
 
     def _with(self, posed):
         return Problem(self.horizon, self.vehicle, posed, self.stamp_ns)

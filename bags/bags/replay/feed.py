@@ -6,6 +6,7 @@ knows that instant to within the transport time.
 """
 
 from bisect import bisect_right
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -61,23 +62,23 @@ class Tick(NamedTuple):
     gaps: tuple[str, ...]  # why it cannot be repeated exactly; empty where it can
 
 
-def ticks(bag: read.Bag) -> list[Tick]:
-    """Return every tick of a bag, in the order in which they were answered.
+def ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
+    """Return the ticks of a bag, or the first so many, in the order of their answers.
 
     Raises BagError for a topic without messages, for an answer that is not legible, for a state
     that was not recorded and, in lockstep, for obstacles or actuators that were not.
     """
     topics = {name: Topic(bag, name) for name in NEEDED}
     lockstep = bag.run_info.get('mode') == LOCKSTEP
-    commands = _by_stamp(topics[COMMAND])
-    predictions = _by_stamp(Topic(bag, PREDICTION)) if _recorded(bag, PREDICTION) else {}
+    commands = topics[COMMAND]
+    predictions = Topic(bag, PREDICTION) if _recorded(bag, PREDICTION) else None
     found = []
-    for i, why in _unrepeated(topics[WHY]):
+    for i, why in islice(_unrepeated(topics[WHY]), most):
         before = found[-1] if found else None
         begun = before is None or why.stamp_ns < before.stamp_ns
         look = _Stamps(why.stamp_ns) if lockstep else _Sent(_began_ns(topics[WHY], i, why))
         told = _told(topics, why, look, begun)
-        command = commands.get(why.stamp_ns)
+        command = commands.find(why.stamp_ns)
         found.append(
             Tick(
                 number=len(found),
@@ -86,7 +87,7 @@ def ticks(bag: read.Bag) -> list[Tick]:
                 told=told,
                 command=command,
                 why=why,
-                prediction=predictions.get(why.stamp_ns),
+                prediction=predictions.find(why.stamp_ns) if predictions else None,
                 gaps=(*look.gaps, *gaps(why, command)),
             )
         )
@@ -154,13 +155,10 @@ def _began_ns(topic, i, why):
 
 
 def _unrepeated(topic):
-    """Return (row, report) of every report that is not the one before again."""
-    found = [(i, topic.legible(i)) for i in range(len(topic.payloads))]
-    return [(i, why) for i, why in found if not i or topic.payloads[i] != topic.payloads[i - 1]]
-
-
-def _by_stamp(topic):
-    return {int(topic.stamp_ns[i]): topic.legible(i) for i in range(len(topic.payloads))}
+    """Yield (row, report) of every report that is not the one before again."""
+    for i, payload in enumerate(topic.payloads):
+        if not i or payload != topic.payloads[i - 1]:
+            yield i, topic.legible(i)
 
 
 def same(one: Reference | RoadEdges | None, other: Reference | RoadEdges | None) -> bool:
@@ -214,6 +212,10 @@ class Topic:
                 'the controller answered: it was lost, and the tick cannot be repeated'
             )
         return self.value(self.row_of[stamp_ns])
+
+    def find(self, stamp_ns: int):
+        """Return the value of a stamp; None when it was not recorded. Raises BagError."""
+        return self.legible(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
 
     def newest(self, count: int):
         """Return the newest legible value of the first `count` messages; of one at least."""
