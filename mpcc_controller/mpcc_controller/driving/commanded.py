@@ -11,7 +11,10 @@ from msgs_yaml.types import Command
 
 
 class Ramp(NamedTuple):
-    """The set-points move straight from `begin` to `end` and stay there."""
+    """The set-points move straight from `begin` to `end` and stay there.
+
+    A command that takes hold when it is due already makes them jump: then both times are equal.
+    """
 
     begin_ns: int
     begin: SetPoints
@@ -21,10 +24,14 @@ class Ramp(NamedTuple):
 
     def at(self, stamp_ns: int) -> SetPoints:
         """Return the set-points at an instant."""
-        if stamp_ns >= self.end_ns:
-            return self.end
+        return self.end if stamp_ns >= self.end_ns else self.before(stamp_ns)
+
+    def before(self, stamp_ns: int) -> SetPoints:
+        """Return the set-points just before an instant: another value only where they jump."""
         if stamp_ns <= self.begin_ns:
             return self.begin
+        if stamp_ns >= self.end_ns:
+            return self.end
         done = (stamp_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
         return SetPoints(*(a + (b - a) * done for a, b in zip(self.begin, self.end)))
 
@@ -39,9 +46,11 @@ class Piece(NamedTuple):
 
 def pieces(ramp: Ramp, from_ns: int, to_ns: int) -> tuple[Piece, ...]:
     """Return the pieces between two instants, split where the ramp begins and ends."""
-    corners = [ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns]
+    corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
     instants = [from_ns, *corners, to_ns]
-    return tuple(Piece((b - a) / NS_PER_S, ramp.at(a), ramp.at(b)) for a, b in pairwise(instants))
+    return tuple(
+        Piece((b - a) / NS_PER_S, ramp.at(a), ramp.before(b)) for a, b in pairwise(instants)
+    )
 
 
 def held(set_points: SetPoints, lambda_b: float) -> Ramp:

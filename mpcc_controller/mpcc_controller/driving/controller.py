@@ -115,14 +115,17 @@ class Controller:
         self.told = commanded.held(*commanded.end(command, self.car))
         self.too_slow = False
 
-    def step(self, x: VehicleState, age_s: float = 0.0) -> tuple[Command, Prediction, Why]:
+    def step(
+        self, x: VehicleState, age_s: float = 0.0, acts_ns: int | None = None
+    ) -> tuple[Command, Prediction, Why]:
         """Return the command that answers a state, the plan, and why.
 
-        `age_s` is the age of the state when the step begins (0 in lockstep).
+        `age_s` is the age of the state when the step begins (0 in lockstep); `acts_ns` is when the
+        command takes hold, where that is known (replay) and need not be expected.
         """
         began = self.clock()
         params, step_s = self.params, self.params.model.step_s
-        acts_ns = self._acts_ns(x, age_s)
+        acts_ns = self._acts_ns(x, age_s) if acts_ns is None else acts_ns
         acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
         scene = stages.at_instant(self.scene, acts_ns)
         decision, said = self._decide(acts_on, now, scene)
@@ -145,6 +148,11 @@ class Controller:
         self.ended = self.clock()
         self.delay.took(self.ended - began)
         return self.last, explain.prediction(acts_on, decision.plan, step_s), why
+
+    def overrule(self, command: Command) -> None:
+        """Take note that `command` was sent in the place of the last answer (replay)."""
+        end, lambda_b = commanded.end(command, self.car)
+        self.last, self.told = command, self.told._replace(end=end, lambda_b=lambda_b)
 
     def published(self) -> None:
         """Take note that what the last step returned has just been sent."""

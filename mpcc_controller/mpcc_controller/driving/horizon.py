@@ -14,9 +14,10 @@ from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference
 from mpcc_controller.problem import bounds, formulation, ocp, stages
 from mpcc_controller.problem.insight import Insight
-from mpcc_controller.problem.stages import Scene
+from mpcc_controller.problem.stages import Numbers, Scene
 from mpcc_controller.solvers import shooting, solver
-from mpcc_controller.solvers.shooting import Plan
+from mpcc_controller.solvers.shooting import Bounds, Plan
+from mpcc_controller.solvers.solver import Solution
 from msgs_yaml.types import VehicleState
 
 
@@ -25,6 +26,22 @@ class Outcome(NamedTuple):
 
     decision: Decision
     said: dict  # values for `Why`
+
+
+class Posed(NamedTuple):
+    """The problem of one tick, as the solvers were given it, and what it was made from."""
+
+    x0: State  # stage 0, in the map
+    scene: Scene
+    start: Plan  # the first guess, in the map
+    begin: Plan  # the same, in the states of the problem
+    numbers: Numbers
+    bounds: Bounds
+
+    @property
+    def arguments(self) -> tuple:
+        """What a `StageSolver` takes before the guess."""
+        return self.begin.X[0], self.numbers.P, self.bounds
 
 
 class Horizon:
@@ -56,7 +73,7 @@ class Horizon:
         """Drop the plan and the place on the path: the next tick starts anew."""
         self.ladder = Ladder(self.params.fallback)
         self.theta: float | None = None  # m, last foot on the path
-        self.P: np.ndarray | None = None  # (N + 1, np), the numbers of the last solve
+        self.posed: Posed | None = None  # the problem that was solved last
 
     def foot(self, x: VehicleState, scene: Scene) -> float:
         """Return the distance [m] along the path of the point next to the car."""
@@ -92,27 +109,35 @@ class Horizon:
             start = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
         elif self.ladder.failures:
             start = moved_on._replace(multipliers=None)  # they led the solver nowhere
-        form = self.formulation
-        numbers = form.numbers(scene, start.X)
-        limits = bounds.build(
-            params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
-        )
-        begin = form.enter(start, scene.path)
-        problem = begin.X[0], numbers.P, limits
+        posed = self.posed = self.pose(x0, scene, start)
         prepared = self.clock()
-        first, second = self._attempt(self.solver, problem, begin, scene), None
-        if self.second and ladder.fault(first, params.fallback):
-            unaided = begin._replace(multipliers=None)
-            second = self._attempt(self.second, problem, unaided, scene)
+        first, second = self.attempt(posed)
         decision = self.ladder.decide(first, second, moved_on)
-        self.P = numbers.P
+        numbers = posed.numbers
         said = explain.solved(first, second, prepared - began, warm)
         said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
         said |= explain.surroundings(x0, scene, numbers.obstacles, params)
         if decision.plan is not None:
-            view = self.insight.of(form.enter(decision.plan, scene.path), numbers.P)
+            view = self.insight.of(self.formulation.enter(decision.plan, scene.path), numbers.P)
             said |= explain.planned(view, numbers, decision.plan.U)
         return Outcome(decision, said)
+
+    def pose(self, x0: State, scene: Scene, start: Plan) -> Posed:
+        """Return the problem from `x0`, its numbers around the first guess `start` in the map."""
+        model, form = self.params.model, self.formulation
+        numbers = form.numbers(scene, start.X)
+        limits = bounds.build(
+            self.params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
+        )
+        return Posed(x0, scene, start, form.enter(start, scene.path), numbers, limits)
+
+    def attempt(self, posed: Posed) -> tuple[Solution, Solution | None]:
+        """Return the first solver's solution, and the second one's where it had to be asked."""
+        first = self._asked(self.solver, posed, posed.begin)
+        if not self.second or not ladder.fault(first, self.params.fallback):
+            return first, None
+        unaided = posed.begin._replace(multipliers=None)
+        return first, self._asked(self.second, posed, unaided)
 
     def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
         """Return the last rung without solving, and the distances there are to tell."""
@@ -128,18 +153,16 @@ class Horizon:
             plan = shooting.shift(plan, self.motion, np.array(self.car))
         return self.ladder.without_solution(reason, plan)
 
-    def _attempt(self, asked: solver.StageSolver, problem: tuple, begin: Plan, scene: Scene):
+    def _asked(self, asked: solver.StageSolver, posed: Posed, begin: Plan) -> Solution:
         """Return the solution, in the map; one that raises is a failed one.
 
         The car needs a command all the same.
         """
         try:
-            found = asked.solve(*problem, begin)
+            found = asked.solve(*posed.arguments, begin)
         except Exception as error:
-            found = solver.Solution(
-                begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0
-            )
-        return found._replace(plan=self.formulation.leave(found.plan, scene.path))
+            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
+        return found._replace(plan=self.formulation.leave(found.plan, posed.scene.path))
 
     def _moved_on(self, x0) -> Plan | None:
         if self.ladder.plan is None:
