@@ -7,6 +7,7 @@ import yaml
 from msgs_yaml.stamp import NS_PER_S
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+INFINITE_NS = INFINITE['sec'] * NS_PER_S + INFINITE['nsec']
 
 
 class BagTopic(NamedTuple):
@@ -50,6 +51,45 @@ def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
             }
         ]
     )
+
+
+def offered(text: str) -> list[dict]:
+    """Return the QoS profiles in the text of a bag, words for the numbers of older bags.
+
+    Empty where the text is none: a bag may say nothing about QoS.
+    """
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    if not isinstance(profiles, list):
+        return []
+    return [
+        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
+        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
+        for profile in profiles
+        if isinstance(profile, dict)
+    ]
+
+
+# rmw/types.h gives them these numbers; None: whatever the middleware takes
+_WORDS = {
+    'history': {1: 'keep_last', 2: 'keep_all'},
+    'reliability': {1: 'reliable', 2: 'best_effort'},
+    'durability': {1: 'transient_local', 2: 'volatile'},
+}
+
+
+def _word(value, words):
+    return value if value in words.values() else words.get(value)
+
+
+def _ns(duration):
+    """A duration in ns, None where it is infinite, unset or no duration."""
+    match duration:
+        case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
+            return sec * NS_PER_S + nsec
+    return None
 
 
 def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict:
