@@ -1,5 +1,7 @@
 """The text that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside an MCAP file."""
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import yaml
@@ -26,6 +28,14 @@ class Span(NamedTuple):
     count: int
     first_ns: int
     last_ns: int
+
+
+class FileFacts(NamedTuple):
+    """What a bag says about one of its files."""
+
+    name: str
+    span: Span
+    counts: Counter[str]  # messages per topic
 
 
 def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
@@ -92,17 +102,19 @@ def _ns(duration):
     return None
 
 
-def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict:
-    """Return the mapping under 'rosbag2_bagfile_information'; counts are messages per topic."""
-    times = {
-        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
-        'duration': {'nanoseconds': span.last_ns - span.first_ns},
-        'message_count': span.count,
-    }
+def metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:
+    """Return the mapping under 'rosbag2_bagfile_information' of a bag in one file or several."""
+    counts = sum((file.counts for file in files), Counter())
+    filled = [file.span for file in files if file.span.count]
+    whole = Span(
+        sum(span.count for span in filled),
+        min((span.first_ns for span in filled), default=0),
+        max((span.last_ns for span in filled), default=0),
+    )
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        **times,
+        **_times(whole),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -119,10 +131,18 @@ def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict
         # chunks are compressed by MCAP itself; these two speak of rosbag2's own compression
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file_name],
-        'files': [{'path': file_name, **times}],
+        'relative_file_paths': [file.name for file in files],
+        'files': [{'path': file.name, **_times(file.span)} for file in files],
         'custom_data': None,
         'ros_distro': 'jazzy',
+    }
+
+
+def _times(span):
+    return {
+        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
+        'duration': {'nanoseconds': span.last_ns - span.first_ns},
+        'message_count': span.count,
     }
 
 
