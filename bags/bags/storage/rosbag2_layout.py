@@ -68,18 +68,21 @@ def offered(text: str) -> list[dict]:
 
     Empty where the text is none: a bag may say nothing about QoS.
     """
+    return [
+        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
+        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
+        for profile in _profiles(text)
+        if isinstance(profile, dict)
+    ]
+
+
+def _profiles(text):
+    """The list in a text, empty where damage made something else of it."""
     try:
         profiles = yaml.safe_load(text)
     except yaml.YAMLError:
         return []
-    if not isinstance(profiles, list):
-        return []
-    return [
-        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
-        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
-        for profile in profiles
-        if isinstance(profile, dict)
-    ]
+    return profiles if isinstance(profiles, list) else []
 
 
 # rmw/types.h gives them these numbers; None: whatever the middleware takes
@@ -121,7 +124,7 @@ def metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:
                     'name': topic.name,
                     'type': topic.type,
                     'serialization_format': 'cdr',
-                    'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
+                    'offered_qos_profiles': _profiles(topic.qos),
                     'type_description_hash': topic.type_hash,
                 },
                 'message_count': counts[topic.name],
