@@ -27,6 +27,7 @@ setup(
     ],
     entry_points={
         'console_scripts': [
+            'player_node = bags.player_node:main',
             'recorder_node = bags.recorder_node:main',
             'bags = bags.cli:main',
         ],

@@ -8,7 +8,17 @@ from importlib import import_module
 from bags.errors import BagError
 from msgs_yaml.parameters import ParameterError
 
-COMMANDS = ('run', 'compare', 'distances', 'info', 'repair', 'replay-check', 'resolve', 'golden')
+COMMANDS = (
+    'run',
+    'play',
+    'compare',
+    'distances',
+    'info',
+    'repair',
+    'replay-check',
+    'golden',
+    'resolve',
+)
 INTERRUPTED = 130  # what shells report for SIGINT
 
 

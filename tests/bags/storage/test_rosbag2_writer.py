@@ -71,7 +71,7 @@ def test_mcap_ros2_decodes_every_message_by_the_schema_in_the_file(bag_folder, m
 
 def test_metadata_inside_the_file_is_the_metadata_beside_it(bag_folder):
     beside = yaml.safe_load((bag_folder / 'metadata.yaml').read_text())
-    inside = contents.load(bag_folder).records['rosbag2']['serialized_metadata']
+    inside = contents.load(bag_folder / 'mpcc_0.mcap').records['rosbag2']['serialized_metadata']
     assert yaml.safe_load(inside) == beside['rosbag2_bagfile_information']
     assert beside['rosbag2_bagfile_information']['relative_file_paths'] == ['mpcc_0.mcap']
     assert beside['rosbag2_bagfile_information']['version'] == 9
