@@ -57,7 +57,7 @@ class ControllerNode(Node):
         ros.subscribe(self, '/scenario/road_edges', self.on_edges)
         ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
         ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
-        ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
+        self.state_sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.on_look, clock=steady)
         self.waited.is_news(self.waiting())
@@ -212,7 +212,9 @@ class ControllerNode(Node):
                 self.get_logger().info(waiting)
             self.advance()
         elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns):
-            self.step_blindly(now_ns)
+            # a vehicle that has left needs no brakes
+            if self.state_sub.get_publisher_count():
+                self.step_blindly(now_ns)
         self.say_stale(now_ns)
 
     def say_stale(self, now_ns):

@@ -7,6 +7,7 @@ from msgs_yaml.types import Health
 from vehicle_plant.ring import Lockstep, Realtime
 
 NODE = 'plant'
+AGED = {WARN: 'commands come late', ERROR: 'no command came for a while, the car braked straight'}
 BEGAN = 'run_began_ns'  # the instant at which the car was let go; the scenario reads it
 
 
