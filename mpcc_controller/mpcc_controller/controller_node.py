@@ -211,11 +211,13 @@ class ControllerNode(Node):
             if self.waited.is_news(waiting):
                 self.get_logger().info(waiting)
             self.advance()
-        elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns):
-            # a vehicle that has left needs no brakes
-            if self.state_sub.get_publisher_count():
-                self.step_blindly(now_ns)
+        elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns) and self.has_vehicle():
+            self.step_blindly(now_ns)
         self.say_stale(now_ns)
+
+    def has_vehicle(self):
+        """Tell whether there is a vehicle: one that has left needs no brakes."""
+        return self.state_sub.get_publisher_count() > 0
 
     def say_stale(self, now_ns):
         """Say which inputs have become too old, and when they are back; once per change."""

@@ -17,7 +17,7 @@ def watch():
 
 def test_what_has_never_come_is_stale():
     watch = Watch('state', 0.1)
-    assert watch.level(S) == watch.look(S) == STALE
+    assert watch.level(S) == watch.held == watch.look(S) == watch.held == STALE
     assert watch.age_ns(S) is None
     assert watch.told(S) == 'state has never come'
     assert watch.values(S) == {
@@ -30,8 +30,15 @@ def test_what_has_never_come_is_stale():
 
 @pytest.mark.parametrize(
     ('age_ns', 'level'),
-    [(-30 * MS, OK), (0, OK), (50 * MS, OK), (50 * MS + 1, WARN), (100 * MS, WARN)]
-    + [(100 * MS + 1, ERROR), (9 * S, ERROR)],
+    [
+        (-30 * MS, OK),
+        (0, OK),
+        (50 * MS, OK),
+        (50 * MS + 1, WARN),
+        (100 * MS, WARN),
+        (100 * MS + 1, ERROR),
+        (9 * S, ERROR),
+    ],
 )
 def test_beyond_half_of_the_limit_there_is_a_warning_and_beyond_it_an_error(watch, age_ns, level):
     assert watch.level(S + age_ns) == level
@@ -81,13 +88,15 @@ def test_the_worst_age_is_that_since_it_was_told_last(watch):
 
 
 def test_the_level_that_is_shown_falls_after_two_good_seconds(watch):
-    assert watch.look(S + 150 * MS) == ERROR
+    assert watch.look(S + 150 * MS) == watch.held == ERROR
     watch.take(S + 160 * MS)
-    assert watch.level(S + 160 * MS) == OK
-    assert watch.look(S + 160 * MS) == ERROR
-    watch.take(3 * S + 150 * MS)
-    assert watch.look(3 * S + 149 * MS) == ERROR
-    assert watch.look(3 * S + 150 * MS) == OK
+    assert watch.look(S + 160 * MS) == OK
+    assert watch.held == ERROR
+    watch.take(3 * S + 149 * MS)
+    watch.look(3 * S + 149 * MS)
+    assert watch.held == ERROR
+    watch.look(3 * S + 150 * MS)
+    assert watch.held == OK
 
 
 def test_a_held_level_rises_at_once_and_falls_step_by_step():
