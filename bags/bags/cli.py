@@ -14,6 +14,7 @@ COMMANDS = (
     'compare',
     'distances',
     'info',
+    'timing',
     'repair',
     'replay-check',
     'golden',

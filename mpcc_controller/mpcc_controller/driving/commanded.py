@@ -46,6 +46,7 @@ class Piece(NamedTuple):
 
 def pieces(ramp: Ramp, from_ns: int, to_ns: int) -> tuple[Piece, ...]:
     """Return the pieces between two instants, split where the ramp begins and ends."""
+    # a command that was due at once has both in one instant
     corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
     instants = [from_ns, *corners, to_ns]
     return tuple(
