@@ -19,7 +19,8 @@ class Topic:
         # a time in order, whatever small steps the clock of the wall made
         self.sent_ns = np.maximum.accumulate(recorded.publish_ns)
         self.sequence = recorded.sequence
-        self.row_of = {int(stamp_ns): i for i, stamp_ns in enumerate(self.stamp_ns)}
+        # the first of a stamp: a state that waits for its answer is sent again
+        self.row_of = {int(stamp_ns): i for i, stamp_ns in reversed([*enumerate(self.stamp_ns)])}
         self.known = {}
 
     def value(self, i: int):
@@ -41,13 +42,20 @@ class Topic:
         return found
 
     def of_stamp(self, stamp_ns: int):
-        """Return the value of a stamp; BagError when it was not recorded."""
+        """Return the value of a stamp; BagError when it was not recorded, or two unlike ones."""
         if stamp_ns not in self.row_of:
             raise BagError(
                 f'{self.path}: {self.topic.name} has no message of stamp {stamp_ns} ns, which '
                 'the controller answered: it was lost, and the tick cannot be repeated'
             )
-        return self.value(self.row_of[stamp_ns])
+        row = self.row_of[stamp_ns]
+        others = np.flatnonzero(self.stamp_ns == stamp_ns)
+        if any(self.payloads[i] != self.payloads[row] for i in others):
+            raise BagError(
+                f'{self.path}: {self.topic.name} has unlike messages of stamp {stamp_ns} ns: the '
+                'bag holds two drives, and their ticks cannot be told apart'
+            )
+        return self.value(row)
 
     def begins_anew(self, before: int, row: int) -> bool:
         """Tell whether the time or the publisher's count went back from one row to a later one."""

@@ -53,9 +53,13 @@ def test_plans_are_compared_where_they_differ_most():
     assert differing(fields.of_prediction(one, shorter)) == ['prediction.stages']
 
 
+def timed_by(bag, mode):
+    """Return a bag that says it was recorded in another mode."""
+    return bag._replace(records=bag.records | {'run': bag.run_info | {'mode': mode}})
+
+
 def test_told_by_the_wall_clock_the_same_is_answered(golden):
-    bag = golden('mpcc')
-    report = check.check(bag._replace(run_info=bag.run_info | {'mode': 'realtime'}), {})
+    report = check.check(timed_by(golden('mpcc'), 'realtime'), {})
     assert not report.failures
     assert report.repeatable == len(report.ticks)
 
@@ -88,13 +92,22 @@ def without(bag, topic, row, mode='lockstep'):
     times = (column[rows] for column in (one.log_ns, one.publish_ns, one.sequence))
     cut = one.topic, *times, [one.payloads[i] for i in rows]
     recordings = bag.recordings | {topic: type(one)(*cut)}
-    return bag._replace(recordings=recordings, run_info=bag.run_info | {'mode': mode})
+    return timed_by(bag._replace(recordings=recordings), mode)
 
 
 @pytest.mark.parametrize('topic', [feed.STATE, feed.OBSTACLES])
 def test_in_lockstep_a_lost_message_that_was_answered_is_named(golden, topic):
     with pytest.raises(BagError, match=f'{topic} has no message of stamp'):
         feed.ticks(without(golden('mpcc'), topic, 40))
+
+
+def test_two_drives_in_one_bag_are_not_mixed_up(golden):
+    bag, other = golden('mpcc'), golden('frenet').recordings[feed.STATE]
+    one = bag.recordings[feed.STATE]
+    columns = (np.concatenate([a, b]) for a, b in zip(one[1:4], other[1:4]))
+    both = type(one)(one.topic, *columns, one.payloads + other.payloads)
+    with pytest.raises(BagError, match='the bag holds two drives'):
+        feed.ticks(bag._replace(recordings=bag.recordings | {feed.STATE: both}))
 
 
 @pytest.mark.parametrize(
