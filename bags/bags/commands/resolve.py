@@ -46,7 +46,7 @@ def run(chosen: argparse.Namespace) -> int:
     answer = resolve.ask(bag, resolve.Question(chosen.tick, changes, chosen.sensitivities))
     console = Console()
     show_answer.show(answer, console)
-    folder = chosen.out or Path(os.path.abspath(bag.path)).parent.parent / 'figures'
+    folder = chosen.out or Path(os.path.abspath(bag.files[0])).parent.parent / 'figures'
     picture, _ = horizon.write(answer, folder / f'{answer.name}_tick_{answer.tick.number}')
     console.print(f'\nfigure: {os.path.relpath(picture)}', highlight=False, soft_wrap=True)
     return 0 if answer.is_same else 1

@@ -6,15 +6,15 @@ knows that instant to within the transport time.
 """
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from bags.errors import BagError
-from bags.storage import cdr, read, stamps
+from bags.replay.topic import Topic
+from bags.storage import read
 from bags.verdict.recorded import LOCKSTEP
-from msgs_yaml import decode
 from msgs_yaml.stamp import NS_PER_S
 from msgs_yaml.types import (
     Actuators,
@@ -35,6 +35,7 @@ REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 # what the controller calls these, see docs/safety.md
 TIME_LIMIT = 'time limit'
 BY_AGE = ('too_old', 'from_future')
+ANSWERS = (COMMAND, PREDICTION)
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
 
 
@@ -65,48 +66,52 @@ class Tick(NamedTuple):
 def ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     """Return the ticks of a bag, or the first so many, in the order of their answers.
 
-    Raises BagError for a topic without messages, for an answer that is not legible, for a state
-    that was not recorded and, in lockstep, for obstacles or actuators that were not.
+    Raises BagError for a topic without messages, for an answer that is not legible and, in
+    lockstep, for a state, obstacles or actuators that were not recorded.
     """
     topics = {name: Topic(bag, name) for name in NEEDED}
+    if _recorded(bag, PREDICTION):
+        topics[PREDICTION] = Topic(bag, PREDICTION)
     lockstep = bag.run_info.get('mode') == LOCKSTEP
-    commands = topics[COMMAND]
-    predictions = Topic(bag, PREDICTION) if _recorded(bag, PREDICTION) else None
-    found = []
-    for i, why in islice(_unrepeated(topics[WHY]), most):
-        before = found[-1] if found else None
-        begun = before is None or why.stamp_ns < before.stamp_ns
-        look = _Stamps(why.stamp_ns) if lockstep else _Sent(_began_ns(topics[WHY], i, why))
-        told = _told(topics, why, look, begun)
-        command = commands.find(why.stamp_ns)
-        found.append(
-            Tick(
-                number=len(found),
-                stamp_ns=why.stamp_ns,
-                t_s=(why.stamp_ns - (found[0].stamp_ns if found else why.stamp_ns)) / NS_PER_S,
-                told=told,
-                command=command,
-                why=why,
-                prediction=predictions.find(why.stamp_ns) if predictions else None,
-                gaps=(*look.gaps, *gaps(why, command)),
-            )
-        )
+    reports, found, last = topics[WHY], [], None
+    for row, why in islice(_unrepeated(reports), most):
+        look = _Stamps(why.stamp_ns) if lockstep else _Sent(why.stamp_ns, _began_ns(reports, row))
+        begun = last is None or reports.begins_anew(last, row)
+        if not begun and topics[COMMAND].any_between(reports.stamp_ns[last], why.stamp_ns):
+            look.gaps.append(f'a tick without a message of {WHY}')
+        zero_ns = found[0].stamp_ns if found else why.stamp_ns
+        found.append(_tick(topics, look, why, begun, (len(found), zero_ns)))
+        last = row
     return found
 
 
-def _told(topics, why, look, begun):
-    return Told(
-        state=topics[STATE].of_stamp(why.stamp_ns),
+def _tick(topics, look, why, begun, place):
+    number, zero_ns = place
+    command, plan = (
+        topics[name].find(why.stamp_ns) if name in topics else None for name in ANSWERS
+    )
+    told = Told(
+        state=look.state(topics[STATE]),
         reference=look.latched(topics[REFERENCE]),
         edges=look.latched(topics[EDGES]),
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
         acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
     )
+    return Tick(
+        number=number,
+        stamp_ns=why.stamp_ns,
+        t_s=(why.stamp_ns - zero_ns) / NS_PER_S,
+        told=told,
+        command=command,
+        why=why,
+        prediction=plan,
+        gaps=(*look.gaps, *gaps(why, command)),
+    )
 
 
-def gaps(why, command):
-    """Return what a recording cannot repeat: decisions that the wall clock made."""
+def gaps(why: Why, command: Command | None) -> Iterator[str]:
+    """Yield what a recording cannot repeat: what was lost, and what the wall clock decided."""
     if command is None:
         yield 'its command was lost'
     for solver in ('solver', 'fallback'):
@@ -119,10 +124,11 @@ def gaps(why, command):
 class _Stamps:
     """Lockstep: the message of the tick's stamp, of a latched topic the newest one up to it."""
 
-    gaps = ()
-
     def __init__(self, stamp_ns):
-        self.stamp_ns = stamp_ns
+        self.stamp_ns, self.gaps = stamp_ns, []
+
+    def state(self, topic):
+        return topic.of_stamp(self.stamp_ns)
 
     def current(self, topic):
         return topic.of_stamp(self.stamp_ns)
@@ -134,8 +140,14 @@ class _Stamps:
 class _Sent:
     """Realtime: the newest message that was sent up to an instant."""
 
-    def __init__(self, wall_ns):
-        self.wall_ns, self.gaps = wall_ns, []
+    def __init__(self, stamp_ns, wall_ns):
+        self.stamp_ns, self.wall_ns, self.gaps = stamp_ns, wall_ns, []
+
+    def state(self, topic):
+        if self.stamp_ns in topic.row_of:
+            return topic.of_stamp(self.stamp_ns)
+        self.gaps.append('its state was lost')
+        return None
 
     def current(self, topic):
         sent = bisect_right(topic.sent_ns, self.wall_ns)
@@ -148,10 +160,11 @@ class _Sent:
         return topic.newest(bisect_right(topic.sent_ns, self.wall_ns))
 
 
-def _began_ns(topic, i, why):
+def _began_ns(reports, row):
     """Return when a tick began: its report was sent when all the rest was done."""
+    why = reports.legible(row)
     took_ms = sum(why.values.get(f'time.{part}_ms', 0.0) for part in ('prepare', 'solve'))
-    return int(topic.sent_ns[i]) - round(took_ms * NS_PER_MS)
+    return int(reports.sent_ns[row]) - round(took_ms * NS_PER_MS)
 
 
 def _unrepeated(topic):
@@ -170,54 +183,3 @@ def same(one: Reference | RoadEdges | None, other: Reference | RoadEdges | None)
 
 def _recorded(bag, name):
     return name in bag.recordings and bool(bag.recordings[name].payloads)
-
-
-class Topic:
-    """The messages of one topic, decoded when they are asked for."""
-
-    def __init__(self, bag, name):
-        recorded = read.recording(bag, name)
-        self.path, self.topic, self.payloads = bag.path, recorded.topic, recorded.payloads
-        self.decode = read.DECODERS[name]
-        times = map(stamps.reader(self.topic.type), self.payloads)
-        self.stamp_ns = np.fromiter(times, np.int64, len(self.payloads))
-        # a time in order, whatever small steps the clock of the wall made
-        self.sent_ns = np.maximum.accumulate(recorded.publish_ns)
-        self.row_of = {int(stamp_ns): i for i, stamp_ns in enumerate(self.stamp_ns)}
-        self.known = {}
-
-    def value(self, i: int):
-        """Return the value of a message; None when it breaks the contract: nodes turn it down."""
-        payload = self.payloads[i]
-        if payload not in self.known:
-            message = cdr.decode(payload, self.topic.schema, self.topic.type)
-            try:
-                self.known[payload] = self.decode(message)
-            except decode.DecodeError:
-                self.known[payload] = None
-        return self.known[payload]
-
-    def legible(self, i: int):
-        """Return the value of a message; BagError when it breaks the contract."""
-        found = self.value(i)
-        if found is None:
-            raise BagError(f'{self.path}: message {i} of {self.topic.name} breaks the contract')
-        return found
-
-    def of_stamp(self, stamp_ns: int):
-        """Return the value of a stamp; BagError when it was not recorded."""
-        if stamp_ns not in self.row_of:
-            raise BagError(
-                f'{self.path}: {self.topic.name} has no message of stamp {stamp_ns} ns, which '
-                'the controller answered: it was lost, and the tick cannot be repeated'
-            )
-        return self.value(self.row_of[stamp_ns])
-
-    def find(self, stamp_ns: int):
-        """Return the value of a stamp; None when it was not recorded. Raises BagError."""
-        return self.legible(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
-
-    def newest(self, count: int):
-        """Return the newest legible value of the first `count` messages; of one at least."""
-        values = (self.value(i) for i in reversed(range(max(count, 1))))
-        return next((value for value in values if value is not None), None)

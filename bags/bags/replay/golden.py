@@ -85,7 +85,7 @@ def _kept(bag, name, answered):
     """Return the rows of a topic that a replay reads."""
     topic = feed.Topic(bag, name)
     if name in (feed.STATE, feed.ACTUATORS):
-        return [row for row, stamp_ns in enumerate(topic.stamp_ns) if int(stamp_ns) in answered]
+        return [row for stamp_ns, row in topic.row_of.items() if stamp_ns in answered]
     rows = range(len(topic.payloads))
     if name in (feed.REFERENCE, feed.EDGES):
         values = [topic.value(row) for row in rows]

@@ -34,13 +34,13 @@ def show(report: Report, console: Console) -> None:
     for group, (size, tick) in check.largest(report).items():
         at = f' (tick {tick})' if size else ''
         console.print(f'  largest difference, {group}: {size:.1e}{at}', highlight=False)
-    for cause, n in Counter(one.gap for one in report.ticks if one.gap).items():
+    causes = Counter(one.gap for one in report.ticks if one.gap)
+    if causes:
+        console.print('  not repeatable, at or soon after')
+    for cause, n in causes.items():
         differ = sum(one.gap == cause for one in report.unproven)
-        console.print(
-            f'  not repeatable: {n} ticks, {differ} of them differ; at or soon before them {cause}',
-            markup=False,
-            highlight=False,
-        )
+        told = f'    {cause}: {n} ticks, {differ} differ'
+        console.print(told, markup=False, highlight=False)
 
 
 def _fields(one: Compared) -> Table:

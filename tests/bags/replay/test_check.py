@@ -8,6 +8,7 @@ import pytest
 from bags.closed_loop import again
 from bags.errors import BagError
 from bags.replay import check, feed, fields, settings
+from bags.replay.topic import Topic
 from msgs_yaml.types import Command, Prediction, Why
 
 STAMP = 1_000_000_000
@@ -52,9 +53,13 @@ def test_plans_are_compared_where_they_differ_most():
     assert differing(fields.of_prediction(one, shorter)) == ['prediction.stages']
 
 
+def timed_by(bag, mode):
+    """Return a bag that says it was recorded in another mode."""
+    return bag._replace(records=bag.records | {'run': bag.run_info | {'mode': mode}})
+
+
 def test_told_by_the_wall_clock_the_same_is_answered(golden):
-    bag = golden('mpcc')
-    report = check.check(bag._replace(run_info=bag.run_info | {'mode': 'realtime'}), {})
+    report = check.check(timed_by(golden('mpcc'), 'realtime'), {})
     assert not report.failures
     assert report.repeatable == len(report.ticks)
 
@@ -80,17 +85,56 @@ def test_a_lost_command_is_a_gap_and_the_replay_goes_on_from_its_own_answer(gold
     assert not any(one.differing for one in compared)
 
 
-@pytest.mark.parametrize('topic', [feed.STATE, feed.OBSTACLES])
-def test_a_lost_message_that_was_answered_is_named(golden, topic):
-    bag = golden('mpcc')
+def without(bag, topic, row, mode='lockstep'):
+    """Return a bag that lost one message, recorded by another clock where one is given."""
     one = bag.recordings[topic]
-    keep = np.arange(len(one.payloads)) != 40
-    cut = one._replace(
-        payloads=[payload for payload, kept in zip(one.payloads, keep) if kept],
-        publish_ns=one.publish_ns[keep],
-    )
+    rows = np.delete(np.arange(len(one.payloads)), row)
+    times = (column[rows] for column in (one.log_ns, one.publish_ns, one.sequence))
+    cut = one.topic, *times, [one.payloads[i] for i in rows]
+    recordings = bag.recordings | {topic: type(one)(*cut)}
+    return timed_by(bag._replace(recordings=recordings), mode)
+
+
+@pytest.mark.parametrize('topic', [feed.STATE, feed.OBSTACLES])
+def test_in_lockstep_a_lost_message_that_was_answered_is_named(golden, topic):
     with pytest.raises(BagError, match=f'{topic} has no message of stamp'):
-        feed.ticks(bag._replace(recordings=bag.recordings | {topic: cut}))
+        feed.ticks(without(golden('mpcc'), topic, 40))
+
+
+def test_two_drives_in_one_bag_are_not_mixed_up(golden):
+    bag, other = golden('mpcc'), golden('frenet').recordings[feed.STATE]
+    one = bag.recordings[feed.STATE]
+    columns = (np.concatenate([a, b]) for a, b in zip(one[1:4], other[1:4]))
+    both = type(one)(one.topic, *columns, one.payloads + other.payloads)
+    with pytest.raises(BagError, match='the bag holds two drives'):
+        feed.ticks(bag._replace(recordings=bag.recordings | {feed.STATE: both}))
+
+
+@pytest.mark.parametrize(
+    ('topic', 'tick', 'gap'),
+    [
+        (feed.STATE, 40, 'its state was lost'),
+        (feed.WHY, 40, 'a tick without a message of /controller/why'),
+        (feed.COMMAND, 40, 'its command was lost'),
+        (feed.OBSTACLES, 0, 'what it knew of /scenario/obstacles was not recorded'),
+    ],
+)
+def test_in_realtime_a_lost_message_is_a_gap_in_the_replay(golden, topic, tick, gap):
+    bag = golden('mpcc')
+    row = Topic(bag, topic).row_of[feed.ticks(bag)[tick].stamp_ns]
+    found = feed.ticks(without(bag, topic, row, 'realtime'))
+    assert [one.number for one in found if one.gaps] == [tick]
+    assert found[tick].gaps == (gap,)
+
+
+def test_a_controller_that_was_started_again_begins_at_the_actuators(golden):
+    bag = golden('mpcc')
+    one = bag.recordings[feed.WHY]
+    sequence = np.concatenate([one.sequence[:60], one.sequence[60:] - one.sequence[59]])
+    begun = bag._replace(recordings=bag.recordings | {feed.WHY: one._replace(sequence=sequence)})
+    found = feed.ticks(begun)
+    assert [one.number for one in found if one.told.actuators] == [0, 60]
+    assert found[60].told.actuators.stamp_ns == found[60].stamp_ns
 
 
 def test_notes_without_parameters_are_refused(golden):
