@@ -57,11 +57,11 @@ def parts(bag: read.Bag) -> Parts:
     rows = []
     for stamp, latency_s in zip(joined.stamp_ns.tolist(), joined.latency_s.tolist()):
         values, publish = said.get(stamp, {}), sending.get(stamp)
-        if 'time.solve_ms' not in values or 'heard_ns' not in values or publish is None:
+        if 'time.solve_ms' not in values or 'time.heard_ns' not in values or publish is None:
             continue
         total = latency_s * MS_PER_S
         known = (
-            (values['heard_ns'] - sent_ns[stamp]) / NS_PER_MS,
+            (values['time.heard_ns'] - sent_ns[stamp]) / NS_PER_MS,
             values['time.wait_ms'],
             values['time.prepare_ms'],
             values['time.solve_ms'],

@@ -31,7 +31,7 @@ def arrived(arrival: Arrival | None) -> dict:
     """Return how the state came, nothing where that is not known."""
     if arrival is None:
         return {}
-    return {'heard_ns': arrival.heard_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
+    return {'time.heard_ns': arrival.heard_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
 
 
 def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
