@@ -180,7 +180,9 @@ class ControllerNode(Node):
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
-        self.send(*self.controller.step(x, self.trigger.age_s(now_ns), fault, arrival))
+        self.send(
+            *self.controller.step(x, self.trigger.age_s(now_ns), fault=fault, arrival=arrival)
+        )
 
     def step_blindly(self, now_ns):
         """Brake under a stamp of this node: no state comes."""
