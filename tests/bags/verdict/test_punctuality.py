@@ -1,6 +1,7 @@
 """Where the time of a tick went, from bags whose every time is made up."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,7 +55,8 @@ def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=()):
         reason = 'state_stale' if k in blind else 'converged'
         whys.append((command, why(answer, reason, sending if k in blind else times | sending)))
     found = {STATE: states, COMMAND: commands, WHY: whys}
-    return Bag('bag', {name: recording(name, one) for name, one in found.items()}, {}, None)
+    made = {name: recording(name, one) for name, one in found.items()}
+    return Bag(path=Path('bag'), files=(), recordings=made, records={}, damage=None)
 
 
 def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
