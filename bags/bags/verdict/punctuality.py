@@ -27,7 +27,7 @@ class Parts(NamedTuple):
     wait: np.ndarray  # from then to the begin of the step
     prepare: np.ndarray  # numbers of the problem
     solve: np.ndarray  # every solver together
-    publish: np.ndarray  # sending the command
+    publish: np.ndarray  # sending the command, until it left
     rest: np.ndarray  # what remains of the total: prediction to the effect, gate, records
 
 
@@ -65,9 +65,11 @@ def parts(bag: read.Bag) -> Parts:
             values['time.wait_ms'],
             values['time.prepare_ms'],
             values['time.solve_ms'],
-            publish,
         )
-        rows.append((total, *known, total - sum(known)))
+        remaining = total - sum(known)
+        # the call goes on for a while after the command has left
+        publish = min(publish, remaining)
+        rows.append((total, *known, publish, remaining - publish))
     return Parts(*np.array(rows).reshape(-1, len(Parts._fields)).T)
 
 
