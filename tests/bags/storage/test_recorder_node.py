@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import platform
 import resource
 import shutil
 import signal
@@ -301,3 +302,18 @@ def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered
         repair.repair(small_disk / 'bag')
     copy = shutil.copytree(small_disk / 'bag', tmp_path / 'bag')
     assert repair.repair(copy).messages['/vehicle/odometry'] == len(state.payloads)
+
+
+def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
+    ring.wait_for_recorder()
+    ring.publish_all({'/scenario/reference': messages['/scenario/reference']})
+    time.sleep(0.2)
+    assert recorder.end()[0] == 0
+    known = read.run_info(tmp_path / 'bag')
+    assert known['mode'] == 'realtime'
+    assert json.loads(known['versions'])['python'] == platform.python_version()
+    assert json.loads(known['machine'])['kernel'] == platform.release()
+    assert 'git_commit' in known
