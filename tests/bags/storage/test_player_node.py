@@ -18,7 +18,7 @@ from bags.storage import read
 from bags.storage.rosbag2_layout import qos_text
 from msgs_yaml import contract, qos
 
-DOMAIN = 41  # of the recorder, see conftest.py
+DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))  # of the recorder, see conftest.py
 TIMEOUT_S = 30
 pytestmark = pytest.mark.ros
 

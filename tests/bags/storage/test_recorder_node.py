@@ -12,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import contents, read, repair, timing
 
 pytestmark = pytest.mark.ros
 LOST_BY_A_KILL_S = 1.0
+TIMEOUT_S = 30
 FULL_RATE_HZ = 2400  # messages of all topics of the contract together
 
 
@@ -310,7 +312,7 @@ def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
     recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
     ring.wait_for_recorder()
     ring.publish_all({'/scenario/reference': messages['/scenario/reference']})
-    time.sleep(0.2)
+    assert ring.publishers['/scenario/reference'].wait_for_all_acked(Duration(seconds=TIMEOUT_S))
     assert recorder.end()[0] == 0
     known = read.run_info(tmp_path / 'bag')
     assert known['mode'] == 'realtime'
