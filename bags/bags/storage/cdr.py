@@ -9,7 +9,6 @@ from collections import namedtuple
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import groupby
-from operator import itemgetter
 
 from bags.errors import BagError
 from bags.storage.definition_text import parse
@@ -57,20 +56,21 @@ def _reader(text, type_name, order) -> Callable:
 
     def message(name):
         if name not in compiled:
-            compiled[name] = _message(name or type_name, types, name, order, message)
+            compiled[name] = _message(name or type_name, types[name], order, message)
         return compiled[name]
 
     return message('')
 
 
-def _message(title, types, name, order, reader_of):
+def _message(name, fields, order, reader_of):
     """Reader of one message type from the readers of its fields."""
-    fields = types[name]
-    make = _make(title, fields)
+    make = namedtuple(name.rpartition('/')[2], [field.name for field in fields])._make
     steps = []
-    for is_fixed, group in groupby(fields, lambda field: _codes(field, types) is not None):
-        if is_fixed:
-            steps.append(_numbers_only(order, list(group), types))
+    for is_scalar, group in groupby(
+        fields, lambda field: not field.is_array and field.base in CODES
+    ):
+        if is_scalar:
+            steps.append(_scalars(order, [CODES[field.base] for field in group]))
         else:
             steps += [_field(field, order, reader_of) for field in group]
 
@@ -81,56 +81,6 @@ def _message(title, types, name, order, reader_of):
         return make(values), position
 
     return read
-
-
-def _make(title, fields):
-    return namedtuple(title.rpartition('/')[2], [field.name for field in fields])._make
-
-
-def _codes(field, types):
-    """Codes of the numbers that a field is, however deep; None where it is more than numbers."""
-    if field.is_array:
-        return None
-    if field.base in CODES:
-        return [CODES[field.base]]
-    found = [_codes(inner, types) for inner in types.get(field.base, ())]
-    if not found or None in found:
-        return None
-    return [code for codes in found for code in codes]
-
-
-def _numbers_only(order, fields, types):
-    """Step over neighbouring fields that are numbers, however deep, in one call."""
-    step = _scalars(order, [code for field in fields for code in _codes(field, types)])
-    if all(field.base in CODES for field in fields):
-        return step
-    builders, at = [], 0
-    for field in fields:
-        builders.append((_builder(field, types), at, at + len(_codes(field, types))))
-        at = builders[-1][-1]
-
-    def nested(data, position, values):
-        flat = []
-        position = step(data, position, flat)
-        values += [build(flat[begin:end]) for build, begin, end in builders]
-        return position
-
-    return nested
-
-
-def _builder(field, types):
-    """Function from the numbers of a field to its value."""
-    if field.base in CODES:
-        return itemgetter(0)
-    fields = types[field.base]
-    make = _make(field.base, fields)
-    if all(inner.base in CODES for inner in fields):
-        return make
-    parts, at = [], 0
-    for inner in fields:
-        parts.append((_builder(inner, types), at, at + len(_codes(inner, types))))
-        at = parts[-1][-1]
-    return lambda flat: make([build(flat[begin:end]) for build, begin, end in parts])
 
 
 def _scalars(order, codes):
