@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
+from bags.experiments import notes
 from bags.storage import losses
 from bags.storage.inbox import ClockError, Filing, bag_topics
 from bags.storage.rosbag2_writer import BagWriter, Split
@@ -77,8 +78,8 @@ class RecorderNode(Node):
         topics = bag_topics(contract.load(), mode)
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         try:
-            notes = {'run': run_info(self.params.run_info)}
-            bag = BagWriter(self.params.out, topics, notes, split)
+            records = {'run': run_info(self.params.run_info, mode)}
+            bag = BagWriter(self.params.out, topics, records, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         filings = [
@@ -183,13 +184,13 @@ def _is_alone(topic):
     return contract.load().topics[topic].publisher != ANY
 
 
-def run_info(path: str) -> dict[str, str]:
-    """Return the names and values of a JSON file as text; nothing for no file.
+def run_info(path: str, mode: str) -> dict[str, str]:
+    """Return the names and values of a JSON file as text; versions, machine, mode for no file.
 
     A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
     """
     if not path:
-        return {}
+        return notes.surroundings(mode)
     try:
         read = json.loads(Path(path).read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:

@@ -18,6 +18,8 @@ def table(topics: dict[str, dict[str, Any]]) -> Table:
         made.add_column(title, justify='right')
     for name, found in topics.items():
         lost = _number(found['lost'], 'd')
+        if found['lost']:
+            lost += f' in {found["lost_places"]} places'
         made.add_row(
             name,
             Text(str(found['messages']), style='' if found['messages'] else 'red'),

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import platform
 import resource
 import shutil
 import signal
@@ -11,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import contents, read, repair, timing
 
 pytestmark = pytest.mark.ros
 LOST_BY_A_KILL_S = 1.0
+TIMEOUT_S = 30
 FULL_RATE_HZ = 2400  # messages of all topics of the contract together
 
 
@@ -301,3 +304,18 @@ def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered
         repair.repair(small_disk / 'bag')
     copy = shutil.copytree(small_disk / 'bag', tmp_path / 'bag')
     assert repair.repair(copy).messages['/vehicle/odometry'] == len(state.payloads)
+
+
+def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
+    ring.wait_for_recorder()
+    ring.publish_all({'/scenario/reference': messages['/scenario/reference']})
+    assert ring.publishers['/scenario/reference'].wait_for_all_acked(Duration(seconds=TIMEOUT_S))
+    assert recorder.end()[0] == 0
+    known = read.run_info(tmp_path / 'bag')
+    assert known['mode'] == 'realtime'
+    assert json.loads(known['versions'])['python'] == platform.python_version()
+    assert json.loads(known['machine'])['kernel'] == platform.release()
+    assert 'git_commit' in known
