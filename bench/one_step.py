@@ -72,7 +72,7 @@ def driven(loop: Loop, params: ControllerParams, one_step: bool = False) -> Driv
         controller.horizon.solver = RealTimeIteration(problem, options)
     costs = []
     for _ in loops.drive(scn, controller):
-        plan, P = controller.horizon.ladder.plan, controller.horizon.P
+        plan, posed = controller.horizon.ladder.plan, controller.horizon.posed
         known = plan is not None
         costs.append(float(problem.stage_cost(plan.X[0], plan.U[0], P[0])) if known else np.nan)
     return Drive(float(np.nansum(costs)), len(costs), int(np.isnan(costs).sum()))

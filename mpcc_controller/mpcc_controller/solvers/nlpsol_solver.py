@@ -47,6 +47,10 @@ class NlpsolSolver:
         results, ending = self._backend.run(call, start_s)
         return self._judge(guess, call, results, ending, start_s)
 
+    def limit(self, seconds: float) -> None:
+        """See `solution.StageSolver`; IPOPT keeps the limit of its options."""
+        self._backend.limit(seconds)
+
     def _judge(self, guess, call, results, ending, start_s):
         v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']
         at = self._lagrangian(x=v, lam_g=lam_g)

@@ -5,9 +5,10 @@
  * equal calls give equal bits.
  */
 
-/* After a SETBACK comes a fresh start, after the second one the end: INFEASIBLE when it is far from
+/* ONE_STEP: a warm start whose (nearly) full step left little to gain, where the caller says how
+ * little is enough (real-time iteration). After a SETBACK comes a fresh start, after the second one the end: INFEASIBLE when it is far from
  * satisfying the constraints. */
-enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT };
+enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT, ONE_STEP };
 static const double FAR = 1e-3; /* solver units */
 
 static const double COLD_MU = 0.1, COLD_MARGIN = 1e-2, WARM_MARGIN = 1e-3;
@@ -121,6 +122,9 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
         if (s->mu <= mu_last && converged && s->here.largest <= feasible &&
             largest_complementarity(s, &s->at) <= 10 * s->mu + 0.1 * tolerance * size)
             return SOLVED;
+        if (warm && step > 0.9 && s->here.largest <= call->step_residual &&
+            s->decrement <= call->step_decrease * size)
+            return ONE_STEP;
         shortened = s->primal_step < SHORT_STEP ? shortened + 1 : 0;
         if (warm && shortened == SHORT_STEPS)
             return SETBACK;
@@ -173,7 +177,7 @@ void riccati_solve(Workspace *s, Call *call)
         start(s, COLD_MU, COLD_MARGIN);
         call->status = iterate(s, call, 0, deadline);
     }
-    if (call->status != SOLVED && s->best_violation < __builtin_inf()) {
+    if (call->status != SOLVED && call->status != ONE_STEP && s->best_violation < __builtin_inf()) {
         memcpy(&s->at, &s->best, sizeof s->at);
         evaluate_values(s, &s->at, &s->here);
     }
