@@ -17,9 +17,10 @@ static const double FIRST_DELTA = 1e-4, MOST_DELTA = 1e10, RESTORING_DELTA = 1e5
  * this and it is given up. */
 static const double SHORT_STEP = 0.1;
 enum { SHORT_STEPS = 2, STALLED_STEPS = 3 };
-/* So many steps without a lower violation, while it is far from zero: there is no feasible point
- * near. */
+/* So many steps without a lower violation, while it is far from zero, and without a cost that is
+ * lower by this share: there is no feasible point near. */
 enum { PATIENCE = 30 };
+static const double WORTHWHILE = 0.01;
 
 static double now(void)
 {
@@ -93,7 +94,7 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
 {
     const double tolerance = call->tolerance, feasible = 10 * tolerance;
     const double mu_last = 0.1 * tolerance;
-    double least = s->here.violation;
+    double least = s->here.violation, cheapest = s->here.f;
     int stalled = 0, shortened = 0, fruitless = 0;
     Filter filter;
     clear_filter(&filter, s->here.violation);
@@ -131,9 +132,12 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
         if (s->here.largest <= FAR || s->here.violation < 0.99 * least) {
             least = s->here.violation;
             fruitless = 0;
+        } else if (s->here.f < cheapest - WORTHWHILE * fmax(1, fabs(cheapest))) {
+            fruitless = 0;
         } else if (++fruitless == PATIENCE) {
             return SETBACK;
         }
+        cheapest = fmin(cheapest, s->here.f);
         /* the second derivatives jump, and Newton's method may cycle around a jump */
         int still = change <= tolerance * size && s->here.largest <= feasible;
         stalled = still ? stalled + 1 : 0;
