@@ -90,3 +90,21 @@ def test_realtime_waits_for_the_actuators_and_knows_the_age_of_its_state():
     assert made.due() == (True, False, True)
     assert made.age_s(START + 4 * MS) == pytest.approx(0.004)
     assert lockstep_at(START).age_s(START + 4 * MS) == 0
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_actuators_that_were_of_no_use_are_waited_for_anew(mode):
+    made = trigger.make(mode, 0.05)
+
+    def hear(stamp):
+        made.on_state(stamp)
+        made.on_obstacles(stamp)
+
+    hear(START)
+    made.on_actuators(START)
+    assert made.due() == (True, False, True)
+    made.forget()
+    hear(START + TICK)
+    assert made.due() == trigger.NOTHING
+    made.on_actuators(START + TICK)
+    assert made.due() == (True, False, True)
