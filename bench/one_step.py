@@ -27,7 +27,6 @@ SCHEMES = {
     'one_step': ('one_step', {}),
     'one_step_prepared': ('one_step', {'prepare': True}),
     'single_step': ('one_step', ENDLESS),
-    'single_step_prepared': ('one_step', ENDLESS | {'prepare': True}),
 }
 
 

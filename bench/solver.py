@@ -1,6 +1,6 @@
 """How fast and how good are the solvers, on the problems of closed loops?
 
-    .venv/bin/python bench/solver.py [--quick] [--passes 5] [--interpreted] [--out bench]
+    .venv/bin/python bench/solver.py [--quick] [--passes 3] [--interpreted] [--out bench]
 
 Writes solver.md and solver.json into the folder --out. --problems FILE keeps the problems, so that
 a run can be repeated on the same ones, by this or another version of the solvers.
@@ -31,7 +31,7 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_ocp
 from mpcc_controller.solvers.shooting import StageProblem
 
-FULL_PASSES, QUICK_PASSES = 5, 2
+FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
 WIDTH = 165  # characters of the tables, also where there is no terminal
 

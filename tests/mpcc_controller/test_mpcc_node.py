@@ -189,6 +189,8 @@ def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
     'process', [('solver.mode:=one_step', 'solver.prepare:=true')], indirect=True
 )
 def test_actuators_that_are_not_finite_are_refused_and_valid_ones_waited_for(ring, process, world):
+    for messages in ring.heard.values():  # of the test before
+        messages.clear()
     situation = world.lane_change()
     ring.pubs['/scenario/reference'].publish(
         encode.reference(situation.reference._replace(stamp_ns=START))
