@@ -144,8 +144,8 @@ class ControllerNode(Node):
         if due.step and not self.is_warm:
             self.warm_up()
             return
-        if due.restart:
-            self.restart()
+        if due.restart and not self.restart():
+            return
         if due.step:
             self.step()
         if due.repeat and self.answer:
@@ -156,10 +156,18 @@ class ControllerNode(Node):
         return [] if self.answer else ros.unheard(self, {'/controller/command': 1})
 
     def restart(self):
-        """Take the set-points from where the actuators are."""
-        msg = ros.message('/vehicle/actuators', self.actuators)
-        self.controller.reset(decode.actuators(msg))
+        """Take the set-points from where the actuators are; return whether they were told."""
+        try:
+            actuators = decode.actuators(ros.message('/vehicle/actuators', self.actuators))
+        except decode.DecodeError as error:
+            told = f'/vehicle/actuators turned down: {error}; waiting for valid ones to start from'
+            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            self.actuators = None
+            self.trigger.forget()
+            return False
+        self.controller.reset(actuators)
         self.get_logger().info('started from the actuators')
+        return True
 
     def warm_up(self):
         """Answer a state for nobody, again and again; then start with the next one."""
@@ -197,6 +205,7 @@ class ControllerNode(Node):
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
+        self.controller.prepare()
         self.tell(self.watchdog.on_step(why))
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
@@ -219,7 +228,8 @@ class ControllerNode(Node):
         if self.answer:
             return ''
         state = () if self.state else ('vehicle state',)
-        missing = (*self.controller.missing(), *state, *self.unheard())
+        actuators = () if self.actuators else ('actuators',)
+        missing = (*self.controller.missing(), *state, *actuators, *self.unheard())
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
 
     def on_look(self):

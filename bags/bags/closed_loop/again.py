@@ -39,6 +39,7 @@ class Again:
     def follow(self, command: Command) -> None:
         """Go on from a recorded command, which the car has been told, not from the last answer."""
         self.controller.overrule(command)
+        self.controller.prepare()
 
     def _tell(self, told):
         before, self._told = self._told, told

@@ -115,6 +115,7 @@ def run(
         answers.append(controller.step(ring.odometry(car.state)))
         if plant_side.outcome:
             break
+        controller.prepare()
         command, _, _ = answers[-1]
         tracks.append(plant_side.tick(command))
     commands, predictions, whys = zip(*answers)

@@ -3,11 +3,14 @@
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import Limits
 from msgs_yaml.stamp import NS_PER_S
-from msgs_yaml.types import Command
+from msgs_yaml.types import Actuators, Command
 
 
 class Ramp(NamedTuple):
@@ -64,3 +67,18 @@ def end(command: Command, car: Car) -> tuple[SetPoints, float]:
     Fx = command.Fxf + command.Fxr
     share = command.Fxf / Fx if Fx < 0 else single_track.ideal_split(Fx, car)
     return SetPoints(command.delta, Fx), float(share)
+
+
+def where(actuators: Actuators, limits: Limits, stamp_ns: int) -> Command:
+    """Return the command that would hold the actuators where they are, inside their limits."""
+    force = actuators.Fxf + actuators.Fxr
+    share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
+    if actuators.Fxf * actuators.Fxr < 0:
+        share = 0.0
+    return Command(
+        stamp_ns=stamp_ns,
+        delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
+        d_delta=0.0,
+        Fxf=float(share * actuators.Fxf),
+        Fxr=float(share * actuators.Fxr),
+    )

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import explain, guess, ladder
+from mpcc_controller.driving import chosen, explain, guess, ladder
 from mpcc_controller.driving.ladder import Decision, Ladder
 from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
@@ -63,8 +63,9 @@ class Horizon:
         self.formulation = formulation.make(params, self.car)
         formula = self.formulation.formula
         self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
-        self.solver = solver.make(self.problem, _options(params, limit_time))
-        self.second = _second(params, self.problem, limit_time)
+        self.solver = solver.make(self.problem, chosen.options(params, limit_time))
+        self.second = chosen.second(params, self.problem, limit_time)
+        self.limit_time = limit_time
         self.insight = Insight(formula)
         self.motion = single_track.step(params.model.step_s)
         self.forget()
@@ -74,6 +75,7 @@ class Horizon:
         self.ladder = Ladder(self.params.fallback)
         self.theta: float | None = None  # m, last foot on the path
         self.posed: Posed | None = None  # the problem that was solved last
+        self.expected: Plan | None = None  # solves the problem that is expected next
 
     def foot(self, x: VehicleState, scene: Scene) -> float:
         """Return the distance [m] along the path of the point next to the car."""
@@ -122,6 +124,34 @@ class Horizon:
             said |= explain.planned(view, numbers, decision.plan.U)
         return Outcome(decision, said)
 
+    def prepare(self, scene: Scene) -> Solution | None:
+        """Solve the problem that is expected at the next tick, and keep its plan to start there.
+
+        The expected state is that of the plan, `scene` that of the next tick. Returns the
+        solution; None where there is no plan, or the last one was hard to find.
+        """
+        plan = self.ladder.plan
+        self.expected = None
+        if plan is None or self.ladder.failures:
+            return None
+        x0 = State(*plan.X[1])
+        posed = self.pose(x0, scene, guess.moved_on(plan, self.motion, self.car, x0))
+        found = self._asked(self.solver, posed, posed.begin)
+        if not ladder.fault(found, self.params.fallback):
+            self.expected = found.plan
+        return found
+
+    def _begin(self, posed: Posed) -> Plan:
+        """Return the first guess: the plan that was prepared for this tick, where there is one.
+
+        The numbers of the problem stay those around the last plan moved on, so that preparation
+        changes the way to the solution and not the problem.
+        """
+        expected, self.expected = self.expected, None
+        if expected is None or posed.start.multipliers is None:
+            return posed.begin
+        return self.formulation.enter(guess.start_at(expected, posed.x0), posed.scene.path)
+
     def pose(self, x0: State, scene: Scene, start: Plan) -> Posed:
         """Return the problem from `x0`, its numbers around the first guess `start` in the map."""
         model, form = self.params.model, self.formulation
@@ -133,9 +163,13 @@ class Horizon:
 
     def attempt(self, posed: Posed) -> tuple[Solution, Solution | None]:
         """Return the first solver's solution, and the second one's where it had to be asked."""
-        first = self._asked(self.solver, posed, posed.begin)
+        began = self.clock()
+        first = self._asked(self.solver, posed, self._begin(posed))
         if not self.second or not ladder.fault(first, self.params.fallback):
             return first, None
+        if self.limit_time:
+            left_s = self.params.solver.fallback_limit_s - (self.clock() - began)
+            self.second.limit(max(left_s, 0.0))
         unaided = posed.begin._replace(multipliers=None)
         return first, self._asked(self.second, posed, unaided)
 
@@ -162,32 +196,13 @@ class Horizon:
             found = asked.solve(*posed.arguments, begin)
         except Exception as error:
             found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
-        return found._replace(plan=self.formulation.leave(found.plan, posed.scene.path))
+        plan = self.formulation.leave(found.plan, posed.scene.path)
+        if found.status == solver.ONE_STEP:  # what is driven obeys the dynamics without a rest
+            first = self.motion(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()
+            plan = plan._replace(X=np.vstack([plan.X[:1], first, plan.X[2:]]))
+        return found._replace(plan=plan)
 
     def _moved_on(self, x0) -> Plan | None:
         if self.ladder.plan is None:
             return None
         return guess.moved_on(self.ladder.plan, self.motion, self.car, x0)
-
-
-def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions:
-    rules = params.solver
-    return solver.SolverOptions(
-        name=rules.name,
-        max_iterations=rules.max_iterations,
-        tolerance=rules.tolerance,
-        time_limit_s=rules.time_limit_s if limit_time else None,
-        compiled=rules.compiled,
-    )
-
-
-def _second(params: ControllerParams, problem, limit_time: bool) -> solver.StageSolver | None:
-    """Return the solver to ask after a failure; the same one again would only fail again."""
-    rules = params.solver
-    if rules.fallback in ('none', rules.name):
-        return None
-    rest_s = rules.fallback_limit_s - rules.time_limit_s
-    options = _options(params, limit_time)
-    limit_s = rest_s if limit_time else None
-    given = vars(options) | {'name': rules.fallback, 'time_limit_s': limit_s}
-    return solver.make(problem, solver.SolverOptions(**given))

@@ -54,6 +54,10 @@ class Lockstep:
         self.state = None  # the next message with this stamp is a repetition by the plant
         return Due(step=not repeat, repeat=repeat, restart=begun)
 
+    def forget(self) -> None:
+        """Begin anew with the next state: the actuators that were known are of no use."""
+        self.actuators = self.answered = None
+
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last: time stands still while it is answered."""
         return 0.0
@@ -100,6 +104,10 @@ class Realtime:
     def is_next(self, now_ns: int) -> bool:
         """Tell whether a tick has passed since the last answer."""
         return now_ns - self.answered >= self.step_ns
+
+    def forget(self) -> None:
+        """Begin anew with the next state: the actuators that were known are of no use."""
+        self.actuators = self.answered = None
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""

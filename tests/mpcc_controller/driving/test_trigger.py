@@ -117,3 +117,21 @@ def test_after_a_command_without_a_state_the_next_one_starts_from_fresh_actuator
     assert made.due() == trigger.NOTHING
     made.on_actuators(START + 5 * TICK)
     assert made.due() == (True, False, True)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_actuators_that_were_of_no_use_are_waited_for_anew(mode):
+    made = trigger.make(mode, 0.05)
+
+    def hear(stamp):
+        made.on_state(stamp)
+        made.on_obstacles(stamp)
+
+    hear(START)
+    made.on_actuators(START)
+    assert made.due() == (True, False, True)
+    made.forget()
+    hear(START + TICK)
+    assert made.due() == trigger.NOTHING
+    made.on_actuators(START + TICK)
+    assert made.due() == (True, False, True)
