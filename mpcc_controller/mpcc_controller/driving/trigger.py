@@ -108,6 +108,7 @@ class Realtime:
     def forget(self) -> None:
         """Begin anew with the next state: the actuators that were known are of no use."""
         self.actuators = self.answered = None
+        self.begun = False
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""
