@@ -115,6 +115,22 @@ class Delay:
 
 
 @dataclass(frozen=True)
+class Ages:
+    """How old an input may be, realtime only; from half of it on there is a warning."""
+
+    state_s: Annotated[float, Range(0.01, 10.0, 's, then the car brakes blindly')]
+    reference_s: Annotated[float, Range(0.1, 60.0, 's, path and road edges')]
+    obstacles_s: Annotated[float, Range(0.05, 10.0, 's')]
+
+
+@dataclass(frozen=True)
+class Warming:
+    """What happens before the first command, realtime only."""
+
+    steps: Annotated[int, Range(0, 1000, 'steps taken for nobody, until memory and times settle')]
+
+
+@dataclass(frozen=True)
 class Fallback:
     """When a plan is good enough, and what happens when there is none."""
 
@@ -149,6 +165,8 @@ class ControllerParams:
     surroundings: Surroundings
     solver: Solver
     delay: Delay
+    ages: Ages
+    warm_up: Warming
     fallback: Fallback
     braking: Braking
 

@@ -19,12 +19,12 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
-from msgs_yaml import contract, fast, overrides, qos, signals
+from msgs_yaml import contract, fast, overrides, parameters, qos, realtime, signals
 from msgs_yaml.parameters import Choice, ParameterError, Range
 from msgs_yaml.strict_yaml import YamlError
 
@@ -110,6 +110,11 @@ def message(topic: str, raw: bytes) -> Any:
     return deserialize_message(raw, message_type(topic))
 
 
+def serialized(msg: Any) -> bytes:
+    """Return the bytes of a message, as they are published."""
+    return serialize_message(msg)
+
+
 def message_type(topic: str) -> type:
     """Return the message class of a topic of the contract."""
     package, _, name = contract.load().topics[topic].type.split('/')
@@ -180,6 +185,7 @@ def _spin(make_node, args):
     try:
         _start(args)
         node = make_node()
+        _be_punctual(node)
         _run(node)
     except (ParameterError, YamlError) as error:
         rclpy.logging.get_logger('start').fatal(str(error))
@@ -199,6 +205,16 @@ def _spin(make_node, args):
 
 def _exit_code(node):
     return getattr(node, 'exit_code', 0)
+
+
+def _be_punctual(node):
+    """Ask Linux for what the parameters `realtime.*` say; what it refuses is logged."""
+    if not node.has_parameter(overrides.MODE) or mode(node) != overrides.REALTIME:
+        return
+    names = parameters.flatten(realtime.DEFAULTS)
+    given = {k: node.get_parameter(f'{overrides.REALTIME}.{k}').value for k in names}
+    for refusal in realtime.apply(realtime.Options(**given)):
+        node.get_logger().warning(refusal)
 
 
 def _start(args):

@@ -39,7 +39,8 @@ class Piece(NamedTuple):
 
 def pieces(ramp: Ramp, from_ns: int, to_ns: int) -> tuple[Piece, ...]:
     """Return the pieces between two instants, split where the ramp begins and ends."""
-    corners = [ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns]
+    # a command that was due at once has both in one instant
+    corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
     instants = [from_ns, *corners, to_ns]
     return tuple(Piece((b - a) / NS_PER_S, ramp.at(a), ramp.at(b)) for a, b in pairwise(instants))
 

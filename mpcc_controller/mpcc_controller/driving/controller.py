@@ -4,7 +4,7 @@ A failure is a value: whatever happens inside, `step` returns a command that the
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -13,9 +13,11 @@ from mpcc_controller.driving import braking, commanded, explain, guide, target
 from mpcc_controller.driving.ahead import Ahead
 from mpcc_controller.driving.commanded import Ramp
 from mpcc_controller.driving.delay import Expected
+from mpcc_controller.driving.explain import Arrival
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.guide import Aim
 from mpcc_controller.driving.horizon import Horizon, Outcome
+from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference, road
 from mpcc_controller.problem import stages
@@ -115,17 +117,25 @@ class Controller:
         self.told = commanded.held(*commanded.end(command, self.car))
         self.too_slow = False
 
-    def step(self, x: VehicleState, age_s: float = 0.0) -> tuple[Command, Prediction, Why]:
+    def step(
+        self,
+        x: VehicleState,
+        age_s: float = 0.0,
+        fault: str = '',
+        arrival: Arrival | None = None,
+    ) -> tuple[Command, Prediction, Why]:
         """Return the command that answers a state, the plan, and why.
 
-        `age_s` is the age of the state when the step begins (0 in lockstep).
+        `age_s` is the age of the state when the step begins (0 in lockstep). With a `fault` of the
+        watchdog no plan is made: the car brakes, for `state_stale` blindly. `arrival` says how the
+        state came, where that is known.
         """
         began = self.clock()
         params, step_s = self.params, self.params.model.step_s
         acts_ns = self._acts_ns(x, age_s)
         acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
         scene = stages.at_instant(self.scene, acts_ns)
-        decision, said = self._decide(acts_on, now, scene)
+        decision, said = self._decide(acts_on, now, scene, fault)
         if decision.plan is None:
             aim = self._aim(acts_on, scene)
             said |= {'guide': aim.line}
@@ -140,11 +150,24 @@ class Controller:
         due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
         self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
         said |= explain.commanded(self.last, self.car, self.gate.rejections)
-        said |= self._times(x.stamp_ns, acts_ns)
+        said |= self._times(x.stamp_ns, acts_ns) | explain.arrived(arrival)
         why = explain.tick(x.stamp_ns, decision, turned_back, said)
         self.ended = self.clock()
-        self.delay.took(self.ended - began)
+        if not fault:  # braking takes no time: nothing to expect of the next solve
+            self.delay.took(self.ended - began)
         return self.last, explain.prediction(acts_on, decision.plan, step_s), why
+
+    def rehearse(self, x: VehicleState, times: int) -> Iterator[tuple[Command, Prediction, Why]]:
+        """Take steps for nobody from a state that stays; then forget all but what they took.
+
+        After them code and data are in memory, and the computing time is known.
+        """
+        for _ in range(times):
+            x = x._replace(stamp_ns=stamp.later(x.stamp_ns, self.params.model.step_s))
+            yield self.step(x)
+        self.horizon.forget()
+        self.gate.rejections.clear()
+        self.publish_s = None
 
     def published(self) -> None:
         """Take note that what the last step returned has just been sent."""
@@ -159,11 +182,11 @@ class Controller:
         # states come a little early now and then: the set-point before is reached first
         return min(max(soonest, self.told.end_ns), latest)
 
-    def _decide(self, x, now, scene) -> Outcome:
-        reason = self._obstruction(x)
+    def _decide(self, x, now, scene, fault) -> Outcome:
+        reason = self._obstruction(x, fault)
         if reason == NOT_FINITE:
             return Outcome(self.horizon.without_state(reason), {})
-        if self.missing():
+        if reason == STATE_STALE or self.missing():
             return Outcome(self.horizon.ladder.brake(reason), {})
         x0 = self.horizon.initial_state(x, now, scene)
         if not reason and x0.theta > scene.path.length:
@@ -172,8 +195,10 @@ class Controller:
         decision, said = plan(x0, scene)
         return Outcome(decision, explain.measured(x0) | said)
 
-    def _obstruction(self, x) -> str:
+    def _obstruction(self, x, fault) -> str:
         """Return why no plan can be made at all, or ''."""
+        if fault == STATE_STALE:
+            return fault
         if not np.all(np.isfinite(x)):
             return NOT_FINITE
         limits = self.params.limits
@@ -181,7 +206,7 @@ class Controller:
         self.too_slow = x.vx < limits.least_speed_mps + margin
         if self.missing():
             return f'no_{self.missing()[0]}'
-        return 'too_slow' if self.too_slow else ''
+        return fault or ('too_slow' if self.too_slow else '')
 
     def _aim(self, x, scene) -> Aim:
         theta = None

@@ -1,6 +1,7 @@
 """Everything one tick has to say about itself, as the values of /controller/why."""
 
 from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,20 @@ from mpcc_controller.solvers.solver import SOLVED, Solution
 from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+
+
+class Arrival(NamedTuple):
+    """How the state of a tick came."""
+
+    heard_ns: int  # wall time; its sender's is kept by the middleware, and so by bags
+    wait_s: float  # from then to the beginning of the step: for other inputs
+
+
+def arrived(arrival: Arrival | None) -> dict:
+    """Return how the state came, nothing where that is not known."""
+    if arrival is None:
+        return {}
+    return {'heard_ns': arrival.heard_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
 
 
 def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
