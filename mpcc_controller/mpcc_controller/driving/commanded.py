@@ -42,7 +42,10 @@ def pieces(ramp: Ramp, from_ns: int, to_ns: int) -> tuple[Piece, ...]:
     # a command that was due at once has both in one instant
     corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
     instants = [from_ns, *corners, to_ns]
-    return tuple(Piece((b - a) / NS_PER_S, ramp.at(a), ramp.at(b)) for a, b in pairwise(instants))
+    return tuple(
+        Piece((b - a) / NS_PER_S, ramp.at(a), ramp.begin if b == ramp.begin_ns else ramp.at(b))
+        for a, b in pairwise(instants)
+    )
 
 
 def held(set_points: SetPoints, lambda_b: float) -> Ramp:
