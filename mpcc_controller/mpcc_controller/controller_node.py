@@ -57,7 +57,7 @@ class ControllerNode(Node):
         ros.subscribe(self, '/scenario/road_edges', self.on_edges)
         ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
         ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
-        ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
+        self.state_sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.on_look, clock=steady)
         self.waited.is_news(self.waiting())
@@ -211,9 +211,13 @@ class ControllerNode(Node):
             if self.waited.is_news(waiting):
                 self.get_logger().info(waiting)
             self.advance()
-        elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns):
+        elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns) and self.has_vehicle():
             self.step_blindly(now_ns)
         self.say_stale(now_ns)
+
+    def has_vehicle(self):
+        """Tell whether there is a vehicle: one that has left needs no brakes."""
+        return self.state_sub.get_publisher_count() > 0
 
     def say_stale(self, now_ns):
         """Say which inputs have become too old, and when they are back; once per change."""

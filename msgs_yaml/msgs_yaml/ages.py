@@ -1,9 +1,9 @@
 """How old an input is against its limit, as a level of REP-107. Times are arguments, in ns.
 
 watch = Watch('obstacles', limit_s=0.2)
-watch.offer(msg.stamp_ns, now_ns)   # '' or why it is turned down
-watch.level(now_ns)                 # OK, WARN beyond half of the limit, ERROR beyond it
-watch.look(now_ns)                  # the same, held for a while: for people
+watch.offer(stamp_ns, now_ns)  # '' or why it is turned down
+watch.look(now_ns)  # OK, WARN beyond half of the limit, ERROR beyond it; call it regularly
+watch.held  # the worst of the last two seconds: for people
 """
 
 from msgs_yaml.stamp import NS_PER_S
@@ -43,7 +43,8 @@ class Watch:
         self._stamp_ns: int | None = None
         self._worst_ns = 0
         self._was_stale = False
-        self._held = Held()
+        self.held = STALE
+        self._levels = Held()
 
     def offer(self, stamp_ns: int, now_ns: int) -> str:
         """Take a stamp; return '' or why it is refused: further from now than the limit."""
@@ -79,13 +80,14 @@ class Watch:
         return (age_ns > self.limit_ns) + (2 * age_ns > self.limit_ns)
 
     def look(self, now_ns: int) -> int:
-        """Return the level with hysteresis; count and remember. To be called regularly."""
+        """Return the level of this instant; count, and remember it for `held`."""
         level = self.level(now_ns)
         if level != STALE:
             self._worst_ns = max(self._worst_ns, self.age_ns(now_ns))
         self.stale += level == ERROR and not self._was_stale
         self._was_stale = level == ERROR
-        return self._held.take(level, now_ns)
+        self.held = self._levels.take(level, now_ns)
+        return level
 
     def told(self, now_ns: int) -> str:
         """Return age and limit in words."""

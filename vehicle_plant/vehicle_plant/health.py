@@ -7,6 +7,7 @@ from msgs_yaml.types import Health
 from vehicle_plant.ring import Lockstep, Realtime
 
 NODE = 'plant'
+AGED = {WARN: 'commands come late', ERROR: 'no command came for a while, the car braked straight'}
 BEGAN = 'run_began_ns'  # the instant at which the car was let go; the scenario reads it
 
 
@@ -22,8 +23,8 @@ class Monitor:
     def health(self, stamp_ns: int) -> Health:
         """Return the health of a running plant at a stamp."""
         ring, gate = self._ring, self._ring.car.gate
-        now = self._level(stamp_ns)
-        level = self._held.take(now, stamp_ns)
+        # in this order: what is said last is what counts most
+        level = max(self._aged(), self._held.take(self._level(), stamp_ns))
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
@@ -35,17 +36,22 @@ class Monitor:
         }
         return Health(stamp_ns, NODE, level, self._message[level], values)
 
-    def _level(self, stamp_ns):
+    def _aged(self):
+        """Return the level of the last command's age, and remember why."""
+        ring = self._ring
+        level = ring.watch.held if isinstance(ring, Realtime) else OK
+        if level in AGED:
+            self._message[level] = AGED[level]
+        return level
+
+    def _level(self):
         """Return the level of this instant, and remember why."""
         ring, gate = self._ring, self._ring.car.gate
         refused, self._rejected = gate.rejected > self._rejected, gate.rejected
         missed, self._missed = ring.missed_steps > self._missed, ring.missed_steps
-        aged = ring.watch.look(stamp_ns) if isinstance(ring, Realtime) else OK
         for level, found, message in (
             (ERROR, ring.gone, 'no command comes, braking straight'),
-            (ERROR, aged == ERROR, 'no command came for a while, braked straight'),
             (WARN, refused, f'commands refused: {gate.last_reason}'),
-            (WARN, aged == WARN, 'commands come late'),
             (WARN, missed, 'steps came late and were caught up'),
         ):
             if found:

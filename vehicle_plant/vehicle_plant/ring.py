@@ -111,7 +111,7 @@ class Realtime:
             return None
         self.missed_steps += due - 1
         self.longest_gap = max(self.longest_gap, due)
-        if self.watch.level(now_ns) == ERROR and not self.gone:
+        if self.watch.look(now_ns) == ERROR and not self.gone:
             self.gone = True
             self.car.brake_straight()
         track = self.car.advance(None, due)

@@ -98,17 +98,19 @@ class Awake:
 
         `waiting` says what the first step waits for, '' once it was taken.
         """
-        levels = {watch: watch.look(now_ns) for watch in self.watches.values()}
+        watches = self.watches.values()
+        for watch in watches:
+            watch.look(now_ns)
         if self._beat_ns is not None and now_ns - self._beat_ns < stamp.NS_PER_S:
             return None
         self._beat_ns = now_ns
         steps = self._steps.take(self._monitor.worst, now_ns)
-        level, message = max(steps, *levels.values()), TOLD[steps]
+        level, message = max(steps, *(watch.held for watch in watches)), TOLD[steps]
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:
-            message = '; '.join(w.told(now_ns) for w, one in levels.items() if one == level)
-        ages = {k: v for watch in self.watches.values() for k, v in watch.values(now_ns).items()}
+            message = '; '.join(watch.told(now_ns) for watch in watches if watch.held == level)
+        ages = {k: v for watch in watches for k, v in watch.values(now_ns).items()}
         return self._monitor.report(now_ns, level, message, ages)
 
 
