@@ -90,12 +90,12 @@ class ControllerNode(Node):
         except decode.DecodeError as error:
             fault = self.watchdog.refuse(name, str(error))
         if fault:
-            self.turn_down(name, fault)
+            self.turn_down(TOPICS[name], fault)
         self.advance()
 
-    def turn_down(self, name, fault):
+    def turn_down(self, topic, fault):
         """Say why a message is not used."""
-        told = f'{TOPICS[name]} turned down: {fault}'
+        told = f'{topic} turned down: {fault}'
         self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
 
     def on_actuators(self, raw):
@@ -116,7 +116,7 @@ class ControllerNode(Node):
         except decode.DecodeError as error:
             fault = self.watchdog.refuse(STATE, str(error))
         if fault:
-            self.turn_down(STATE, fault)
+            self.turn_down(TOPICS[STATE], fault)
         elif self.trigger.on_state(stamp_ns):
             self.state, self.heard_ns = raw, time.time_ns()
             self.advance()
@@ -129,8 +129,8 @@ class ControllerNode(Node):
         if due.step and not self.is_warm:
             self.warm_up()
             return
-        if due.restart:
-            self.restart()
+        if due.restart and not self.restart():
+            return
         if due.step:
             self.step()
         if due.repeat and self.answer:
@@ -140,15 +140,21 @@ class ControllerNode(Node):
         """Return who must be listening before the first command."""
         return [] if self.answer else ros.unheard(self, {'/controller/command': 1})
 
-    def restart(self):
-        """Take the set-points from where the actuators are."""
-        msg = ros.message('/vehicle/actuators', self.actuators)
-        self.controller.reset(decode.actuators(msg))
+    def restart(self) -> bool:
+        """Take the set-points from where the actuators are; wait for them when nobody can read."""
+        try:
+            actuators = decode.actuators(ros.message('/vehicle/actuators', self.actuators))
+        except decode.DecodeError as error:
+            self.turn_down('/vehicle/actuators', str(error))
+            self.trigger.on_lost(decode.stamp_ns_of(self.state))
+            return False
+        self.controller.reset(actuators)
         self.get_logger().info('started from the actuators')
+        return True
 
     def warm_up(self):
         """Answer a state for nobody, again and again; then start with the next one."""
-        x = self.decoded(ros.message('/vehicle/odometry', self.state))
+        x = self.decoded()
         for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
             for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
                 ros.serialized(made)
@@ -159,7 +165,7 @@ class ControllerNode(Node):
 
     def step(self):
         """Answer the state with a command, and say why."""
-        x = self.decoded(ros.message('/vehicle/odometry', self.state))
+        x = self.decoded()
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
@@ -187,13 +193,13 @@ class ControllerNode(Node):
         if health:
             self.health_pub.publish(encode.health(health))
 
-    def decoded(self, msg):
-        """Return the state of a message; an unknown one, logged, when it breaks the contract."""
+    def decoded(self):
+        """Return the state; an unknown one, logged, when its message breaks the contract."""
         try:
-            return decode.odometry(msg)
+            return decode.odometry(ros.message(TOPICS[STATE], self.state))
         except decode.DecodeError as error:
-            self.turn_down(STATE, self.watchdog.refuse(STATE, str(error)))
-            return unknown_state(stamp.to_ns(msg.header.stamp))
+            self.turn_down(TOPICS[STATE], self.watchdog.refuse(STATE, str(error)))
+            return unknown_state(decode.stamp_ns_of(self.state))
 
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""

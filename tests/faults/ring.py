@@ -3,12 +3,12 @@
 import os
 import resource
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import NamedTuple
 
 import hooks
-import yaml
 from catalogue import Fault
 
 from bags import closed_loop
@@ -17,12 +17,38 @@ from bags.experiments.processes import Process
 
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.005
+TURN_S = 0.01
 START_S = 40.0  # of wall time, until the fault's time has come
 DRIVE_S = 40.0  # of wall time, from then on
 ALONE_S = 1.5  # how long the others are watched when the plant is gone
 SETTLE_S = 0.3
 END_S = 10.0  # to end after SIGINT; the recorder completes its bag
 OVERRIDES = {'plant': {'lockstep_timeout_s': 1.0}}
+
+
+class Stalls:
+    """Watches over the machine: a thread that wants to wake up every 10 ms, and when it did not."""
+
+    def __init__(self):
+        self.longest_s = 0.0
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.watch, daemon=True)
+
+    def watch(self):
+        """Note the longest time without a turn."""
+        last = time.monotonic()
+        while not self.over.wait(TURN_S):
+            now = time.monotonic()
+            self.longest_s = max(self.longest_s, now - last - TURN_S)
+            last = now
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.over.set()
+        self.thread.join()
 
 
 class Evidence(NamedTuple):
@@ -35,6 +61,7 @@ class Evidence(NamedTuple):
     plant: int | None  # exit code of the plant, None when it had to be ended
     hung: tuple[str, ...]  # what did not come to an end
     ended: tuple[str, ...]  # nodes that ended by themselves and should not have
+    stall_s: float  # longest time that the machine gave this process no turn
 
 
 class Ring:
@@ -166,7 +193,7 @@ class Ring:
 
 def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
     """Run one fault in a new folder; leaves no process behind, whatever happens."""
-    ring, hung, ended = Ring(fault, folder, domain), [], []
+    ring, stalls, hung, ended = Ring(fault, folder, domain), Stalls(), [], []
     plant_is_victim = fault.does in ('kill', 'freeze') and fault.to == 'plant'
     try:
         ring.start()
@@ -174,11 +201,12 @@ def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
         if ring.begins_ns is None and fault.does != 'at_s':
             hung += [] if came else ['start']
         else:
-            ring.harm()
-            if plant_is_victim and 'for_s' not in fault.settings:
-                time.sleep(ALONE_S)
-            elif not ring.wait(DRIVE_S, ring.is_over):
-                hung.append('drive')
+            with stalls:
+                ring.harm()
+                if plant_is_victim and 'for_s' not in fault.settings:
+                    time.sleep(ALONE_S)
+                elif not ring.wait(DRIVE_S, ring.is_over):
+                    hung.append('drive')
         time.sleep(SETTLE_S)
         for role, process in ring.running.items():
             if role != 'plant' and process.code is not None and process not in ring.spared:
@@ -186,12 +214,13 @@ def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
         code = ring.running['plant'].code
     finally:
         hung += ring.stop()
-    return Evidence(folder, ring.bag, ring.witness, ring.begins_ns, code, tuple(hung), tuple(ended))
-
-
-def write(path: Path, evidence: Evidence) -> None:
-    """Note what is not in the bag."""
-    told = {name: str(v) if isinstance(v, Path) else v for name, v in evidence._asdict().items()}
-    path.write_text(
-        yaml.safe_dump({k: list(v) if isinstance(v, tuple) else v for k, v in told.items()})
+    return Evidence(
+        folder=folder,
+        bag=ring.bag,
+        witness=ring.witness,
+        begins_ns=ring.begins_ns,
+        plant=code,
+        hung=tuple(hung),
+        ended=tuple(ended),
+        stall_s=stalls.longest_s,
     )

@@ -21,6 +21,7 @@ from bags.storage.read import Bag
 from msgs_yaml import conformance, decode
 
 GRID_NS = 50_000_000
+BEFORE_NS = 1_000_000_000
 LATEST_NS = 300_000_000  # age of the last word of the controller
 STANDSTILL_MPS = 0.3
 BRAKING_MPS2 = 2.0
@@ -36,6 +37,7 @@ class Ending(NamedTuple):
     state: str
     settled_s: float  # from the beginning of the fault until the state was kept
     visited: tuple[str, ...]  # the states in their order
+    calm: bool  # OK all the time in the second before the fault
 
 
 class Motion(NamedTuple):
@@ -79,16 +81,22 @@ def ending(bag: Bag, begins_ns: int, plant_lives: bool) -> Ending:
     said_ns = np.array([log for log, _ in words], dtype=np.int64)
     rungs = [why.values['rung'] for _, why in words]
     end_ns = int(car.log_ns[-1] if plant_lives else said_ns[-1])
-    instants = np.arange(end_ns, begins_ns - 1, -GRID_NS)[::-1]
-    states = [_at(now, car, said_ns, rungs, plant_lives) for now in instants.tolist()]
-    if not states:
+    if begins_ns > end_ns:
         raise BagError(f'the fault begins {(begins_ns - end_ns) / 1e9:.3f} s after the end')
+
+    def between(first_ns, last_ns):
+        instants = np.arange(last_ns, first_ns - 1, -GRID_NS)[::-1]
+        return instants, [_at(now, car, said_ns, rungs, plant_lives) for now in instants.tolist()]
+
+    instants, states = between(begins_ns, end_ns)
+    _, before = between(max(begins_ns - BEFORE_NS, int(said_ns[0])), begins_ns)
     kept = len(states) - 1
     while kept and states[kept - 1] == states[-1]:
         kept -= 1
     changes = [states[0], *(b for a, b in pairwise(states) if a != b)]
     settled_ns = instants[kept] - begins_ns if kept else 0
-    return Ending(states[-1], settled_ns / 1e9, tuple(changes))
+    calm = set(before) <= {'OK'}
+    return Ending(states[-1], settled_ns / 1e9, tuple(changes), calm)
 
 
 def _at(now_ns, car, said_ns, rungs, plant_lives):

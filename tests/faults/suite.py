@@ -5,12 +5,16 @@
     python tests/faults/suite.py --some 12 --seed 1   a seeded choice
 
 Exits with 1 when one ended in another state than expected, too late, with a command that must not
-be, with a process that hung, or with a bag that cannot be read. --out keeps bags and logs.
+be, with a process that hung, or with a bag that cannot be read. --out keeps bags and logs. A run on
+the wall clock that fails is tried again when the machine disturbed it: when the car was not OK
+before the fault, or this process got no turn for 40 ms. Root gives the ring priority over others.
 """
 
 import argparse
+import contextlib
 import fnmatch
 import json
+import os
 import random
 import sys
 import tempfile
@@ -29,6 +33,9 @@ from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read, repair
 
 DOMAIN = 70
+TRIES = 3  # on the wall clock, of a run that the machine disturbed
+STALL_S = 0.04
+NICE = -15
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
 
 
@@ -43,6 +50,8 @@ class Verdict(NamedTuple):
     visited: tuple[str, ...]
     nonsense: int  # commands that must not be
     remarks: tuple[str, ...]  # everything that went wrong
+    disturbed: str  # what else went wrong with the machine, '' for nothing
+    tries: int = 1
 
     @property
     def passed(self) -> bool:
@@ -54,7 +63,7 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
     """Return what became of a fault."""
     remarks = [f'hung: {name}' for name in evidence.hung]
     remarks += [f'ended early: {name}' for name in evidence.ended]
-    found, settled_s, visited, bad = 'none', float('inf'), (), 0
+    found, settled_s, visited, bad, calm = 'none', float('inf'), (), 0, True
     try:
         readable(evidence.bag)
         bag = readable(evidence.witness)
@@ -62,7 +71,7 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
         plant_lives = plant_lives or 'for_s' in fault.settings
         if evidence.begins_ns is None:
             raise BagError('the run never came to the fault')
-        found, settled_s, visited = states.ending(bag, evidence.begins_ns, plant_lives)
+        found, settled_s, visited, calm = states.ending(bag, evidence.begins_ns, plant_lives)
         bad = harmful(fault, bag)
     except BagError as error:
         remarks.append(str(error))
@@ -73,8 +82,27 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
     if bad:
         remarks.append(f'{bad} commands that must not be')
     return Verdict(
-        fault.name, fault.expect, found, settled_s, fault.within_s, visited, bad, tuple(remarks)
+        name=fault.name,
+        expected=fault.expect,
+        found=found,
+        settled_s=settled_s,
+        within_s=fault.within_s,
+        visited=visited,
+        nonsense=bad,
+        remarks=tuple(remarks),
+        disturbed=disturbance(fault, evidence, calm),
     )
+
+
+def disturbance(fault: Fault, evidence: Evidence, calm: bool) -> str:
+    """Return what the machine did to a run on the wall clock beside the fault, '' for nothing."""
+    if fault.mode != 'realtime':
+        return ''
+    if not calm:
+        return 'not OK before the fault'
+    if evidence.stall_s > STALL_S:
+        return f'the machine stood still for {evidence.stall_s:.2f} s'
+    return ''
 
 
 def harmful(fault: Fault, bag: read.Bag) -> int:
@@ -94,6 +122,10 @@ def readable(folder: Path) -> read.Bag:
 def row(verdict: Verdict) -> str:
     """Return one line of the table."""
     remarks = '; '.join(verdict.remarks) or ' -> '.join(verdict.visited)
+    if verdict.tries > 1:
+        remarks += f' (try {verdict.tries})'
+    if verdict.disturbed:
+        remarks += f' ({verdict.disturbed})'
     return (
         f'{verdict.name:<32} {verdict.expected:<9} {verdict.found:<9} '
         f'{verdict.settled_s:>6.2f} {verdict.within_s:>6.2f}  '
@@ -101,12 +133,22 @@ def row(verdict: Verdict) -> str:
     )
 
 
+def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
+    """Try a fault; again when it failed on a machine that was disturbed."""
+    for tries in range(1, TRIES + 1):
+        folder = out / (fault.name if tries == 1 else f'{fault.name}.{tries}')
+        verdict = judge(fault, ring.drive(fault, folder, domain))._replace(tries=tries)
+        if verdict.passed or not verdict.disturbed:
+            break
+    return verdict
+
+
 def run(faults: list[Fault], out: Path, domain: int) -> list[Verdict]:
     """Try faults one after the other; print a line about each."""
     print(HEAD, flush=True)
     verdicts = []
     for fault in faults:
-        verdicts.append(judge(fault, ring.drive(fault, out / fault.name, domain)))
+        verdicts.append(attempt(fault, out, domain))
         print(row(verdicts[-1]), flush=True)
         kept = out / 'verdicts.json'
         kept.write_text(json.dumps([v._asdict() for v in verdicts], indent=1))
@@ -137,6 +179,8 @@ def main() -> int:
     parser.add_argument('--domain', type=int, default=DOMAIN, help='ROS_DOMAIN_ID')
     given = parser.parse_args()
     faults = chosen(catalogue.load(), given.names, given.some, given.seed)
+    with contextlib.suppress(PermissionError):
+        os.nice(NICE)  # a busy machine is another fault than the one that is tried
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         verdicts = run(faults, (given.out or Path(scratch)).absolute(), given.domain)

@@ -54,6 +54,10 @@ class Lockstep:
         self.state = None  # the next message with this stamp is a repetition by the plant
         return Due(step=not repeat, repeat=repeat, restart=begun)
 
+    def on_lost(self, stamp_ns: int) -> None:
+        """Take note that a state was not answered: the plant sends it again, with the actuators."""
+        self.answered = self.state = self.actuators = None
+
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last: time stands still while it is answered."""
         return 0.0
