@@ -47,6 +47,7 @@ class ControllerNode(Node):
         self.heard_ns = 0  # when the state was
         self.answer = None  # the messages sent last
         self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
+        self.busy = range(0)  # ns, with warming up: what came meanwhile is old
         self.waited, self.stale = Spoken(), Spoken()
 
         self.command_pub = ros.publisher(self, '/controller/command')
@@ -112,6 +113,8 @@ class ControllerNode(Node):
         """Keep the state if it is one to answer."""
         try:
             stamp_ns = decode.stamp_ns_of(raw)
+            if stamp_ns in self.busy:
+                return
             fault = self.watchdog.offer(STATE, stamp_ns, self.wall.now_ns())
         except decode.DecodeError as error:
             fault = self.watchdog.refuse(STATE, str(error))
@@ -154,13 +157,15 @@ class ControllerNode(Node):
 
     def warm_up(self):
         """Answer a state for nobody, again and again; then start with the next one."""
+        began_ns = self.wall.now_ns()
         x = self.decoded()
         for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
             for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
                 ros.serialized(made)
         realtime.settle()
         self.is_warm = True
-        self.trigger.on_lost(self.wall.now_ns())
+        self.busy = range(began_ns, self.wall.now_ns())
+        self.trigger.on_lost(self.busy.stop)
         self.get_logger().info('warm, answers the next state')
 
     def step(self):
@@ -180,10 +185,10 @@ class ControllerNode(Node):
         """Publish an answer and what there is to say about it."""
         self.answer = encode.command(command)
         self.command_pub.publish(self.answer)
+        self.controller.published()
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
-        self.controller.published()
         self.tell(self.watchdog.on_step(why))
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)

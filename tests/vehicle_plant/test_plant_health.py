@@ -35,6 +35,7 @@ def advance(ring, ticks, commanded=True):
 
 def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(ring):
     monitor = health.Monitor(ring)
+    assert monitor.health(START_NS).level == OK
     found = monitor.health(advance(ring, 10))
     assert (found.name, found.level, found.message) == ('plant', OK, 'running')
     assert found.values['run_began_ns'] == START_NS

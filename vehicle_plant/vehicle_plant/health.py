@@ -24,7 +24,7 @@ class Monitor:
         """Return the health of a running plant at a stamp."""
         ring, gate = self._ring, self._ring.car.gate
         # in this order: what is said last is what counts most
-        level = max(self._aged(), self._held.take(self._level(), stamp_ns))
+        level = max(self._aged(stamp_ns), self._held.take(self._level(), stamp_ns))
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
@@ -36,10 +36,12 @@ class Monitor:
         }
         return Health(stamp_ns, NODE, level, self._message[level], values)
 
-    def _aged(self):
+    def _aged(self, stamp_ns):
         """Return the level of the last command's age, and remember why."""
-        ring = self._ring
-        level = ring.watch.held if isinstance(ring, Realtime) else OK
+        if not isinstance(self._ring, Realtime):
+            return OK
+        self._ring.watch.look(stamp_ns)
+        level = self._ring.watch.held
         if level in AGED:
             self._message[level] = AGED[level]
         return level
