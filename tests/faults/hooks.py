@@ -28,6 +28,7 @@ SPEAKS = {  # whose messages are harmed before anybody hears them
 FROM_S = 1.5  # after the first command
 FOR_S = 0.5
 FROM_TICK = 30
+PRIORITY = 20  # of SCHED_FIFO; who is not given it runs without
 
 
 def remaps(fault: Fault, role: str) -> list[str]:
@@ -44,7 +45,7 @@ def relay(fault: Fault) -> list[str]:
     topics = fault.to if fault.does == 'relay' else ()
     source, target = (SOUND, '') if topics == TELEMETRY else ('', HARMED)
     command = [sys.executable, str(HERE / 'relay.py'), source, target, *topics]
-    given = {'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S}
+    given = {'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S, 'priority': PRIORITY}
     for name, value in (given | (fault.settings if topics else {})).items():
         command.append(f'--{name.replace("_", "-")}={value}')
     return command

@@ -12,6 +12,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import damage
@@ -20,7 +21,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
 from bags.storage import stamps
-from msgs_yaml import contract, qos, ros
+from msgs_yaml import contract, qos, realtime, ros
 from msgs_yaml.decode import DecodeError
 
 BEGIN = '/controller/why'
@@ -34,6 +35,8 @@ class Relay(Node):
 
     def __init__(self, given: argparse.Namespace):
         super().__init__('relay')
+        if given.mode == 'realtime':  # as the nodes beside it
+            realtime.apply(replace(realtime.DEFAULTS, priority=given.priority))
         self.given = given
         self.harm = _harm(given)
         self.began = None  # of the drive: s, on the clock of `now`
@@ -226,6 +229,7 @@ def main() -> int:
     parser.add_argument('--for-s', type=float, required=True)
     parser.add_argument('--delay-s', type=float, default=0.0)
     parser.add_argument('--shift-s', type=float, default=0.0)
+    parser.add_argument('--priority', type=int, default=0, help='of SCHED_FIFO')
     given = parser.parse_args()
     return ros.spin(lambda: Relay(given), args=[])
 

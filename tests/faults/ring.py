@@ -1,5 +1,6 @@
 """One fault on one ring: start the nodes, do the fault in time, stop, keep the bag."""
 
+import contextlib
 import os
 import resource
 import signal
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hooks
-from catalogue import Fault
+from catalogue import ROLES, Fault
 
 from bags import closed_loop
 from bags.experiments import experiment, processes
@@ -23,7 +24,7 @@ DRIVE_S = 40.0  # of wall time, from then on
 ALONE_S = 1.5  # how long the others are watched when the plant is gone
 SETTLE_S = 0.3
 END_S = 10.0  # to end after SIGINT; the recorder completes its bag
-OVERRIDES = {'plant': {'lockstep_timeout_s': 1.0}}
+TIMEOUT_S = 1.0  # without a command, in lockstep
 
 
 class Stalls:
@@ -36,6 +37,10 @@ class Stalls:
 
     def watch(self):
         """Note the longest time without a turn."""
+        with contextlib.suppress(PermissionError):
+            # as punctual as the nodes; not for the programs that this one starts
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(threading.get_native_id(), policy, os.sched_param(hooks.PRIORITY))
         last = time.monotonic()
         while not self.over.wait(TURN_S):
             now = time.monotonic()
@@ -75,12 +80,14 @@ class Ring:
         facts = closed_loop.scenario_facts(str(scenario))
         self.bag = self.witness = folder / 'bag'
         (folder / 'run_info.json').write_text('{}')
-        overrides = dict(OVERRIDES)
+        given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}
         self.doubted = fault.does == 'disk_bytes' or fault.to == 'recorder'
         if self.doubted:  # its bag is no evidence: a second recorder watches
             self.witness = folder / 'witness'
-            overrides |= {role: {'recorders': 2} for role in ('scenario', 'controller')}
-            overrides['plant'] = OVERRIDES['plant'] | {'recorders': 2}
+            given['recorders'] = 2
+        overrides = {role: dict(given) for role in ROLES}
+        overrides['recorder'].pop('recorders', None)
+        overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
         controller = experiment.controller('mpcc')
         notes = folder / 'run_info.json'
         found = experiment.nodes(facts, controller, fault.mode, self.bag, notes, overrides)

@@ -7,14 +7,13 @@
 Exits with 1 when one ended in another state than expected, too late, with a command that must not
 be, with a process that hung, or with a bag that cannot be read. --out keeps bags and logs. A run on
 the wall clock that fails is tried again when the machine disturbed it: when the car was not OK
-before the fault, or this process got no turn for 40 ms. Root gives the ring priority over others.
+before the fault, or this process got no turn for 40 ms. Where the user may, the nodes run with
+real-time priority: a busy machine is another fault.
 """
 
 import argparse
-import contextlib
 import fnmatch
 import json
-import os
 import random
 import sys
 import tempfile
@@ -35,7 +34,6 @@ from bags.storage import read, repair
 DOMAIN = 70
 TRIES = 3  # on the wall clock, of a run that the machine disturbed
 STALL_S = 0.04
-NICE = -15
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
 
 
@@ -179,8 +177,6 @@ def main() -> int:
     parser.add_argument('--domain', type=int, default=DOMAIN, help='ROS_DOMAIN_ID')
     given = parser.parse_args()
     faults = chosen(catalogue.load(), given.names, given.some, given.seed)
-    with contextlib.suppress(PermissionError):
-        os.nice(NICE)  # a busy machine is another fault than the one that is tried
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         verdicts = run(faults, (given.out or Path(scratch)).absolute(), given.domain)
