@@ -10,6 +10,7 @@ Every 50 ms from the beginning of the fault to the end of the run the car is in 
 The last one is the state in which the run ended; it counts from when it was kept.
 """
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ LATEST_NS = 300_000_000  # age of the last word of the controller
 STANDSTILL_MPS = 0.3
 BRAKING_MPS2 = 2.0
 OVER_NS = 100_000_000  # for the deceleration
+COMMAND, ACTUATORS = '/controller/command', '/vehicle/actuators'
 PLANNED = ('solved', 'stopped_early', 'second_solver')
 # refusals of the plant's gate that a sound controller never causes
 NONSENSE = ('not_finite', 'out_of_range', 'too_fast', 'beyond_friction', 'unreadable')
@@ -120,14 +122,15 @@ def _deceleration(car, heard):
     return (car.speed[before] - car.speed[heard]) / elapsed_s
 
 
-def nonsense(bag: Bag, commands_harmed: bool) -> int:
+def nonsense(bag: Bag, harmed: Iterable[str]) -> int:
     """Return how many commands were sent, or let through, that must not be.
 
     Counted are commands of the controller and positions of the actuators that break the contract,
-    and what the plant's gate refused, unless the commands were harmed on their way to it.
+    and what the plant's gate refused. Of the `harmed` topics nothing is counted: the telemetry was
+    harmed before it was recorded, the commands on their way to the gate, after they were recorded.
     """
-    count = 0
-    for topic in ('/controller/command', '/vehicle/actuators'):
+    count = 0 if COMMAND in harmed else refused(bag)
+    for topic in {COMMAND, ACTUATORS} - (set(harmed) - {COMMAND}):
         recording = bag.recordings[topic]
         for payload in recording.payloads:
             try:
@@ -136,7 +139,7 @@ def nonsense(bag: Bag, commands_harmed: bool) -> int:
                 count += 1
                 continue
             count += bool(conformance.check(topic, message))
-    return count + (0 if commands_harmed else refused(bag))
+    return count
 
 
 def refused(bag: Bag) -> int:

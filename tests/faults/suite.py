@@ -105,8 +105,7 @@ def disturbance(fault: Fault, evidence: Evidence, calm: bool) -> str:
 
 def harmful(fault: Fault, bag: read.Bag) -> int:
     """Return how many commands there were that must not be."""
-    topics = fault.to if fault.does == 'relay' else ()
-    return states.nonsense(bag, '/controller/command' in topics)
+    return states.nonsense(bag, fault.to if fault.does == 'relay' else ())
 
 
 def readable(folder: Path) -> read.Bag:
@@ -171,12 +170,14 @@ def main() -> int:
     """Try the chosen faults."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('names', nargs='*', help='of faults, with * and ?; default: all')
+    parser.add_argument('--mode', choices=catalogue.MODES, help='only those of a mode')
     parser.add_argument('--some', type=int, help='so many of them, chosen by --seed')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--out', type=Path, help='folder to create for bags and logs')
     parser.add_argument('--domain', type=int, default=DOMAIN, help='ROS_DOMAIN_ID')
     given = parser.parse_args()
-    faults = chosen(catalogue.load(), given.names, given.some, given.seed)
+    known = [f for f in catalogue.load() if given.mode in (None, f.mode)]
+    faults = chosen(known, given.names, given.some, given.seed)
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         verdicts = run(faults, (given.out or Path(scratch)).absolute(), given.domain)
