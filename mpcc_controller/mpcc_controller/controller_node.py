@@ -13,7 +13,7 @@ from mpcc_controller.driving.explain import OK, Arrival
 from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, STATE_STALE
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, realtime, ros, share, stamp
+from msgs_yaml import decode, encode, realtime, repeats, ros, share, stamp
 from msgs_yaml.wall import Spoken, Wall
 
 NAME = 'controller'
@@ -43,7 +43,8 @@ class ControllerNode(Node):
         self.controller = Controller(params, car_file.load(params), mode == 'realtime')
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, Monitor(NAME), params.ages)
-        self.state = self.actuators = None  # raw messages, decoded when needed
+        # raw messages, decoded when needed
+        self.state = self.actuators = self.path = None
         self.heard_ns = 0  # when the state was
         self.answer = None  # the messages sent last
         self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
@@ -54,7 +55,7 @@ class ControllerNode(Node):
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
         self.why_pub = ros.publisher(self, '/controller/why')
         self.health_pub = ros.publisher(self, '/diagnostics')
-        ros.subscribe(self, '/scenario/reference', self.on_reference)
+        ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
         ros.subscribe(self, '/scenario/road_edges', self.on_edges)
         ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
         ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
@@ -64,9 +65,19 @@ class ControllerNode(Node):
         self.waited.is_news(self.waiting())
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
-    def on_reference(self, msg):
-        """Take the path."""
-        self.take(REFERENCE, decode.reference, msg, self.controller.set_reference)
+    def on_reference(self, raw):
+        """Take the path; one that is only repeated is not decoded, which would take too long."""
+        if repeats.is_repeat(raw, self.path):
+            fault = self.watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self.wall.now_ns())
+            if fault:
+                self.turn_down(REFERENCE, fault)
+            self.advance()
+        elif self.take(REFERENCE, self.read_reference, raw, self.controller.set_reference):
+            self.path = raw
+
+    def read_reference(self, raw):
+        """Return the path in a serialised message."""
+        return decode.reference(ros.message('/scenario/reference', raw))
 
     def on_edges(self, msg):
         """Take the road edges."""
@@ -81,7 +92,7 @@ class ControllerNode(Node):
         self.controller.set_obstacles(obstacles)
         self.trigger.on_obstacles(obstacles.stamp_ns)
 
-    def take(self, name, decoder, msg, setter):
+    def take(self, name, decoder, msg, setter) -> bool:
         """Tell the controller; log what is wrong with a message, and go on with the one before."""
         try:
             value = decoder(msg)
@@ -93,6 +104,7 @@ class ControllerNode(Node):
         if fault:
             self.turn_down(TOPICS[name], fault)
         self.advance()
+        return not fault
 
     def turn_down(self, topic, fault):
         """Say why a message is not used."""

@@ -276,6 +276,9 @@ class RealtimeDrive:
         if track:
             self.node.send(track)
             self.node.follow_up(self.ring, self.monitor, track)
+            if self.ring.outcome:
+                # the last messages are on their way for a second: nobody is to brake meanwhile
+                self.node.destroy_publisher(self.node.odometry_pub.publisher)
 
 
 def main() -> int:
