@@ -45,7 +45,7 @@ class Fault(NamedTuple):
     expect: str  # of STATES
     within_s: float
     mode: str
-    scenario: str  # text of the scenario file
+    scenario: dict[str, Any]  # the scenario file
     does: str  # of DOES
     to: Any  # whom or how much
     settings: dict[str, Any]
@@ -54,7 +54,8 @@ class Fault(NamedTuple):
 def load(path: Path = FAULTS) -> list[Fault]:
     """Return every fault in the order of the file; raises CatalogueError."""
     document = yaml.safe_load(path.read_text())
-    faults = [_fault(entry, document['roads']) for entry in document['faults']]
+    road = yaml.safe_load(ROAD.read_text())
+    faults = [_fault(entry, road, document['roads']) for entry in document['faults']]
     names = [fault.name for fault in faults]
     for name in names:
         if names.count(name) > 1:
@@ -62,7 +63,7 @@ def load(path: Path = FAULTS) -> list[Fault]:
     return faults
 
 
-def _fault(entry, roads):
+def _fault(entry, road, roads):
     name = entry.get('name')
     unknown = entry.keys() - KEYS
     if unknown:
@@ -81,8 +82,7 @@ def _fault(entry, roads):
             raise CatalogueError(f'{name}: do is one of {DEEDS}')
     elif does in ('kill', 'freeze', 'restart') and to not in ROLES:
         raise CatalogueError(f'{name}: {does} takes one of {ROLES}')
-    road = roads[entry['road']] if 'road' in entry else {}
-    scenario = yaml.safe_load(ROAD.read_text()) | road | entry.get('scenario', {})
-    scenario['name'] = f'fault_{name}'
+    other = roads[entry['road']] if 'road' in entry else {}
+    scenario = road | other | entry.get('scenario', {}) | {'name': f'fault_{name}'}
     within_s = float(entry['within_s'])
-    return Fault(name, expect, within_s, mode, yaml.safe_dump(scenario), does, to, given)
+    return Fault(name, expect, within_s, mode, scenario, does, to, given)

@@ -27,7 +27,6 @@ from msgs_yaml.decode import DecodeError
 BEGIN = '/controller/why'
 LOOK_S = 0.002  # between two looks at what was held back
 HUGE_EVERY_S = 0.05
-MIB = 1 << 20
 
 
 class Relay(Node):
@@ -186,10 +185,8 @@ class Huge(Harm):
 
     def _huge(self, raw, kind):
         message = deserialize_message(raw, kind)
-        if not hasattr(message, 'clock'):
-            self.change(message)
-            return serialize_message(message)
-        return raw + bytes(MIB)  # a type of fixed size
+        self.change(message)
+        return serialize_message(message)
 
 
 def _harm(given):

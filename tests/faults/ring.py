@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hooks
+import yaml
 from catalogue import ROLES, Fault
 
 from bags import closed_loop
@@ -19,6 +20,7 @@ from bags.experiments.processes import Process
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.005
 TURN_S = 0.01
+NICE = -15  # of the group of processes that is a session
 START_S = 40.0  # of wall time, until the fault's time has come
 DRIVE_S = 40.0  # of wall time, from then on
 ALONE_S = 1.5  # how long the others are watched when the plant is gone
@@ -56,6 +58,12 @@ class Stalls:
         self.thread.join()
 
 
+def prefer(process: Process) -> None:
+    """Let a program load before others get their turn, where user and kernel can."""
+    with contextlib.suppress(OSError):
+        Path('/proc', str(process.popen.pid), 'autogroup').write_text(str(NICE))
+
+
 class Evidence(NamedTuple):
     """What a fault left behind."""
 
@@ -76,7 +84,7 @@ class Ring:
         self.fault, self.folder = fault, folder
         folder.mkdir(parents=True)
         scenario = folder / 'road.yaml'
-        scenario.write_text(fault.scenario)
+        scenario.write_text(yaml.safe_dump(fault.scenario))
         facts = closed_loop.scenario_facts(str(scenario))
         self.bag = self.witness = folder / 'bag'
         (folder / 'run_info.json').write_text('{}')
@@ -116,9 +124,9 @@ class Ring:
         for role in ('scenario', 'controller', 'plant'):
             self.begin(role)
         log = self.folder / 'relay.log'
-        self.running['relay'] = processes.start(
-            'relay', hooks.relay(self.fault), log, self.environment
-        )
+        relay = processes.start('relay', hooks.relay(self.fault), log, self.environment)
+        self.running['relay'] = relay
+        prefer(relay)
 
     def begin(self, role):
         """Start one node; a second time under another log."""
@@ -132,6 +140,7 @@ class Ring:
             environment = environment | self.clock.environment()
         log = self.folder / f'{role}{len(self.spared) or ""}.log'
         self.running[role] = processes.start(role, command, log, environment)
+        prefer(self.running[role])
 
     def wait(self, seconds, until):
         """Wait until something is so; return whether it came to be."""

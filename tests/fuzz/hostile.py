@@ -14,6 +14,7 @@ from msgs_yaml import contract, ros, share
 
 NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e12, -1.0, 0.5)
 WHOLE = (0, 1, -1, 2, 3, 255, 2**31 - 1, -(2**31), 2**32 - 1, 10**9)
+WIDTHS = {'uint8': 'B', 'int8': 'b', 'uint32': 'I', 'int32': 'i', 'octet': 'B', 'byte': 'B'}
 TEXTS = ('', 'map', 'base_link', 'x' * 300, 'left', 'velocity', 'nan', '\x01', 'ü', 'steer')
 COUNTS = (0, 1, 2, 3, 17, 401, 5001)
 LIES = (0, 1, 2, 255, 65535, 2**31 - 1, 2**32 - 1)  # for what may be a count of elements
@@ -55,22 +56,21 @@ def places(message: Any) -> list[tuple[Any, str]]:
 
 
 def harm(message: Any, place: int, choice: int) -> None:
-    """Put something wrong into one place; what cannot be said in this type stays as it was."""
+    """Put something wrong into one place; numbers wrap as their type does."""
     everywhere = places(message)
     part, name = everywhere[place % len(everywhere)]
-    try:
-        setattr(part, name, _wrong(getattr(part, name), choice))
-    except (AssertionError, struct.error, OverflowError):
-        return  # rclpy refuses to hold it
+    kind = part.get_fields_and_field_types()[name]
+    setattr(part, name, _wrong(getattr(part, name), kind, choice))
 
 
-def _wrong(value, choice):
+def _wrong(value, kind, choice):
     if isinstance(value, bool):
         return not value
     if isinstance(value, float):
         return NUMBERS[choice % len(NUMBERS)]
     if isinstance(value, int):
-        return WHOLE[choice % len(WHOLE)]
+        low = struct.pack('<q', WHOLE[choice % len(WHOLE)])
+        return struct.unpack_from(f'<{WIDTHS[kind]}', low)[0]
     if isinstance(value, str):
         return TEXTS[choice % len(TEXTS)]
     if isinstance(value, bytes):
