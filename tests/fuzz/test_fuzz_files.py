@@ -35,7 +35,8 @@ VALUES = (
 )  # fmt: skip
 SETTINGS = (
     0, 1, -1, 10**30, 0.5, float('nan'), float('inf'), -float('inf'), 1e308, True, False, '',
-    'mpcc', '../../etc/passwd', 'x' * 5000, (), (1.0,), (1, 2, 3), ('a',), (float('nan'),), None, b'ab',
+    'mpcc', '../../etc/passwd', 'x' * 5000, (), (1.0,), (1, 2, 3), ('a',), (float('nan'),), None,
+    b'ab',
 )  # fmt: skip
 number = st.integers(0, 9999)
 edits = st.lists(st.tuples(number, number, number), min_size=1, max_size=3)
@@ -132,7 +133,6 @@ def test_every_parameter_given_at_start_is_taken_or_refused_with_a_reason(name, 
     def tried(several):
         for place, choice in several:
             chosen = known[place % len(known)]
-            value = SETTINGS[choice % len(SETTINGS)]
             given_one = {chosen: SETTINGS[choice % len(SETTINGS)]}
             told = complaint(ParameterError, overrides.resolve, cls, defaults, given_one)
             if told is None:

@@ -14,7 +14,7 @@ START_NS = 1_000_000_000
 FUZZ = settings.get_profile('fuzz')
 
 
-@pytest.fixture(scope='module', params=['lockstep', 'realtime'])
+@pytest.fixture(params=['lockstep', 'realtime'])
 def plant(request):
     with nodes.running('plant', request.param, DOMAIN) as bench:
         yield bench

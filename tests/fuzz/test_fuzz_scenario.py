@@ -12,7 +12,7 @@ DOMAIN = 83
 FUZZ = settings.get_profile('fuzz')
 
 
-@pytest.fixture(scope='module', params=['lockstep', 'realtime'])
+@pytest.fixture(params=['lockstep', 'realtime'])
 def scenario(request):
     with nodes.running('scenario', request.param, DOMAIN) as bench:
         yield bench
