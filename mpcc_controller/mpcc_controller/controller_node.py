@@ -13,7 +13,7 @@ from mpcc_controller.driving.explain import OK, Arrival
 from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, STATE_STALE
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, realtime, repeats, ros, share, stamp
+from msgs_yaml import contract, decode, encode, realtime, repeats, ros, share, stamp
 from msgs_yaml.wall import Spoken, Wall
 
 NAME = 'controller'
@@ -76,8 +76,13 @@ class ControllerNode(Node):
             self.path = raw
 
     def read_reference(self, raw):
-        """Return the path in a serialised message."""
-        return decode.reference(ros.message('/scenario/reference', raw))
+        """Return the path in a serialised message; one too long would take seconds to look at."""
+        topic = TOPICS[REFERENCE]
+        most = contract.load().topics[topic].sizes['poses'].high
+        if len(raw) > repeats.size(most):
+            told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
+            raise decode.DecodeError(told)
+        return decode.reference(ros.message(topic, raw))
 
     def on_edges(self, msg):
         """Take the road edges."""
