@@ -13,7 +13,7 @@ from mpcc_controller.driving.explain import OK, Arrival
 from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, STATE_STALE
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, realtime, repeats, ros, share, stamp
+from msgs_yaml import contract, decode, encode, realtime, repeats, ros, share, stamp
 from msgs_yaml.wall import Spoken, Wall
 
 NAME = 'controller'
@@ -76,8 +76,13 @@ class ControllerNode(Node):
             self.path = raw
 
     def read_reference(self, raw):
-        """Return the path in a serialised message."""
-        return decode.reference(ros.message('/scenario/reference', raw))
+        """Return the path in a serialised message; one too long would take seconds to look at."""
+        topic = TOPICS[REFERENCE]
+        most = contract.load().topics[topic].sizes['poses'].high
+        if len(raw) > repeats.size(most):
+            told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
+            raise decode.DecodeError(told)
+        return decode.reference(ros.message(topic, raw))
 
     def on_edges(self, msg):
         """Take the road edges."""
@@ -102,13 +107,13 @@ class ControllerNode(Node):
         except decode.DecodeError as error:
             fault = self.watchdog.refuse(name, str(error))
         if fault:
-            self.turn_down(name, fault)
+            self.turn_down(TOPICS[name], fault)
         self.advance()
         return not fault
 
-    def turn_down(self, name, fault):
+    def turn_down(self, topic, fault):
         """Say why a message is not used."""
-        told = f'{TOPICS[name]} turned down: {fault}'
+        told = f'{topic} turned down: {fault}'
         self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
 
     def on_actuators(self, raw):
@@ -131,7 +136,7 @@ class ControllerNode(Node):
         except decode.DecodeError as error:
             fault = self.watchdog.refuse(STATE, str(error))
         if fault:
-            self.turn_down(STATE, fault)
+            self.turn_down(TOPICS[STATE], fault)
         elif self.trigger.on_state(stamp_ns):
             self.state, self.heard_ns = raw, time.time_ns()
             self.advance()
@@ -160,10 +165,9 @@ class ControllerNode(Node):
         try:
             actuators = decode.actuators(ros.message('/vehicle/actuators', self.actuators))
         except decode.DecodeError as error:
-            told = f'/vehicle/actuators turned down: {error}; waiting for valid ones to start from'
-            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            self.turn_down('/vehicle/actuators', f'{error}; waiting for valid ones to start from')
             self.actuators = None
-            self.trigger.forget()
+            self.trigger.on_lost(decode.stamp_ns_of(self.state))
             return False
         self.controller.reset(actuators)
         self.get_logger().info('started from the actuators')
@@ -172,7 +176,7 @@ class ControllerNode(Node):
     def warm_up(self):
         """Answer a state for nobody, again and again; then start with the next one."""
         began_ns = self.wall.now_ns()
-        x = self.decoded(ros.message('/vehicle/odometry', self.state))
+        x = self.decoded()
         for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
             for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
                 ros.serialized(made)
@@ -184,7 +188,7 @@ class ControllerNode(Node):
 
     def step(self):
         """Answer the state with a command, and say why."""
-        x = self.decoded(ros.message('/vehicle/odometry', self.state))
+        x = self.decoded()
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
@@ -215,13 +219,13 @@ class ControllerNode(Node):
         if health:
             self.health_pub.publish(encode.health(health))
 
-    def decoded(self, msg):
-        """Return the state of a message; an unknown one, logged, when it breaks the contract."""
+    def decoded(self):
+        """Return the state; an unknown one, logged, when its message breaks the contract."""
         try:
-            return decode.odometry(msg)
+            return decode.odometry(ros.message(TOPICS[STATE], self.state))
         except decode.DecodeError as error:
-            self.turn_down(STATE, self.watchdog.refuse(STATE, str(error)))
-            return unknown_state(stamp.to_ns(msg.header.stamp))
+            self.turn_down(TOPICS[STATE], self.watchdog.refuse(STATE, str(error)))
+            return unknown_state(decode.stamp_ns_of(self.state))
 
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""

@@ -49,6 +49,11 @@ def is_repeat(new: bytes, old: bytes | None) -> bool:
     return all(same) and _is_one_shift(_stamps(new_head, new_rest), _stamps(old_head, old_rest))
 
 
+def size(poses: int) -> int:
+    """Return the bytes of a path of so many poses."""
+    return HEAD.itemsize + (poses - 1) * REST.itemsize
+
+
 def _parts(raw):
     head = np.frombuffer(raw, HEAD, count=1)[0]
     return head, np.frombuffer(raw, REST, offset=HEAD.itemsize)

@@ -25,6 +25,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from msgs_yaml import contract, fast, overrides, parameters, qos, realtime, signals
+from msgs_yaml.checked import DecodeError
 from msgs_yaml.parameters import Choice, ParameterError, Range
 from msgs_yaml.strict_yaml import YamlError
 
@@ -106,8 +107,11 @@ def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
 
 
 def message(topic: str, raw: bytes) -> Any:
-    """Return the message of a topic from its serialised bytes."""
-    return deserialize_message(raw, message_type(topic))
+    """Return the message of a topic from its serialised bytes; DecodeError when they are none."""
+    try:
+        return deserialize_message(raw, message_type(topic))
+    except RuntimeError as error:  # the base of what the middleware refuses
+        raise DecodeError(f'{topic}: {len(raw)} bytes are no message of its type') from error
 
 
 def serialized(msg: Any) -> bytes:

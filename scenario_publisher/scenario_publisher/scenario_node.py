@@ -45,8 +45,12 @@ class ScenarioNode(Node):
 
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
-        self.instant = decode.clock(msg)
-        self.answer()
+        try:
+            self.instant = decode.clock(msg)
+        except decode.DecodeError as error:
+            self.turn_down('/clock', error)
+        else:
+            self.answer()
 
     def answer(self):
         """Answer the instant as soon as all are listening; from then on at once."""
@@ -65,8 +69,12 @@ class ScenarioNode(Node):
         try:
             self.timeline.hear(decode.health(msg))
         except decode.DecodeError as error:
-            told = f'/diagnostics turned down: {error}'
-            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            self.turn_down('/diagnostics', error)
+
+    def turn_down(self, topic, error):
+        """Say why a message is not used."""
+        told = f'{topic} turned down: {error}'
+        self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
 
     def publish(self, stamp_ns):
         """Publish the obstacles, and what else is due."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from msgs_yaml import encode, ros
+from msgs_yaml import encode, repeats, ros
 from msgs_yaml.repeats import is_repeat
 from msgs_yaml.types import Reference
 
@@ -58,3 +58,10 @@ def test_what_is_cut_or_the_first_is_none():
     assert not is_repeat(raw(), None)
     for size in (0, 4, 50, len(raw()) - 72, len(raw()) - 1):
         assert not is_repeat(raw()[:size], raw()[:size])
+
+
+@pytest.mark.parametrize('poses', [2, 51, 5000])
+def test_the_size_of_a_path_is_told_without_making_one(poses):
+    X = np.arange(float(poses))
+    made = encode.reference(Reference(1, X, 0 * X, 0 * X, X))
+    assert len(ros.serialized(made)) == repeats.size(poses)

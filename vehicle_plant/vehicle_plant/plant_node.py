@@ -68,7 +68,11 @@ class PlantNode(Node):
 
     def on_reference(self, msg):
         """Keep the path for the start."""
-        self.reference = decode.reference(msg)
+        try:
+            self.reference = decode.reference(msg)
+        except DecodeError as error:
+            told = f'/scenario/reference turned down: {error}'
+            self.get_logger().error(told, throttle_duration_sec=REPEAT_S)
 
     def on_look(self):
         """Start once all are there; say who is missing, once per change."""

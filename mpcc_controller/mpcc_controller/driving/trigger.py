@@ -54,9 +54,9 @@ class Lockstep:
         self.state = None  # the next message with this stamp is a repetition by the plant
         return Due(step=not repeat, repeat=repeat, restart=begun)
 
-    def forget(self) -> None:
-        """Begin anew with the next state: the actuators that were known are of no use."""
-        self.actuators = self.answered = None
+    def on_lost(self, stamp_ns: int) -> None:
+        """Take note that a state was not answered: the plant sends it again, with the actuators."""
+        self.answered = self.state = self.actuators = None
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last: time stands still while it is answered."""
@@ -104,11 +104,6 @@ class Realtime:
     def is_next(self, now_ns: int) -> bool:
         """Tell whether a tick has passed since the last answer."""
         return now_ns - self.answered >= self.step_ns
-
-    def forget(self) -> None:
-        """Begin anew with the next state: the actuators that were known are of no use."""
-        self.actuators = self.answered = None
-        self.begun = False
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""

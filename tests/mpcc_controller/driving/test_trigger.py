@@ -130,7 +130,7 @@ def test_actuators_that_were_of_no_use_are_waited_for_anew(mode):
     hear(START)
     made.on_actuators(START)
     assert made.due() == (True, False, True)
-    made.forget()
+    made.on_lost(START)
     hear(START + TICK)
     assert made.due() == trigger.NOTHING
     made.on_actuators(START + TICK)
