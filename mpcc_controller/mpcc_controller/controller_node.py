@@ -70,7 +70,7 @@ class ControllerNode(Node):
         if repeats.is_repeat(raw, self.path):
             fault = self.watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self.wall.now_ns())
             if fault:
-                self.turn_down(REFERENCE, fault)
+                self.turn_down(TOPICS[REFERENCE], fault)
             self.advance()
         elif self.take(REFERENCE, self.read_reference, raw, self.controller.set_reference):
             self.path = raw
