@@ -38,10 +38,15 @@ class Summary(NamedTuple):
 
 def share(holds: Sequence[bool]) -> Share:
     """Return the share of truths among at least one, with its 95 % Wilson score interval."""
+    return share_of(sum(map(bool, holds)), len(holds))
+
+
+def share_of(holds: int, runs: int) -> Share:
+    """Return the share `holds` of `runs` with its 95 % Wilson score interval."""
     from scipy.stats import binomtest
 
-    interval = binomtest(sum(holds), len(holds)).proportion_ci(CONFIDENCE, method='wilson')
-    return Share(sum(holds), len(holds), float(interval.low), float(interval.high))
+    interval = binomtest(holds, runs).proportion_ci(CONFIDENCE, method='wilson')
+    return Share(holds, runs, float(interval.low), float(interval.high))
 
 
 def summary(values: Sequence[float | None]) -> Summary:

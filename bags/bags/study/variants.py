@@ -1,18 +1,21 @@
 """The controllers that are compared: as configured, tuned, and with single factors switched."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bags import closed_loop
 from bags.errors import BagError
 from msgs_yaml import share
 
+SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
 # penalty.py derives it: the step at this share of P_k pushes as hard as the Gaussian where the
 # MPCC plans its intrusions
 EQUAL_PENALTY = 0.25
 FIXED_SPLIT = 0.65  # front; Brown's lineage fixes 0.6 to 0.7
-OBSTACLE, EDGE = 1000.0, 300.0  # P_k of mpcc.yaml and frenet.yaml; a test compares
+# who plays which part: names in mpcc_controller/config, or YAML files
+ROLES: Mapping[str, str] = {name: name for name in CONTROLLERS}
 
 
 class Variant(NamedTuple):
@@ -55,32 +58,51 @@ def tuned(files: Iterable[Path] = ()) -> list[Variant]:
     return found
 
 
-def _formulated(distance, lag, priority, share=1.0):
-    settings = {
-        'formulation.distance': distance,
-        'formulation.lag': lag,
-        'formulation.priority': priority,
-        **_weighed(share),
-    }
-    return tuple(settings.items())
+def cast(roles: Mapping[str, str] = ROLES) -> list[Variant]:
+    """Return the controllers of a comparison, named by their roles. Raises BagError."""
+    unknown = sorted(set(roles) - set(CONTROLLERS))
+    if unknown:
+        raise BagError(f'no role {unknown[0]!r}; there are {", ".join(CONTROLLERS)}')
+    return [Variant(role, file) for role, file in {**ROLES, **roles}.items()]
 
 
-def _weighed(share):
-    if share == 1.0:
-        return {}
-    return {'priorities.obstacle': share * OBSTACLE, 'priorities.edge': share * EDGE}
+BASE = 'cartesian lag gaussian'  # is mpcc
+BASELINE = 'frenet'
 
 
-def _frenet(priority='step', share=1.0):
-    return tuple({'formulation.priority': priority, **_weighed(share)}.items())
-
-
-def _on_mpcc():
+def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+    """Return the rows of the ablation, the tuned ones apart. Raises BagError."""
+    playing = {one.name: one.controller for one in cast(roles)}
+    mpcc, frenet = playing['mpcc'], playing['frenet']
+    smaller, larger = EQUAL_PENALTY, 1 / EQUAL_PENALTY
+    step = {'formulation.priority': 'step'}
+    gaussian = {'formulation.priority': 'gaussian'}
+    on_path = {'formulation.distance': 'path', 'formulation.lag': False}
+    fixed = {f'limits.brake_front_share_{end}': FIXED_SPLIT for end in ('min', 'max')}
+    small_mpcc, large_mpcc = (_weighed(mpcc, share, scenario) for share in (smaller, larger))
     return [
-        Variant(
+        *_on_mpcc(mpcc),
+        _row('cartesian lag step/4', mpcc, step | small_mpcc),
+        _row('path no-lag step/4', mpcc, on_path | step | small_mpcc),
+        _row('cartesian lag gaussian x4', mpcc, large_mpcc),
+        _row('no priority', playing['mpcc_no_ca'], {}),
+        _row(BASELINE, frenet, {}),
+        _row('frenet gaussian', frenet, gaussian),
+        _row('frenet step/4', frenet, _weighed(frenet, smaller, scenario)),
+        _row('frenet fixed split', frenet, fixed),
+    ]
+
+
+def _on_mpcc(controller):
+    return [
+        _row(
             ' '.join((distance, 'lag' if lag else 'no-lag', priority)),
-            'mpcc',
-            _formulated(distance, lag, priority),
+            controller,
+            {
+                'formulation.distance': distance,
+                'formulation.lag': lag,
+                'formulation.priority': priority,
+            },
         )
         for distance in ('cartesian', 'path')
         for lag in (True, False)
@@ -88,27 +110,17 @@ def _on_mpcc():
     ]
 
 
-BASE = 'cartesian lag gaussian'  # is mpcc
-BASELINE = 'frenet'
+def _row(name, controller, settings):
+    return Variant(name, controller, tuple(settings.items()))
 
 
-def ablation() -> list[Variant]:
-    """Return the rows of the ablation, the tuned ones apart."""
-    low, high = EQUAL_PENALTY, 1 / EQUAL_PENALTY
-    fixed = tuple((f'limits.brake_front_share_{end}', FIXED_SPLIT) for end in ('min', 'max'))
-    return [
-        *_on_mpcc(),
-        Variant('cartesian lag step/4', 'mpcc', _formulated('cartesian', True, 'step', low)),
-        Variant('path no-lag step/4', 'mpcc', _formulated('path', False, 'step', low)),
-        Variant(
-            'cartesian lag gaussian x4', 'mpcc', _formulated('cartesian', True, 'gaussian', high)
-        ),
-        Variant('no priority', 'mpcc_no_ca'),
-        Variant(BASELINE, 'frenet'),
-        Variant('frenet gaussian', 'frenet', _frenet('gaussian')),
-        Variant('frenet step/4', 'frenet', _frenet('step', low)),
-        Variant('frenet fixed split', 'frenet', fixed),
-    ]
+def _weighed(controller, share, scenario):
+    """Return the settings that multiply the priorities of a controller."""
+    weights = closed_loop.setup(scenario, controller).params.priorities
+    return {
+        'priorities.obstacle': share * weights.obstacle,
+        'priorities.edge': share * weights.edge,
+    }
 
 
 # from the MPCC towards the baseline, then from the baseline back
