@@ -19,6 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out', type=Path, default=OUT, metavar='DIR', help=f'receives the tables (default: {OUT})'
     )
     parser.add_argument('--runs', type=int, metavar='N', help='paired runs (limit: per probe)')
+    parser.add_argument(
+        '--cause-runs', type=int, metavar='N', help='claims: runs of every switch (default: --runs)'
+    )
+    parser.add_argument(
+        '--sweep-runs', type=int, metavar='N', help='ablation: runs per speed and clearance'
+    )
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: one per core)')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
     parser.add_argument(
@@ -53,7 +59,15 @@ def run(chosen: argparse.Namespace) -> int:
     console = Console()
     with Bars(console) as bars, Drives(chosen.jobs, bars.show, chosen.cache) as drives:
         written = parts.run(
-            chosen.part, drives, chosen.out, chosen.runs, chosen.quick, chosen.tuned, roles
+            chosen.part,
+            drives,
+            chosen.out,
+            chosen.runs,
+            chosen.quick,
+            chosen.tuned,
+            roles,
+            chosen.cause_runs,
+            chosen.sweep_runs,
         )
     console.print(f'{drives.driven} drives made, the others were kept from before')
     for path in written:

@@ -37,7 +37,7 @@ def run(
     drives: Drives,
     out: Path,
     runs: int = RUNS,
-    ablation_runs: int | None = None,
+    cause_runs: int | None = None,
     speeds_kph: Sequence[float] = SPEEDS_KPH,
     roles: Mapping[str, str] = variants.ROLES,
     scenario: str = SCENARIO,
@@ -46,7 +46,7 @@ def run(
     """Judge every claim over paired runs; write claims.md, .csv and claims.json (a list).
 
     The first of `speeds_kph` is the operating point, the others say how far it carries;
-    `ablation_runs` of the draws, by default all, look for causes. Raises BagError.
+    `cause_runs` of the draws, by default all, look for causes. Raises BagError.
     """
     playing = variants.cast(roles)
     draws = samples.draws(runs, seed)
@@ -54,7 +54,7 @@ def run(
         kph: paired(distributions.at_speed(drives, playing, kph, draws, scenario))
         for kph in speeds_kph
     }
-    rows = ablation.at_point(drives, ablation_runs or runs, (), roles, scenario, seed)
+    rows = ablation.at_point(drives, cause_runs or runs, (), roles, scenario, seed)
     point, *others = speeds_kph
     made = [
         _row(claim, found[point], rows, {kph: found[kph] for kph in others}) for claim in CLAIMS

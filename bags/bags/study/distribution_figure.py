@@ -57,6 +57,7 @@ def _panel(axes, quantity, records, medians, colours):
             values = [run.value(quantity.name) for run in runs]
             _dots(axes, middle, room, values, colours[name], medians[kph].number - 1)
     axes.set_xticks(range(len(records)), [f'{kph:g} km/h' for kph in sorted(records)])
+    axes.set_xlim(-0.5, len(records) - 0.5)
     axes.grid(axis='x', visible=False)
     if quantity.name in SAFE:
         low, high = axes.get_ylim()

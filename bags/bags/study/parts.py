@@ -26,8 +26,10 @@ def run(
     quick: bool = False,
     tuned: Sequence[Path] = (),
     roles: Mapping[str, str] = variants.ROLES,
+    cause_runs: int | None = None,
+    sweep_runs: int | None = None,
 ) -> list[Path]:
-    """Make one part and return the files written. Raises BagError."""
+    """Make one part and return the files written; see `bags study --help`. Raises BagError."""
     count = (QUICK if quick else FULL)[part] if runs is None else runs
     speeds = QUICK_SPEEDS_KPH if quick else distributions.SPEEDS_KPH
     playing = variants.cast(roles)
@@ -36,12 +38,8 @@ def run(
     if part == 'limit':
         return limit.run(drives, out, playing, count, tuned).files
     if part == 'claims':
-        return claims.run(drives, out, count, speeds_kph=speeds, roles=roles).files
-    sweep = {}
+        return claims.run(drives, out, count, cause_runs, speeds, roles).files
+    sweep = {'sweep_runs': sweep_runs or (1 if quick else ablation.SWEEP_RUNS)}
     if quick:
-        sweep = {
-            'sweep_runs': 1,
-            'speeds_kph': QUICK_SWEEP_KPH,
-            'clearances_m': QUICK_CLEARANCES_M,
-        }
+        sweep |= {'speeds_kph': QUICK_SWEEP_KPH, 'clearances_m': QUICK_CLEARANCES_M}
     return ablation.run(drives, out, count, tuned=tuned, roles=roles, **sweep).files
