@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.study import (
+    approach,
     case,
     penalty,
     provenance,
@@ -25,6 +26,7 @@ SWEEP_RUNS = 3  # per speed and clearance
 STEM = 'ablation'
 SWITCHES_STEM = 'ablation_switches'
 POINT = 'operating point'
+FRAMES = {'cartesian': variants.BASE, 'path': 'path lag gaussian'}
 
 
 class Cell(NamedTuple):
@@ -46,6 +48,7 @@ class Ablation(NamedTuple):
     point: Mapping[str, list[Record]]  # by row, one record per draw, at the operating point
     sweep: Mapping[Cell, Mapping[str, list[Record]]]
     intrusions: penalty.Intrusions
+    frames: Mapping[str, list[approach.Seen]]  # by frame of the distances
     rows: list[dict[str, Any]]  # one per cell and row
     switches: list[dict[str, Any]]  # see run_verdicts.flips; at the point, then over the sweep
     files: list[Path]
@@ -104,7 +107,12 @@ def run(
         for kph in speeds_kph:
             cell = Cell(clearance, kph)
             sweep[cell] = _driven(drives, chosen, cell, draws, scenario)
-    intrusions = penalty.planned(scenario, POINT_KPH, {**variants.ROLES, **roles}['mpcc'])
+    by_name = {one.name: one for one in chosen}
+    drawn = {
+        frame: approach.drive(by_name[name], POINT_KPH, scenario) for frame, name in FRAMES.items()
+    }
+    intrusions = penalty.planned(drawn['cartesian'])
+    frames = {frame: approach.seen(one) for frame, one in drawn.items()}
     found = provenance.of(
         'bags study ablation',
         scenario,
@@ -115,6 +123,7 @@ def run(
         speeds_kph=list(speeds_kph),
         clearances_m=list(clearances_m),
         equal_penalty={'share_of_P_k': variants.EQUAL_PENALTY, **intrusions._asdict()},
+        frames={frame: [one._asdict() for one in seen] for frame, seen in frames.items()},
     )
     rows = [_row(POINT, POINT_KPH, None, name, point[name]) for name in point]
     rows += [
@@ -124,11 +133,11 @@ def run(
     ]
     switches = _switched(point, sweep)
     title = 'Ablation: one factor at a time'
-    files = tables.write(out, STEM, title, rows, _told(rows, intrusions), found)
+    files = tables.write(out, STEM, title, rows, _told(rows, intrusions, frames), found)
     title = 'Which single switch turns which verdict'
     files += tables.write(out, SWITCHES_STEM, title, switches, _switches_told(switches), found)
     files += ablation_figure.write(rows, out)
-    return Ablation(chosen, point, sweep, intrusions, rows, switches, files)
+    return Ablation(chosen, point, sweep, intrusions, frames, rows, switches, files)
 
 
 def _driven(drives, chosen, cell, draws, scenario):
@@ -179,7 +188,7 @@ def _switched(point, sweep):
     return found
 
 
-def _told(rows, intrusions):
+def _told(rows, intrusions, frames):
     shown = ('min_v2o_m', 'peak_sideslip_deg', 'brake_onset_at_m', 'brake_onset_hard_at_m')
     header = ['row', 'runs', 'cleared', *(f'{BY_NAME[n].title} [{BY_NAME[n].unit}]' for n in shown)]
     text = (
@@ -189,6 +198,9 @@ def _told(rows, intrusions):
         f'{variants.EQUAL_PENALTY:g} P_k, "x4" the Gaussian at {1 / variants.EQUAL_PENALTY:g} P_k.'
         ' Medians; a dash: does not brake in most runs.\n\n'
     )
+    for frame, seen in frames.items():
+        text += ''.join(_seen(frame, one) for one in seen)
+    text += '\n'
     cells = dict.fromkeys((row['where'], row['clearance_m'], row['speed_kph']) for row in rows)
     for where, clearance, kph in cells:
         asked = '' if clearance is None else f', D_sft,O {clearance:g} m'
@@ -204,6 +216,15 @@ def _told(rows, intrusions):
         ]
         text += f'## {where}, {kph:g} km/h{asked}\n\n{tables.markdown(header, lines)}\n'
     return text
+
+
+def _seen(frame, one):
+    active = '–' if one.active_from_m is None else f'{one.active_from_m:.1f} m'
+    return (
+        f'- distances {frame}, obstacle {one.obstacle}: on the way there path coordinates '
+        f'overestimate by up to {one.most_over_m:.2f} m and underestimate by up to '
+        f'{one.most_under_m:.2f} m; a plan enters its safety distance from station {active}.\n'
+    )
 
 
 def _switches_told(switches):

@@ -13,7 +13,7 @@ from rich.progress import (
 
 
 class Bars:
-    """A context whose `show` is the progress of Drives; without a terminal a line per part."""
+    """A context whose `show` is the progress of Drives; no terminal: a line as a part begins."""
 
     def __init__(self, console: Console):
         self.console = console
@@ -40,6 +40,6 @@ class Bars:
         """Show how far a part is."""
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(what, total=total)
+            if not self.console.is_terminal:
+                self.console.print(f'{what} ...', markup=False, highlight=False)
         self._bars.update(self._tasks[what], completed=done, total=total)
-        if done == total and not self.console.is_terminal:
-            self.console.print(f'{what}: {total} drives', markup=False, highlight=False)

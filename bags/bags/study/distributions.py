@@ -73,7 +73,7 @@ def at_speed(
 ) -> dict[str, list[Record]]:
     """Return the records of every variant at a nominal speed [km/h], one per draw."""
     cases = [case.of(one, kph, draw, scenario) for draw in draws for one in chosen]
-    records = drives.of(cases, f'{kph:g} km/h')
+    records = drives.of(cases, f'{kph:g} km/h, {len(chosen)} controllers')
     return {one.name: records[k :: len(chosen)] for k, one in enumerate(chosen)}
 
 

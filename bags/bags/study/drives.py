@@ -71,13 +71,19 @@ class Drives:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def of(self, chosen: Sequence[Case], what: str) -> list[Record]:
-        """Return the record of every case, in their order. Raises BagError."""
+    def of(
+        self, chosen: Sequence[Case], what: str, before: int = 0, total: int | None = None
+    ) -> list[Record]:
+        """Return the record of every case, in their order. Raises BagError.
+
+        `before` drives of `total` were shown as done earlier.
+        """
         files = {case: self.cache / f'{cases.key(case)}.json' for case in chosen}
         kept = {case: _read(file) for case, file in files.items()}
         missing = [case for case, record in kept.items() if record is None]
-        done = len(files) - len(missing)
-        self.progress(what, done, len(files))
+        total = len(files) if total is None else total
+        done = before + len(files) - len(missing)
+        self.progress(what, done, total)
         if missing:
             pool = self._started()
             waiting = {pool.submit(_drive, case, files[case]): case for case in missing}
@@ -85,7 +91,7 @@ class Drives:
                 kept[waiting[future]] = future.result()
                 done += 1
                 self.driven += 1
-                self.progress(what, done, len(files))
+                self.progress(what, done, total)
         return [Record(case, kept[case]['metrics'], kept[case]['solver']) for case in chosen]
 
     def _started(self):

@@ -99,8 +99,7 @@ def probe(
     for start in range(0, len(draws), drives.jobs):
         batch = draws[start : start + drives.jobs]
         cases = [case.of(variant, kph, draw, scenario) for draw in batch]
-        what = f'{variant.name}, {kph:g} km/h'
-        records = drives.of(cases, what)
+        records = drives.of(cases, f'limit of {variant.name}', start, len(draws))
         driven += len(records)
         cleared += sum(run_verdicts.cleared(record) for record in records)
         if driven - cleared > allowed:

@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags import closed_loop
 from bags.errors import BagError
-from bags.study import case, samples, variants
+from bags.study.approach import Approach
 
 
 class Intrusions(NamedTuple):
@@ -35,24 +34,25 @@ def gaussian_force_share(depth: np.ndarray) -> np.ndarray:
     return np.exp(-2 * depth**2) * (1 + 2 * depth * (1 - depth))
 
 
-def planned(scenario: str, speed_kph: float, controller: str) -> Intrusions:
-    """Drive an MPCC once and return the intrusions of its plans. Raises BagError without any."""
-    middle = samples.Draw(0, 0.0, 1.0, 1e-6)
-    setup = case.prepared(case.of(variants.plain([controller])[0], speed_kph, middle, scenario))
-    _, scn, params, *others = setup
-    columns = closed_loop.run(scn, params, *others)
+def planned(approach: Approach) -> Intrusions:
+    """Return the intrusions of the plans of a drive with one circle at the centre of gravity.
+
+    Raises BagError when there are none.
+    """
+    params = approach.params
     depth = np.concatenate(
         [
             (np.hypot(plan.X - one.X, plan.Y - one.Y) - one.r_obs - params.body.circle_radius_m)
             for plan, seen in zip(
-                columns['/controller/prediction'].values, columns['/scenario/obstacles'].values
+                approach.columns['/controller/prediction'].values,
+                approach.columns['/scenario/obstacles'].values,
             )
             for one in seen.items
         ]
     )
     depth = depth[depth < params.safety.obstacle_m] / params.safety.obstacle_m
     if not depth.size:
-        raise BagError(f'at {speed_kph:g} km/h the MPCC plans no intrusion to compare penalties at')
+        raise BagError('the MPCC plans no intrusion at which penalties could be compared')
     return of_depths(np.clip(depth, 0.0, None))
 
 

@@ -66,5 +66,8 @@ def test_a_role_without_a_controller_shows_the_form(tmp_path, capsys):
     assert 'must be ROLE=CONTROLLER' in capsys.readouterr().err
 
 
-def test_a_csv_row_is_flat():
-    assert tables.markdown(['a', 'b'], [['1', '2']]) == '| a | b |\n| --- | --- |\n| 1 | 2 |\n'
+def test_nested_rows_are_flat_in_the_csv(tmp_path):
+    found = {'command': 'c', 'commit': '', 'seed': 1, 'machine': {'processor': 'p', 'cores': 2}}
+    tables.write(tmp_path, 'one', 'One', [{'a': {'b': 1.5}, 'c': [1, 2]}], 'text', found)
+    with open(tmp_path / 'one.csv', newline='') as file:
+        assert list(csv.reader(file)) == [['a.b', 'c'], ['1.5', '1 2']]

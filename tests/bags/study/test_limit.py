@@ -15,7 +15,7 @@ class Cliff:
     def __init__(self, make_record, kph, jobs=2):
         self.make_record, self.kph, self.jobs, self.driven = make_record, kph, jobs, 0
 
-    def of(self, cases, what):
+    def of(self, cases, what, before, total):
         self.driven += len(cases)
         return [self.make_record(completed=case.speed_kph <= self.kph) for case in cases]
 
@@ -44,7 +44,7 @@ def test_a_probe_ends_when_the_share_cannot_be_reached_any_more(make_record):
 @pytest.mark.parametrize(('failures', 'holds'), [(1, True), (2, False)])
 def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
     class Some(Cliff):
-        def of(self, cases, what):
+        def of(self, cases, what, before, total):
             self.driven += len(cases)
             return [self.make_record(collided=case.tolerance in worst) for case in cases]
 
