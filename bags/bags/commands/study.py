@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar='FILE',
         help='a tuned controller as a further row of ablation and limit; may be given several '
-        'times (default: those in mpcc_controller/config/tuned)',
+        'times (default: every *_tuned.yaml in mpcc_controller/config)',
     )
     parser.add_argument(
         '--role',

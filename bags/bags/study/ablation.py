@@ -54,32 +54,6 @@ class Ablation(NamedTuple):
     files: list[Path]
 
 
-def rows_of(
-    tuned: Iterable[Path] = (),
-    roles: Mapping[str, str] = variants.ROLES,
-    scenario: str = SCENARIO,
-) -> list[Variant]:
-    """Return every row: the switches, the baseline, and the tuned controllers where there are any.
-
-    Raises BagError for a file that is not there.
-    """
-    return [*variants.ablation(roles, scenario), *variants.tuned(tuned)]
-
-
-def at_point(
-    drives: Drives,
-    runs: int = RUNS,
-    tuned: Iterable[Path] = (),
-    roles: Mapping[str, str] = variants.ROLES,
-    scenario: str = SCENARIO,
-    seed: int = samples.SEED,
-) -> dict[str, list[Record]]:
-    """Return the records of every row at the operating point, one per draw."""
-    return at_speed(
-        drives, rows_of(tuned, roles, scenario), POINT_KPH, samples.draws(runs, seed), scenario
-    )
-
-
 def run(
     drives: Drives,
     out: Path,
@@ -94,13 +68,15 @@ def run(
 ) -> Ablation:
     """Drive `runs` draws per row at the operating point and `sweep_runs` in every cell of a sweep.
 
+    The factors are switched on those who play the `roles`; the other plain and tuned controllers
+    are rows as they are, by default all in mpcc_controller/config, else those of `tuned`.
     Writes ablation.md, .csv, .json, ablation_switches likewise, and a figure per clearance.
     Raises BagError.
     """
     from bags.study import ablation_figure
 
-    chosen = rows_of(tuned, roles, scenario)
-    point = at_point(drives, runs, tuned, roles, scenario, seed)
+    chosen = [*variants.ablation(roles, scenario), *variants.others(roles, tuned)]
+    point = at_speed(drives, chosen, POINT_KPH, samples.draws(runs, seed), scenario)
     draws = samples.draws(sweep_runs, seed)
     sweep = {}
     for clearance in clearances_m:

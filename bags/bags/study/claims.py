@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.study import (
-    ablation,
     causes,
     curvature,
     distributions,
@@ -54,7 +53,13 @@ def run(
         kph: paired(distributions.at_speed(drives, playing, kph, draws, scenario))
         for kph in speeds_kph
     }
-    rows = ablation.at_point(drives, cause_runs or runs, (), roles, scenario, seed)
+    rows = distributions.at_speed(
+        drives,
+        variants.ablation(roles, scenario),
+        POINT_KPH,
+        samples.draws(cause_runs or runs, seed),
+        scenario,
+    )
     point, *others = speeds_kph
     made = [
         _row(claim, found[point], rows, {kph: found[kph] for kph in others}) for claim in CLAIMS

@@ -1,7 +1,7 @@
 """The highest entry speed at which a controller clears obstacles and edges almost always."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,17 +45,15 @@ def run(
     out: Path,
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
-    tuned: Iterable[Path] = (),
     scenario: str = SCENARIO,
     seed: int = samples.SEED,
 ) -> Limits:
-    """Find the limit of every controller, tuned ones too; write limit.md, .csv, .json.
+    """Find the limit of every controller; write limit.md, .csv, .json.
 
     Bisection between SLOWEST_KPH and FASTEST_KPH to STEP_KPH, `runs` draws of grip and tolerance
     per probe, the same ones for every controller and speed. Raises BagError.
     """
     chosen = [one if isinstance(one, Variant) else variants.plain([one])[0] for one in controllers]
-    chosen += variants.tuned(tuned)
     draws = samples.draws(runs, seed, speed_kph=0.0)
     found = [of(drives, one, draws, scenario) for one in chosen]
     rows = [_row(one, runs) for one in found]

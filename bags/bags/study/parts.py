@@ -36,7 +36,8 @@ def run(
     if part == 'distributions':
         return distributions.run(drives, out, playing, count, speeds).files
     if part == 'limit':
-        return limit.run(drives, out, playing, count, tuned).files
+        chosen = [*playing, *variants.others(roles, tuned)]
+        return limit.run(drives, out, chosen, count).files
     if part == 'claims':
         return claims.run(drives, out, count, cause_runs, speeds, roles).files
     sweep = {'sweep_runs': sweep_runs or (1 if quick else ablation.SWEEP_RUNS)}

@@ -24,7 +24,6 @@ class Variant(NamedTuple):
     name: str
     controller: str  # a name in mpcc_controller/config, or a YAML file
     settings: tuple[tuple[str, Any], ...] = ()
-    tuned: bool = False
 
 
 class Switch(NamedTuple):
@@ -40,22 +39,25 @@ def plain(controllers: Iterable[str] = CONTROLLERS) -> list[Variant]:
     return [Variant(name, name) for name in controllers]
 
 
-def tuned(files: Iterable[Path] = ()) -> list[Variant]:
-    """Return the tuned controllers: the files given, else those in mpcc_controller/config/tuned.
+def others(roles: Mapping[str, str], files: Iterable[Path] = ()) -> list[Variant]:
+    """Return the plain and the tuned controllers that avoid collisions and play no role.
 
-    Raises BagError for a file that is not there, and for two of one name.
+    Tuned ones are the files given, else every *_tuned.yaml in mpcc_controller/config. Raises
+    BagError for a file that is not there, and for two of one name.
     """
-    chosen = [Path(file) for file in files]
-    if not chosen:
-        chosen = sorted(share.path('mpcc_controller', 'config').glob('tuned/*.yaml'))
-    for file in chosen:
+    tuned = [Path(file) for file in files]
+    if not tuned:
+        tuned = sorted(share.path('mpcc_controller', 'config').glob('*_tuned.yaml'))
+    for file in tuned:
         if not file.is_file():
             raise BagError(f'no tuned controller {file}: there is no such file')
-    found = [Variant(f'{file.stem} tuned', str(file.absolute()), tuned=True) for file in chosen]
-    names = [one.name for one in found]
+    names = [file.stem if file.stem not in CONTROLLERS else f'{file.stem} tuned' for file in tuned]
     if len(set(names)) < len(names):
         raise BagError(f'two tuned controllers have one name: {", ".join(sorted(names))}')
-    return found
+    playing = set(roles.values())
+    found = [Variant(f'{name} untuned', name) for name in ('mpcc', 'frenet')]
+    found += [Variant(name, str(file.absolute())) for name, file in zip(names, tuned)]
+    return [one for one in found if not playing & {one.controller, one.name}]
 
 
 def cast(roles: Mapping[str, str] = ROLES) -> list[Variant]:

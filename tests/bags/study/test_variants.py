@@ -52,14 +52,19 @@ def test_a_row_at_a_share_of_the_priority_has_that_share(rows):
         assert part[name] == variants.EQUAL_PENALTY * full[name]
 
 
-def test_a_tuned_controller_is_a_row_under_its_file_name(tmp_path):
-    file = tmp_path / 'mpcc.yaml'
-    file.write_text('')
-    assert [one.name for one in variants.tuned([file])] == ['mpcc tuned']
+def test_who_plays_no_role_is_a_further_row(tmp_path):
+    files = [tmp_path / 'mpcc.yaml', tmp_path / 'frenet_tuned.yaml']
+    for file in files:
+        file.write_text('')
+    found = variants.others(variants.ROLES, files)
+    assert [one.name for one in found] == ['mpcc tuned', 'frenet_tuned']
+    roles = variants.ROLES | {'frenet': 'frenet_tuned'}
+    found = variants.others(roles, files)
+    assert [one.name for one in found] == ['frenet untuned', 'mpcc tuned']
     with pytest.raises(BagError, match='no such file'):
-        variants.tuned([tmp_path / 'frenet.yaml'])
+        variants.others(roles, [tmp_path / 'frenet.yaml'])
     with pytest.raises(BagError, match='one name'):
-        variants.tuned([file, file])
+        variants.others(roles, [files[0], files[0]])
 
 
 def test_a_role_that_nobody_plays_is_named():
