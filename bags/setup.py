@@ -15,7 +15,16 @@ setup(
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'mcap', 'zstandard', 'numpy', 'matplotlib', 'pyyaml', 'rich'],
+    install_requires=[
+        'setuptools',
+        'mcap',
+        'zstandard',
+        'numpy',
+        'scipy',
+        'matplotlib',
+        'pyyaml',
+        'rich',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[

@@ -12,6 +12,7 @@ COMMANDS = (
     'run',
     'play',
     'compare',
+    'study',
     'distances',
     'info',
     'timing',
