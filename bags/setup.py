@@ -12,10 +12,21 @@ setup(
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.report': ['page/*']},
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'mcap', 'zstandard', 'numpy', 'matplotlib', 'pyyaml', 'rich'],
+    install_requires=[
+        'setuptools',
+        'bokeh',
+        'jinja2',
+        'matplotlib',
+        'mcap',
+        'numpy',
+        'pyyaml',
+        'rich',
+        'zstandard',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[
