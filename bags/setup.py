@@ -33,12 +33,14 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/viewers', glob('viewers/*')),
         # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
         (f'lib/{NAME}', glob('scripts/*')),
     ],
     entry_points={
         'console_scripts': [
             'player_node = bags.player_node:main',
+            'markers_node = bags.markers_node:main',
             'recorder_node = bags.recorder_node:main',
             'bags = bags.cli:main',
         ],

@@ -11,6 +11,7 @@ from bags.pictures import palette, road
 from bags.pictures.panels import Run
 from bags.report import film, plots, thin
 from bags.report.account import Account
+from bags.verdict import geometry
 
 HEIGHTS = (240, 620)  # CSS pixels
 WIDTH = 1100  # CSS pixels, of the page on a desktop
@@ -70,17 +71,10 @@ def _road(plot, scene, facts):
     plot.patch(*road_area.T, fill_color=palette.QUIET, fill_alpha=0.08, line_color=None)
     keep_off = facts.vehicle_radius + facts.safe_edge
     for edge, inside in ((scene.left, -1.0), (scene.right, 1.0)):
-        strip = np.concatenate([edge, _beside(edge, inside * keep_off)[::-1]])
+        strip = np.concatenate([edge, geometry.beside(edge, inside * keep_off)[::-1]])
         plot.patch(*strip.T, fill_color=palette.UNSAFE, fill_alpha=0.18, line_color=None)
         plot.line(*edge.T, line_color=palette.EDGE, line_width=2)
     plot.line(*scene.reference.T, line_color=palette.REFERENCE, line_dash='dashed')
-
-
-def _beside(line, offset):
-    """Return a polyline (n, 2) moved to its left by `offset` [m], vertex by vertex."""
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    return line + offset * np.column_stack([-along[:, 1], along[:, 0]])
 
 
 def _obstacles(plot, scene, facts, still):
