@@ -20,6 +20,7 @@ COMMANDS = (
     'golden',
     'resolve',
 )
+COMMANDS = ('run', 'compare', 'distances', 'info', 'repair', 'view')
 INTERRUPTED = 130  # what shells report for SIGINT
 
 

@@ -4,12 +4,11 @@ It watches with queues of one message that may be lost, so that it never slows w
 """
 
 import sys
+from functools import partial
 
-from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
-from bags.viewers import encode, shapes
+from bags.viewers import encode, shapes, stage
 from msgs_yaml import contract, decode, qos, ros, share
 
 try:
@@ -17,73 +16,43 @@ try:
 except ImportError:  # there is no wheel of it
     TFMessage = None
 
-VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'
-PERIOD_NS = 50_000_000  # that of the controller
+DECODERS = {
+    stage.STATE: decode.odometry,
+    stage.PLAN: decode.prediction,
+    stage.REFERENCE: decode.reference,
+    stage.EDGES: decode.road_edges,
+    stage.OBSTACLES: decode.obstacles,
+    stage.WHY: decode.why,
+}
 TF_DEPTH = 100  # what tf2 listeners use
 
 
 class MarkersNode(Node):
-    """Keeps the latest of every topic and draws it 20 times a second of ROS time."""
+    """Draws each plan, and the car 20 times a second of ROS time."""
 
     def __init__(self):
         super().__init__('markers')
         defaults = share.path('bags', 'config', 'markers.yaml')
-        self.params = ros.declare(self, shapes.ShapeParams, defaults)
-        self.latest = {}
-        self.due_ns = 0
-        self.pubs = {topic: ros.publisher(self, topic) for topic in (VEHICLE, SAFETY, PREDICTION)}
+        self.stage = stage.Stage(ros.declare(self, shapes.ShapeParams, defaults))
+        drawn = (stage.VEHICLE, stage.SAFETY, stage.PREDICTION)
+        self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
         self.tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH) if TFMessage else None
         if self.tf is None:
             self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
-        for topic, decoder in (
-            ('/scenario/reference', decode.reference),
-            ('/scenario/road_edges', decode.road_edges),
-            ('/scenario/obstacles', decode.obstacles),
-            ('/controller/why', decode.why),
-        ):
-            self._watch(topic, lambda raw, t=topic, d=decoder: self._keep(t, d, raw))
-        self._watch('/vehicle/odometry', self.on_odometry)
-        self._watch('/controller/prediction', self.on_prediction)
+        for topic in stage.WATCHED:
+            offered = contract.load().topics[topic].qos[ros.mode(self)]
+            callback, kind = partial(self.on_message, topic), ros.message_type(topic)
+            self.create_subscription(kind, topic, callback, qos.watching(offered), raw=True)
 
-    def _watch(self, topic, callback):
-        profile = qos.profile(contract.load().topics[topic].qos[ros.mode(self)])
-        profile.history, profile.depth = HistoryPolicy.KEEP_LAST, 1
-        profile.deadline = Duration()
-        if profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
-            profile.reliability = ReliabilityPolicy.BEST_EFFORT
-        self.create_subscription(ros.message_type(topic), topic, callback, profile, raw=True)
-
-    def _keep(self, topic, decoder, raw):
-        self.latest[topic] = decoder(ros.message(topic, raw))
-
-    def on_odometry(self, raw):
-        """Draw car and areas when a period of theirs has passed since the last time."""
-        stamp_ns = decode.stamp_ns_of(raw)
-        # a clock that went back is a run that began anew
-        if self.due_ns - PERIOD_NS <= stamp_ns < self.due_ns:
+    def on_message(self, topic, raw):
+        """Draw what a message changes."""
+        if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
             return
-        self.due_ns = stamp_ns + PERIOD_NS
-        state = decode.odometry(ros.message('/vehicle/odometry', raw))
-        self._publish(VEHICLE, state, shapes.vehicle(state, self._friction(), self.params.outline))
-        seen = self.latest.get('/scenario/obstacles')
-        edges = self.latest.get('/scenario/road_edges')
-        areas = shapes.safety(state, seen.items if seen else (), edges, self.params.safety)
-        self._publish(SAFETY, state, areas)
-        if self.tf:
-            self.tf.publish(TFMessage(transforms=[encode.transform(state)]))
-
-    def on_prediction(self, raw):
-        """Draw the plan."""
-        plan = decode.prediction(ros.message('/controller/prediction', raw))
-        reference = self.latest.get('/scenario/reference')
-        self._publish(PREDICTION, plan, shapes.prediction(plan, reference))
-
-    def _friction(self):
-        why = self.latest.get('/controller/why')
-        return shapes.friction_use(why.values) if why else {}
-
-    def _publish(self, topic, value, drawn):
-        self.pubs[topic].publish(encode.markers(topic, value.stamp_ns, drawn))
+        value = DECODERS[topic](ros.message(topic, raw))
+        for picture in self.stage.take(topic, value):
+            self.pubs[picture.topic].publish(encode.markers(*picture))
+        if topic == stage.STATE and self.tf:
+            self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
 
 
 def main() -> int:

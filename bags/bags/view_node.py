@@ -1,0 +1,55 @@
+"""Shows the running ring to Foxglove: every topic of the contract, as it comes over the wire."""
+
+from collections.abc import Callable
+from functools import partial
+
+from rclpy.node import Node
+
+from bags.storage import definitions
+from bags.viewers import shapes
+from bags.viewers.foxglove_server import Served, Server
+from bags.viewers.projector import Projector
+from bags.viewers.stage import STATE, Stage
+from msgs_yaml import contract, decode, parameters, qos, ros, share
+
+LATCHED = 'transient_local'
+
+
+class ViewNode(Node):
+    """Passes on what it hears; it slows nobody, and loses what it has no time for."""
+
+    def __init__(self, port: int, announce: Callable[[str], None]):
+        super().__init__('view')
+        params = parameters.load(shapes.ShapeParams, share.path('bags', 'config', 'markers.yaml'))
+        topics = contract.load().topics.values()
+        self.schemas = {topic.type: definitions.schema_text(topic.type) for topic in topics}
+        heard = [topic for topic in topics if not topic.on_request]
+        self.server = Server([self._served(topic) for topic in heard], port)
+        self.projector = Projector(self.server, Stage(params))
+        self.now_ns = 0
+        for topic in heard:
+            offered = topic.qos['realtime']
+            callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
+            self.create_subscription(kind, topic.name, callback, qos.watching(offered), raw=True)
+        announce(self.server.url)
+
+    def _served(self, topic):
+        latched = topic.qos['realtime'].durability == LATCHED
+        return Served(topic.name, topic.type, self.schemas[topic.type], latched)
+
+    def on_message(self, topic, raw):
+        """Pass a message on; the time of the ring is that of its states, in both modes."""
+        if topic.name == STATE:
+            self.now_ns = decode.stamp_ns_of(raw)
+            self.server.tell_time(self.now_ns)
+        self.projector.show(topic.name, topic.type, self.schemas[topic.type], raw, self.now_ns)
+
+    def destroy_node(self):
+        """End the server, too."""
+        self.server.close()
+        super().destroy_node()
+
+
+def serve(port: int, announce: Callable[[str], None]) -> int:
+    """Serve until SIGINT or SIGTERM; `announce` is told where. Returns the exit code."""
+    return ros.spin(partial(ViewNode, port, announce))
