@@ -42,6 +42,7 @@ setup(
             'player_node = bags.player_node:main',
             'markers_node = bags.markers_node:main',
             'recorder_node = bags.recorder_node:main',
+            'view_node = bags.view_node:main',
             'bags = bags.cli:main',
         ],
     },

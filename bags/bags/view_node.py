@@ -1,16 +1,20 @@
 """Shows the running ring to Foxglove: every topic of the contract, as it comes over the wire."""
 
-from collections.abc import Callable
+import argparse
+import sys
 from functools import partial
 
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
+from bags.errors import BagError
 from bags.storage import definitions
 from bags.viewers import shapes
-from bags.viewers.foxglove_server import Served, Server
+from bags.viewers.foxglove_server import PORT, Served, Server, invitation
 from bags.viewers.projector import Projector
 from bags.viewers.stage import STATE, Stage
-from msgs_yaml import contract, decode, parameters, qos, ros, share
+from msgs_yaml import contract, decode, qos, ros, share
+from msgs_yaml.parameters import ParameterError
 
 LATCHED = 'transient_local'
 
@@ -18,20 +22,24 @@ LATCHED = 'transient_local'
 class ViewNode(Node):
     """Passes on what it hears; it slows nobody, and loses what it has no time for."""
 
-    def __init__(self, port: int, announce: Callable[[str], None]):
+    def __init__(self, port: int):
         super().__init__('view')
-        params = parameters.load(shapes.ShapeParams, share.path('bags', 'config', 'markers.yaml'))
+        defaults = share.path('bags', 'config', 'markers.yaml')
+        params = ros.declare(self, shapes.ShapeParams, defaults)
         topics = contract.load().topics.values()
         self.schemas = {topic.type: definitions.schema_text(topic.type) for topic in topics}
         heard = [topic for topic in topics if not topic.on_request]
-        self.server = Server([self._served(topic) for topic in heard], port)
+        try:
+            self.server = Server([self._served(topic) for topic in heard], port)
+        except BagError as error:
+            raise ParameterError(str(error)) from error
         self.projector = Projector(self.server, Stage(params))
         self.now_ns = 0
         for topic in heard:
             offered = topic.qos['realtime']
             callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
             self.create_subscription(kind, topic.name, callback, qos.watching(offered), raw=True)
-        announce(self.server.url)
+        print(invitation(self.server.url), flush=True)
 
     def _served(self, topic):
         latched = topic.qos['realtime'].durability == LATCHED
@@ -50,6 +58,13 @@ class ViewNode(Node):
         super().destroy_node()
 
 
-def serve(port: int, announce: Callable[[str], None]) -> int:
-    """Serve until SIGINT or SIGTERM; `announce` is told where. Returns the exit code."""
-    return ros.spin(partial(ViewNode, port, announce))
+def main() -> int:
+    """Serve until SIGINT or SIGTERM."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--port', type=int, default=PORT)
+    chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    return ros.spin(partial(ViewNode, chosen.port))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -15,6 +15,7 @@ EXECUTABLES = {
     'mpcc_controller': ('mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('player_node', 'recorder_node', 'bags'),
+    'bags': ('markers_node', 'recorder_node', 'view_node', 'bags'),
 }
 SHARED = {
     'msgs_yaml': 'topics.yaml',

@@ -1,11 +1,13 @@
 """Show a bag, or the running ring, to Foxglove over a WebSocket on this machine."""
 
 import argparse
+import os
 import signal
 import threading
 from importlib.util import find_spec
 
 from bags.errors import BagError
+from bags.experiments import processes
 
 HELP = 'show a bag or the running ring to Foxglove (ws://127.0.0.1:8765)'
 PORT = 8765
@@ -45,28 +47,20 @@ def run(chosen: argparse.Namespace) -> int:
     if find_spec('foxglove') is None:
         raise BagError('bags view needs the package foxglove-sdk: pip install foxglove-sdk')
     if chosen.live:
-        from bags import view_node
-
-        return view_node.serve(chosen.port, announce)
+        command = processes.resolve('bags', 'view_node')
+        os.execv(command[0], [*command, '--port', str(chosen.port)])
+    # Foxglove's library takes half a second to load
     from bags.storage import read
+    from bags.viewers.foxglove_server import invitation
     from bags.viewers.screening import Screening
 
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     screening = Screening(read.load(chosen.bag), chosen.port, chosen.rate, chosen.loop)
-    announce(screening.server.url)
+    print(invitation(screening.server.url), flush=True)
     try:
         screening.run(stop.is_set)
     finally:
         screening.server.close()
     return 0
-
-
-def announce(url: str) -> None:
-    """Say how to look at it."""
-    from msgs_yaml import share
-
-    layout = share.path('bags', 'viewers', 'foxglove.json')
-    print(f'Foxglove: open connection, Foxglove WebSocket, {url}; import the layout {layout}')
-    print('Ctrl-C ends it.', flush=True)

@@ -16,10 +16,10 @@ from bags.errors import BagError
 from bags.viewers import shapes
 from bags.viewers.shapes import Shape
 from bags.viewers.stage import PREDICTION, SAFETY, VEHICLE, Picture
-from msgs_yaml import stamp, yaw
+from msgs_yaml import share, stamp, yaw
 from msgs_yaml.types import VehicleState
 
-HOST = '127.0.0.1'
+HOST, PORT = '127.0.0.1', 8765
 # messages per client that wait: two seconds of every topic at its rate
 BACKLOG = 8192
 FRAME, CHILD_FRAME = 'map', 'base_link'
@@ -117,6 +117,15 @@ class Server(ServerListener):
     def on_playback_control_request(self, request: Any) -> Any:
         """Called by the server when a client plays, pauses or seeks."""
         return self._control(request) if self._control else None
+
+
+def invitation(url: str) -> str:
+    """Return what a person has to do to see what is served."""
+    layout = share.path('bags', 'viewers', 'foxglove.json')
+    return (
+        f'Foxglove: open connection, Foxglove WebSocket, {url}; import the layout {layout}\n'
+        'Ctrl-C ends it.'
+    )
 
 
 def _channel(topic, context):

@@ -239,3 +239,16 @@ def test_foxglove_pauses_and_seeks_and_gets_the_facts_again(bag):
         assert sent == [('/scenario/reference', 2 * S), ('/vehicle/odometry', 2 * S)]
     finally:
         shown.server.close()
+
+
+def test_the_live_view_says_so_when_its_port_is_taken(view, bag):
+    port = view(bag).rpartition(':')[2]
+    done = subprocess.run(
+        [sys.executable, '-m', 'bags.cli', 'view', '--live', '--port', port],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    assert done.returncode == ros.EXIT_CONFIGURATION
+    assert f'127.0.0.1:{port}' in done.stdout + done.stderr
