@@ -19,8 +19,8 @@ COMMANDS = (
     'replay-check',
     'golden',
     'resolve',
+    'view',
 )
-COMMANDS = ('run', 'compare', 'distances', 'info', 'repair', 'view')
 INTERRUPTED = 130  # what shells report for SIGINT
 
 
