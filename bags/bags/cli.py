@@ -11,6 +11,7 @@ from msgs_yaml.parameters import ParameterError
 COMMANDS = (
     'run',
     'play',
+    'view',
     'compare',
     'study',
     'distances',

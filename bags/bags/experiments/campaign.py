@@ -29,6 +29,7 @@ class Plan(NamedTuple):
     out: Path
     settings: Sequence[str]  # NODE.parameter=value
     time_limit_s: float  # of wall time per run
+    markers: bool = False  # whether a node draws the ring for 3D viewers
 
 
 def run_all(plan: Plan, console: Console) -> int:
@@ -57,7 +58,12 @@ def run_all(plan: Plan, console: Console) -> int:
             domain.reserved(os.environ) as number,
         ):
             settings = run.Settings(
-                plan.mode, folder.absolute(), overrides, number, plan.time_limit_s
+                plan.mode,
+                folder.absolute(),
+                overrides,
+                number,
+                plan.time_limit_s,
+                plan.markers,
             )
             for controller in chosen:
                 progress.begin(controller.name, facts.length_m)
