@@ -28,9 +28,9 @@ def write(runs, title, folder):
     """Write the sheet and each panel into `folder` as PNG and SVG; return the paths written."""
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(palette.RC):
-        written = _save(_sheet(runs, title), folder / 'comparison')
+        written = save(_sheet(runs, title), folder / 'comparison')
         for panel, name in NAMES.items():
-            written += _save(_single(panel, runs), folder / name)
+            written += save(_single(panel, runs), folder / name)
     return written
 
 
@@ -71,7 +71,8 @@ def _legend(figure, runs, drawn):
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
 
 
-def _save(figure, stem):
+def save(figure, stem):
+    """Write a figure as PNG and SVG beside each other; return both paths."""
     FigureCanvasAgg(figure)
     paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
     figure.savefig(paths[0])
