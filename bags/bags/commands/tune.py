@@ -12,6 +12,7 @@ HELP = 'tune the weights of a controller'
 OUT = Path('paper', 'tuning')
 TRIALS = (72, 48)
 SEED = 1
+TRACKING_M = 0.3  # the untuned controllers stay below it
 NO_OPTUNA = "optuna is needed for tuning and is not installed: pip install 'optuna>=5'"
 
 
@@ -25,6 +26,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=TRIALS,
         metavar=('N1', 'N2'),
         help=f'sets of weights of stage 1, wide, and 2, narrow (default: {TRIALS[0]} {TRIALS[1]})',
+    )
+    parser.add_argument(
+        '--tracking',
+        type=_metres,
+        default=TRACKING_M,
+        metavar='M',
+        help='rms distance from the coarse path that is allowed; a large one leaves it free '
+        f'(default: {TRACKING_M} m)',
     )
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
     parser.add_argument(
@@ -63,6 +72,13 @@ def _count(text):
     return value
 
 
+def _metres(text):
+    value = float(text)
+    if not 0.0 < value < float('inf'):
+        raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
+    return value
+
+
 def run(chosen: argparse.Namespace) -> int:
     """Tune and show. Raises BagError."""
     try:
@@ -76,6 +92,7 @@ def run(chosen: argparse.Namespace) -> int:
         chosen.controller,
         chosen.seed,
         tuple(chosen.trials),
+        chosen.tracking,
         chosen.jobs,
         folder,
         chosen.write or folder,

@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from bags.pictures import palette
 from bags.pictures.figures import save
@@ -71,6 +72,9 @@ def _weight(ax, trials, best, name):
     ax.axvline(trials[0].weights[name], color=palette.EDGE, lw=0.9, ls=':')
     ax.plot(best.weights[name], best.cost, '*', ms=11, color=BEST, mec='white', zorder=5)
     ax.set(xscale='log', xlabel=name, ylabel='objective')
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+    ax.xaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _costs(trials):

@@ -5,6 +5,9 @@ peaks [...] and enabling the vehicle to avoid obstacles maintaining a safe dista
 and road edges": the first two are the objective, the last is a constraint. How the two errors are
 added is not printed; 1 m/s counting as much as 3 degrees is our choice (3 degrees is the peak that
 the paper reports).
+
+Taken literally this rewards letting go of the coarse path: the gentlest weave past both obstacles
+has next to no sideslip. So one more constraint, ours: the rms distance from the path is bounded.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +22,7 @@ SCENARIO = 'double_lane_change'
 VELOCITY_SCALE_MPS = 1.0
 SIDESLIP_SCALE_DEG = 3.0
 KMH_PER_MPS = 3.6
-CONSTRAINTS = ('v2o', 'v2e', 'completed')
+CONSTRAINTS = ('v2o', 'v2e', 'completed', 'tracking')
 
 
 class Condition(NamedTuple):
@@ -47,6 +50,7 @@ class Score(NamedTuple):
     missing_v2o_m: float  # of D_sft,O where the drive was nearest to an obstacle, 0 if none is
     missing_v2e_m: float  # of D_sft,E likewise
     not_completed: float  # 1 when the drive did not reach its end
+    contouring_rms_m: float  # distance from the coarse path
 
     @property
     def cost(self) -> float:
@@ -55,15 +59,10 @@ class Score(NamedTuple):
             self.velocity_rms_mps / VELOCITY_SCALE_MPS + self.sideslip_peak_deg / SIDESLIP_SCALE_DEG
         )
 
-    @property
-    def violations(self) -> tuple[float, float, float]:
-        """What has to be 0 for the drive to be safe."""
-        return self.missing_v2o_m, self.missing_v2e_m, self.not_completed
-
-    @property
-    def safe(self) -> bool:
-        """Whether the drive kept all distances and reached its end."""
-        return max(self.violations) <= 0.0
+    def violations(self, tracking_m: float) -> tuple[float, ...]:
+        """Return by how much each of CONSTRAINTS is violated; `tracking_m` bounds the tracking."""
+        worse = max(0.0, self.contouring_rms_m - tracking_m)
+        return self.missing_v2o_m, self.missing_v2e_m, self.not_completed, worse
 
 
 def drive(controller: str, weights: Mapping[str, Any], condition: Condition) -> Score:
@@ -87,6 +86,7 @@ def score(driven, speed_mps: float) -> Score:
         missing_v2o_m=_missing(facts.safe_obstacle, found['min_v2o_m']),
         missing_v2e_m=_missing(facts.safe_edge, found['min_v2e_m']),
         not_completed=float(not found['completed']),
+        contouring_rms_m=found['rms_contouring_m'],
     )
 
 
@@ -99,6 +99,7 @@ def cost(scores: Sequence[Score]) -> float:
     return float(np.mean([one.cost for one in scores]))
 
 
-def violations(scores: Sequence[Score]) -> tuple[float, ...]:
-    """Return the CONSTRAINTS of a set of weights, positive where violated: the worst drive's."""
-    return tuple(float(worst) for worst in np.max([one.violations for one in scores], axis=0))
+def violations(scores: Sequence[Score], tracking_m: float) -> tuple[float, ...]:
+    """Return how far a set of weights violates each of CONSTRAINTS, 0 if not: the worst drive's."""
+    worst = np.max([one.violations(tracking_m) for one in scores], axis=0)
+    return tuple(float(one) for one in worst)

@@ -40,8 +40,8 @@ def write(
     figures = tuning_figure.write(plan.controller, trials, search.best(trials), folder)
     if not summary['best']['safe']:
         raise BagError(
-            f'{plan.controller}: none of {len(trials)} sets of weights kept all safety distances; '
-            f'the history lies in {folder}, nothing was tuned'
+            f'{plan.controller}: none of {len(trials)} sets of weights kept all safety '
+            f'distances and the path; the history lies in {folder}, nothing was tuned'
         )
     weights = summary['best']['weights']
     tolerances = {n: value for n, value in weights.items() if n.startswith('tolerances.')}
@@ -70,7 +70,10 @@ def summarise(plan: Plan, trials: Sequence[Trial]) -> dict[str, Any]:
 def command(plan: Plan) -> str:
     """Return the command that makes this search."""
     trials = ' '.join(map(str, plan.trials))
-    return f'bags tune {plan.controller} --seed {plan.seed} --trials {trials}'
+    return (
+        f'bags tune {plan.controller} --seed {plan.seed} --trials {trials} '
+        f'--tracking {plan.tracking_m:g}'
+    )
 
 
 def _told(trial):
@@ -105,13 +108,14 @@ def _header(base, weights, summary):
         f'{one["speed_kmh"]:g} km/h on grip {one["friction"]:g}' for one in plan['conditions']
     )
     versions = ', '.join(f'{name} {version}' for name, version in summary['versions'].items())
+    kept = '' if before['safe'] else ' (which keeps not all of it)'
     return [
         f'{base.name} with weights from Bayesian optimisation in two stages (docs/paper.md).',
         f'Made by: {summary["command"]}',
         f'Budget: {sum(plan["trials"])} sets of weights, {summary["drives"]} drives: {drives}.',
         'Objective: mean of rms velocity error / 1 m/s + peak sideslip angle / 3 deg, all safety '
-        f'distances kept: {before["cost"]:.3f} with {summary["controller"]}.yaml'
-        f'{"" if before["safe"] else " (not kept)"}, {after["cost"]:.3f} with these weights.',
+        f'distances kept and the coarse path tracked to {plan["tracking_m"]:g} m rms: {before["cost"]:.3f} with '
+        f'{summary["controller"]}.yaml{kept}, {after["cost"]:.3f} with these weights.',
         f'Changed: {", ".join(weights)}.',
         f'Versions: {versions}; commit {summary["git_commit"] or "unknown"}.',
     ]

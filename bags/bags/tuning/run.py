@@ -11,6 +11,7 @@ from rich.table import Table
 
 from bags.experiments import experiment
 from bags.tuning import result, search, workers
+from bags.tuning.objective import Condition
 from bags.tuning.result import Result
 from bags.tuning.search import Plan, Trial
 
@@ -25,23 +26,32 @@ class Asked(NamedTuple):
     controller: str
     seed: int
     trials: tuple[int, int]  # of each stage
+    tracking_m: float  # rms distance from the coarse path that is allowed
     jobs: int
     folder: Path  # of the history
     controllers: Path  # that receives the tuned files
     also: Sequence[str]
 
 
-def plan(asked: Asked, conditions) -> Plan:
+def plan(asked: Asked, conditions: Sequence[Condition]) -> Plan:
     """Return the plan that follows from what is asked for."""
     first, second = asked.trials
     random = (
         max(LEAST_RANDOM, first // RANDOM_SHARE),
         max(LEAST_RANDOM, second // RANDOM_SHARE // 2),
     )
-    return Plan(asked.controller, asked.seed, asked.trials, random, BATCH, tuple(conditions))
+    return Plan(
+        asked.controller,
+        asked.seed,
+        asked.trials,
+        random,
+        BATCH,
+        tuple(conditions),
+        asked.tracking_m,
+    )
 
 
-def tune(asked: Asked, conditions, console: Console) -> Result:
+def tune(asked: Asked, conditions: Sequence[Condition], console: Console) -> Result:
     """Tune and write; raises BagError, and KeyboardInterrupt that says how to go on."""
     for name in (asked.controller, *asked.also):
         experiment.controller(name)

@@ -38,6 +38,7 @@ class Plan(NamedTuple):
     random: tuple[int, int]  # of them, drawn at random before there is anything to learn from
     batch: int  # trials asked for before any of them is told
     conditions: tuple[Condition, ...]
+    tracking_m: float  # rms distance from the coarse path that is allowed
 
 
 class Trial(NamedTuple):
@@ -47,6 +48,7 @@ class Trial(NamedTuple):
     number: int  # within the stage; 0 is the untuned one, or the best of stage 1
     weights: dict[str, float]  # by dotted name
     scores: tuple[Score, ...]  # one per condition
+    violations: tuple[float, ...]  # of objective.CONSTRAINTS
 
     @property
     def cost(self) -> float:
@@ -55,8 +57,8 @@ class Trial(NamedTuple):
 
     @property
     def safe(self) -> bool:
-        """Whether every drive kept all distances and reached its end."""
-        return all(score.safe for score in self.scores)
+        """Whether every drive kept all distances, reached its end and tracked the path."""
+        return max(self.violations) <= 0.0
 
 
 def run(
@@ -91,13 +93,9 @@ def best(trials: Sequence[Trial]) -> Trial:
     """Return the safe trial of least cost; without one that which violates least."""
 
     def rank(trial):
-        return not trial.safe, 0.0 if trial.safe else _violation(trial), trial.cost
+        return sum(trial.violations), trial.cost
 
     return min(trials, key=rank)
-
-
-def _violation(trial):
-    return sum(objective.violations(trial.scores))
 
 
 @contextmanager
@@ -146,7 +144,8 @@ def _stage(study, plan, stage, spans, pool, on_drive) -> Iterator[Trial]:
         _drive(study, plan, waiting, pool, on_drive)
         for trial in _asked(study)[told:end]:
             scores = tuple(Score(**score) for score in trial.user_attrs[SCORES])
-            yield Trial(stage, trial.number, _weights(trial), scores)
+            violations = objective.violations(scores, plan.tracking_m)
+            yield Trial(stage, trial.number, _weights(trial), scores, violations)
         told = end
 
 
@@ -167,7 +166,7 @@ def _drive(study, plan, trials, pool, on_drive):
         own = scores[k * count : (k + 1) * count]
         handle = optuna.trial.Trial(study, trial._trial_id)
         handle.set_user_attr(SCORES, [score._asdict() for score in own])
-        for name, value in zip(objective.CONSTRAINTS, objective.violations(own)):
+        for name, value in zip(objective.CONSTRAINTS, objective.violations(own, plan.tracking_m)):
             # an interruption may have come between this and telling
             if name not in trial.constraints:
                 handle.set_constraint(name, value)
