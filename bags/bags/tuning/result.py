@@ -114,8 +114,9 @@ def _header(base, weights, summary):
         f'Made by: {summary["command"]}',
         f'Budget: {sum(plan["trials"])} sets of weights, {summary["drives"]} drives: {drives}.',
         'Objective: mean of rms velocity error / 1 m/s + peak sideslip angle / 3 deg, all safety '
-        f'distances kept and the coarse path tracked to {plan["tracking_m"]:g} m rms: {before["cost"]:.3f} with '
-        f'{summary["controller"]}.yaml{kept}, {after["cost"]:.3f} with these weights.',
+        f'distances kept and the coarse path tracked to {plan["tracking_m"]:g} m rms: '
+        f'{before["cost"]:.3f} with {summary["controller"]}.yaml{kept}, '
+        f'{after["cost"]:.3f} with these weights.',
         f'Changed: {", ".join(weights)}.',
         f'Versions: {versions}; commit {summary["git_commit"] or "unknown"}.',
     ]
