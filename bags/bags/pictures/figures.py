@@ -1,5 +1,7 @@
 """Figures of a comparison, from drives only: one sheet with every panel, and each panel singly."""
 
+import string
+
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -44,6 +46,8 @@ def _sheet(runs, title):
         width = 12 // len(drawn)
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
+    for letter, ax in zip(string.ascii_lowercase, figure.axes):
+        ax.set_title(f'({letter}) {ax.get_title(loc="left")}')
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
     _legend(figure, runs, (road.trajectories, panels.v2e))
     return figure
