@@ -15,8 +15,7 @@ from bags.tuning.objective import Condition
 from bags.tuning.result import Result
 from bags.tuning.search import Plan, Trial
 
-RANDOM_SHARE = 4  # one trial in this many of stage 1 is drawn at random, half as many of stage 2
-LEAST_RANDOM = 2
+RANDOM = (18, 6)  # trials of each stage before its model begins to choose
 BATCH = 4
 
 
@@ -35,16 +34,11 @@ class Asked(NamedTuple):
 
 def plan(asked: Asked, conditions: Sequence[Condition]) -> Plan:
     """Return the plan that follows from what is asked for."""
-    first, second = asked.trials
-    random = (
-        max(LEAST_RANDOM, first // RANDOM_SHARE),
-        max(LEAST_RANDOM, second // RANDOM_SHARE // 2),
-    )
     return Plan(
         asked.controller,
         asked.seed,
         asked.trials,
-        random,
+        RANDOM,
         BATCH,
         tuple(conditions),
         asked.tracking_m,

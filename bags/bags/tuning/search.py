@@ -2,7 +2,8 @@
 
 Trials are asked for and told in batches of a fixed size, and every trial has a random generator of
 its own whose seed follows from the plan: the trials depend on plan and code only, not on the number
-of processes, and a search that was interrupted goes on as if it had not been.
+of processes, and a search that was interrupted goes on as if it had not been. The first trials of a
+longer stage are those of a shorter one.
 """
 
 import fcntl
@@ -116,8 +117,8 @@ def _study(storage, plan, stage, spans):
     study = optuna.create_study(
         storage=storage, study_name=f'stage {stage}', direction='minimize', load_if_exists=True
     )
-    # as JSON reads it back
-    wanted = json.loads(json.dumps({**plan._asdict(), 'spans': spans}))
+    # as JSON reads it back; a search may go on for longer, its first trials stay the same
+    wanted = json.loads(json.dumps({**plan._replace(trials=None)._asdict(), 'spans': spans}))
     if PLAN not in study.user_attrs:
         study.set_user_attr(PLAN, wanted)
     if study.user_attrs[PLAN] != wanted:
