@@ -8,7 +8,7 @@ from importlib import import_module
 from bags.errors import BagError
 from msgs_yaml.parameters import ParameterError
 
-COMMANDS = ('run', 'compare', 'distances', 'tune', 'info', 'repair')
+COMMANDS = ('run', 'compare', 'distances', 'tune', 'paper', 'info', 'repair')
 INTERRUPTED = 130  # what shells report for SIGINT
 
 

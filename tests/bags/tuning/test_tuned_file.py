@@ -42,5 +42,5 @@ def test_a_weight_is_read_back_as_the_number_it_is(value):
 
 
 def test_an_unknown_weight_is_refused():
-    with pytest.raises(KeyError, match='tolerances.lug_m'):
+    with pytest.raises(KeyError, match=r'tolerances\.lug_m'):
         tuned_file.text(BASE.read_text(), {'tolerances.lug_m': 1.0}, [])
