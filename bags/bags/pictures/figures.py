@@ -76,7 +76,7 @@ def _legend(figure, runs, drawn):
 
 
 def save(figure, stem):
-    """Write a figure as PNG and SVG beside each other; return both paths."""
+    """Write a figure as <stem>.png and .svg; return both paths."""
     FigureCanvasAgg(figure)
     paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
     figure.savefig(paths[0])
