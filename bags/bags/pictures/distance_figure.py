@@ -42,6 +42,7 @@ def write(drive, circle, driven, folder):
         ):
             over_distance(ax, circle, driven, side, inside)
         difference(bottom[2], circle, driven)
+        figures.letter(figure)
         figure.suptitle(
             f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames',
             x=0.012,
