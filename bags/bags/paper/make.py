@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from bags.errors import BagError
@@ -69,13 +70,15 @@ def _say(console, text):
 def show(made: Made, console: Console) -> None:
     """Print the claims, and where everything is."""
     table = Table(title='The claims of the paper', title_justify='left', show_lines=True)
-    for name in ('claim', 'paper', 'ours: median [least, most]'):
-        table.add_column(name, overflow='fold')
+    table.add_column('claim, what the paper says, what comes out here', overflow='fold')
     table.add_column('verdict', no_wrap=True)
     table.add_column('holds in runs', no_wrap=True)
     for row in made.rows:
         verdict = f'[{VERDICTS[row["verdict"]]}]{row["verdict"]}[/]'
-        table.add_row(row['claim'], row['paper'], row['ours'], verdict, row['interval'])
+        # brackets are ranges, not markup
+        paper, ours = (escape(row[name]) for name in ('paper', 'ours'))
+        told = f'[bold]{row["claim"]}[/]\n[dim]paper[/] {paper}\n[dim]ours [/] {ours}'
+        table.add_row(told, verdict, escape(row['interval']))
     console.print(table)
     sheet = next(path for path in made.figures if path.suffix == '.png')
     for label, path in (('claims', made.claims), ('figures', sheet)):

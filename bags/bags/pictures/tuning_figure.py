@@ -12,7 +12,7 @@ from bags.pictures import palette
 from bags.pictures.figures import save
 
 STEM = 'history'
-SAFE, UNSAFE, BEST = '#0072B2', '#D9D9D9', '#D55E00'
+SAFE, OUT, BEST = '#0072B2', '#A6A6A6', '#D55E00'
 COLUMNS = 4
 CELL = (3.5, 2.5)  # inch
 HISTORY_HEIGHT = 3.4  # inch
@@ -47,8 +47,8 @@ def _history(ax, trials, best):
     order = np.arange(len(trials))
     rim = SHOWN * cost[0]
     shown = np.minimum(cost, rim)
-    ax.plot(order[~safe], shown[~safe], 'x', ms=4, color='#A6A6A6', label='not safe')
-    ax.plot(order[safe], shown[safe], 'o', ms=3.5, color=SAFE, label='safe')
+    ax.plot(order[~safe], shown[~safe], 'x', ms=4, color=OUT, label='out of bounds')
+    ax.plot(order[safe], shown[safe], 'o', ms=3.5, color=SAFE, label='distances and path kept')
     lowest = np.minimum.accumulate(np.where(safe, cost, np.inf))
     ax.step(order, lowest, where='post', color=SAFE, lw=1.4, label='best so far')
     ax.axhline(cost[0], color=palette.EDGE, lw=0.9, ls=':', label='untuned')
@@ -60,19 +60,19 @@ def _history(ax, trials, best):
         ax.annotate(text, (x, rim), ha=side, va='top', color=palette.QUIET)
     ax.set(xlabel='trial', ylabel='objective', xlim=(-1, len(trials)), ylim=(None, 1.02 * rim))
     ax.set_title('Mean of rms velocity error / 1 m/s and peak sideslip angle / 3 deg')
-    ax.legend(loc='lower left', bbox_to_anchor=(0.55, 1.0), ncols=5, borderaxespad=0.2)
+    ax.legend(loc='lower left', bbox_to_anchor=(0.48, 1.0), ncols=5, borderaxespad=0.2)
 
 
 def _weight(ax, trials, best, name):
     cost, safe = _costs(trials)
     value = np.array([trial.weights[name] for trial in trials])
     shown = np.minimum(cost, SHOWN * cost[0])
-    ax.plot(value[~safe], shown[~safe], 'x', ms=3, color='#BFBFBF')
+    ax.plot(value[~safe], shown[~safe], 'x', ms=3, color=OUT)
     ax.plot(value[safe], shown[safe], 'o', ms=2.8, color=SAFE, alpha=0.7, mew=0)
     ax.axvline(trials[0].weights[name], color=palette.EDGE, lw=0.9, ls=':')
     ax.plot(best.weights[name], best.cost, '*', ms=11, color=BEST, mec='white', zorder=5)
     ax.set(xscale='log', xlabel=name, ylabel='objective')
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=8))
     ax.xaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
     ax.xaxis.set_minor_formatter(NullFormatter())
 
