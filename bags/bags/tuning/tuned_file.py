@@ -8,6 +8,8 @@ import yaml
 
 ROOT = ('/**', 'ros__parameters')
 WIDTH = 100
+# in a comment: the old value again, in degrees
+RESTATED = re.compile(r', [\d.]+ deg(/s)?')
 DIGITS = 4  # more would claim a precision that a search among chaotic drives does not have
 
 
@@ -34,7 +36,9 @@ def text(base: str, values: Mapping[str, float], header: Sequence[str]) -> str:
         # the comment behind it stays in its column
         gap = re.match(' *', written[end:]).end()
         padding = ' ' * max(1, gap + end - start - len(shown)) if gap else ''
-        written = written[:start] + shown + padding + written[end + gap :]
+        comment, newline, rest = written[end + gap :].partition('\n')
+        comment = RESTATED.sub('', comment)
+        written = written[:start] + shown + padding + comment + newline + rest
     body = written.splitlines(keepends=True)
     while body and body[0].startswith('#'):
         body.pop(0)

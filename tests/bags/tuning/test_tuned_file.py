@@ -29,6 +29,15 @@ def test_comments_stay_in_their_column():
     assert line.index('#') == other.index('#')
 
 
+def test_a_comment_does_not_go_on_stating_the_old_value():
+    changed = {'tolerances.heading_rad': 0.3, 'tolerances.steer_rate_radps': 0.2}
+    lines = tuned_file.text(BASE.read_text(), changed, []).splitlines()
+    (heading,) = (line for line in lines if 'heading_rad' in line)
+    (rate,) = (line for line in lines if 'steer_rate_radps: 0.2' in line)
+    assert heading.endswith('# rad, from the path; frenet only')
+    assert rate.endswith('# rad/s')
+
+
 def test_long_headers_are_wrapped():
     made = tuned_file.text(BASE.read_text(), {}, ['word ' * 60])
     header = [line for line in made.splitlines() if line.startswith('#')]
