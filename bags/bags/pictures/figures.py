@@ -1,5 +1,7 @@
 """Figures of a comparison, from drives only: one sheet with every panel, and each panel singly."""
 
+import string
+
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -44,6 +46,7 @@ def _sheet(runs, title):
         width = 12 // len(drawn)
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
+    letter(figure)
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
     _legend(figure, runs, (road.trajectories, panels.v2e))
     return figure
@@ -69,6 +72,12 @@ def _legend(figure, runs, drawn):
         for colour, label in ((palette.UNSAFE, 'unsafe area'), (palette.COLLISION, 'collision')):
             keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
+
+
+def letter(figure):
+    """Put a letter before the title of every panel, in the order of drawing."""
+    for name, ax in zip(string.ascii_lowercase, figure.axes):
+        ax.set_title(f'({name}) {ax.get_title(loc="left")}')
 
 
 def save(figure, stem):

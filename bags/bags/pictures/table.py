@@ -7,6 +7,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from bags.pictures.palette import TUNED
+
 PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
 COLOURS = {True: 'green', False: 'red', None: ''}
 PAPER_NOTE = 'paper: its MPCC with FORCESPro on a dSPACE DS6001'
@@ -96,7 +98,9 @@ def build(comparison: dict) -> Table:
     table.add_column('unit', no_wrap=True)
     for name in runs:
         cut = name in comparison.get('damage', {})
-        table.add_column(f'{name}, bag cut' if cut else name, justify='right', no_wrap=True)
+        # on two lines, so that three of them fit into 80 characters, too
+        shown = f'{name.removesuffix(TUNED)}\n{TUNED[1:]}' if name.endswith(TUNED) else name
+        table.add_column(f'{shown}, bag cut' if cut else shown, justify='right', no_wrap=True)
     table.add_column('paper', justify='right', style='dim', no_wrap=True)
     for line in lines(runs):
         cells = [Text(cell.text, COLOURS[cell.good]) for cell in line.cells]
