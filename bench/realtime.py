@@ -9,6 +9,7 @@ should run: every other process shows in the percentiles. Exit code 1 when a tar
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -23,8 +24,9 @@ from bags.storage import read
 from bags.verdict import punctuality
 
 TICK_S = 0.05
-SPEED_MPS = 10.0
-RADIUS_M = 60.0
+SPEED_MPS = 15.0
+RADIUS_M = 80.0
+LAP_M = 2 * math.pi * RADIUS_M  # the obstacles stand along the first one
 START_S, MARGIN_M = 60.0, 60.0
 SCENARIO = """
 schema: 1
@@ -64,11 +66,12 @@ class Target(NamedTuple):
 def scenario(ticks: int) -> str:
     """Return a scenario that takes that many ticks, and a little more."""
     stop_m = ticks * TICK_S * SPEED_MPS
+    length_m = max(stop_m, LAP_M)
     return SCENARIO.format(
         curvature_1pm=1 / RADIUS_M,
         speed_mps=SPEED_MPS,
-        path_m=stop_m + MARGIN_M,
-        road_m=stop_m + 2 * MARGIN_M,
+        path_m=length_m + MARGIN_M,
+        road_m=length_m + 2 * MARGIN_M,
         stop_m=stop_m,
         time_s=2 * ticks * TICK_S,
     )

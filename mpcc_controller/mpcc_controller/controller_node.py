@@ -70,7 +70,7 @@ class ControllerNode(Node):
         if repeats.is_repeat(raw, self.path):
             fault = self.watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self.wall.now_ns())
             if fault:
-                self.turn_down(REFERENCE, fault)
+                self.turn_down(TOPICS[REFERENCE], fault)
             self.advance()
         elif self.take(REFERENCE, self.read_reference, raw, self.controller.set_reference):
             self.path = raw
@@ -160,12 +160,13 @@ class ControllerNode(Node):
         """Return who must be listening before the first command."""
         return [] if self.answer else ros.unheard(self, {'/controller/command': 1})
 
-    def restart(self) -> bool:
-        """Take the set-points from where the actuators are; wait for them when nobody can read."""
+    def restart(self):
+        """Take the set-points from where the actuators are; return whether they were told."""
         try:
             actuators = decode.actuators(ros.message('/vehicle/actuators', self.actuators))
         except decode.DecodeError as error:
-            self.turn_down('/vehicle/actuators', str(error))
+            self.turn_down('/vehicle/actuators', f'{error}; waiting for valid ones to start from')
+            self.actuators = None
             self.trigger.on_lost(decode.stamp_ns_of(self.state))
             return False
         self.controller.reset(actuators)
@@ -191,7 +192,9 @@ class ControllerNode(Node):
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
-        self.send(*self.controller.step(x, self.trigger.age_s(now_ns), fault, arrival))
+        self.send(
+            *self.controller.step(x, self.trigger.age_s(now_ns), fault=fault, arrival=arrival)
+        )
 
     def step_blindly(self, now_ns):
         """Brake under a stamp of this node: no state comes."""
@@ -206,6 +209,7 @@ class ControllerNode(Node):
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
+        self.controller.prepare()
         self.tell(self.watchdog.on_step(why))
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
@@ -228,7 +232,8 @@ class ControllerNode(Node):
         if self.answer:
             return ''
         state = () if self.state else ('vehicle state',)
-        missing = (*self.controller.missing(), *state, *self.unheard())
+        actuators = () if self.actuators else ('actuators',)
+        missing = (*self.controller.missing(), *state, *actuators, *self.unheard())
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
 
     def on_look(self):

@@ -97,6 +97,10 @@ class Solver:
     """How the problem is solved."""
 
     name: Annotated[str, Choice('fatrop', 'ipopt', 'riccati')]
+    mode: Annotated[str, Choice('converged', 'one_step')]  # one_step: riccati only
+    one_step_residual: Annotated[float, Range(0.0, 1.0, 'primal, in the units of the solver')]
+    one_step_decrease: Annotated[float, Range(0.0, 1e3, 'share of the cost that a step promises')]
+    prepare: bool  # solve the expected next problem after each command
     max_iterations: Annotated[int, Range(1, 10000, 'iterations')]
     tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
     time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]

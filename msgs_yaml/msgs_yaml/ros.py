@@ -125,37 +125,48 @@ def message_type(topic: str) -> type:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-class FastPublisher:
-    """Publishes values, not messages, by patching a serialised template."""
+class Sender:
+    """Publishes serialised messages, and waits where others would lose them."""
 
-    def __init__(self, node: Node, topic: str):
+    def __init__(self, node: Node, pub: Publisher):
         self._node = node
-        self.publisher = publisher(node, topic)
-        self._template = fast.Template(topic)
+        self._publisher = pub
         self._given_up = False  # told to end while the queue was full
 
-    def publish(self, value: Any) -> None:
-        """Publish a value of `types`; the bytes are those of its encoded message.
+    def send(self, raw: bytes) -> None:
+        """Publish the bytes of one message.
 
         Waits while a reliable subscriber that keeps everything is thousands of messages behind:
         lockstep loses none. Raises RuntimeError when that lasts longer than a dead process is
         remembered by DDS. A node that has been told to end does not wait.
         """
-        raw = self._template.fill(value)
         end = time.monotonic() + _PATIENCE_S
         while not (self._given_up or self._accepted(raw, end)):
             time.sleep(_RETRY_S)
 
     def _accepted(self, raw, end):
         try:
-            self.publisher.publish(raw)
+            self._publisher.publish(raw)
         except RuntimeError:  # the queue is full
             # nobody waits for the rest, and each further try would block for 0.1 s
             self._given_up = getattr(self._node, 'finished', False)
-            if time.monotonic() > end or not self.publisher.get_subscription_count():
+            if time.monotonic() > end or not self._publisher.get_subscription_count():
                 raise
             return False
         return True
+
+
+class FastPublisher:
+    """Publishes values, not messages, by patching a serialised template."""
+
+    def __init__(self, node: Node, topic: str):
+        self.publisher = publisher(node, topic)
+        self._sender = Sender(node, self.publisher)
+        self._template = fast.Template(topic)
+
+    def publish(self, value: Any) -> None:
+        """Publish a value of `types` as `Sender` does; the bytes are those of its message."""
+        self._sender.send(self._template.fill(value))
 
 
 def fast_publisher(node: Node, topic: str) -> FastPublisher:

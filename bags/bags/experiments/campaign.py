@@ -29,6 +29,7 @@ class Plan(NamedTuple):
     out: Path
     settings: Sequence[str]  # NODE.parameter=value
     time_limit_s: float  # of wall time per run
+    markers: bool = False  # whether a node draws the ring for 3D viewers
 
 
 def run_all(plan: Plan, console: Console) -> int:
@@ -38,6 +39,15 @@ def run_all(plan: Plan, console: Console) -> int:
     started, and KeyboardInterrupt, which says what was kept, when a signal came; no process is
     left behind in any case.
     """
+    folder, outcomes = run_nodes(plan, console)
+    made = _made(outcomes)
+    if made:
+        compare.show(compare.bags(made, folder), console)
+    return 0 if all(outcome.completed for outcome in outcomes) else 1
+
+
+def run_nodes(plan: Plan, console: Console) -> tuple[Path, list[run.Outcome]]:
+    """Make the runs as `run_all` does; return the folder of the scenario and how each ended."""
     facts = closed_loop.scenario_facts(plan.scenario)
     chosen = experiment.controllers(plan.controllers)
     overrides = experiment.overrides(plan.settings)
@@ -57,20 +67,22 @@ def run_all(plan: Plan, console: Console) -> int:
             domain.reserved(os.environ) as number,
         ):
             settings = run.Settings(
-                plan.mode, folder.absolute(), overrides, number, plan.time_limit_s
+                plan.mode,
+                folder.absolute(),
+                overrides,
+                number,
+                plan.time_limit_s,
+                plan.markers,
             )
             for controller in chosen:
                 progress.begin(controller.name, facts.length_m)
                 outcome = run.one(facts, controller, settings, interrupt, progress)
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)
-        made = _made(outcomes)
-        if made:
-            compare.show(compare.bags(made, folder), console)
     except KeyboardInterrupt:
         kept = ', '.join(os.path.relpath(bag) for bag in _made(outcomes)) or 'nothing'
         raise KeyboardInterrupt(f'every node was stopped; kept: {kept}') from None
-    return 0 if all(outcome.completed for outcome in outcomes) else 1
+    return folder, outcomes
 
 
 def _made(outcomes):

@@ -6,11 +6,10 @@ of the recorded drive.
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bags.pictures import palette
+from bags.pictures import figures, palette
 from bags.pictures.distance_sketch import (
     FRAMES,
     MOMENT_M,
@@ -43,6 +42,7 @@ def write(drive, circle, driven, folder):
         ):
             over_distance(ax, circle, driven, side, inside)
         difference(bottom[2], circle, driven)
+        figures.letter(figure)
         figure.suptitle(
             f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames',
             x=0.012,
@@ -51,7 +51,7 @@ def write(drive, circle, driven, folder):
             fontweight='bold',
         )
         figure.legend(handles=_keys(drive), loc='outside lower center', ncols=5, handlelength=2.2)
-        return _save(figure, folder / STEM)
+        return figures.save(figure, folder / STEM)
 
 
 def over_curvature(ax, circle):
@@ -120,12 +120,3 @@ def _keys(drive):
         keys.append(Line2D([], [], color=palette.INK, ls=dash(side), label=f'obstacle {side}'))
     keys.append(Line2D([], [], color=palette.INK, ls='', marker='o', ms=3, label=driven))
     return keys
-
-
-def _save(figure, stem):
-    FigureCanvasAgg(figure)
-    paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
-    figure.savefig(paths[0])
-    figure.set_layout_engine('none')
-    figure.savefig(paths[1], metadata={'Date': None})
-    return paths

@@ -112,11 +112,23 @@ def _of_drive(circle, driven):
         'min_v2o_frenet_m': float(driven.distances.frenet.min()),
         'collided': bool(driven.distances.cartesian.min() < 0),
         'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
+        'largest_deviation_from_closed_form_m': _deviation(circle, driven),
         'overestimation_m': {
             'inside' if circle.inside > 0 else 'outside': at(driven.distances),
             'outside' if circle.inside > 0 else 'inside': at(driven.beyond),
         },
     }
+
+
+def _deviation(circle, driven):
+    """Return how far the distances at the driven poses are from the closed form for them [m]."""
+    gap = driven.station - circle.station
+    worst = 0.0
+    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
+        closed = two_frames.on_circle(circle.radius, gap, inside, circle.reach, driven.inside)
+        apart = np.abs(np.subtract(own, closed))
+        worst = max(worst, float(apart.max()))
+    return worst
 
 
 def show(found: Found, console: Console) -> None:

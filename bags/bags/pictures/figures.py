@@ -1,5 +1,7 @@
 """Figures of a comparison, from drives only: one sheet with every panel, and each panel singly."""
 
+import string
+
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -28,9 +30,9 @@ def write(runs, title, folder):
     """Write the sheet and each panel into `folder` as PNG and SVG; return the paths written."""
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(palette.RC):
-        written = _save(_sheet(runs, title), folder / 'comparison')
+        written = save(_sheet(runs, title), folder / 'comparison')
         for panel, name in NAMES.items():
-            written += _save(_single(panel, runs), folder / name)
+            written += save(_single(panel, runs), folder / name)
     return written
 
 
@@ -44,6 +46,7 @@ def _sheet(runs, title):
         width = 12 // len(drawn)
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
+    letter(figure)
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
     _legend(figure, runs, (road.trajectories, panels.v2e))
     return figure
@@ -71,7 +74,14 @@ def _legend(figure, runs, drawn):
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
 
 
-def _save(figure, stem):
+def letter(figure):
+    """Put a letter before the title of every panel, in the order of drawing."""
+    for name, ax in zip(string.ascii_lowercase, figure.axes):
+        ax.set_title(f'({name}) {ax.get_title(loc="left")}')
+
+
+def save(figure, stem):
+    """Write a figure as <stem>.png and .svg; return both paths."""
     FigureCanvasAgg(figure)
     paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
     figure.savefig(paths[0])

@@ -5,6 +5,7 @@ KNOWN = {'mpcc': '#0072B2', 'mpcc_no_ca': '#4D4D4D', 'frenet': '#D55E00'}
 OTHERS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 DASHED = (0, (5, 1.5))
 KNOWN_DASHES = {'mpcc_no_ca': DASHED}
+TUNED = '_tuned'  # ends the name of a controller that looks like the one it was tuned from
 
 INK = '#262626'
 QUIET = '#6F6F6F'
@@ -48,6 +49,19 @@ RC = {
 
 
 def colours(names):
-    """Return {controller: colour}; unknown names share OTHERS in the order given."""
+    """Return {controller: colour}; unknown names share OTHERS in the order given.
+
+    A tuned controller has the colour of the untuned one, unless both are shown.
+    """
     spare = iter(OTHERS * len(names))
-    return {name: KNOWN[name] if name in KNOWN else next(spare) for name in names}
+    found = {}
+    for name in names:
+        plain = name.removesuffix(TUNED)
+        known = plain in KNOWN and (plain == name or plain not in names)
+        found[name] = KNOWN[plain] if known else next(spare)
+    return found
+
+
+def dashes(name):
+    """Return the line style of a controller."""
+    return KNOWN_DASHES.get(name.removesuffix(TUNED), '-')

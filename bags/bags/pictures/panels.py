@@ -1,14 +1,14 @@
 """The panels of the comparison against the station: each draws every run on one pair of axes.
 
 They follow the paper's double-lane-change figure: distances to edges and obstacles, velocity,
-sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram.
+sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from bags.pictures import palette
+from bags.pictures import closest, palette
 from bags.verdict.drive import Drive
 from bags.verdict.judge import Series
 
@@ -31,7 +31,7 @@ class Run(NamedTuple):
     @property
     def line(self):
         """Keyword arguments of the run's curves."""
-        return {'color': self.colour, 'linestyle': palette.KNOWN_DASHES.get(self.name, '-')}
+        return {'color': self.colour, 'linestyle': palette.dashes(self.name)}
 
 
 def v2e(ax, runs):
@@ -41,10 +41,11 @@ def v2e(ax, runs):
             gap = run.series.v2e[side]
             _curve(ax, run, gap, alpha=shade)
             _mark(ax, run, np.nanargmin(gap), gap)
-    _unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
+    closest.unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2e.values()])
-    note(ax, 'right edge strong, left edge pale')
-    ax.set(xlabel=STATION, ylabel='$D_{V2E}$ [m]', title='Vehicle to road edge')
+    note(ax, 'strong: right edge, pale: left')
+    _along(ax, runs)
+    ax.set(ylabel='$D_{V2E}$ [m]', title='Vehicle-to-edge distance')
 
 
 def v2o(ax, runs):
@@ -59,10 +60,11 @@ def v2o(ax, runs):
     if not near:
         text = f'no obstacle within {FAR_M:g} m'
         ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=palette.QUIET)
-    _unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
+    closest.unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
-    ax.set_xlim(_stations(runs))
-    ax.set(xlabel=STATION, ylabel='$D_{V2O}$ [m]', title='Vehicle to obstacle')
+    _along(ax, runs)
+    closest.insets(ax, runs)
+    ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
 
 
 def velocity(ax, runs):
@@ -72,7 +74,8 @@ def velocity(ax, runs):
     low, high = ax.get_ylim()
     spare = max(0.0, LEAST_SPAN_MPS - (high - low)) / 2
     ax.set_ylim(low - spare, high + spare)
-    ax.set(xlabel=STATION, ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
+    _along(ax, runs)
+    ax.set(ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
 
 
 def sideslip(ax, runs):
@@ -82,7 +85,8 @@ def sideslip(ax, runs):
         _curve(ax, run, angle)
         if not np.all(np.isnan(angle)):
             _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
-    ax.set(xlabel=STATION, ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
+    _along(ax, runs)
+    ax.set(ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
 
 
 def steer(ax, runs):
@@ -91,7 +95,8 @@ def steer(ax, runs):
         inputs = run.drive.inputs
         station = _station_at(run, inputs.stamp_ns[::EVERY])
         ax.plot(station, np.degrees(inputs.steer[::EVERY]), **run.line)
-    ax.set(xlabel=STATION, ylabel='$\\delta$ [deg]', title='Road-wheel angle')
+    _along(ax, runs)
+    ax.set(ylabel='$\\delta$ [deg]', title='Road-wheel angle')
 
 
 def force(ax, runs):
@@ -100,7 +105,9 @@ def force(ax, runs):
         inputs = run.drive.inputs
         station = _station_at(run, inputs.stamp_ns[::EVERY])
         ax.plot(station, inputs.force[::EVERY] / KILO, **run.line)
-    ax.set(xlabel=STATION, ylabel='$F_x$ [kN]', title='Longitudinal force')
+    ax.axhline(0.0, color=palette.EDGE, lw=0.6, zorder=1)
+    _along(ax, runs)
+    ax.set(ylabel='$F_x$ [kN], braking negative', title='Longitudinal force input')
 
 
 def gg(ax, runs):
@@ -115,6 +122,8 @@ def gg(ax, runs):
     reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max() for acc in measured))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
+    # its title stays level with those of its neighbours
+    ax.set_anchor('N')
     ax.set(xlabel='$a_y$ [m/s²], left positive', ylabel='$a_x$ [m/s²]', title='G-G diagram')
 
 
@@ -132,19 +141,12 @@ def _station_at(run, stamp_ns):
     return np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station)
 
 
-def _stations(runs):
+def _along(ax, runs):
+    """Show the same stations in every panel."""
     low = min(run.series.station.min() for run in runs)
     high = max(run.series.station.max() for run in runs)
     margin = 0.02 * (high - low)
-    return low - margin, high + margin
-
-
-def _unsafe(ax, safe):
-    """Shade the unsafe area below the safety distance, darker where the circles overlap."""
-    ax.axhspan(0.0, safe, color=palette.UNSAFE, alpha=0.22, lw=0)
-    ax.axhspan(-100.0, 0.0, color=palette.COLLISION, alpha=0.18, lw=0)
-    ax.axhline(safe, color=palette.UNSAFE, lw=0.8)
-    ax.axhline(0.0, color=palette.COLLISION, lw=0.8)
+    ax.set(xlim=(low - margin, high + margin), xlabel=STATION)
 
 
 def _distance_limits(ax, gaps):

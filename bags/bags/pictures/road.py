@@ -34,8 +34,8 @@ def trajectories(ax, runs):
     ax.set_aspect(stretch)
     scale = f', lateral scale × {stretch:.0f}' if stretch > 1.0 else ''
     if scene.obstacles:
-        note(ax, 'shaded: where the centre of gravity must not be')
-    ax.set_title(f'Trajectories of the centre of gravity{scale}')
+        note(ax, 'lines: centre of gravity; shaded: where it must not be')
+    ax.set_title(f'Vehicle trajectories{scale}')
 
 
 def view(runs):

@@ -27,7 +27,7 @@ class Parts(NamedTuple):
     wait: np.ndarray  # from then to the begin of the step
     prepare: np.ndarray  # numbers of the problem
     solve: np.ndarray  # every solver together
-    publish: np.ndarray  # sending the command
+    publish: np.ndarray  # sending the command, until it left
     rest: np.ndarray  # what remains of the total: prediction to the effect, gate, records
 
 
@@ -57,17 +57,19 @@ def parts(bag: read.Bag) -> Parts:
     rows = []
     for stamp, latency_s in zip(joined.stamp_ns.tolist(), joined.latency_s.tolist()):
         values, publish = said.get(stamp, {}), sending.get(stamp)
-        if 'time.solve_ms' not in values or 'heard_ns' not in values or publish is None:
+        if 'time.solve_ms' not in values or 'time.heard_ns' not in values or publish is None:
             continue
         total = latency_s * MS_PER_S
         known = (
-            (values['heard_ns'] - sent_ns[stamp]) / NS_PER_MS,
+            (values['time.heard_ns'] - sent_ns[stamp]) / NS_PER_MS,
             values['time.wait_ms'],
             values['time.prepare_ms'],
             values['time.solve_ms'],
-            publish,
         )
-        rows.append((total, *known, total - sum(known)))
+        remaining = total - sum(known)
+        # the call goes on for a while after the command has left
+        publish = min(publish, remaining)
+        rows.append((total, *known, publish, remaining - publish))
     return Parts(*np.array(rows).reshape(-1, len(Parts._fields)).T)
 
 

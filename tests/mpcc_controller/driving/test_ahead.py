@@ -51,13 +51,13 @@ def test_the_actuators_move_to_their_set_points_on_the_way(ahead, car, world):
     assert moved.vx - x.vx == pytest.approx((impulse + drag) / car.m, rel=0.02)
 
 
-def test_set_points_may_jump_on_the_way(ahead, car, world):
-    """A state that is as old as is predicted at most makes a ramp that ends where it begins."""
-    x = world.rolling(stamp_ns=0)
-    told = Ramp(20 * MS, SetPoints(0.0, 0.0), 20 * MS, SetPoints(0.0, -5000.0), 0.6)
-    moved = ahead(x, told, 40 * MS)
-    drag = -(car.drag * 400 + car.rolling) * 0.04
-    assert moved.vx - x.vx == pytest.approx((-5000.0 * 0.02 + drag) / car.m, rel=0.02)
+def test_set_points_that_jump_are_held_before_and_after(ahead, world):
+    """A first step of 50 ms or more: its command is due when it takes hold."""
+    x = world.rolling(stamp_ns=0, r=0.1)
+    before, after = SetPoints(0.0, 0.0), SetPoints(0.05, -5000.0)
+    halfway = ahead(x, commanded.held(before, 0.6), 20 * MS)
+    wanted = ahead(halfway, commanded.held(after, 0.6), 40 * MS)
+    assert ahead(x, Ramp(20 * MS, before, 20 * MS, after, 0.6), 40 * MS) == wanted
 
 
 def test_steps_are_short_enough(ahead, world):

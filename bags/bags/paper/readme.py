@@ -1,0 +1,47 @@
+"""The claims table between two comments of a Markdown file, made from claims.json."""
+
+import json
+from pathlib import Path
+
+from bags.errors import BagError
+from bags.study import tables
+
+BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
+COLUMNS = {
+    'claim': 'claim',
+    'paper': 'paper',
+    'ours': 'ours: median [least, most]',
+    'verdict': 'verdict',
+    'interval': 'holds in runs [95 %]',
+    'cause': 'cause',
+}
+
+
+def block(claims: Path) -> str:
+    """Return what stands between the comments for a claims.json. Raises BagError."""
+    try:
+        rows = json.loads(claims.read_text())
+        lines = [[_cell(row[name]) for name in COLUMNS] for row in rows]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BagError(f'{claims}: holds no claims: {error}') from None
+    return f'\n{tables.markdown(list(COLUMNS.values()), lines)}\n'
+
+
+def _cell(text):
+    return str(text).replace('|', r'\|').replace('\n', ' ')
+
+
+def parts(file: Path) -> tuple[str, str, str]:
+    """Return a file's text before, between and after the comments. Raises BagError."""
+    text = file.read_text()
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise BagError(f'{file}: needs the lines {BEGIN} and {END}, once each and in this order')
+    before, _, rest = text.partition(BEGIN)
+    between, _, after = rest.partition(END)
+    return before + BEGIN, between, END + after
+
+
+def rewrite(file: Path, claims: Path) -> None:
+    """Put the claims of a claims.json between the comments of a file. Raises BagError."""
+    before, _, after = parts(file)
+    file.write_text(before + block(claims) + after)
