@@ -11,9 +11,10 @@ from bags.study.variants import CONTROLLERS, SWITCHES, Switch
 
 
 @pytest.fixture(scope='module')
-def written(cache, tmp_path_factory):
+def written(tmp_path_factory):
     """Return the folder with the distributions of one draw, driven for this."""
     out = tmp_path_factory.mktemp('study')
+    cache = tmp_path_factory.mktemp('drives')
     common = ['--quick', '--runs', '1', '--jobs', '2', '--out', str(out), '--cache', str(cache)]
     assert cli.main(['study', 'distributions', *common]) == 0
     return out
