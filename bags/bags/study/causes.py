@@ -65,7 +65,7 @@ def _said(what, data, key):
         (most if statistics.share_of(count, of).low > 0.5 else some).append(told)
     if not most and not some:
         return f'no switch alone {what}'
-    parts = [f'{" and ".join(most) or "no switch"} alone {what} in most runs']
+    parts = [f'alone {what} in most runs: {", ".join(most) or "none"}']
     if some:
         parts.append(f'in some: {", ".join(some)}')
     return ', '.join(parts)

@@ -23,6 +23,7 @@ NEAR_M = 5.0
 EARLIER_M = 10.0  # half of the paper's 20 m
 SLIDES_DEG = 6.0  # baseline, two thirds of the paper's 9 deg
 STABLE_DEG = 4.0  # MPCC, the paper's 3 deg and a third
+NOTICEABLE_MPS = 0.5  # of minimum speed; the paper gives no number
 AT_LIMIT = 0.9  # of the friction of the road
 PERIOD_MS = 50.0
 PAPER_MEAN_MS, PAPER_MAX_MS = 15.6, 18.6

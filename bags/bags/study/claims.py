@@ -22,6 +22,7 @@ from bags.study.quantities import BY_NAME
 from bags.study.variants import SCENARIO
 
 STEM = 'claims'
+AFTER_M = 115.0  # in the second change back, 10 m before the paper's first overshoot
 
 
 class Claims(NamedTuple):
@@ -81,7 +82,13 @@ def paired(records: Mapping[str, Sequence[Record]]) -> list[Runs]:
     return [dict(zip(records, runs)) for runs in zip(*records.values())]
 
 
-def _row(claim: Claim, cast: Sequence[Runs], rows, elsewhere: Mapping[float, Sequence[Runs]]):
+def _row(
+    claim: Claim,
+    cast: Sequence[Runs],
+    rows: causes.Rows,
+    elsewhere: Mapping[float, Sequence[Runs]],
+    names: Mapping[str, str] = variants.ROLES,
+) -> dict[str, Any]:
     strict = statistics.share([claim.strict(runs) for runs in cast])
     loose = statistics.share([claim.loose(runs) for runs in cast])
     cause, data = causes.of(claim, cast, rows)
@@ -89,7 +96,7 @@ def _row(claim: Claim, cast: Sequence[Runs], rows, elsewhere: Mapping[float, Seq
         'key': claim.key,
         'claim': claim.claim,
         'paper': claim.paper,
-        'ours': '; '.join(_shown(one, cast) for one in claim.shown),
+        'ours': '; '.join(_shown(one, cast, names[one.role]) for one in claim.shown),
         'operating_point': f'{POINT_KPH:g} km/h, {len(cast)} paired runs',
         'verdict': verdict(strict, loose),
         'interval': _interval(strict),
@@ -110,7 +117,7 @@ def _convergence(rows):
         {'mpcc': gaussian, 'frenet': step}
         for gaussian, step in zip(rows[variants.BASE], rows['cartesian lag step'])
     ]
-    return _row(CONVERGENCE, pairs, rows, {})
+    return _row(CONVERGENCE, pairs, rows, {}, {'mpcc': 'Gaussian', 'frenet': 'step'})
 
 
 def _curvature():
@@ -130,15 +137,37 @@ def _curvature():
     }
 
 
-def _shown(one, cast):
+def _shown(one, cast, name):
+    if one.quantity == 'overshoots':
+        return _overshoot(name, [runs[one.role] for runs in cast])
     quantity = BY_NAME[one.quantity]
     over = statistics.summary([runs[one.role].value(one.quantity) for runs in cast])
     if not over.runs:
-        return f'{one.role}: no {quantity.title}'
+        return f'{name}: no {quantity.title}'
     median, least, most = map(quantity.told, (over.median, over.least, over.most))
     unit = '' if quantity.unit == '-' else f' {quantity.unit}'
     some = f' in {over.runs} of {len(cast)}' if over.runs < len(cast) else ''
-    return f'{one.role} {quantity.title} {median} [{least}, {most}]{unit}{some}'
+    return f'{name} {quantity.title} {median} [{least}, {most}]{unit}{some}'
+
+
+def _overshoot(name, runs):
+    """Tell where and how wide the car was beyond the path after the second change, if anywhere."""
+    widest = [
+        max(
+            (one for one in run.value('overshoots') if one['x_m'] >= AFTER_M),
+            key=lambda one: one['amount_m'],
+            default=None,
+        )
+        for run in runs
+    ]
+    known = [one for one in widest if one is not None]
+    if not known:
+        return f'{name}: none beyond {AFTER_M:g} m'
+    amount, x = (statistics.summary([one[key] for one in known]) for key in ('amount_m', 'x_m'))
+    return (
+        f'{name} widest {amount.median:.2f} [{amount.least:.2f}, {amount.most:.2f}] m at '
+        f'{x.median:.0f} m in {len(known)} of {len(runs)}'
+    )
 
 
 def _share(found):

@@ -12,7 +12,7 @@ CORES = ('msgs_yaml', 'scenario_publisher', 'vehicle_plant', 'mpcc_controller')
 SOURCES = ('.py', '.c', '.h')
 # of this package: the ring in process, and what judges a drive
 OURS = (
-    'closed_loop.py',
+    'closed_loop/ring.py',
     'experiments/simulated.py',
     'storage/columns.py',
     'study/case.py',

@@ -10,7 +10,7 @@ from bags.study.drives import Drives
 from bags.study.variants import CONTROLLERS, SCENARIO, Variant
 
 SHARE = 0.95
-SLOWEST_KPH, FASTEST_KPH = 50.0, 110.0
+SLOWEST_KPH, FASTEST_KPH = 50.0, 140.0
 STEP_KPH = 0.5
 RUNS = 20  # per probe
 STEM = 'limit'

@@ -54,7 +54,7 @@ def others(roles: Mapping[str, str], files: Iterable[Path] = ()) -> list[Variant
     names = [file.stem if file.stem not in CONTROLLERS else f'{file.stem} tuned' for file in tuned]
     if len(set(names)) < len(names):
         raise BagError(f'two tuned controllers have one name: {", ".join(sorted(names))}')
-    playing = set(roles.values())
+    playing = {one.controller for one in cast(roles)}
     found = [Variant(f'{name} untuned', name) for name in ('mpcc', 'frenet')]
     found += [Variant(name, str(file.absolute())) for name, file in zip(names, tuned)]
     return [one for one in found if not playing & {one.controller, one.name}]

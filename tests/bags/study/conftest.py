@@ -1,4 +1,4 @@
-"""Records made by hand, and a folder for drives that all tests share."""
+"""Records made by hand."""
 
 import pytest
 
@@ -40,8 +40,3 @@ def make_record():
         return Record(CASE, {**METRICS, **given}, solver)
 
     return make
-
-
-@pytest.fixture(scope='session')
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp('drives')

@@ -99,9 +99,10 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     rows['path no-lag step'] = [sliding] * 20
     cast = [alike(mpcc=stable, frenet=sliding)] * 20
     said, data = causes.of(BY_KEY['sideslip'], cast, rows)
-    assert 'priority, equal P_k (20/20) alone brings it about in most runs' in said
-    assert 'in some: frame of the distances (2/20)' in said
+    assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in said
+    assert ', in some: frame of the distances (2/20)' in said
     assert 'lag error' not in said
+    assert 'alone undoes it in most runs: ' in said
     assert 'size back (20/20)' in said
     found = {one['factor']: one for one in data}
     assert found['frame of the distances']['gained'] == [1, 2]

@@ -18,9 +18,9 @@ def cases(*numbers, variant=MPCC):
     return [case.of(variant, 75.0, draws[n - 1], variants.SCENARIO) for n in numbers]
 
 
-def test_a_drive_is_that_of_the_closed_loop_and_is_made_once(cache):
+def test_a_drive_is_that_of_the_closed_loop_and_is_made_once(tmp_path):
     seen = []
-    with drives.Drives(2, lambda *said: seen.append(said), cache) as made:
+    with drives.Drives(2, lambda *said: seen.append(said), tmp_path) as made:
         first, second = made.of(cases(1, 2), 'two')
         assert made.driven == 2
         assert made.of(cases(2, 1, 2), 'again') == [second, first, second]

@@ -24,7 +24,7 @@ def draws(runs=20):
     return samples.draws(runs, speed_kph=0.0)
 
 
-@pytest.mark.parametrize('kph', [50.2, 71.3, 75.0, 109.9])
+@pytest.mark.parametrize('kph', [50.2, 71.3, 75.0, 139.9])
 def test_the_limit_is_the_cliff_to_the_step(make_record, kph):
     found = limit.of(Cliff(make_record, kph), VARIANT, draws())
     assert found.speed_kph == math.floor(kph / limit.STEP_KPH) * limit.STEP_KPH
