@@ -1,78 +1,134 @@
-"""One iteration per tick against converged plans: how much worse is the driving?
+"""One iteration per tick against converged plans: how much worse is the driving, how fast?
 
 The cost of a drive is the sum of the stage costs of what was driven: state, input and numbers of
 stage 0 at every tick.
 """
 
+import time
 from typing import NamedTuple
 
 import loops
 import numpy as np
+import variants
 from loops import FULL, Loop
 from rich.progress import Progress
 from tables import Sheet, number
-from variants import OWN, RealTimeIteration
+from variants import OWN
 
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.solver import SolverOptions
+from mpcc_controller.solvers.shooting import Bounds, Plan
+from mpcc_controller.solvers.solver import Solution, StageSolver
+
+ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}  # whatever comes of the first step
+# scheme -> (mode, other settings); the first one is what the others are compared with
+SCHEMES = {
+    'converged': ('converged', {}),
+    'one_step': ('one_step', {}),
+    'one_step_prepared': ('one_step', {'prepare': True}),
+    'single_step': ('one_step', ENDLESS),
+}
 
 
 class Drive(NamedTuple):
-    """What a drive cost."""
+    """What a drive cost, and how long the solver took between a state and its command."""
 
     cost: float  # sum of stage costs over the ticks that had a plan
     ticks: int
     unplanned: int  # ticks at which there was no plan to follow: the car braked
+    median_ms: float
+    max_ms: float
+    prepare_ms: float  # median of what was computed after the command
+    more_share: float  # of the solves: more than one iteration
+    more_ms: float  # mean time of those
+
+
+class Timed:
+    """A StageSolver that notes its iterations and times."""
+
+    def __init__(self, inner: StageSolver):
+        self.inner = inner
+        self.iterations, self.seconds = [], []
+
+    def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
+        """See `solution.StageSolver`."""
+        began = time.perf_counter()
+        found = self.inner.solve(x0, P, bounds, guess)
+        self.seconds.append(time.perf_counter() - began)
+        self.iterations.append(found.iterations)
+        return found
 
 
 def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[dict]]:
-    """Return a table and its figures, one row per loop; both empty without the own solver."""
-    title = 'Closed loop: one iteration per tick against converged'
-    columns = ('loop', 'converged', 'one step', 'difference', 'ticks', 'ticks without a plan')
+    """Return a table and its figures, one per loop; both empty without the own solver."""
+    title = 'Closed loops: one step per tick against converged (ms from state to plan)'
+    columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
+    columns += ('their mean', 'after the command', 'ticks', 'without a plan')
     if OWN not in solver.SOLVERS:
         return Sheet(title, columns, [], f'There is no solver {OWN!r} in this version.'), []
     figures = []
     for loop in progress.track(FULL, description='driving with one step per tick'):
-        base = loops.with_solver(loops.controller_params(loop.controller), OWN)
-        converged, stepped = driven(loop, base), driven(loop, base, one_step=True)
+        base = loops.controller_params(loop.controller)
+        drives = {name: driven(loop, base, *scheme) for name, scheme in SCHEMES.items()}
+        converged = drives['converged'].cost
         figures.append(
             {
                 'loop': loop.name,
-                'converged': converged._asdict(),
-                'one_step': stepped._asdict(),
-                'difference': stepped.cost / converged.cost - 1,
+                **{name: one._asdict() for name, one in drives.items()},
+                'difference': drives['one_step'].cost / converged - 1,
+                'differences': {name: one.cost / converged - 1 for name, one in drives.items()},
             }
         )
-    return Sheet(title, columns, [row(one) for one in figures]), figures
+    return Sheet(title, columns, [row for one in figures for row in rows(one)]), figures
 
 
-def row(one: dict) -> tuple[str, ...]:
-    """Return a line of the table."""
-    converged, stepped = one['converged'], one['one_step']
-    return (
-        one['loop'],
-        number(converged['cost']),
-        number(stepped['cost']),
-        f'{100 * one["difference"]:+.2f} %',
-        f'{converged["ticks"]} / {stepped["ticks"]}',
-        f'{converged["unplanned"]} / {stepped["unplanned"]}',
-    )
-
-
-def driven(loop: Loop, params: ControllerParams, one_step: bool = False) -> Drive:
-    """Drive a whole loop, with converged plans or with one iteration per tick."""
-    scn = loops.load_scenario(loop.scenario, loop.speed)
-    controller = loops.make_controller(params, scn.friction)
-    problem, rules = controller.horizon.problem, params.solver
-    if one_step:
-        options = SolverOptions(
-            rules.name, rules.max_iterations, rules.tolerance, None, rules.compiled
+def rows(one: dict) -> list[tuple[str, ...]]:
+    """Return the lines of a loop."""
+    return [
+        (
+            one['loop'],
+            name,
+            number(one[name]['cost']),
+            f'{100 * one["differences"][name]:+.2f} %',
+            number(one[name]['median_ms']),
+            number(one[name]['max_ms']),
+            f'{100 * one[name]["more_share"]:.1f} %',
+            number(one[name]['more_ms']),
+            number(one[name]['prepare_ms']),
+            str(one[name]['ticks']),
+            str(one[name]['unplanned']),
         )
-        controller.horizon.solver = RealTimeIteration(problem, options)
-    costs = []
+        for name in SCHEMES
+    ]
+
+
+def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> Drive:
+    """Drive a whole loop in a mode of our solver, with other settings of it."""
+    scn = loops.load_scenario(loop.scenario, loop.speed)
+    controller = loops.make_controller(variants.with_mode(params, mode, **settings), scn.friction)
+    horizon = controller.horizon
+    timed, costs, prepared_s = Timed(horizon.solver), [], []
+    iterations, seconds = [], []
+    horizon.solver = timed
     for _ in loops.drive(scn, controller):
-        plan, P = controller.horizon.ladder.plan, controller.horizon.P
+        plan, posed = horizon.ladder.plan, horizon.posed
         known = plan is not None
-        costs.append(float(problem.stage_cost(plan.X[0], plan.U[0], P[0])) if known else np.nan)
-    return Drive(float(np.nansum(costs)), len(costs), int(np.isnan(costs).sum()))
+        P = posed.numbers.P[0] if known else None
+        cost = float(horizon.problem.stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
+        costs.append(cost)
+        iterations += timed.iterations
+        seconds += timed.seconds
+        controller.prepare()
+        prepared_s.append(controller.prepare_s or 0.0)
+        timed.iterations, timed.seconds = [], []  # those of the preparation are told apart
+    more, ms = np.array(iterations) > 1, 1e3 * np.array(seconds)
+    return Drive(
+        cost=float(np.nansum(costs)),
+        ticks=len(costs),
+        unplanned=int(np.isnan(costs).sum()),
+        median_ms=float(np.median(ms)),
+        max_ms=float(ms.max()),
+        prepare_ms=1e3 * float(np.median(prepared_s)),
+        more_share=float(more.mean()),
+        more_ms=float(ms[more].mean()) if more.any() else 0.0,
+    )

@@ -5,7 +5,7 @@ import json
 import numpy as np
 from problems import Problems
 from tables import Sheet, markdown, number, share
-from variants import BASELINE, ONE_STEP, OURS
+from variants import BASELINE, NATIVE, NATIVE_FLAGS, ONE_STEP, OURS
 from verdict import LARGEST_GAP, LARGEST_RESIDUAL
 
 
@@ -47,14 +47,32 @@ def starts(rows: dict[str, dict]) -> Sheet:
     """Return how cold starts and obstacles that appear ahead go."""
     columns, lines = ['solver'], []
     for kind in ('cold', 'pop-up'):
-        columns += [f'{kind}: median', 'p99', 'max', 'good', 'other minima']
+        columns += [f'{kind}: median', 'p99', 'max', 'good', 'other minima', 'second']
+    columns += ['late']
     for label, row in rows.items():
         cells = [label]
         for kind in ('cold', 'pop_up'):
             cells += [number(row[f'{kind}_{key}']) for key in ('median_ms', 'p99_ms', 'max_ms')]
             cells += [share(row[f'{kind}_success_rate']), str(row[f'{kind}_other_minima'])]
+            cells += [f'{100 * row[f"{kind}_second_share"]:.1f} %']
+        cells += [str(row['pop_up_late'])]
         lines.append(tuple(cells))
     return Sheet('Cold starts, and obstacles that appear 15 to 40 m ahead (ms)', columns, lines)
+
+
+def slowest(rows: dict[str, dict]) -> Sheet:
+    """Return the slowest warm starts of our solver: is it the problem or the machine?"""
+    columns = ('problem', 'iterations', 'median ms', 'least of the passes', 'most', 'ending')
+    lines = [
+        (
+            str(one['problem']),
+            str(one['iterations']),
+            *(number(float(f(one['ms']))) for f in (np.median, np.min, np.max)),
+            one['message'],
+        )
+        for one in rows.get(OURS, {'slowest': []})['slowest']
+    ]
+    return Sheet(f'The slowest warm starts of {OURS}', columns, lines)
 
 
 def as_json(machine: dict, count: int, rows: dict[str, dict], others: dict) -> str:
@@ -82,7 +100,11 @@ def _method(labels):
         f'machine does, ratios do not; they leave out the problems that {BASELINE} does not '
         'solve. The first tick of a loop has no plan to start from and is not among the warm '
         'starts. `_c`: CasADi functions compiled by gcc -O2; `_vm`: '
-        f'interpreted; `{ONE_STEP}`: one iteration from a plan, converged where there is none.\n\n'
+        f'interpreted; `{NATIVE}`: with {" ".join(NATIVE_FLAGS)}, as our own solver may use it. '
+        f'`{ONE_STEP}`: from a plan it ends after the first step that leaves little to gain '
+        '(docs/solver.md); without a plan it converges. Ours ask fatrop in turn when their answer '
+        'must not be driven; its time counts as theirs, the share of such solves is in the column '
+        '"second". "Late": obstacles answered after more than the 40 ms that both have.\n\n'
         f'Good: residual of every constraint at most {LARGEST_RESIDUAL:g} (m, rad, kN, ...) and '
         f'cost within {LARGEST_GAP:g} (relative) of what IPOPT finds with a tolerance of 1e-8 from '
         'the same start. An answer within that of a minimum that IPOPT finds from the answer, '

@@ -24,7 +24,6 @@ HORIZONS = (25, 50, 100, 200)
 OBSTACLES = (1, 4, 10)
 # m ahead of the CoG and radius [m], by the number of circles
 CIRCLES = {1: ((0.0,), 1.1), 3: ((-1.4, 0.0, 1.4), 1.0)}
-SLOW = ('ipopt',)  # not made for stages: its row of the main table says enough
 
 
 class Size(NamedTuple):
@@ -56,8 +55,8 @@ def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[d
     """Return a table and its figures: time per tick and iteration by size and solver."""
     chosen = [
         variant
-        for variant in variants.available(params.solver, interpreted=False)
-        if variant.options.name not in SLOW and variant.label != variants.ONE_STEP
+        for variant in variants.available(params, interpreted=False)
+        if variant.label in (variants.OURS, variants.BASELINE)
     ]
     figures = []
     for size in progress.track(sizes(params), description='scaling'):
@@ -82,7 +81,7 @@ def measured(params: ControllerParams, size: Size, chosen: list[Variant]) -> lis
     given = problems.record([ROAD], lambda _: params)
     model = params.model
     problem = mpcc_ocp.build(model.horizon, model.step_s, size.circles, size.obstacles)
-    solvers = variants.make(problem, chosen)
+    solvers = variants.make(problem, chosen, params)
     tasks = {
         label: [
             task

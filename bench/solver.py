@@ -1,6 +1,6 @@
 """How fast and how good are the solvers, on the problems of closed loops?
 
-    .venv/bin/python bench/solver.py [--quick] [--passes 5] [--interpreted] [--out bench]
+    .venv/bin/python bench/solver.py [--quick] [--passes 3] [--interpreted] [--out bench]
 
 Writes solver.md and solver.json into the folder --out. --problems FILE keeps the problems, so that
 a run can be repeated on the same ones, by this or another version of the solvers.
@@ -27,13 +27,13 @@ from rich.progress import Progress
 from variants import Variant
 from verdict import Court, Verdict
 
-from mpcc_controller.parameters import Fallback
+from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_ocp
 from mpcc_controller.solvers.shooting import StageProblem
 
-FULL_PASSES, QUICK_PASSES = 5, 2
+FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
-WIDTH = 150  # characters of the tables, also where there is no terminal
+WIDTH = 165  # characters of the tables, also where there is no terminal
 
 
 def main() -> None:
@@ -47,18 +47,19 @@ def main() -> None:
     model = params.model
     size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
     problem = mpcc_ocp.build(model.horizon, model.step_s, *size)
-    chosen = variants.available(params.solver, arguments.interpreted)
+    chosen = variants.available(params, arguments.interpreted)
     with Progress(console=console) as progress:
         given = problems_of(arguments, problem, progress)
         court = Court(problem)
-        ran = compete(problem, given, params.fallback, chosen, passes, progress)
-        rows = summary.of(ran, judged(court, ran, progress))
+        ran = compete(problem, given, params, chosen, passes, progress)
+        rows = summary.of(ran, judged(court, ran, progress), params.solver.fallback_limit_s)
         active = activity.of(problem, given, *size)
         demanding = activity.demanding(active)
         sheets = [
             report.activity(given, active, demanding),
             report.timing(rows),
             report.starts(rows),
+            report.slowest(rows),
         ]
         for sheet in sheets:
             tables.show(console, sheet)
@@ -80,15 +81,15 @@ def main() -> None:
 def compete(
     problem: StageProblem,
     given: Problems,
-    rules: Fallback,
+    params: ControllerParams,
     chosen: list[Variant],
     passes: int,
     progress: Progress,
 ) -> race.Race:
     """Make the solvers and their warm starts, then let them race."""
-    solvers = variants.make(problem, progress.track(chosen, description='compiling'))
+    solvers = variants.make(problem, progress.track(chosen, description='compiling'), params)
     tasks = {
-        label: race.tasks(problem, given, rules, one, COLD_EVERY)
+        label: race.tasks(problem, given, params.fallback, one, COLD_EVERY)
         for label, one in progress.track(solvers.items(), description='making warm starts')
     }
     total = passes * len(next(iter(tasks.values())))

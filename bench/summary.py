@@ -5,16 +5,20 @@ from collections import Counter
 import numpy as np
 import verdict
 from race import COLD, POP_UP, WARM, Race
-from variants import BASELINE
+from variants import BASELINE, SECOND
 from verdict import GOOD, OTHER_MINIMUM, Verdict
 
 MS = 1e3
+SLOWEST = 8  # problems to be shown
 SOLVED = (GOOD, OTHER_MINIMUM)
 
 
-def of(race: Race, verdicts: dict[str, list[Verdict]]) -> dict[str, dict]:
-    """Return the figures of every solver by its label."""
-    rows = {label: _row(race, verdicts[label], label) for label in race.tasks}
+def of(race: Race, verdicts: dict[str, list[Verdict]], limit_s: float) -> dict[str, dict]:
+    """Return the figures of every solver by its label.
+
+    `limit_s` is when the answer to an obstacle that appears must be there.
+    """
+    rows = {label: _row(race, verdicts[label], label, limit_s) for label in race.tasks}
     for label, row in rows.items():
         row['ratio_to_fatrop'] = ratios(race, verdicts, label) if BASELINE in rows else None
     return rows
@@ -48,7 +52,7 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _row(race, verdicts, label):
+def _row(race, verdicts, label, limit_s):
     kinds = np.array([task.kind for task in race.tasks[label]])
     seconds = race.seconds[label]
     row = times(seconds[:, kinds == WARM])
@@ -65,13 +69,46 @@ def _row(race, verdicts, label):
         'verdicts': dict(Counter(v.kind for v in warm)),
         'endings': dict(Counter(answer.message for answer in race.answers[label])),
     }
+    row |= _in_time(race, verdicts, label, limit_s, kinds == POP_UP)
+    row['slowest'] = _slowest(race, label, kinds == WARM)
+    aided = np.array([answer.message.startswith(SECOND) for answer in race.answers[label]])
+    row['second_share'] = float(aided[kinds == WARM].mean())
     for name, of_kind, mask in (('cold', cold, kinds == COLD), ('pop_up', pop_up, kinds == POP_UP)):
         row |= {f'{name}_{key}': value for key, value in times(seconds[:, mask]).items()}
+        row[f'{name}_second_share'] = float(aided[mask].mean())
         row[f'{name}_success_rate'] = verdict.success_rate(of_kind)
         row[f'{name}_verdicts'] = dict(Counter(v.kind for v in of_kind))
         row[f'{name}_other_minima'] = sum(v.kind == OTHER_MINIMUM for v in of_kind)
     row['other_minima'] = sum(v.kind == OTHER_MINIMUM for v in warm)
     return row
+
+
+def _in_time(race, verdicts, label, limit_s, mask):
+    """Count pop-up obstacles answered well within the limit; other minima count if in time."""
+    late = np.median(race.seconds[label][:, mask], axis=0) > limit_s
+    well = [verdict.kind in SOLVED for verdict, popped in zip(verdicts, mask) if popped]
+    return {
+        'pop_up_late': int(late.sum()),
+        'pop_up_in_time_rate': float(np.mean(well & ~late)),
+    }
+
+
+def _slowest(race, label, mask):
+    """Return the slowest warm starts: their iterations, and their times in every pass.
+
+    Many iterations belong to the problem; times that differ from pass to pass to the machine.
+    """
+    ms = race.seconds[label] * MS
+    order = sorted(np.flatnonzero(mask), key=lambda j: -np.median(ms[:, j]))
+    return [
+        {
+            'problem': int(j),
+            'iterations': int(race.answers[label][j].iterations),
+            'message': race.answers[label][j].message,
+            'ms': [float(one) for one in ms[:, j]],
+        }
+        for j in order[:SLOWEST]
+    ]
 
 
 def _of_kind(verdicts, kinds, kind):

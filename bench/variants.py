@@ -1,15 +1,21 @@
 """The solvers that are measured: every one that the project has, under the names of the tables."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.solvers import solver
+from mpcc_controller.driving import chosen, ladder
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.solvers import native, solver
+from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
 from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
 from mpcc_controller.solvers.solver import Solution, SolverOptions, StageSolver
 
 OWN = 'riccati'
-OURS, ONE_STEP, BASELINE = 'ours', 'ours_one_step', 'fatrop_c'
+OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'
+NATIVE_FLAGS = ('-O3', '-march=native')  # what our own solver may use, too
+SECOND = 'second solver: '  # begins the message of an answer that is not of the first one
 # the reference of every cost gap
 REFERENCE = SolverOptions(
     name='ipopt', max_iterations=1000, tolerance=1e-8, time_limit_s=None, compiled=True
@@ -21,47 +27,72 @@ class Variant(NamedTuple):
 
     label: str
     options: SolverOptions
+    flags: tuple[str, ...] = native.FLAGS  # of the compiler, for CasADi's functions
 
 
-class RealTimeIteration:
-    """A StageSolver that takes one iteration from a plan with multipliers, and converges from none.
+class Aided:
+    """A StageSolver that asks a second one when the ladder would not drive the first one's plan.
 
-    Without the latter it would drive on a plan that never was one (Diehl et al. 2005).
+    So does the controller: both together have its time limit, and a plan that the second solver
+    found hands no multipliers on.
     """
 
-    def __init__(self, problem: StageProblem, options: SolverOptions):
-        self._converging = solver.make(problem, options)
-        self._single = solver.make(problem, SolverOptions(**vars(options) | {'max_iterations': 1}))
+    def __init__(self, first: StageSolver, second: StageSolver, params: ControllerParams):
+        self._first, self._second = first, second
+        self._rules, self._limit_s = params.fallback, params.solver.fallback_limit_s
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`."""
-        chosen = self._converging if guess.multipliers is None else self._single
-        return chosen.solve(x0, P, bounds, guess)
+        found = self._first.solve(x0, P, bounds, guess)
+        if not ladder.fault(found, self._rules):
+            return found
+        self._second.limit(max(self._limit_s - found.solve_s, 0.0))
+        aid = self._second.solve(x0, P, bounds, guess._replace(multipliers=None))
+        return aid._replace(
+            plan=aid.plan._replace(multipliers=None),
+            message=SECOND + aid.message,
+            iterations=found.iterations + aid.iterations,
+            solve_s=found.solve_s + aid.solve_s,
+        )
 
 
-def available(rules, interpreted: bool) -> list[Variant]:
+def with_mode(params: ControllerParams, mode: str, **others) -> ControllerParams:
+    """Return the parameters with our solver in a mode, and its other settings where given."""
+    return replace(params, solver=replace(params.solver, name=OWN, mode=mode, **others))
+
+
+def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
     """Return the variants that this version of the project has, ours first.
 
-    `rules` are the solver parameters of a controller; with `interpreted`, CasADi's interpreter
-    instead of compiled functions is measured, too.
+    With `interpreted`, CasADi's interpreter instead of compiled functions is measured, too.
     """
-    made = []
+    rules, made = params.solver, []
     for name in sorted(solver.SOLVERS, key=lambda name: (name != OWN, name)):
         options = SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled=True)
         if name == OWN:
-            made += [Variant(OURS, options), Variant(ONE_STEP, options)]
+            one_step = chosen.options(with_mode(params, 'one_step'), limit_time=False)
+            made += [Variant(OURS, options), Variant(ONE_STEP, replace(one_step, compiled=True))]
             continue
         made.append(Variant(f'{name}_c', options))
+        if f'{name}_c' == BASELINE:
+            made.append(Variant(NATIVE, options, NATIVE_FLAGS))
         if interpreted:
-            made.append(Variant(f'{name}_vm', SolverOptions(**vars(options) | {'compiled': False})))
+            made.append(Variant(f'{name}_vm', replace(options, compiled=False)))
     return made
 
 
-def make(problem: StageProblem, variants: list[Variant]) -> dict[str, StageSolver]:
+def make(
+    problem: StageProblem, variants: list[Variant], params: ControllerParams
+) -> dict[str, StageSolver]:
     """Return a solver per label; compiles what is not in the cache."""
-    return {
-        variant.label: RealTimeIteration(problem, variant.options)
-        if variant.label == ONE_STEP
-        else solver.make(problem, variant.options)
-        for variant in variants
-    }
+    return {variant.label: _made(problem, variant, params) for variant in variants}
+
+
+def _made(problem, variant, params):
+    if variant.flags != native.FLAGS:
+        return NlpsolSolver(problem, variant.options, variant.flags)
+    made = solver.make(problem, variant.options)
+    if variant.label not in (OURS, ONE_STEP):
+        return made
+    second = chosen.second(with_mode(params, 'converged'), problem, limit_time=True)
+    return made if second is None else Aided(made, second, params)

@@ -8,7 +8,22 @@ from importlib import import_module
 from bags.errors import BagError
 from msgs_yaml.parameters import ParameterError
 
-COMMANDS = ('run', 'compare', 'distances', 'tune', 'paper', 'info', 'repair')
+COMMANDS = (
+    'run',
+    'play',
+    'view',
+    'compare',
+    'paper',
+    'study',
+    'tune',
+    'distances',
+    'info',
+    'timing',
+    'repair',
+    'replay-check',
+    'golden',
+    'resolve',
+)
 INTERRUPTED = 130  # what shells report for SIGINT
 
 

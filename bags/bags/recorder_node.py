@@ -19,15 +19,19 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
-from bags.storage.inbox import Filing, bag_topics
-from bags.storage.rosbag2_writer import BagWriter
+from bags.experiments import notes
+from bags.storage import losses
+from bags.storage.inbox import ClockError, Filing, bag_topics
+from bags.storage.rosbag2_writer import BagWriter, Split
 from msgs_yaml import contract, qos, ros, share
 from msgs_yaml.parameters import ParameterError, Range
+from msgs_yaml.stamp import NS_PER_S
 
 LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
 ANY = 'any'  # the publisher, in the contract, of a topic that several nodes publish
 QUIET_S = 0.05  # at the end: nothing has arrived for so long
 LONGEST_END_S = 1.0
+MB = 1e6
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class RecorderParams:
     run_info: str
     chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
     poll_s: Annotated[float, Range(0.001, 0.1, 's')]
+    split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
+    split_s: Annotated[float, Range(0.0, 1e6, 's')]
 
 
 class RecorderNode(Node):
@@ -70,12 +76,15 @@ class RecorderNode(Node):
         if not self.params.out:
             raise ParameterError('out: is not given; it names the folder to create for the bag')
         topics = bag_topics(contract.load(), mode)
+        split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         try:
-            bag = BagWriter(self.params.out, topics, {'run': run_info(self.params.run_info)})
+            records = {'run': run_info(self.params.run_info, mode)}
+            bag = BagWriter(self.params.out, topics, records, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         filings = [
-            Filing(topic, mode, partial(bag.write, index)) for index, topic in enumerate(topics)
+            Filing(topic, mode, partial(bag.write, index), _is_alone(topic.name))
+            for index, topic in enumerate(topics)
         ]
         return bag, filings
 
@@ -96,6 +105,8 @@ class RecorderNode(Node):
             if time.monotonic() >= self.next_chunk:
                 self.bag.flush()
                 self.next_chunk = time.monotonic() + self.params.chunk_s
+        except ClockError as error:
+            self._refuse(error)
         except BagError as error:
             self._fail(error)
         if self.stopping:
@@ -126,7 +137,13 @@ class RecorderNode(Node):
         if self.bag is not None:
             try:
                 self._drain_to_the_end()
-                self._report(self.bag.close())
+            except ClockError as error:
+                self._refuse(error)
+            except BagError as error:
+                self._fail(error)
+        if self.bag is not None:
+            try:
+                self._complete()
             except BagError as error:
                 self._fail(error)
         self.inbox.destroy_node()
@@ -135,31 +152,45 @@ class RecorderNode(Node):
     def _drain_to_the_end(self):
         end = time.monotonic() + LONGEST_END_S
         quiet_since = time.monotonic()
-        while time.monotonic() < min(end, quiet_since + QUIET_S):
+        while not self.exit_code and time.monotonic() < min(end, quiet_since + QUIET_S):
             if self.drain():
                 quiet_since = time.monotonic()
             time.sleep(self.params.poll_s)
 
-    def _report(self, span):
+    def _complete(self):
+        counted = {
+            inlet.topic: filing.counter.losses for inlet, filing in zip(self.inlets, self.filings)
+        }
+        span = self.bag.close({losses.RECORD: losses.record(counted)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
-        for subscription, filing in zip(self.inlets, self.filings):
-            # every publisher has a count of its own
-            alone = contract.load().topics[subscription.topic].publisher != ANY
-            if alone and filing.lost:
-                self.get_logger().warning(f'{subscription.topic}: {filing.lost} messages lost')
+        for topic, found in counted.items():
+            if found.lost:
+                self.get_logger().warning(
+                    f'{topic}: {found.lost} messages lost in {found.gaps} places'
+                )
+
+    def _refuse(self, error):
+        """End with an error; the bag is completed with what it has."""
+        self.get_logger().fatal(f'{error}; the bag ends there and is complete')
+        self.stopping, self.exit_code = True, 1
 
     def _fail(self, error):
         self.get_logger().fatal(str(error))
         self.bag, self.stopping, self.exit_code = None, True, 1
 
 
-def run_info(path: str) -> dict[str, str]:
-    """Return the names and values of a JSON file as text; nothing for no file.
+def _is_alone(topic):
+    """Tell whether the contract names the one publisher of a topic."""
+    return contract.load().topics[topic].publisher != ANY
+
+
+def run_info(path: str, mode: str) -> dict[str, str]:
+    """Return the names and values of a JSON file as text; versions, machine, mode for no file.
 
     A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
     """
     if not path:
-        return {}
+        return notes.surroundings(mode)
     try:
         read = json.loads(Path(path).read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:

@@ -97,6 +97,10 @@ class Solver:
     """How the problem is solved."""
 
     name: Annotated[str, Choice('fatrop', 'ipopt', 'riccati')]
+    mode: Annotated[str, Choice('converged', 'one_step')]  # one_step: riccati only
+    one_step_residual: Annotated[float, Range(0.0, 1.0, 'primal, in the units of the solver')]
+    one_step_decrease: Annotated[float, Range(0.0, 1e3, 'share of the cost that a step promises')]
+    prepare: bool  # solve the expected next problem after each command
     max_iterations: Annotated[int, Range(1, 10000, 'iterations')]
     tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
     time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]
@@ -112,6 +116,22 @@ class Delay:
     computing_s: Annotated[float, Range(0.0, 0.05, 's, expected until it has been measured')]
     transport_s: Annotated[float, Range(0.0, 0.05, 's, from the controller to the actuators')]
     longest_s: Annotated[float, Range(0.0, 0.2, 's, more is not predicted')]
+
+
+@dataclass(frozen=True)
+class Ages:
+    """How old an input may be, realtime only; from half of it on there is a warning."""
+
+    state_s: Annotated[float, Range(0.01, 10.0, 's, then the car brakes blindly')]
+    reference_s: Annotated[float, Range(0.1, 60.0, 's, path and road edges')]
+    obstacles_s: Annotated[float, Range(0.05, 10.0, 's')]
+
+
+@dataclass(frozen=True)
+class Warming:
+    """What happens before the first command, realtime only."""
+
+    steps: Annotated[int, Range(0, 1000, 'steps taken for nobody, until memory and times settle')]
 
 
 @dataclass(frozen=True)
@@ -149,6 +169,8 @@ class ControllerParams:
     surroundings: Surroundings
     solver: Solver
     delay: Delay
+    ages: Ages
+    warm_up: Warming
     fallback: Fallback
     braking: Braking
 

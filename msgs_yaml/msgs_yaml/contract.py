@@ -73,6 +73,11 @@ class Topic:
     fields: dict[str, Field]
 
     @property
+    def on_request(self) -> bool:
+        """Whether nobody sends it unless asked to: then it has no rate in any mode."""
+        return not any(self.rate_hz.values())
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of a JointState in the order in which they stand in the message."""
         if self.type != JOINT_STATE:

@@ -4,18 +4,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from msgs_yaml import contract, parameters
+from msgs_yaml import contract, parameters, realtime
 from msgs_yaml.parameters import Choice, Leaf, ParameterError, Range
 from msgs_yaml.strict_yaml import closest
 
 MODE = 'mode'
 RECORDERS = 'recorders'
+REALTIME = 'realtime'
 # what every node takes besides its own parameters, and the defaults
 COMMON = {
     MODE: Leaf(str, False, Choice(*contract.MODES)),
     RECORDERS: Leaf(int, False, Range(0, 10, 'recorders that must be listening before it starts')),
+    **{f'{REALTIME}.{name}': leaf for name, leaf in parameters.leaves(realtime.Options).items()},
 }
-_COMMON_DEFAULTS = {MODE: contract.MODES[0], RECORDERS: 0}
+_COMMON_DEFAULTS = {
+    MODE: contract.MODES[0],
+    RECORDERS: 0,
+    **{f'{REALTIME}.{k}': v for k, v in parameters.flatten(realtime.DEFAULTS).items()},
+}
 _SOURCE = 'command line or parameter file'
 # what rclpy declares for every node
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')

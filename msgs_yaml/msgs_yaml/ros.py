@@ -19,12 +19,13 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
-from msgs_yaml import contract, fast, overrides, qos, signals
+from msgs_yaml import contract, fast, overrides, parameters, qos, realtime, signals
+from msgs_yaml.checked import DecodeError
 from msgs_yaml.parameters import Choice, ParameterError, Range
 from msgs_yaml.strict_yaml import YamlError
 
@@ -106,8 +107,16 @@ def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
 
 
 def message(topic: str, raw: bytes) -> Any:
-    """Return the message of a topic from its serialised bytes."""
-    return deserialize_message(raw, message_type(topic))
+    """Return the message of a topic from its serialised bytes; DecodeError when they are none."""
+    try:
+        return deserialize_message(raw, message_type(topic))
+    except RuntimeError as error:  # the base of what the middleware refuses
+        raise DecodeError(f'{topic}: {len(raw)} bytes are no message of its type') from error
+
+
+def serialized(msg: Any) -> bytes:
+    """Return the bytes of a message, as they are published."""
+    return serialize_message(msg)
 
 
 def message_type(topic: str) -> type:
@@ -116,37 +125,48 @@ def message_type(topic: str) -> type:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-class FastPublisher:
-    """Publishes values, not messages, by patching a serialised template."""
+class Sender:
+    """Publishes serialised messages, and waits where others would lose them."""
 
-    def __init__(self, node: Node, topic: str):
+    def __init__(self, node: Node, pub: Publisher):
         self._node = node
-        self.publisher = publisher(node, topic)
-        self._template = fast.Template(topic)
+        self._publisher = pub
         self._given_up = False  # told to end while the queue was full
 
-    def publish(self, value: Any) -> None:
-        """Publish a value of `types`; the bytes are those of its encoded message.
+    def send(self, raw: bytes) -> None:
+        """Publish the bytes of one message.
 
         Waits while a reliable subscriber that keeps everything is thousands of messages behind:
         lockstep loses none. Raises RuntimeError when that lasts longer than a dead process is
         remembered by DDS. A node that has been told to end does not wait.
         """
-        raw = self._template.fill(value)
         end = time.monotonic() + _PATIENCE_S
         while not (self._given_up or self._accepted(raw, end)):
             time.sleep(_RETRY_S)
 
     def _accepted(self, raw, end):
         try:
-            self.publisher.publish(raw)
+            self._publisher.publish(raw)
         except RuntimeError:  # the queue is full
             # nobody waits for the rest, and each further try would block for 0.1 s
             self._given_up = getattr(self._node, 'finished', False)
-            if time.monotonic() > end or not self.publisher.get_subscription_count():
+            if time.monotonic() > end or not self._publisher.get_subscription_count():
                 raise
             return False
         return True
+
+
+class FastPublisher:
+    """Publishes values, not messages, by patching a serialised template."""
+
+    def __init__(self, node: Node, topic: str):
+        self.publisher = publisher(node, topic)
+        self._sender = Sender(node, self.publisher)
+        self._template = fast.Template(topic)
+
+    def publish(self, value: Any) -> None:
+        """Publish a value of `types` as `Sender` does; the bytes are those of its message."""
+        self._sender.send(self._template.fill(value))
 
 
 def fast_publisher(node: Node, topic: str) -> FastPublisher:
@@ -180,6 +200,7 @@ def _spin(make_node, args):
     try:
         _start(args)
         node = make_node()
+        _be_punctual(node)
         _run(node)
     except (ParameterError, YamlError) as error:
         rclpy.logging.get_logger('start').fatal(str(error))
@@ -199,6 +220,16 @@ def _spin(make_node, args):
 
 def _exit_code(node):
     return getattr(node, 'exit_code', 0)
+
+
+def _be_punctual(node):
+    """Ask Linux for what the parameters `realtime.*` say; what it refuses is logged."""
+    if not node.has_parameter(overrides.MODE) or mode(node) != overrides.REALTIME:
+        return
+    names = parameters.flatten(realtime.DEFAULTS)
+    given = {k: node.get_parameter(f'{overrides.REALTIME}.{k}').value for k in names}
+    for refusal in realtime.apply(realtime.Options(**given)):
+        node.get_logger().warning(refusal)
 
 
 def _start(args):

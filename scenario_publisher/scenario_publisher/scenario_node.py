@@ -6,11 +6,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from msgs_yaml import decode, encode, ros, share
+from msgs_yaml.wall import Wall
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
 from scenario_publisher.timeline import NAME, Timeline
 
 LOOK_S = 0.02  # of wall time, between two looks at who is listening
+THROTTLE_S = 1.0
 
 
 class ScenarioNode(Node):
@@ -33,14 +35,22 @@ class ScenarioNode(Node):
             self.looking = self.create_timer(LOOK_S, self.answer, clock=steady)
             self.publish_facts(scenario.START_NS)
         else:
-            self.start_sub = ros.subscribe(self, '/vehicle/odometry', self.on_start, raw=True)
-            self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer)
+            self.wall = Wall()
+            ros.subscribe(self, '/diagnostics', self.on_health)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer, clock=steady)
         self.get_logger().info(f'{scn.name}: {scn.description}')
+        if not self.timeline.knows_plant:
+            self.get_logger().info('obstacles wait for the plant')
 
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
-        self.instant = decode.clock(msg)
-        self.answer()
+        try:
+            self.instant = decode.clock(msg)
+        except decode.DecodeError as error:
+            self.turn_down('/clock', error)
+        else:
+            self.answer()
 
     def answer(self):
         """Answer the instant as soon as all are listening; from then on at once."""
@@ -52,16 +62,24 @@ class ScenarioNode(Node):
 
     def on_timer(self):
         """Publish at an instant of the wall clock."""
-        self.publish(self.get_clock().now().nanoseconds)
+        self.publish(self.wall.now_ns())
 
-    def on_start(self, raw):
-        """Let obstacles move once the vehicle does: the first odometry is the beginning."""
-        self.timeline.begin(decode.stamp_ns_of(raw))
-        self.destroy_subscription(self.start_sub)
+    def on_health(self, msg):
+        """Let obstacles move once the vehicle does: the plant says since when."""
+        try:
+            self.timeline.hear(decode.health(msg))
+        except decode.DecodeError as error:
+            self.turn_down('/diagnostics', error)
+
+    def turn_down(self, topic, error):
+        """Say why a message is not used."""
+        told = f'{topic} turned down: {error}'
+        self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
 
     def publish(self, stamp_ns):
         """Publish the obstacles, and what else is due."""
-        self.obstacles_pub.publish(encode.obstacles(self.timeline.obstacles(stamp_ns)))
+        if self.timeline.knows_plant:
+            self.obstacles_pub.publish(encode.obstacles(self.timeline.obstacles(stamp_ns)))
         self.publish_facts(stamp_ns)
         if self.timeline.health_beat.is_due(stamp_ns):
             self.health_pub.publish(encode.health(self.timeline.health(stamp_ns)))

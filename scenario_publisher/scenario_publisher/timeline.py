@@ -6,7 +6,9 @@ from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 
 NAME = 'scenario'
-OK = 0
+PLANT = 'plant'
+BEGAN = 'run_began_ns'  # what the plant calls the instant at which its car was let go
+OK, STALE = 0, 3
 
 
 class Beat:
@@ -32,14 +34,21 @@ class Timeline:
     def __init__(self, scn: Scenario, mode: str):
         self._scn = scn
         self._origin_ns = scenario.START_NS if mode == 'lockstep' else None
+        self._follows_clock = mode == 'lockstep'
+        self.knows_plant = self._follows_clock  # there the run begins at a known stamp
         topics = contract.load().topics
         self.rate_hz = topics['/scenario/obstacles'].rate_hz[mode]
         self.facts = Beat(topics['/scenario/reference'].rate_hz[mode])
         self.health_beat = Beat(topics['/diagnostics'].rate_hz[mode])
 
-    def begin(self, stamp_ns: int) -> None:
-        """Let obstacles move and appear from this stamp on."""
-        self._origin_ns = stamp_ns
+    def hear(self, health: Health) -> None:
+        """Learn from the plant when its run began: obstacles move and appear from then on.
+
+        Also in the midst of a run, after this node was started again.
+        """
+        if health.name == PLANT and not self._follows_clock:
+            self.knows_plant = True
+            self._origin_ns = health.values.get(BEGAN)
 
     def obstacles(self, stamp_ns: int) -> Obstacles:
         """Return the obstacles at a stamp; before the beginning, those of the beginning."""
@@ -56,5 +65,8 @@ class Timeline:
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of the node."""
+        if not self.knows_plant:
+            told = 'waiting for the plant to say on /diagnostics when its run began'
+            return Health(stamp_ns, NAME, STALE, told, {'obstacles': 0})
         there = len(self.obstacles(stamp_ns).items)
         return Health(stamp_ns, NAME, OK, f'publishing {self._scn.name}', {'obstacles': there})

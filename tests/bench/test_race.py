@@ -15,13 +15,14 @@ import tables
 import variants
 from loops import Loop
 from race import COLD, FIRST, POP_UP, WARM, Answer, Race, Task
-from variants import BASELINE, Variant
+from variants import BASELINE, NATIVE, Variant
 from verdict import GOOD, INFEASIBLE, OTHER_MINIMUM, Verdict
 
 from mpcc_controller.solvers import solver
 from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import FAILED, Solution, SolverOptions
+from mpcc_controller.solvers.solver import FAILED, SOLVED, Solution, SolverOptions
 
+LIMIT_S = 0.04
 FATROP = SolverOptions('fatrop', 100, 1e-6, None, compiled=False)
 
 
@@ -115,7 +116,7 @@ def figures():
     fast = [[0.001, 0.002, 0.004, 0.01, 0.02]] * 2 + [[0.9] * 5]
     verdicts = [Verdict(GOOD, 1e-6, 0.0)] * 4 + [Verdict(OTHER_MINIMUM, 1.0, 0.0)]
     ran = timed({'ours': fast, BASELINE: slow})
-    return summary.of(ran, dict.fromkeys(('ours', BASELINE), verdicts))
+    return summary.of(ran, dict.fromkeys(('ours', BASELINE), verdicts), LIMIT_S)
 
 
 def test_times_are_medians_over_the_passes_and_ratios_those_of_the_figures():
@@ -137,11 +138,11 @@ def test_what_the_baseline_fails_at_does_not_flatter_the_others():
         BASELINE: [Verdict(GOOD, 0.0, 0.0)] * 2 + [Verdict(INFEASIBLE, np.nan, 1.0)] * 3,
     }
     ran = timed({'ours': [[0.001, 0.004, 0.005, 1, 1]], BASELINE: [[0.010, 0.010, 0.900, 1, 1]]})
-    rows = summary.of(ran, verdicts)
+    rows = summary.of(ran, verdicts, LIMIT_S)
     assert rows['ours']['ratio_to_fatrop']['max'] == pytest.approx(0.4)
     assert rows[BASELINE]['ratio_to_fatrop'] == {'median': 1, 'p99': 1, 'max': 1}
     nothing = {**verdicts, BASELINE: [Verdict(INFEASIBLE, np.nan, 1.0)] * 5}
-    assert summary.of(ran, nothing)['ours']['ratio_to_fatrop'] is None
+    assert summary.of(ran, nothing, LIMIT_S)['ours']['ratio_to_fatrop'] is None
 
 
 def test_the_json_has_what_was_agreed():
@@ -186,21 +187,60 @@ def test_a_hundred_per_cent_means_all():
     ]
 
 
-def test_every_solver_of_the_project_is_measured(params, monkeypatch):
-    labels = [variant.label for variant in variants.available(params.solver, interpreted=True)]
-    assert {BASELINE, 'ipopt_c', 'fatrop_vm', 'ipopt_vm'} <= set(labels)
-    monkeypatch.setitem(solver.SOLVERS, variants.OWN, solver.SOLVERS['fatrop'])
-    found = variants.available(params.solver, interpreted=False)
+def test_every_solver_of_the_project_is_measured(params):
+    labels = [variant.label for variant in variants.available(params, interpreted=True)]
+    assert {BASELINE, NATIVE, 'ipopt_c', 'fatrop_vm', 'ipopt_vm'} <= set(labels)
+    found = variants.available(params, interpreted=False)
     labels = [variant.label for variant in found]
-    assert labels == ['ours', 'ours_one_step', BASELINE, 'ipopt_c']
+    assert labels == ['ours', 'ours_one_step', BASELINE, NATIVE, 'ipopt_c']
 
 
-def test_one_step_is_one_step_from_a_plan_and_all_of_them_from_none(given, problem):
-    one = variants.make(problem, [Variant(variants.ONE_STEP, FATROP)])[variants.ONE_STEP]
-    warm, cold = given[4], given[14]
-    assert warm.start.multipliers is not None
-    assert one.solve(*warm[1:]).iterations <= 1
-    assert one.solve(*cold[1:]).iterations > 1
+class Answers:
+    """A solver with one answer, which notes its time limits."""
+
+    def __init__(self, status, solve_s):
+        self.status, self.solve_s, self.limits = status, solve_s, []
+
+    def limit(self, seconds):
+        self.limits.append(seconds)
+
+    def solve(self, x0, P, bounds, guess):
+        return Solution(guess, 1.0, self.status, 'told', 3, 1e-9, 1e-9, self.solve_s)
+
+
+def test_a_second_solver_is_asked_after_a_failure_and_its_time_and_iterations_count(given, params):
+    warm = given[4]
+    second = Answers(SOLVED, 0.02)
+    aided = variants.Aided(Answers(FAILED, 0.015), second, params)
+    found = aided.solve(*warm[1:])
+    assert (found.status, found.iterations) == (SOLVED, 6)
+    assert found.solve_s == pytest.approx(0.035)
+    assert second.limits == [pytest.approx(0.025)]  # of the 40 ms that both have
+    assert found.message == f'{variants.SECOND}told'
+    assert found.plan.multipliers is None  # the next solve starts as the controller would
+
+
+def test_a_second_solver_is_not_asked_while_the_first_one_may_be_driven(given, params):
+    first, second = Answers(SOLVED, 0.001), Answers(SOLVED, 0.02)
+    found = variants.Aided(first, second, params).solve(*given[4][1:])
+    assert found == first.solve(*given[4][1:])
+    assert not second.limits
+
+
+def test_one_step_is_one_step_from_a_plan_and_all_of_them_from_none(problem, recorded, params):
+    chosen = variants.available(params, interpreted=False)[:2]
+    assert [one.label for one in chosen] == [variants.OURS, variants.ONE_STEP]
+    made = variants.make(problem, chosen, params)
+    tasks = race.tasks(problem, recorded, params.fallback, made[variants.OURS], 5)
+    warm = [task for task in tasks if task.kind == WARM]
+    iterations = {
+        label: [one.solve(*task[1:]).iterations for task in warm] for label, one in made.items()
+    }
+    assert min(iterations[variants.ONE_STEP]) == 1
+    assert np.all(np.less_equal(iterations[variants.ONE_STEP], iterations[variants.OURS]))
+    assert sum(iterations[variants.ONE_STEP]) < 0.9 * sum(iterations[variants.OURS])
+    cold = next(task for task in tasks if task.kind == COLD)
+    assert made[variants.ONE_STEP].solve(*cold[1:]).iterations > 1
 
 
 def test_scaling_covers_horizons_obstacles_and_circles(params):
@@ -233,8 +273,35 @@ def test_the_cache_is_empty_once_and_afterwards_as_before(monkeypatch, tmp_path)
 
 def test_a_drive_with_converged_plans_has_a_plan_at_every_tick(params):
     loop = Loop('straight', 'straight', 'mpcc', None, range(1))
-    first, second = (one_step.driven(loop, params) for _ in range(2))
-    assert first == second
+    first, second = (one_step.driven(loop, params, 'converged', {}) for _ in range(2))
+    assert (first.cost, first.ticks) == (second.cost, second.ticks)
     assert first.unplanned == 0
     assert 78 <= first.ticks <= 82  # 60 m at 15 m/s
     assert 0 < first.cost < 1
+    assert first.more_share > 0.9
+    assert first.prepare_ms == 0
+    stepped = one_step.driven(loop, params, *one_step.SCHEMES['one_step_prepared'])
+    assert stepped.cost == pytest.approx(first.cost, rel=0.01)
+    assert stepped.more_share < 0.5
+    assert stepped.prepare_ms > 0
+
+
+def test_late_answers_and_slow_problems_are_told():
+    row = figures()[BASELINE]
+    assert (row['pop_up_late'], row['pop_up_in_time_rate']) == (1, 0.0)
+    assert figures()['ours']['pop_up_in_time_rate'] == 1.0
+    slowest = row['slowest']
+    assert [one['problem'] for one in slowest] == [2, 1, 0]
+    assert slowest[0]['ms'] == pytest.approx([40.0] * 3)
+    assert slowest[0]['iterations'] == 2
+    sheet = report.slowest(figures())
+    assert sheet.rows[0] == ('2', '2', '4.00', '4.00', '900', 'converged')
+
+
+def test_the_share_of_the_second_solver_is_told():
+    ran = timed({'ours': [[0.001] * 5]})
+    helped = ran.answers['ours'][3]._replace(message=f'{variants.SECOND}solved')
+    ran.answers['ours'][3] = helped
+    row = summary.of(ran, {'ours': [Verdict(GOOD, 0.0, 0.0)] * 5}, LIMIT_S)['ours']
+    shares = [row[f'{kind}second_share'] for kind in ('', 'cold_', 'pop_up_')]
+    assert shares == [0.0, 1.0, 0.0]

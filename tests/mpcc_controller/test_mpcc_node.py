@@ -95,12 +95,19 @@ def ring():
             os.environ[name] = value
 
 
+def set_to(parameters):
+    """Return the arguments that give `name:=value` parameters to a node."""
+    pairs = [word for one in parameters for word in ('-p', one)]
+    return ['--ros-args', *pairs] if pairs else []
+
+
 @pytest.fixture
-def process(ring, tmp_path):
-    """Start the node; wait until everything is connected; stop it as a user would."""
+def process(ring, tmp_path, request):
+    """Start the node, with indirect parameters; wait for all connections; stop it as a user."""
+    given = getattr(request, 'param', ())
     log = (tmp_path / 'log').open('w+')
     started = subprocess.Popen(
-        [sys.executable, '-m', 'mpcc_controller.mpcc_node'],
+        [sys.executable, '-m', 'mpcc_controller.mpcc_node', *set_to(given)],
         env=os.environ | LOCAL,
         stdout=log,
         stderr=subprocess.STDOUT,
@@ -176,6 +183,57 @@ def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
     assert why.values['time.publish_ms'] > 0
     assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == unreadable
     assert 'odometry turned down' in process.text()
+
+
+@pytest.mark.parametrize(
+    'process', [('solver.mode:=one_step', 'solver.prepare:=true')], indirect=True
+)
+def test_actuators_that_are_not_finite_are_refused_and_valid_ones_waited_for(ring, process, world):
+    for messages in ring.heard.values():  # of the test before
+        messages.clear()
+    situation = world.lane_change()
+    ring.pubs['/scenario/reference'].publish(
+        encode.reference(situation.reference._replace(stamp_ns=START))
+    )
+    ring.pubs['/scenario/road_edges'].publish(
+        encode.road_edges(situation.edges._replace(stamp_ns=START))
+    )
+
+    def begin(delta=math.nan):
+        ring.state(START)
+        ring.actuators(START, delta)
+        ring.obstacles(situation, START)
+
+    ring.wait_for(lambda: 'actuators turned down' in process.text(), begin)
+    assert 'waiting for valid ones' in process.text()
+    assert process.poll() is None
+    assert not ring.heard['/controller/command']
+    begin(delta=0.02)
+    ring.wait_for(lambda: ring.heard['/controller/why'], lambda: begin(0.02))
+    why = decode.why(ring.heard['/controller/why'][0])
+    assert why.values['set_point.delta'] == pytest.approx(0.02)
+
+    # the mode was set over ROS: the next tick was prepared
+    ring.state(START + TICK, X=1.0)
+    ring.obstacles(situation, START + TICK)
+    ring.wait_for(lambda: decode.why(ring.heard['/controller/why'][-1]).stamp_ns > START)
+    why = decode.why(ring.heard['/controller/why'][-1])
+    assert why.values['reason'] == 'one_step'
+    assert why.values['time.ahead_ms'] > 0
+
+
+def test_a_mode_that_the_solver_has_not_stops_the_node_with_its_name():
+    names = ('solver.mode:=one_step', 'solver.name:=fatrop')
+    done = subprocess.run(
+        [sys.executable, '-m', 'mpcc_controller.mpcc_node', *set_to(names)],
+        env=os.environ | LOCAL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode != 0
+    assert 'solver.mode: one_step needs solver.name riccati' in done.stdout + done.stderr
+    assert 'Traceback' not in done.stdout + done.stderr
 
 
 def test_a_misspelt_parameter_stops_the_node_with_its_name():

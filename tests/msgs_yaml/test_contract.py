@@ -146,6 +146,9 @@ def test_the_shipped_contract_names_every_topic_of_the_ring():
         '/controller/prediction',
         '/controller/why',
         '/diagnostics',
+        '/markers/vehicle',
+        '/markers/safety',
+        '/markers/prediction',
         '/clock',
     }
     assert contract.load() is contract.load()
@@ -158,7 +161,7 @@ def test_lockstep_loses_nothing_and_facts_are_latched():
         assert lockstep.reliability == 'reliable', topic.name
         latched = lockstep.durability == 'transient_local'
         assert latched == (topic.name in ('/scenario/reference', '/scenario/road_edges'))
-        if not latched and topic.name != '/diagnostics':
+        if not latched and topic.name != '/diagnostics' and not topic.on_request:
             assert lockstep.history == 'keep_all', topic.name
 
 

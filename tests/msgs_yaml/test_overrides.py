@@ -37,6 +37,10 @@ def test_without_overrides_the_file_counts(defaults):
     assert {one.name: one.value for one in declared} == {
         'mode': 'lockstep',
         'recorders': 0,
+        'realtime.priority': 0,
+        'realtime.core': -1,
+        'realtime.lock_memory': False,
+        'realtime.collect_garbage': True,
         'gain': 2.0,
         'widths': (1.0,),
     }

@@ -127,7 +127,8 @@ def coders(topic):
 
 @both_modes
 def test_every_topic_arrives_as_it_was_sent(pair):
-    connected = {topic: pair.connect(topic) for topic in contract.load().topics}
+    topics = contract.load().topics.values()
+    connected = {t.name: pair.connect(t.name) for t in topics if not t.on_request}
     for topic, (pub, received) in connected.items():
         value, to_message, to_value = coders(topic)
         pub.publish(to_message(value))

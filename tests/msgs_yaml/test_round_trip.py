@@ -163,7 +163,8 @@ def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
 
 
 def test_every_topic_makes_the_round_trip():
-    assert set(FORMS) == set(contract.load().topics)
+    topics = contract.load().topics.values()
+    assert set(FORMS) == {topic.name for topic in topics if not topic.on_request}
 
 
 @settings(deadline=None, derandomize=True)

@@ -14,7 +14,7 @@ EXECUTABLES = {
     'scenario_publisher': ('scenario_node',),
     'mpcc_controller': ('mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
-    'bags': ('recorder_node', 'bags'),
+    'bags': ('markers_node', 'player_node', 'recorder_node', 'view_node', 'bags'),
 }
 SHARED = {
     'msgs_yaml': 'topics.yaml',

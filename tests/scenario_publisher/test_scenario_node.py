@@ -12,7 +12,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from msgs_yaml import contract, decode, encode, qos, ros
-from msgs_yaml.types import VehicleState
+from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
 
@@ -20,7 +20,6 @@ pytestmark = pytest.mark.ros
 ISOLATED = {'ROS_DOMAIN_ID': '10', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 PATIENCE_S = 15.0
 TICK_NS = 50_000_000
-STANDING = VehicleState(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope='module')
@@ -167,12 +166,20 @@ def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
 @runs('moving_obstacle', mode='realtime')
 def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
     heard = listener.hear('/scenario/obstacles', 'realtime')
-    odometry = listener.speak('/vehicle/odometry', 'realtime')
-    listener.until(lambda: len(heard) >= 5 and odometry.get_subscription_count())
+    healths, said = listener.speak('/diagnostics', 'realtime'), listener.hear('/diagnostics')
+    listener.until(lambda: said and healths.get_subscription_count())
+    waiting = decode.health(said[0])
+    assert (waiting.name, waiting.level) == ('scenario', 3)
+    assert 'plant' in waiting.message
+    assert not heard
+    now = listener.node.get_clock().now().nanoseconds
+    standing = Health(now, 'plant', 3, 'waiting', {})
+    healths.publish(encode.health(standing))
+    listener.until(lambda: len(heard) >= 5)
     waiting = [decode.obstacles(message).items[0].X for message in heard]
     assert waiting == pytest.approx([60.0] * len(waiting))
     now = listener.node.get_clock().now().nanoseconds
-    odometry.publish(encode.odometry(STANDING._replace(stamp_ns=now)))
+    healths.publish(encode.health(standing._replace(values={'run_began_ns': now})))
     listener.until(lambda: decode.obstacles(heard[-1]).items[0].X > 65.0)
     last = decode.obstacles(heard[-1])
     assert pytest.approx(60.0 + 8.0 * (last.stamp_ns - now) * 1e-9, abs=1e-6) == last.items[0].X

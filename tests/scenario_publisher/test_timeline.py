@@ -1,12 +1,17 @@
 import pytest
 
 from msgs_yaml import contract
+from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
-from scenario_publisher.timeline import NAME, Beat, Timeline
+from scenario_publisher.timeline import NAME, OK, STALE, Beat, Timeline
 
 MOVING = scenario.load('moving_obstacle')
 MS = 1_000_000
+
+
+def plant(**values):
+    return Health(START_NS, 'plant', OK, '', values)
 
 
 def test_beat_is_due_at_first_and_then_once_per_period():
@@ -28,10 +33,32 @@ def test_lockstep_counts_from_the_first_stamp_of_simulated_time():
 
 def test_realtime_obstacles_wait_for_the_vehicle():
     timeline = Timeline(MOVING, 'realtime')
+    assert not timeline.knows_plant
+    assert timeline.health(77 * START_NS).level == STALE
+    timeline.hear(plant())
+    assert timeline.knows_plant
+    assert timeline.health(77 * START_NS).level == OK
     (before,) = timeline.obstacles(77 * START_NS).items
-    timeline.begin(80 * START_NS)
+    timeline.hear(plant(run_began_ns=80 * START_NS))
     (after,) = timeline.obstacles(81 * START_NS).items
     assert pytest.approx((60.0, 68.0)) == (before.X, after.X)
+
+
+def test_a_plant_that_was_started_again_begins_another_run():
+    timeline = Timeline(MOVING, 'realtime')
+    timeline.hear(plant(run_began_ns=80 * START_NS))
+    timeline.hear(plant())
+    (held,) = timeline.obstacles(90 * START_NS).items
+    assert pytest.approx(60.0) == held.X
+
+
+def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
+    waiting, stepping = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'lockstep')
+    waiting.hear(Health(START_NS, 'controller', OK, '', {'run_began_ns': START_NS}))
+    assert not waiting.knows_plant
+    stepping.hear(plant(run_began_ns=3 * START_NS))
+    (one,) = stepping.obstacles(2 * START_NS).items
+    assert pytest.approx(68.0) == one.X
 
 
 def test_everything_carries_the_stamp_asked_for():

@@ -51,6 +51,7 @@ class NodeParams:
     patches: PatchParams
     tyre_set: str
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
+    command_age_s: Annotated[float, Range(0.05, 1.0, 's')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
     start: StartParams
     stop: StopParams

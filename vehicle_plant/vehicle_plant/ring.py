@@ -5,12 +5,17 @@ clock. In both, a silent controller's last command is held for two ticks, then t
 straight. No ROS, no clock: time is an argument.
 """
 
+from collections import deque
+
+from msgs_yaml.ages import ERROR, Watch
 from msgs_yaml.types import Command
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.track import Track, join
 
 HELD_TICKS = 2
+HELD_STATES = 100  # of the start, that may still be answered: 2 s
+HELD_S = HELD_TICKS * TICK_NS / 1e9
 WATCHED_STEPS = 10  # at once: a look costs as much as two steps
 
 
@@ -49,13 +54,34 @@ class Lockstep:
         return track
 
 
-class Realtime:
-    """Wall time: advances by as many steps as are due."""
+class Hold:
+    """Wall time before a run: the car stands at its start until a command answers it."""
 
-    def __init__(self, car: Simulator, end: RunEnd):
+    def __init__(self):
+        self._sent_ns = deque(maxlen=HELD_STATES)
+
+    def sent(self, stamp_ns: int) -> None:
+        """Take the stamp under which the start was sent."""
+        self._sent_ns.append(stamp_ns)
+
+    def is_answer(self, command: Command) -> bool:
+        """Tell whether a command answers one of the last states; a blind one does not."""
+        return command.stamp_ns in self._sent_ns
+
+
+class Realtime:
+    """Wall time: advances by as many steps as are due.
+
+    A command ages from the instant at which it is due, one tick after its stamp; `limit_s` is how
+    long it is held.
+    """
+
+    def __init__(self, car: Simulator, end: RunEnd, limit_s: float = HELD_S):
         self.car = car
+        self.began_ns = car.stamp_ns
+        self.watch = Watch('command', limit_s)
+        self.watch.take(car.stamp_ns + TICK_NS)
         self._end = end
-        self._last_command_ns = car.stamp_ns
         self._unwatched: list[Track] = []
         self.gone = False
         self.missed_steps = 0
@@ -65,8 +91,15 @@ class Realtime:
     def command(self, command: Command) -> None:
         """Follow a command; a silent controller that speaks again is followed again."""
         if self.car.command(command).accepted:
-            self._last_command_ns = command.stamp_ns
+            self.watch.take(command.stamp_ns + TICK_NS)
             self.gone = False
+        else:
+            self.watch.refuse(self.car.gate.last_reason)
+
+    def refuse(self, reason: str) -> None:
+        """Count a command that could not be read; the last good one stands."""
+        self.car.gate.refuse(reason)
+        self.watch.refuse(reason)
 
     def advance_to(self, now_ns: int) -> Track | None:
         """Advance by all steps that are due at now_ns; None when there are none.
@@ -78,9 +111,7 @@ class Realtime:
             return None
         self.missed_steps += due - 1
         self.longest_gap = max(self.longest_gap, due)
-        # a set-point is due one tick after its stamp, and held for two more
-        silent = now_ns - self._last_command_ns > (1 + HELD_TICKS) * TICK_NS
-        if silent and not self.gone:
+        if self.watch.look(now_ns) == ERROR and not self.gone:
             self.gone = True
             self.car.brake_straight()
         track = self.car.advance(None, due)

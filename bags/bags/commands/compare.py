@@ -1,4 +1,4 @@
-"""Compare runs from their bags alone: a table, comparison.json, figures."""
+"""Compare runs from their bags alone: a table, comparison.json and .csv, figures, report.html."""
 
 import argparse
 import os
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'table, comparison.json and figures of bags'
+HELP = 'table, JSON, CSV, figures and interactive report of bags'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,10 +16,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         type=Path,
         metavar='DIR',
-        help='receives comparison.json and figures/ (default: the folder of the first bag)',
+        help='receives the files (default: the folder of the first bag)',
     )
     parser.add_argument(
-        '--force', action='store_true', help='compare runs of unlike scenarios all the same'
+        '--force',
+        action='store_true',
+        help='compare runs of unlike scenarios or plants all the same',
+    )
+    parser.add_argument(
+        '--claims',
+        type=Path,
+        metavar='FILE',
+        help='claims.json for the report (default: the one in DIR, where there is one)',
     )
 
 
@@ -28,5 +36,5 @@ def run(chosen: argparse.Namespace) -> int:
     from bags.verdict import compare
 
     out = chosen.out or Path(os.path.abspath(chosen.bags[0])).parent
-    compare.show(compare.bags(chosen.bags, out, chosen.force), Console())
+    compare.show(compare.bags(chosen.bags, out, chosen.force, chosen.claims), Console())
     return 0

@@ -42,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='set a parameter of the plant, controller, scenario or recorder',
     )
     parser.add_argument(
+        '--markers',
+        action='store_true',
+        help='also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)',
+    )
+    parser.add_argument(
         '--time-limit',
         type=_seconds,
         default=TIME_LIMIT_S,
@@ -70,6 +75,7 @@ def run(chosen: argparse.Namespace) -> int:
             chosen.out,
             chosen.settings,
             chosen.time_limit,
+            chosen.markers,
         ),
         Console(),
     )

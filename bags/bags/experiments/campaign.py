@@ -29,6 +29,7 @@ class Plan(NamedTuple):
     out: Path
     settings: Sequence[str]  # NODE.parameter=value
     time_limit_s: float  # of wall time per run
+    markers: bool = False  # whether a node draws the ring for 3D viewers
 
 
 def run_all(plan: Plan, console: Console) -> int:
@@ -66,7 +67,12 @@ def run_nodes(plan: Plan, console: Console) -> tuple[Path, list[run.Outcome]]:
             domain.reserved(os.environ) as number,
         ):
             settings = run.Settings(
-                plan.mode, folder.absolute(), overrides, number, plan.time_limit_s
+                plan.mode,
+                folder.absolute(),
+                overrides,
+                number,
+                plan.time_limit_s,
+                plan.markers,
             )
             for controller in chosen:
                 progress.begin(controller.name, facts.length_m)

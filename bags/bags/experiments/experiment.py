@@ -139,7 +139,24 @@ def nodes(
     ]
 
 
-def noted(ring: list[Node]) -> dict[str, dict[str, Any]]:
+def markers(ring: Sequence[Node]) -> Node:
+    """Return the node that draws a ring for 3D viewers, told what car drives and how far off."""
+    values = noted(ring)
+    plant, told = values['plant'], values['controller']
+    drawn = {
+        'outline.front_m': plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
+        'outline.rear_m': plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
+        'outline.width_m': plant['car.outline.width_m'],
+        'safety.circle_offsets_m': told['body.circle_offsets_m'],
+        'safety.circle_radius_m': told['body.circle_radius_m'],
+        'safety.obstacle_m': told['safety.obstacle_m'],
+        'safety.edge_m': told['safety.edge_m'],
+    }
+    # nobody waits for it, and it for nobody
+    return Node('markers', 'bags', 'markers_node', (), {'mode': plant['mode'], **drawn})
+
+
+def noted(ring: Sequence[Node]) -> dict[str, dict[str, Any]]:
     """Return every parameter of every node by role: files, then what was set."""
     return {node.role: _values(node) for node in ring}
 

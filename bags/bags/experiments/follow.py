@@ -39,7 +39,7 @@ class Follower:
         """`folder` is that of the bag, `reference` (n, 2) [m] the coarse path."""
         self.folder = folder
         self.reference = reference
-        self._position = MAGIC_BYTES
+        self._positions = {}  # in each file of the bag
         self._schemas, self._channel = {}, None
         self._begin_ns = None
         self._passed = []  # one point per look: the station never jumps
@@ -57,12 +57,17 @@ class Follower:
         return Sight(t, float(station), float(np.hypot(state.vx, state.vy)))
 
     def _new_chunks(self):
-        for file in self.folder.glob('*.mcap'):
+        # files are made one after the other; times of writing need not tell them apart
+        for file in sorted(
+            self.folder.glob('*.mcap'), key=lambda file: (len(file.name), file.name)
+        ):
+            position = self._positions.get(file, MAGIC_BYTES)
             with file.open('rb') as stream:
-                stream.seek(self._position)
+                stream.seek(position)
                 data = stream.read()
             for opcode, begin, end in inner(data):
-                self._position += PREFIX.size + end - begin
+                position += PREFIX.size + end - begin
+                self._positions[file] = position
                 if opcode == Opcode.CHUNK:
                     yield Chunk.read(ReadDataStream(BytesIO(data[begin:end])))
 

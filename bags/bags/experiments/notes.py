@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+
+from msgs_yaml import share
 
 VERSIONS = {
     'casadi': 'casadi',
@@ -17,7 +20,10 @@ VERSIONS = {
     'numpy': 'numpy',
     'rclpy': 'rclpy',
     'rmw_fastrtps': 'ros-rmw-fastrtps-cpp',
+    'scipy': 'scipy',
 }
+PACKAGES = ('bags', 'mpcc_controller', 'msgs_yaml', 'scenario_publisher', 'vehicle_plant')
+UNKNOWN = 'unknown'
 GIT_S = 5.0
 
 
@@ -33,8 +39,15 @@ def of(
         'scenario_text': text,
         'scenario_sha256': digest(text),
         'controller': controller,
-        'mode': mode,
         'parameters': json.dumps(parameters, sort_keys=True),
+        **surroundings(mode),
+    }
+
+
+def surroundings(mode: str) -> dict[str, str]:
+    """Return what is known of every recording, whoever started the nodes."""
+    return {
+        'mode': mode,
         'versions': json.dumps(versions(), sort_keys=True),
         'machine': json.dumps(machine(), sort_keys=True),
         'git_commit': commit(),
@@ -47,15 +60,30 @@ def digest(text: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything that a run's numbers may depend on."""
-    return {'python': platform.python_version(), **{n: _version(d) for n, d in VERSIONS.items()}}
+    """Return the version of everything that a run's numbers may depend on.
+
+    Our solver is part of mpcc_controller; the others come with casadi.
+    """
+    return {
+        'python': platform.python_version(),
+        **{name: _version(distribution) for name, distribution in VERSIONS.items()},
+        **{package: _package_version(package) for package in PACKAGES},
+    }
+
+
+def _package_version(package):
+    try:
+        manifest = share.path(package, 'package.xml')
+    except FileNotFoundError:
+        return UNKNOWN
+    return ElementTree.parse(manifest).findtext('version', UNKNOWN)
 
 
 def _version(distribution):
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
-        return 'unknown'
+        return UNKNOWN
 
 
 def machine() -> dict[str, Any]:

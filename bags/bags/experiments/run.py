@@ -33,6 +33,7 @@ class Settings(NamedTuple):
     overrides: Mapping[str, Mapping[str, Any]]  # parameters by role
     domain: int  # ROS_DOMAIN_ID
     time_limit_s: float  # of wall time per run
+    markers: bool = False  # whether a node draws the ring for 3D viewers
 
 
 class Outcome(NamedTuple):
@@ -68,6 +69,8 @@ def one(
             settings.overrides,
         )
         _note(ring, facts, chosen, settings, workshop)
+        if settings.markers:
+            ring.insert(0, experiment.markers(ring))
         follower = Follower(workshop.bag, facts.path)
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
     except ProcessError as error:

@@ -1,13 +1,16 @@
 """The comparison as a table for a person: a row per metric, a column per controller."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from bags.pictures.palette import TUNED
 
 PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
+COLOURS = {True: 'green', False: 'red', None: ''}
 PAPER_NOTE = 'paper: its MPCC with FORCESPro on a dSPACE DS6001'
 
 
@@ -48,6 +51,35 @@ ROWS = (
 GOOD_WHEN = {'completed': True, 'collided': False, 'entered_unsafe_area': False}
 
 
+class Cell(NamedTuple):
+    """One value as text; `good` judges it where it can be judged."""
+
+    text: str
+    good: bool | None = None
+
+
+class Line(NamedTuple):
+    """One row of the table: a cell per run, and the paper's number or ''."""
+
+    title: str
+    unit: str
+    cells: list[Cell]
+    paper: str
+
+
+def lines(runs: Mapping[str, Mapping[str, Any]]) -> list[Line]:
+    """Return the rows of a comparison of `runs`, as in comparison.json."""
+    return [
+        Line(
+            row.title,
+            row.unit,
+            [_cell(row, _look_up(found, row.path)) for found in runs.values()],
+            _paper(row),
+        )
+        for row in _rows(runs)
+    ]
+
+
 def build(comparison: dict) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json)."""
     runs = comparison['runs']
@@ -70,9 +102,9 @@ def build(comparison: dict) -> Table:
         shown = f'{name.removesuffix(TUNED)}\n{TUNED[1:]}' if name.endswith(TUNED) else name
         table.add_column(f'{shown}, bag cut' if cut else shown, justify='right', no_wrap=True)
     table.add_column('paper', justify='right', style='dim', no_wrap=True)
-    for row in _rows(runs):
-        cells = [_cell(row, _look_up(found, row.path)) for found in runs.values()]
-        table.add_row(row.title, row.unit, *cells, _paper(row))
+    for line in lines(runs):
+        cells = [Text(cell.text, COLOURS[cell.good]) for cell in line.cells]
+        table.add_row(line.title, line.unit, *cells, line.paper)
     return table
 
 
@@ -86,7 +118,7 @@ def _rows(runs):
                 yield Row(f'  obstacle {i}', 'm', 2, ('min_v2o_per_obstacle_m', i))
 
 
-def _look_up(found: dict, path: tuple[str, ...]) -> Any:
+def _look_up(found: Mapping, path: tuple[str, ...]) -> Any:
     for key in path:
         found = found.get(key)
     return found
@@ -94,14 +126,13 @@ def _look_up(found: dict, path: tuple[str, ...]) -> Any:
 
 def _cell(row, value):
     if value is None:
-        return '–'
+        return Cell('–')
     if isinstance(value, bool):
-        colour = 'green' if value == GOOD_WHEN[row.path[0]] else 'red'
-        return f'[{colour}]{"yes" if value else "no"}[/]'
+        return Cell('yes' if value else 'no', value == GOOD_WHEN[row.path[0]])
     if isinstance(value, list):
         found = (f'{one["amount_m"]:.2f} at {one["x_m"]:.0f}' for one in value)
-        return '\n'.join(found) or 'none'
-    return f'{value:.{row.decimals}f}'
+        return Cell('\n'.join(found) or 'none')
+    return Cell(f'{value:.{row.decimals}f}')
 
 
 def _paper(row):

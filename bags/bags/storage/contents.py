@@ -1,10 +1,11 @@
-"""Everything an MCAP file of ROS messages holds, as plain values, however damaged it is."""
+"""Everything an MCAP file of ROS messages holds, as arrays, however damaged it is."""
 
 import struct
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -14,7 +15,9 @@ from bags.errors import BagError
 from bags.storage.rosbag2_layout import BagTopic
 from bags.storage.scan import Damage, inner, is_mcap, scan
 
-MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
+# how a message begins; times in ns
+HEAD = np.dtype([('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')])
+LATEST_NS = np.iinfo(np.int64).max  # an hour of 2262; what claims to be later is of that hour
 RECORDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 
 
@@ -29,39 +32,37 @@ class Message(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What was found."""
+    """What was found; n messages in file order, of known channels only."""
 
     topics: dict[int, BagTopic]  # by channel
-    messages: list[Message]  # in file order, of known channels only
+    channel: np.ndarray  # (n,) int64
+    sequence: np.ndarray  # (n,) int64
+    log_ns: np.ndarray  # (n,) int64
+    publish_ns: np.ndarray  # (n,) int64
+    payloads: list[bytes]
     records: dict[str, dict[str, str]]  # metadata records by name
     damage: tuple[Damage, ...]  # in file order; empty for a file that was closed
     nameless: int  # messages left out because their channel is defined nowhere
     indexed: bool  # it has a summary
 
-
-def mcap_path(path: Path | str) -> Path:
-    """The MCAP file of a bag: `path` itself, or the one file *.mcap in a folder.
-
-    Raises BagError when there is none, or more than one.
-    """
-    path = Path(path)
-    if path.is_dir():
-        found = sorted(path.glob('*.mcap'))
-        if len(found) != 1:
-            names = ', '.join(file.name for file in found) or 'none'
-            raise BagError(f'{path}: not a bag: it must hold one file *.mcap, it holds {names}')
-        return found[0]
-    if not path.exists():
-        raise BagError(f'{path}: there is no such bag')
-    return path
+    @property
+    def messages(self) -> list[Message]:
+        """Every message."""
+        columns = (self.channel, self.sequence, self.log_ns, self.publish_ns)
+        return [Message(*row) for row in zip(*(c.tolist() for c in columns), self.payloads)]
 
 
-def load(path: Path | str, whole: bool = True) -> Contents:
-    """Read a bag (folder or file); with `whole` also what lies behind damage.
+_NONE = np.empty(0, dtype=np.int64)
+NOTHING = Contents(
+    {}, _NONE, _NONE, _NONE, _NONE, [], {}, (Damage(0, 'the file is empty'),), 0, False
+)
+
+
+def load(file: Path, whole: bool = True) -> Contents:
+    """Read an MCAP file; with `whole` also what lies behind damage.
 
     Raises BagError when it is no MCAP file, is empty or cannot be read.
     """
-    file = mcap_path(path)
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -95,21 +96,23 @@ class _Gathering:
     def __init__(self):
         self.has_chunks = self.indexed = False
         self.schemas, self.channels, self.trusted = {}, {}, set()
-        self.messages, self.records = [], {}
+        self.heads, self.payloads, self.records = [], [], {}
 
     def chunk(self, contents, trusted):
         self.has_chunks = True
-        unpack, size, add = MESSAGE.unpack_from, MESSAGE.size, self.messages.append
+        size = HEAD.itemsize
         for opcode, begin, end in inner(contents):
             if opcode != Opcode.MESSAGE:
                 self.record(opcode, contents[begin:end], trusted)
             elif end - begin >= size:
-                add(Message(*unpack(contents, begin), contents[begin + size : end]))
+                self.heads.append(contents[begin : begin + size])
+                self.payloads.append(contents[begin + size : end])
 
     def record(self, opcode, body, trusted):
         self.indexed |= opcode == Opcode.STATISTICS
-        if opcode == Opcode.MESSAGE and len(body) >= MESSAGE.size:
-            self.messages.append(Message(*MESSAGE.unpack_from(body), body[MESSAGE.size :]))
+        if opcode == Opcode.MESSAGE and len(body) >= HEAD.itemsize:
+            self.heads.append(body[: HEAD.itemsize])
+            self.payloads.append(body[HEAD.itemsize :])
         record = _parse(opcode, body)
         if isinstance(record, Metadata):
             self.records.setdefault(record.name, record.metadata)
@@ -137,9 +140,25 @@ class _Gathering:
                     type_hash=channel.metadata.get('topic_type_hash', ''),
                     qos=channel.metadata.get('offered_qos_profiles', ''),
                 )
-        messages = [message for message in self.messages if message.channel in topics]
-        nameless = len(self.messages) - len(messages)
-        return Contents(topics, messages, self.records, damage, nameless, self.indexed)
+        heads = np.frombuffer(b''.join(self.heads), HEAD)
+        known = np.isin(heads['channel'], list(topics))
+        payloads = self.payloads
+        if not known.all():
+            heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]
+        return Contents(
+            topics,
+            **{name: _whole_numbers(heads[name]) for name in HEAD.names},
+            payloads=payloads,
+            records=self.records,
+            damage=damage,
+            nameless=len(known) - len(heads),
+            indexed=self.indexed,
+        )
+
+
+def _whole_numbers(column):
+    """As int64, which numpy and the rest of the world count time in."""
+    return np.minimum(column, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def _parse(opcode, body):

@@ -25,7 +25,7 @@ class Field(NamedTuple):
 def parse(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
     """Fields of `type_name` (under '') and of all types it needs (under 'package/Name').
 
-    Raises BagError naming the line that is no field, or the type that is missing.
+    Raises BagError naming the line that is no field, or the type that is missing or in itself.
     """
     package, _ = split(type_name)
     first, *others = re.split(rf'^{SEPARATOR}\nMSG: ', text, flags=re.MULTILINE)
@@ -37,7 +37,23 @@ def parse(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
         for field in fields:
             if field.base not in PRIMITIVES and field.base not in types:
                 raise BagError(f'definition of {type_name}: {field.base} is not in it')
+    _refuse_circles(types, type_name)
     return types
+
+
+def _refuse_circles(types, type_name):
+    done = set()
+
+    def visit(name, above):
+        if name in above:
+            raise BagError(f'definition of {type_name}: {name} contains itself')
+        if name not in done:
+            for field in types[name]:
+                if field.base not in PRIMITIVES:
+                    visit(field.base, {*above, name})
+            done.add(name)
+
+    visit('', set())
 
 
 def _fields(text, package):

@@ -18,6 +18,8 @@ def table(topics: dict[str, dict[str, Any]]) -> Table:
         made.add_column(title, justify='right')
     for name, found in topics.items():
         lost = _number(found['lost'], 'd')
+        if found['lost']:
+            lost += f' in {found["lost_places"]} places'
         made.add_row(
             name,
             Text(str(found['messages']), style='' if found['messages'] else 'red'),
@@ -30,9 +32,10 @@ def table(topics: dict[str, dict[str, Any]]) -> Table:
 
 def show(found: dict[str, Any], console: Console) -> None:
     """Print a summary for a person."""
-    console.print(
-        Text(found['path'], style='bold'), f'{found["bytes"] / MB:.2f} MB,', found['mode']
-    )
+    size = f'{found["bytes"] / MB:.2f} MB'
+    if len(found['files']) > 1:
+        size += f' in {len(found["files"])} files'
+    console.print(Text(found['path'], style='bold'), f'{size},', found['mode'])
     console.print(f'{found["messages"]} messages in {found["duration_s"]:.3f} s')
     if found['damage']:
         console.print(Text(found['damage'], style='red'))

@@ -8,7 +8,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from bags.errors import BagError
-from bags.storage.rosbag2_layout import BagTopic, Span, embedded_text, metadata
+from bags.storage.rosbag2_layout import BagTopic, FileFacts, Span, embedded_text, metadata
 
 CHUNK_BYTES = 768 * 1024  # rosbag2's own default
 
@@ -32,7 +32,7 @@ class McapFile:
         self.topics = tuple(topics)
         self._name = name or path.name
         self._counts = [0] * len(self.topics)
-        self._first_ns = self._last_ns = None
+        self.first_ns = self._last_ns = None  # log times of the messages written
         self._stream = _WholeWrites(path)
         self._writer = Writer(
             self._stream,
@@ -64,38 +64,46 @@ class McapFile:
         """
         self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence)
         self._counts[topic] += 1
-        if self._first_ns is None:
-            self._first_ns = self._last_ns = log_ns
+        if self.first_ns is None:
+            self.first_ns = self._last_ns = log_ns
         elif log_ns > self._last_ns:
             self._last_ns = log_ns
-        elif log_ns < self._first_ns:
-            self._first_ns = log_ns
+        elif log_ns < self.first_ns:
+            self.first_ns = log_ns
 
     def flush(self):
         """Close the chunk in progress and hand it to the operating system."""
         self._writer.flush()
 
-    def close(self) -> dict:
-        """Write summary and footer; return the information that belongs into metadata.yaml."""
-        information = metadata(self._name, self.topics, self.counts, self.span)
+    def close(self, records: Mapping[str, Mapping[str, str]]) -> FileFacts:
+        """Write further records, summary and footer; return what metadata.yaml says of the file."""
+        facts = FileFacts(self._name, self.span, self.counts)
         self._writer.flush()
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': embedded_text(information)})
+        for record, values in records.items():
+            self._writer.add_metadata(record, dict(values))
+        embedded = embedded_text(metadata(self.topics, [facts]))
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': embedded})
         self._writer.finish()
         self._stream.close()
-        return information
+        return facts
 
     @property
-    def counts(self) -> dict[str, int]:
+    def size(self) -> int:
+        """Bytes in the file, without the chunk in progress."""
+        return self._stream.tell()
+
+    @property
+    def counts(self) -> Counter[str]:
         """Messages written so far per topic."""
         counts = Counter()
         for topic, n in zip(self.topics, self._counts):
             counts[topic.name] += n
-        return dict(counts)
+        return counts
 
     @property
     def span(self) -> Span:
         """Number of messages and their first and last log time, zeros for none."""
-        return Span(sum(self._counts), self._first_ns or 0, self._last_ns or 0)
+        return Span(sum(self._counts), self.first_ns or 0, self._last_ns or 0)
 
 
 class _WholeWrites:
@@ -134,5 +142,8 @@ class _WholeWrites:
         """Writes are not buffered here."""
 
     def close(self):
-        os.fsync(self._file.fileno())
-        self._file.close()
+        try:
+            os.fsync(self._file.fileno())
+            self._file.close()
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be completed: {error.strerror}') from error

@@ -14,6 +14,7 @@ import numpy as np
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import cdr, contents, tables
 from bags.storage.columns import SOURCES, Columns, Values
+from bags.storage.files import mcap_files, missing_before
 from bags.storage.rosbag2_layout import BagTopic
 from msgs_yaml import decode
 from msgs_yaml.stamp import NS_PER_S
@@ -48,29 +49,49 @@ class Recording(NamedTuple):
 class Bag(NamedTuple):
     """A bag in memory."""
 
-    path: Path  # of the MCAP file
+    path: Path  # of the MCAP file, of the folder when it was split
+    files: tuple[Path, ...]  # in the order in which they were written
     recordings: dict[str, Recording]  # by topic, also those without messages
-    run_info: dict[str, str]  # parameters, versions, scenario: what the starter noted
-    damage: str | None  # where the file is damaged; what lies behind it was not read
+    records: dict[str, dict[str, str]]  # what else was noted, by the name of the MCAP record
+    damage: str | None  # where it is damaged; what lies behind was not read
+
+    @property
+    def run_info(self) -> dict[str, str]:
+        """Parameters, versions, scenario: what the starter noted."""
+        return self.records.get('run', {})
 
 
 def load(path: Path | str) -> Bag:
-    """Read a bag: its folder, or its MCAP file.
+    """Read a bag: its folder, all files of it when it was split, or one MCAP file.
 
     A damaged bag is read up to the damage, with a DamagedBagWarning that says where it is. Raises
     BagError when there is no such file, it is not a bag, or it holds no message.
     """
-    file = contents.mcap_path(path)
-    found = contents.load(file, whole=False)
-    if not found.messages:
-        raise BagError(f'{file}: the bag holds no message')
-    damage = None
-    if found.damage:
-        at = found.damage[0]
-        damage = f'{file}: damaged at byte {at.offset} ({at.what}); read up to there, try'
-        damage = f'{damage} `bags repair {path}`'
+    files = mcap_files(path)
+    place = files[0] if len(files) == 1 else Path(path)
+    found, damage = [], None
+    for file, before in zip(files, [None, *files]):
+        missing = before and missing_before(file, before)
+        if missing:
+            damage = f'{place}: {missing} is missing; read up to there'
+            break
+        found.append(contents.load(file, whole=False))
+        if found[-1].damage:
+            damage = _where(file, found[-1].damage[0], path)
+            break
+    if not any(one.payloads for one in found):
+        raise BagError(f'{place}: the bag holds no message')
+    if damage:
         warnings.warn(damage, DamagedBagWarning, stacklevel=2)
-    return Bag(file, _by_topic(file, found), found.records.get('run', {}), damage)
+    records = {}
+    for one in found:
+        records = one.records | records
+    return Bag(place, tuple(files), _by_topic(place, found), records, damage)
+
+
+def _where(file, damage, path):
+    text = f'{file}: damaged at byte {damage.offset} ({damage.what}); read up to there, try'
+    return f'{text} `bags repair {path}`'
 
 
 def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[str, Columns]:
@@ -121,25 +142,30 @@ def _loaded(bag):
     return bag if isinstance(bag, Bag) else load(bag)
 
 
-def _by_topic(file, found):
-    names = {channel: topic.name for channel, topic in found.topics.items()}
-    topics = {topic.name: topic for topic in found.topics.values()}
-    for topic in found.topics.values():
-        if topics[topic.name].type != topic.type:
-            raise BagError(f'{file}: {topic.name} has messages of two types')
-    messages = {name: [] for name in topics}
-    for message in found.messages:
-        messages[names[message.channel]].append(message)
-    return {name: _recording(topic, messages[name]) for name, topic in topics.items()}
+def _by_topic(place, found):
+    """Put together what the files hold of each topic."""
+    parts = {}
+    for one in found:
+        channels = {}
+        for channel, topic in one.topics.items():
+            channels.setdefault(topic.name, []).append(channel)
+        for name, numbers in channels.items():
+            topics = [one.topics[number] for number in numbers]
+            rows = np.flatnonzero(np.isin(one.channel, numbers))
+            parts.setdefault(name, []).append((topics, one, rows))
+    return {name: _recording(place, each) for name, each in parts.items()}
 
 
-def _recording(topic, messages):
-    if not messages:
-        nothing = np.empty(0, dtype=np.int64)
-        return Recording(topic, nothing, nothing, nothing, [])
-    _, sequence, log_ns, publish_ns, payloads = zip(*messages)
-    times = (np.array(column, dtype=np.int64) for column in (log_ns, publish_ns, sequence))
-    return Recording(topic, *times, list(payloads))
+def _recording(place, parts):
+    described = [topic for topics, _, _ in parts for topic in topics]
+    if len({topic.type for topic in described}) > 1:
+        raise BagError(f'{place}: {described[0].name} has messages of two types')
+    times = (
+        np.concatenate([getattr(one, name)[rows] for _, one, rows in parts])
+        for name in ('log_ns', 'publish_ns', 'sequence')
+    )
+    payloads = [data for _, one, rows in parts for data in map(one.payloads.__getitem__, rows)]
+    return Recording(described[-1], *times, payloads)
 
 
 def _zero_ns(bag):

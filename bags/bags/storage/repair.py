@@ -11,67 +11,95 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.storage.contents import Contents, load, mcap_path
+from bags.storage.contents import NOTHING, Contents, load
+from bags.storage.files import mcap_files, missing_before
 from bags.storage.mcap_file import McapFile
-from bags.storage.rosbag2_layout import Span, metadata
+from bags.storage.rosbag2_layout import FileFacts, Span, metadata
 from bags.storage.rosbag2_writer import METADATA, mcap_name, write_metadata
 from bags.storage.scan import Damage
 from msgs_yaml.stamp import NS_PER_S
 
+COMPARED = ('message_count', 'starting_time', 'relative_file_paths')
 DRAFT = '.repaired'
 KEPT = '.damaged'
 
 
-class Repair(NamedTuple):
-    """What was found and done."""
+class FileRepair(NamedTuple):
+    """What was found in one file, and done."""
 
-    path: Path  # of the MCAP file
-    intact: bool  # the file was complete and is as it was
-    kept: Path | None  # where the damaged file is now
-    wrote_metadata: bool  # metadata.yaml was missing or spoke of other contents
+    path: Path
+    kept: Path | None  # where the damaged file is now, None when it was complete
     damage: tuple[Damage, ...]  # in file order
-    messages: dict[str, int]  # recovered, per topic
-    last_ns: int  # log time of the last one, 0 without messages
+    facts: FileFacts  # what is in the file now
     nameless: int  # messages given up because nothing says what they are
 
 
-def repair(path: Path | str) -> Repair:
-    """Rebuild summary, footer and metadata.yaml of a bag (its folder or its MCAP file).
+class Repair(NamedTuple):
+    """What was found in a bag, and done."""
 
-    A complete file stays untouched. Raises BagError when it is no bag, nothing can be recovered,
-    or the new file cannot be written; the damaged file is then as it was.
+    path: Path  # of the MCAP file, of the folder when there are several
+    files: tuple[FileRepair, ...]
+    missing: tuple[str, ...]  # names of files of a split bag that are not there
+    wrote_metadata: bool  # metadata.yaml was missing or spoke of other contents
+    messages: dict[str, int]  # that the bag has now, per topic
+
+    @property
+    def intact(self) -> bool:
+        """Whether every file was complete and is as it was."""
+        return not self.missing and all(file.kept is None for file in self.files)
+
+    @property
+    def last_ns(self) -> int:
+        """Log time of the last message, 0 without messages."""
+        return max(file.facts.span.last_ns for file in self.files)
+
+
+def repair(path: Path | str) -> Repair:
+    """Rebuild summary, footer and metadata.yaml of a bag (its folder or one MCAP file).
+
+    A complete file stays untouched. A file of a split bag that describes no topic becomes an
+    empty one. Raises BagError when it is no bag, nothing can be recovered, or a new file cannot be
+    written; the damaged file is then as it was.
     """
-    file = mcap_path(path)
-    found = load(file)
-    if not found.topics:
-        raise BagError(f'{file}: nothing can be recovered: no topic is described in it')
-    intact = found.indexed and not found.damage
-    kept = None if intact else _replace(file, found)
-    times = [message.log_ns for message in found.messages] or [0]
-    span = Span(len(found.messages), min(times), max(times))
-    counts = Counter(found.topics[message.channel].name for message in found.messages)
-    information = metadata(file.name, found.topics.values(), counts, span)
+    files = mcap_files(path)
+    place = files[0] if len(files) == 1 else Path(path)
+    found = [load(file) if len(files) == 1 or file.stat().st_size else NOTHING for file in files]
+    topics = {topic.name: topic for one in found for topic in one.topics.values()}
+    if not topics:
+        raise BagError(f'{place}: nothing can be recovered: no topic is described in it')
+    described = tuple(topics.values())
+    done = [_one(file, contents, described) for file, contents in zip(files, found)]
+    information = metadata(described, [file.facts for file in done])
+    counts = sum((file.facts.counts for file in done), Counter())
     return Repair(
-        path=file,
-        intact=intact,
-        kept=kept,
-        wrote_metadata=_complete_folder(file.parent, information, Path(path).is_dir()),
-        damage=found.damage,
-        messages={topic.name: counts[topic.name] for topic in found.topics.values()},
-        last_ns=span.last_ns,
-        nameless=found.nameless,
+        path=place,
+        files=tuple(done),
+        missing=tuple(filter(None, map(missing_before, files[1:], files))),
+        wrote_metadata=_complete_folder(files[0].parent, information, Path(path).is_dir()),
+        messages={topic.name: counts[topic.name] for topic in described},
     )
 
 
-def _replace(file, found):
+def _one(file, found, described):
+    kept = None
+    if not found.indexed or found.damage:
+        kept = _replace(file, found, described)
+    times = found.log_ns if len(found.log_ns) else np.zeros(1, dtype=np.int64)
+    counts = Counter(found.topics[channel].name for channel in found.channel.tolist())
+    span = Span(len(found.payloads), int(times.min()), int(times.max()))
+    return FileRepair(file, kept, found.damage, FileFacts(file.name, span, counts), found.nameless)
+
+
+def _replace(file, found, described):
     """Write the new file, then let it take the place of the damaged one; return where that is."""
     draft = file.with_name(file.name + DRAFT)
     try:
         draft.unlink(missing_ok=True)
-        _write(draft, file.name, found)
+        _write(draft, file.name, found, described)
         kept = _unused(file.with_name(file.name + KEPT))
         _second_name(file, kept)
         os.replace(draft, file)
@@ -81,13 +109,13 @@ def _replace(file, found):
     return kept
 
 
-def _write(draft, name, found: Contents):
+def _write(draft, name, found: Contents, described):
     index = {channel: i for i, channel in enumerate(found.topics)}
     records = {key: values for key, values in found.records.items() if key != 'rosbag2'}
-    new = McapFile(draft, list(found.topics.values()), records, name)
+    new = McapFile(draft, list(found.topics.values()) or described, records, name)
     for channel, sequence, log_ns, publish_ns, data in found.messages:
         new.write(index[channel], log_ns, publish_ns, data, sequence)
-    new.close()
+    new.close({})
 
 
 def _unused(path):
@@ -108,13 +136,12 @@ def _second_name(file, kept):
 
 def _complete_folder(folder, information, is_bag):
     """Write metadata.yaml into the folder of a bag unless it speaks of these messages already."""
-    (file_name,) = information['relative_file_paths']
-    if not is_bag and file_name != mcap_name(folder):
+    if not is_bag and information['relative_file_paths'] != [mcap_name(folder)]:
         return False
     try:
         text = (folder / METADATA).read_text(encoding='utf-8')
         written = yaml.safe_load(text)['rosbag2_bagfile_information']
-        if all(written[key] == information[key] for key in ('message_count', 'starting_time')):
+        if all(written[key] == information[key] for key in COMPARED):
             return False
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
         pass
@@ -127,10 +154,14 @@ def report(done: Repair) -> str:
     if done.intact:
         text = f'{done.path}: complete, nothing to repair'
         return f'{text} but {METADATA}, which is written' if done.wrote_metadata else text
-    lines = [f'{done.path}: repaired; the damaged file is kept as {done.kept.name}']
-    lines += [f'  damage at byte {where.offset}: {where.what}' for where in done.damage]
-    if done.nameless:
-        lines.append(f'  {done.nameless} messages given up: their topic is described nowhere')
+    lines = []
+    for file in done.files:
+        if file.kept is not None:
+            lines.append(f'{file.path}: repaired; the damaged file is kept as {file.kept.name}')
+            lines += [f'  damage at byte {where.offset}: {where.what}' for where in file.damage]
+        if file.nameless:
+            lines.append(f'  {file.nameless} messages given up: their topic is described nowhere')
+    lines += [f'{done.path}: {name} is missing' for name in done.missing]
     lines.append(
         f'  recovered {sum(done.messages.values())} messages, '
         f'the last of time {done.last_ns / NS_PER_S:.9f} s'

@@ -1,5 +1,7 @@
 """The text that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside an MCAP file."""
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import yaml
@@ -7,6 +9,7 @@ import yaml
 from msgs_yaml.stamp import NS_PER_S
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+INFINITE_NS = INFINITE['sec'] * NS_PER_S + INFINITE['nsec']
 
 
 class BagTopic(NamedTuple):
@@ -25,6 +28,14 @@ class Span(NamedTuple):
     count: int
     first_ns: int
     last_ns: int
+
+
+class FileFacts(NamedTuple):
+    """What a bag says about one of its files."""
+
+    name: str
+    span: Span
+    counts: Counter[str]  # messages per topic
 
 
 def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
@@ -52,24 +63,68 @@ def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
     )
 
 
-def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict:
-    """Return the mapping under 'rosbag2_bagfile_information'; counts are messages per topic."""
-    times = {
-        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
-        'duration': {'nanoseconds': span.last_ns - span.first_ns},
-        'message_count': span.count,
-    }
+def offered(text: str) -> list[dict]:
+    """Return the QoS profiles in the text of a bag, words for the numbers of older bags.
+
+    Empty where the text is none: a bag may say nothing about QoS.
+    """
+    return [
+        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
+        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
+        for profile in _profiles(text)
+        if isinstance(profile, dict)
+    ]
+
+
+def _profiles(text):
+    """The list in a text, empty where damage made something else of it."""
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    return profiles if isinstance(profiles, list) else []
+
+
+# rmw/types.h gives them these numbers; None: whatever the middleware takes
+_WORDS = {
+    'history': {1: 'keep_last', 2: 'keep_all'},
+    'reliability': {1: 'reliable', 2: 'best_effort'},
+    'durability': {1: 'transient_local', 2: 'volatile'},
+}
+
+
+def _word(value, words):
+    return value if value in words.values() else words.get(value)
+
+
+def _ns(duration):
+    """A duration in ns, None where it is infinite, unset or no duration."""
+    match duration:
+        case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
+            return sec * NS_PER_S + nsec
+    return None
+
+
+def metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:
+    """Return the mapping under 'rosbag2_bagfile_information' of a bag in one file or several."""
+    counts = sum((file.counts for file in files), Counter())
+    filled = [file.span for file in files if file.span.count]
+    whole = Span(
+        sum(span.count for span in filled),
+        min((span.first_ns for span in filled), default=0),
+        max((span.last_ns for span in filled), default=0),
+    )
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        **times,
+        **_times(whole),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
                     'name': topic.name,
                     'type': topic.type,
                     'serialization_format': 'cdr',
-                    'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
+                    'offered_qos_profiles': _profiles(topic.qos),
                     'type_description_hash': topic.type_hash,
                 },
                 'message_count': counts[topic.name],
@@ -79,10 +134,18 @@ def metadata(file_name: str, topics, counts: dict[str, int], span: Span) -> dict
         # chunks are compressed by MCAP itself; these two speak of rosbag2's own compression
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file_name],
-        'files': [{'path': file_name, **times}],
+        'relative_file_paths': [file.name for file in files],
+        'files': [{'path': file.name, **_times(file.span)} for file in files],
         'custom_data': None,
         'ros_distro': 'jazzy',
+    }
+
+
+def _times(span):
+    return {
+        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
+        'duration': {'nanoseconds': span.last_ns - span.first_ns},
+        'message_count': span.count,
     }
 
 

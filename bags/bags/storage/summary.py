@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bags.storage import read, timing
+from bags.storage import losses, read, timing
 from bags.verdict.recorded import DRIVEN
 from msgs_yaml.stamp import NS_PER_S
 
@@ -22,7 +22,8 @@ def summary(bag: read.Bag) -> dict[str, Any]:
     last = max(int(r.log_ns.max()) for r in present)
     return {
         'path': str(bag.path),
-        'bytes': bag.path.stat().st_size,
+        'files': {file.name: file.stat().st_size for file in bag.files},
+        'bytes': sum(file.stat().st_size for file in bag.files),
         'mode': _mode(bag),
         'start_s': first / NS_PER_S,
         'duration_s': (last - first) / NS_PER_S,
@@ -40,21 +41,17 @@ def topic(recorded: read.Recording) -> dict[str, Any]:
     n = len(recorded.payloads)
     gaps = np.diff(np.sort(recorded.log_ns)) / NS_PER_S
     span = float(gaps.sum())
+    counted = losses.Counter().add_all(recorded.sequence.tolist()).losses
     return {
         'type': recorded.topic.type,
         'messages': n,
         'rate_hz': (n - 1) / span if span > 0.0 else None,
         'longest_gap_s': float(gaps.max()) if n > 1 else None,
-        'lost': _lost(recorded.sequence),
+        'lost': counted.lost,
+        'lost_places': counted.gaps,
+        'lost_longest': counted.longest,
+        'sent_before': counted.before,
     }
-
-
-def _lost(sequence):
-    """Numbers missing in the publisher's count; with several publishers they cannot be told."""
-    steps = np.diff(sequence)
-    if not len(sequence) or not sequence.all() or (steps <= 0).any():
-        return None
-    return int((steps - 1).sum())
 
 
 def _mode(bag):

@@ -1,4 +1,4 @@
-"""Compare runs offline, from their bags only: metrics, one JSON file, a table, figures."""
+"""Compare runs offline, from their bags alone: JSON, CSV, a table, figures and a report."""
 
 import json
 import os
@@ -11,12 +11,16 @@ from rich.console import Console
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.pictures import figures, palette, panels, table
+from bags.report import account, claims, page
+from bags.report.account import Account
+from bags.report.claims import Claim
 from bags.storage import read
-from bags.verdict import judge, metrics, recorded
+from bags.verdict import alike, judge, metrics, recorded, sheet
 from bags.verdict.drive import Drive
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
+NO_ACCOUNTS: Mapping[str, Account] = {}
 
 
 class Comparison(NamedTuple):
@@ -24,50 +28,55 @@ class Comparison(NamedTuple):
 
     values: dict[str, Any]  # comparison.json
     file: Path
+    sheet: Path
     figures: list[Path]
+    report: Path
 
 
-def bags(paths: Sequence[Path | str], out: Path, force: bool = False) -> Comparison:
-    """Compare the bags at `paths` and write comparison.json and figures/ into the folder `out`.
+def bags(
+    paths: Sequence[Path | str],
+    out: Path,
+    force: bool = False,
+    claims_file: Path | None = None,
+) -> Comparison:
+    """Compare the bags at `paths` and write what came out into the folder `out`.
 
-    Raises BagError for bags that cannot be judged, that name the same controller twice, or that
-    drove unlike scenarios (`force` compares them all the same, on the road of the first).
+    That is comparison.json, comparison.csv, figures/ and report.html. The report also shows the
+    claims in `claims_file`, by default a claims.json in `out` where there is one. Raises BagError
+    for bags that cannot be judged, that name the same controller twice, or that drove unlike
+    scenarios or plants (`force` compares them all the same, on the road of the first).
     """
+    claims_file = claims_file or claims.beside(out)
+    claimed = claims.load(claims_file) if claims_file else []
     with warnings.catch_warnings():
         # the damage is part of what comes out
         warnings.simplefilter('ignore', DamagedBagWarning)
         loaded = [read.load(path) for path in paths]
     if not force:
-        _same_scenario(paths, [bag.run_info for bag in loaded])
-    drives = {}
+        alike.check(paths, [bag.run_info for bag in loaded])
+    drives, accounts = {}, {}
     for path, bag in zip(paths, loaded):
         found = recorded.of_bag(bag)
         name = found.facts.controller
         if name in drives:
             raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
         drives[name] = found
+        accounts[name] = account.of_bag(bag)
     damage = {name: bag.damage for name, bag in zip(drives, loaded) if bag.damage}
-    return write(drives, out, damage)
-
-
-def _same_scenario(paths, infos):
-    first, *others = (info.get('scenario_sha256') for info in infos)
-    for path, info, digest in zip(paths[1:], infos[1:], others):
-        if digest != first:
-            ours, theirs = infos[0].get('scenario', '?'), info.get('scenario', '?')
-            differ = f'{ours!r} and {theirs!r}' if ours != theirs else f'two versions of {ours!r}'
-            raise BagError(
-                f'{paths[0]} and {path} drove unlike scenarios ({differ}): their numbers do not '
-                'compare; --force compares them all the same'
-            )
+    return write(drives, out, damage, accounts, claimed)
 
 
 def write(
-    drives: dict[str, Drive], out: Path, damage: Mapping[str, str] | None = None
+    drives: dict[str, Drive],
+    out: Path,
+    damage: Mapping[str, str] | None = None,
+    accounts: Mapping[str, Account] = NO_ACCOUNTS,
+    claimed: Sequence[Claim] = (),
 ) -> Comparison:
     """Judge drives by controller name and write what came out into the folder `out`.
 
-    `damage` says of a drive that its bag was only read up to some place.
+    `damage` says of a drive that its bag was only read up to some place; `accounts` are what the
+    report shows beyond the drives: a drive without one has neither horizon nor provenance there.
     """
     scenario = next(iter(drives.values())).facts.scenario
     colours = palette.colours(list(drives))
@@ -79,7 +88,11 @@ def write(
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
-    return Comparison(values, file, figures.write(runs, scenario, out / FIGURES))
+    table_file = out / sheet.FILE
+    table_file.write_text(sheet.text(found))
+    drawn = figures.write(runs, scenario, out / FIGURES)
+    report = page.write(page.Material(values, runs, accounts, claimed), out / page.FILE)
+    return Comparison(values, file, table_file, drawn, report)
 
 
 def show(comparison: Comparison, console: Console) -> None:
@@ -87,6 +100,12 @@ def show(comparison: Comparison, console: Console) -> None:
     for damage in comparison.values.get('damage', {}).values():
         console.print(damage, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(table.build(comparison.values))
-    sheet = next(path for path in comparison.figures if path.suffix == '.png')
-    for label, path in (('numbers', comparison.file), ('figures', sheet)):
+    figure = next(path for path in comparison.figures if path.suffix == '.png')
+    places = {
+        'numbers': comparison.file,
+        'as CSV': comparison.sheet,
+        'figures': figure,
+        'report': comparison.report,
+    }
+    for label, path in places.items():
         console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

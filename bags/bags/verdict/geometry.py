@@ -61,6 +61,13 @@ def _to_segment(points, tail, tip):
     return gap, (along[0] * relative[:, 1] - along[1] * relative[:, 0]) / length
 
 
+def beside(line, offset):
+    """Return a polyline (n, 2) moved to its left by `offset` [m], vertex by vertex."""
+    along = np.gradient(line, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return line + offset * np.column_stack([-along[:, 1], along[:, 0]])
+
+
 def track(points, polyline, ahead):
     """Project a drive on a polyline without ever jumping to another lap or to a crossing branch.
 

@@ -29,7 +29,7 @@ def series(drive):
     motion, scene, facts = drive.motion, drive.scene, drive.facts
     points = np.column_stack([motion.x, motion.y])
     foot = geometry.track(points, scene.reference, AHEAD)
-    placed = [_placed(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles]
+    where = [placed(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles]
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(
         t=(motion.stamp_ns - motion.stamp_ns[0]) * NS,
@@ -39,17 +39,17 @@ def series(drive):
         sideslip=np.where(motion.vx > SIDESLIP_FROM, sideslip, np.nan),
         v2o={
             obstacle.id: _v2o(motion, facts, x, y, obstacle.radius)
-            for obstacle, (x, y) in zip(scene.obstacles, placed)
+            for obstacle, (x, y) in zip(scene.obstacles, where)
         },
         v2e={
             'left': _v2e(motion, facts, scene.left, inside=-1.0),
             'right': _v2e(motion, facts, scene.right, inside=1.0),
         },
-        outline_gap=_outline_gap(motion, facts, scene.obstacles, placed),
+        outline_gap=_outline_gap(motion, facts, scene.obstacles, where),
     )
 
 
-def _placed(obstacle, scene, stamp_ns):
+def placed(obstacle, scene, stamp_ns):
     """Return x, y [m] of an obstacle at each stamp: the latest message, carried on by velocity."""
     latest = np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1
     latest = np.maximum(latest, 0)
@@ -80,9 +80,9 @@ def _v2e(motion, facts, edge, inside):
     return np.min(gaps, axis=0)
 
 
-def _outline_gap(motion, facts, obstacles, placed):
+def _outline_gap(motion, facts, obstacles, where):
     gap = np.full(len(motion.x), np.inf)
-    for obstacle, (x, y) in zip(obstacles, placed):
+    for obstacle, (x, y) in zip(obstacles, where):
         one = geometry.gap_to_circle(
             motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
         )

@@ -6,7 +6,7 @@ meaning in a run (no obstacle, no braking, no solve time) is None.
 
 import numpy as np
 
-from bags.verdict import geometry, judge
+from bags.verdict import geometry, handling, judge
 
 BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking
 HARD_BRAKING_N = -1500.0
@@ -46,7 +46,11 @@ def of_series(drive, s):
         'peak_sideslip_at_m': slip_at,
         'min_speed_mps': float(np.min(s.speed)),
         'brake_onset_at_m': brake_onset(drive, s, BRAKING_N),
+        'brake_onset_hard_at_m': brake_onset(drive, s, HARD_BRAKING_N),
+        'braking_s': handling.braking_time(drive, BRAKING_N),
+        **handling.counter_steer(drive),
         'peak_lat_acc_mps2': float(np.max(np.abs(acc.ay))),
+        **handling.shares(drive),
         'rms_contouring_m': float(np.sqrt(np.mean(s.contouring**2))),
         'solve_ms': solve_times(drive.ticks.solve_ms),
         **tick_counts(drive),

@@ -3,15 +3,21 @@
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import Limits
 from msgs_yaml.stamp import NS_PER_S
-from msgs_yaml.types import Command
+from msgs_yaml.types import Actuators, Command
 
 
 class Ramp(NamedTuple):
-    """The set-points move straight from `begin` to `end` and stay there."""
+    """The set-points move straight from `begin` to `end` and stay there.
+
+    A command that takes hold when it is due already makes them jump: then both times are equal.
+    """
 
     begin_ns: int
     begin: SetPoints
@@ -21,10 +27,14 @@ class Ramp(NamedTuple):
 
     def at(self, stamp_ns: int) -> SetPoints:
         """Return the set-points at an instant."""
-        if stamp_ns >= self.end_ns:
-            return self.end
+        return self.end if stamp_ns >= self.end_ns else self.before(stamp_ns)
+
+    def before(self, stamp_ns: int) -> SetPoints:
+        """Return the set-points just before an instant: another value only where they jump."""
         if stamp_ns <= self.begin_ns:
             return self.begin
+        if stamp_ns >= self.end_ns:
+            return self.end
         done = (stamp_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
         return SetPoints(*(a + (b - a) * done for a, b in zip(self.begin, self.end)))
 
@@ -39,9 +49,12 @@ class Piece(NamedTuple):
 
 def pieces(ramp: Ramp, from_ns: int, to_ns: int) -> tuple[Piece, ...]:
     """Return the pieces between two instants, split where the ramp begins and ends."""
-    corners = [ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns]
+    # a command that was due at once has both in one instant
+    corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
     instants = [from_ns, *corners, to_ns]
-    return tuple(Piece((b - a) / NS_PER_S, ramp.at(a), ramp.at(b)) for a, b in pairwise(instants))
+    return tuple(
+        Piece((b - a) / NS_PER_S, ramp.at(a), ramp.before(b)) for a, b in pairwise(instants)
+    )
 
 
 def held(set_points: SetPoints, lambda_b: float) -> Ramp:
@@ -54,3 +67,18 @@ def end(command: Command, car: Car) -> tuple[SetPoints, float]:
     Fx = command.Fxf + command.Fxr
     share = command.Fxf / Fx if Fx < 0 else single_track.ideal_split(Fx, car)
     return SetPoints(command.delta, Fx), float(share)
+
+
+def where(actuators: Actuators, limits: Limits, stamp_ns: int) -> Command:
+    """Return the command that would hold the actuators where they are, inside their limits."""
+    force = actuators.Fxf + actuators.Fxr
+    share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
+    if actuators.Fxf * actuators.Fxr < 0:
+        share = 0.0
+    return Command(
+        stamp_ns=stamp_ns,
+        delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
+        d_delta=0.0,
+        Fxf=float(share * actuators.Fxf),
+        Fxr=float(share * actuators.Fxr),
+    )

@@ -4,7 +4,7 @@ A failure is a value: whatever happens inside, `step` returns a command that the
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -13,9 +13,11 @@ from mpcc_controller.driving import braking, commanded, explain, guide, target
 from mpcc_controller.driving.ahead import Ahead
 from mpcc_controller.driving.commanded import Ramp
 from mpcc_controller.driving.delay import Expected
-from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.explain import Arrival
+from mpcc_controller.driving.gate import UNTIMELY, Gate
 from mpcc_controller.driving.guide import Aim
 from mpcc_controller.driving.horizon import Horizon, Outcome
+from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference, road
 from mpcc_controller.problem import stages
@@ -34,6 +36,7 @@ from msgs_yaml.types import (
 
 NEVER = -1  # ns, older than every stamp
 NOT_FINITE = 'state_not_finite'
+TURNED_BACK = 'command_turned_back'
 
 
 class Controller:
@@ -63,6 +66,7 @@ class Controller:
         self.ahead = Ahead(self.car)
         self.scene = Scene(None, None, None)
         self.publish_s: float | None = None  # what sending took last
+        self.prepare_s: float | None = None  # what preparing the present step took
         self.ended = self.clock()  # the last step
         self._begin(Command(NEVER, 0.0, 0.0, 0.0, 0.0))
 
@@ -95,19 +99,7 @@ class Controller:
 
     def reset(self, actuators: Actuators) -> None:
         """Start anew, with the set-points where the actuators are, inside their limits."""
-        limits = self.params.limits
-        force = actuators.Fxf + actuators.Fxr
-        share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
-        if actuators.Fxf * actuators.Fxr < 0:
-            share = 0.0
-        start = Command(
-            stamp_ns=NEVER,
-            delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
-            d_delta=0.0,
-            Fxf=float(share * actuators.Fxf),
-            Fxr=float(share * actuators.Fxr),
-        )
-        self._begin(start)
+        self._begin(commanded.where(actuators, self.params.limits, NEVER))
         self.horizon.forget()
 
     def _begin(self, command: Command) -> None:
@@ -115,40 +107,85 @@ class Controller:
         self.told = commanded.held(*commanded.end(command, self.car))
         self.too_slow = False
 
-    def step(self, x: VehicleState, age_s: float = 0.0) -> tuple[Command, Prediction, Why]:
+    def step(
+        self,
+        x: VehicleState,
+        age_s: float = 0.0,
+        fault: str = '',
+        arrival: Arrival | None = None,
+        acts_ns: int | None = None,
+    ) -> tuple[Command, Prediction, Why]:
         """Return the command that answers a state, the plan, and why.
 
-        `age_s` is the age of the state when the step begins (0 in lockstep).
+        `age_s` is the age of the state when the step begins (0 in lockstep). With a `fault` of the
+        watchdog no plan is made: the car brakes, for `state_stale` blindly. `arrival` says how the
+        state came, where that is known; `acts_ns` is when the command takes hold, where that is
+        known (replay) and need not be expected.
         """
         began = self.clock()
         params, step_s = self.params, self.params.model.step_s
-        acts_ns = self._acts_ns(x, age_s)
+        acts_ns = self._acts_ns(x, age_s) if acts_ns is None else acts_ns
         acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
         scene = stages.at_instant(self.scene, acts_ns)
-        decision, said = self._decide(acts_on, now, scene)
+        decision, said = self._decide(acts_on, now, scene, fault)
         if decision.plan is None:
-            aim = self._aim(acts_on, scene)
-            said |= {'guide': aim.line}
-            goal = braking.target(acts_on, now, aim.point, self.car, params)
+            command, line = self._braking(acts_on, now, scene, x.stamp_ns)
+            said |= {'guide': line}
         else:
             goal = target.of_plan(decision.plan, self.car, params.limits)
-        command = target.command(goal, now, self.car, step_s, x.stamp_ns)
+            command = target.command(goal, now, self.car, step_s, x.stamp_ns)
         checked_s = age_s + self.clock() - began if self.limit_time else age_s
-        self.last, turned_back = self.gate.check(command, self.last, checked_s)
-        if turned_back:
+        checked = self.gate.check(command, self.last, checked_s)
+        if checked.reason:
             self.horizon.ladder.distrust()
+            if decision.plan is not None and checked.reason not in UNTIMELY:
+                decision = self.horizon.ladder.brake(TURNED_BACK)
+                braking_command, line = self._braking(acts_on, now, scene, x.stamp_ns)
+                said |= {'guide': line}
+                checked = self.gate.again(braking_command, self.last, checked_s, checked)
+        self.last = checked.command
         due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
         self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
         said |= explain.commanded(self.last, self.car, self.gate.rejections)
-        said |= self._times(x.stamp_ns, acts_ns)
-        why = explain.tick(x.stamp_ns, decision, turned_back, said)
+        said |= self._times(x.stamp_ns, acts_ns) | explain.arrived(arrival)
+        why = explain.tick(x.stamp_ns, decision, checked.reason, said)
         self.ended = self.clock()
-        self.delay.took(self.ended - began)
+        if not fault:  # braking takes no time: nothing to expect of the next solve
+            self.delay.took(self.ended - began)
         return self.last, explain.prediction(acts_on, decision.plan, step_s), why
+
+    def rehearse(self, x: VehicleState, times: int) -> Iterator[tuple[Command, Prediction, Why]]:
+        """Take steps for nobody from a state that stays; then forget all but what they took.
+
+        After them code and data are in memory, and the computing time is known.
+        """
+        for _ in range(times):
+            x = x._replace(stamp_ns=stamp.later(x.stamp_ns, self.params.model.step_s))
+            yield self.step(x)
+        self.horizon.forget()
+        self.gate.rejections.clear()
+        self.publish_s = None
+
+    def overrule(self, command: Command) -> None:
+        """Take note that `command` was sent in the place of the last answer (replay)."""
+        end, lambda_b = commanded.end(command, self.car)
+        self.last, self.told = command, self.told._replace(end=end, lambda_b=lambda_b)
 
     def published(self) -> None:
         """Take note that what the last step returned has just been sent."""
         self.publish_s = self.clock() - self.ended
+
+    def prepare(self) -> None:
+        """Solve the problem that is expected next, where `solver.prepare` says so.
+
+        To be called once the answer of the last step has been sent: no command waits for it.
+        """
+        if not self.params.solver.prepare or self.missing():
+            return
+        began = self.clock()
+        next_ns = stamp.later(self.told.begin_ns, self.params.model.step_s)
+        self.horizon.prepare(stages.at_instant(self.scene, next_ns))
+        self.prepare_s = self.clock() - began
 
     def _acts_ns(self, x, age_s) -> int:
         """Return when the command that answers `x` will take hold."""
@@ -159,11 +196,11 @@ class Controller:
         # states come a little early now and then: the set-point before is reached first
         return min(max(soonest, self.told.end_ns), latest)
 
-    def _decide(self, x, now, scene) -> Outcome:
-        reason = self._obstruction(x)
+    def _decide(self, x, now, scene, fault) -> Outcome:
+        reason = self._obstruction(x, fault)
         if reason == NOT_FINITE:
             return Outcome(self.horizon.without_state(reason), {})
-        if self.missing():
+        if reason == STATE_STALE or self.missing():
             return Outcome(self.horizon.ladder.brake(reason), {})
         x0 = self.horizon.initial_state(x, now, scene)
         if not reason and x0.theta > scene.path.length:
@@ -172,8 +209,10 @@ class Controller:
         decision, said = plan(x0, scene)
         return Outcome(decision, explain.measured(x0) | said)
 
-    def _obstruction(self, x) -> str:
+    def _obstruction(self, x, fault) -> str:
         """Return why no plan can be made at all, or ''."""
+        if fault == STATE_STALE:
+            return fault
         if not np.all(np.isfinite(x)):
             return NOT_FINITE
         limits = self.params.limits
@@ -181,7 +220,13 @@ class Controller:
         self.too_slow = x.vx < limits.least_speed_mps + margin
         if self.missing():
             return f'no_{self.missing()[0]}'
-        return 'too_slow' if self.too_slow else ''
+        return fault or ('too_slow' if self.too_slow else '')
+
+    def _braking(self, x, now, scene, stamp_ns):
+        aim = self._aim(x, scene)
+        goal = braking.target(x, now, aim.point, self.car, self.params)
+        step_s = self.params.model.step_s
+        return target.command(goal, now, self.car, step_s, stamp_ns), aim.line
 
     def _aim(self, x, scene) -> Aim:
         theta = None
@@ -193,6 +238,8 @@ class Controller:
         said = {'time.lead_ms': 1e3 * stamp.seconds(acts_ns - stamp_ns)}
         if self.publish_s is not None:  # of the tick before: this one is not sent yet
             said['time.publish_ms'] = 1e3 * self.publish_s
+        if self.prepare_s is not None:
+            said['time.ahead_ms'] = 1e3 * self.prepare_s
         return said
 
 

@@ -1,6 +1,7 @@
 """Everything one tick has to say about itself, as the values of /controller/why."""
 
 from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,8 +9,10 @@ from mpcc_controller.driving.ladder import BRAKING, Decision
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import distance, frenet, road
+from mpcc_controller.path import distance, path_distance, path_frame, road
 from mpcc_controller.path.distance import Disc
+from mpcc_controller.path.path_distance import PathDisc
+from mpcc_controller.path.path_frame import Place
 from mpcc_controller.problem.insight import View
 from mpcc_controller.problem.stages import Numbers, Scene
 from mpcc_controller.solvers.shooting import Plan
@@ -17,6 +20,20 @@ from mpcc_controller.solvers.solver import SOLVED, Solution
 from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+
+
+class Arrival(NamedTuple):
+    """How the state of a tick came."""
+
+    heard_ns: int  # wall time; its sender's is kept by the middleware, and so by bags
+    wait_s: float  # from then to the beginning of the step: for other inputs
+
+
+def arrived(arrival: Arrival | None) -> dict:
+    """Return how the state came, nothing where that is not known."""
+    if arrival is None:
+        return {}
+    return {'time.heard_ns': arrival.heard_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
 
 
 def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
@@ -100,13 +117,13 @@ def surroundings(
     """
     radius = params.body.circle_radius_m
     circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
-    places = [frenet.place(scene.path, c.X, c.Y, x.theta) for c in circles]
+    places = _places(scene.path, circles, x.theta)
     said = {}
-    for one in obstacles:
+    for one, place in zip(obstacles, _places(scene.path, obstacles, x.theta)):
         disc = Disc(one.X, one.Y, one.r_obs)
-        place = frenet.place(scene.path, one.X, one.Y, x.theta)
+        beside = PathDisc(place.s, place.e, one.r_obs)
         straight = min(float(distance.v2o(c, disc)) for c in circles)
-        along = min(frenet.v2o(vehicle, place, radius, one.r_obs) for vehicle in places)
+        along = min(float(path_distance.v2o(vehicle, radius, beside)) for vehicle in places)
         said[f'v2o.{one.id}'] = straight
         said[f'v2o_frenet.{one.id}'] = along
         said[f'v2o_difference.{one.id}'] = along - straight
@@ -115,6 +132,13 @@ def surroundings(
     for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
         said[f'v2e.{side}'] = float(min(gap[0] for gap in gaps))
     return said
+
+
+def _places(path, points, near):
+    """Return where each point of the map is along the path; of several places that nearest."""
+    X, Y = (np.array([getattr(point, axis) for point in points], float) for axis in 'XY')
+    found = path_frame.places(path, X, Y, near)
+    return [Place(float(s), float(e)) for s, e in zip(found.s, found.e)]
 
 
 def planned(view: View, numbers: Numbers, U: np.ndarray) -> dict:

@@ -12,6 +12,8 @@ from mpcc_controller.model.single_track import GRAVITY, Car
 from mpcc_controller.parameters import Limits
 from msgs_yaml.types import Command
 
+# to a state of such an age or order no command is right, whatever it says
+UNTIMELY = ('too_old', 'from_future', 'not_newer')
 ROUNDING = 1e-6  # relative; a command on its limit passes
 
 
@@ -44,6 +46,14 @@ class Gate:
             return Verdict(command, '')
         self.rejections[reason] += 1
         return Verdict(self._hold(last, command.stamp_ns), reason)
+
+    def again(self, command: Command, last: Command, age_s: float, refused: Verdict) -> Verdict:
+        """Return another command in the place of a refused one, or what left in its place.
+
+        The reason stays that of the first refusal; every refusal is counted.
+        """
+        second = self.check(command, last, age_s)
+        return Verdict(second.command, refused.reason)
 
     def _fault(self, command, last, age_s):
         faults = {

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import explain, guess, ladder
+from mpcc_controller.driving import chosen, explain, guess, ladder
 from mpcc_controller.driving.ladder import Decision, Ladder
 from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
@@ -14,9 +14,10 @@ from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference
 from mpcc_controller.problem import bounds, formulation, ocp, stages
 from mpcc_controller.problem.insight import Insight
-from mpcc_controller.problem.stages import Scene
+from mpcc_controller.problem.stages import Numbers, Scene
 from mpcc_controller.solvers import shooting, solver
-from mpcc_controller.solvers.shooting import Plan
+from mpcc_controller.solvers.shooting import Bounds, Plan
+from mpcc_controller.solvers.solver import Solution
 from msgs_yaml.types import VehicleState
 
 
@@ -25,6 +26,22 @@ class Outcome(NamedTuple):
 
     decision: Decision
     said: dict  # values for `Why`
+
+
+class Posed(NamedTuple):
+    """The problem of one tick, as the solvers were given it, and what it was made from."""
+
+    x0: State  # stage 0, in the map
+    scene: Scene
+    start: Plan  # the first guess, in the map
+    begin: Plan  # the same, in the states of the problem
+    numbers: Numbers
+    bounds: Bounds
+
+    @property
+    def arguments(self) -> tuple:
+        """What a `StageSolver` takes before the guess."""
+        return self.begin.X[0], self.numbers.P, self.bounds
 
 
 class Horizon:
@@ -46,8 +63,9 @@ class Horizon:
         self.formulation = formulation.make(params, self.car)
         formula = self.formulation.formula
         self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
-        self.solver = solver.make(self.problem, _options(params, limit_time))
-        self.second = _second(params, self.problem, limit_time)
+        self.solver = solver.make(self.problem, chosen.options(params, limit_time))
+        self.second = chosen.second(params, self.problem, limit_time)
+        self.limit_time = limit_time
         self.insight = Insight(formula)
         self.motion = single_track.step(params.model.step_s)
         self.forget()
@@ -56,7 +74,8 @@ class Horizon:
         """Drop the plan and the place on the path: the next tick starts anew."""
         self.ladder = Ladder(self.params.fallback)
         self.theta: float | None = None  # m, last foot on the path
-        self.P: np.ndarray | None = None  # (N + 1, np), the numbers of the last solve
+        self.posed: Posed | None = None  # the problem that was solved last
+        self.expected: Plan | None = None  # solves the problem that is expected next
 
     def foot(self, x: VehicleState, scene: Scene) -> float:
         """Return the distance [m] along the path of the point next to the car."""
@@ -92,27 +111,67 @@ class Horizon:
             start = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
         elif self.ladder.failures:
             start = moved_on._replace(multipliers=None)  # they led the solver nowhere
-        form = self.formulation
-        numbers = form.numbers(scene, start.X)
-        limits = bounds.build(
-            params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
-        )
-        begin = form.enter(start, scene.path)
-        problem = begin.X[0], numbers.P, limits
+        posed = self.posed = self.pose(x0, scene, start)
         prepared = self.clock()
-        first, second = self._attempt(self.solver, problem, begin, scene), None
-        if self.second and ladder.fault(first, params.fallback):
-            unaided = begin._replace(multipliers=None)
-            second = self._attempt(self.second, problem, unaided, scene)
+        first, second = self.attempt(posed)
         decision = self.ladder.decide(first, second, moved_on)
-        self.P = numbers.P
+        numbers = posed.numbers
         said = explain.solved(first, second, prepared - began, warm)
         said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
         said |= explain.surroundings(x0, scene, numbers.obstacles, params)
         if decision.plan is not None:
-            view = self.insight.of(form.enter(decision.plan, scene.path), numbers.P)
+            view = self.insight.of(self.formulation.enter(decision.plan, scene.path), numbers.P)
             said |= explain.planned(view, numbers, decision.plan.U)
         return Outcome(decision, said)
+
+    def prepare(self, scene: Scene) -> Solution | None:
+        """Solve the problem that is expected at the next tick, and keep its plan to start there.
+
+        The expected state is that of the plan, `scene` that of the next tick. Returns the
+        solution; None where there is no plan, or the last one was hard to find.
+        """
+        plan = self.ladder.plan
+        self.expected = None
+        if plan is None or self.ladder.failures:
+            return None
+        x0 = State(*plan.X[1])
+        posed = self.pose(x0, scene, guess.moved_on(plan, self.motion, self.car, x0))
+        found = self._asked(self.solver, posed, posed.begin)
+        if not ladder.fault(found, self.params.fallback):
+            self.expected = found.plan
+        return found
+
+    def _begin(self, posed: Posed) -> Plan:
+        """Return the first guess: the plan that was prepared for this tick, where there is one.
+
+        The numbers of the problem stay those around the last plan moved on, so that preparation
+        changes the way to the solution and not the problem.
+        """
+        expected, self.expected = self.expected, None
+        if expected is None or posed.start.multipliers is None:
+            return posed.begin
+        return self.formulation.enter(guess.start_at(expected, posed.x0), posed.scene.path)
+
+    def pose(self, x0: State, scene: Scene, start: Plan) -> Posed:
+        """Return the problem from `x0`, its numbers around the first guess `start` in the map."""
+        model, form = self.params.model, self.formulation
+        numbers = form.numbers(scene, start.X)
+        limits = bounds.build(
+            self.params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.formula.state
+        )
+        return Posed(x0, scene, start, form.enter(start, scene.path), numbers, limits)
+
+    def attempt(self, posed: Posed) -> tuple[Solution, Solution | None]:
+        """Return the first solver's solution, and the second one's where it had to be asked."""
+        began = self.clock()
+        first = self._asked(self.solver, posed, self._begin(posed))
+        if not self.second or not ladder.fault(first, self.params.fallback):
+            return first, None
+        if self.limit_time:
+            left_s = self.params.solver.fallback_limit_s - (self.clock() - began)
+            self.second.limit(max(left_s, 0.0))
+        unaided = posed.begin._replace(multipliers=None)
+        return first, self._asked(self.second, posed, unaided)
 
     def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
         """Return the last rung without solving, and the distances there are to tell."""
@@ -128,43 +187,22 @@ class Horizon:
             plan = shooting.shift(plan, self.motion, np.array(self.car))
         return self.ladder.without_solution(reason, plan)
 
-    def _attempt(self, asked: solver.StageSolver, problem: tuple, begin: Plan, scene: Scene):
+    def _asked(self, asked: solver.StageSolver, posed: Posed, begin: Plan) -> Solution:
         """Return the solution, in the map; one that raises is a failed one.
 
         The car needs a command all the same.
         """
         try:
-            found = asked.solve(*problem, begin)
+            found = asked.solve(*posed.arguments, begin)
         except Exception as error:
-            found = solver.Solution(
-                begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0
-            )
-        return found._replace(plan=self.formulation.leave(found.plan, scene.path))
+            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
+        plan = self.formulation.leave(found.plan, posed.scene.path)
+        if found.status == solver.ONE_STEP:  # what is driven obeys the dynamics without a rest
+            first = self.motion(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()
+            plan = plan._replace(X=np.vstack([plan.X[:1], first, plan.X[2:]]))
+        return found._replace(plan=plan)
 
     def _moved_on(self, x0) -> Plan | None:
         if self.ladder.plan is None:
             return None
         return guess.moved_on(self.ladder.plan, self.motion, self.car, x0)
-
-
-def _options(params: ControllerParams, limit_time: bool) -> solver.SolverOptions:
-    rules = params.solver
-    return solver.SolverOptions(
-        name=rules.name,
-        max_iterations=rules.max_iterations,
-        tolerance=rules.tolerance,
-        time_limit_s=rules.time_limit_s if limit_time else None,
-        compiled=rules.compiled,
-    )
-
-
-def _second(params: ControllerParams, problem, limit_time: bool) -> solver.StageSolver | None:
-    """Return the solver to ask after a failure; the same one again would only fail again."""
-    rules = params.solver
-    if rules.fallback in ('none', rules.name):
-        return None
-    rest_s = rules.fallback_limit_s - rules.time_limit_s
-    options = _options(params, limit_time)
-    limit_s = rest_s if limit_time else None
-    given = vars(options) | {'name': rules.fallback, 'time_limit_s': limit_s}
-    return solver.make(problem, solver.SolverOptions(**given))

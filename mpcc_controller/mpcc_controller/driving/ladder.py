@@ -10,12 +10,17 @@ import numpy as np
 
 from mpcc_controller.parameters import Fallback
 from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import SOLVED, STOPPED_EARLY, Solution
+from mpcc_controller.solvers.solver import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 
 SECOND = 'second_solver'
 SHIFTED = 'shifted'
 BRAKING = 'braking'
-REASONS = {SOLVED: 'converged', STOPPED_EARLY: 'good_enough'}
+# rung and reason of a solution that may be driven, by its status
+FRESH = {
+    SOLVED: (SOLVED, 'converged'),
+    ONE_STEP: (SOLVED, 'one_step'),
+    STOPPED_EARLY: (STOPPED_EARLY, 'good_enough'),
+}
 
 
 class Decision(NamedTuple):
@@ -58,7 +63,7 @@ class Ladder:
         reason = fault(solution, self.rules)
         self.failures = self.failures + 1 if reason else 0
         if not reason:
-            return self._fresh(solution.status, REASONS[solution.status], solution.plan)
+            return self._fresh(*FRESH[solution.status], solution.plan)
         if second is not None and not fault(second, self.rules):
             return self._fresh(SECOND, reason, second.plan)
         return self.without_solution(reason, moved_on)
@@ -93,7 +98,7 @@ def fault(solution: Solution, rules: Fallback) -> str:
     """Return why a solution must not be driven, or '' when it may."""
     if not (np.all(np.isfinite(solution.plan.X)) and np.all(np.isfinite(solution.plan.U))):
         return 'plan_not_finite'
-    if solution.status == SOLVED:
+    if solution.status in (SOLVED, ONE_STEP):
         return ''
     if solution.status != STOPPED_EARLY:
         return 'solver_failed'

@@ -54,6 +54,10 @@ class Lockstep:
         self.state = None  # the next message with this stamp is a repetition by the plant
         return Due(step=not repeat, repeat=repeat, restart=begun)
 
+    def on_lost(self, stamp_ns: int) -> None:
+        """Take note that a state was not answered: the plant sends it again, with the actuators."""
+        self.answered = self.state = self.actuators = None
+
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last: time stands still while it is answered."""
         return 0.0
@@ -65,14 +69,17 @@ class Realtime:
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
         self.state = self.actuators = self.answered = None
+        self.begun = False
 
     def on_state(self, stamp_ns: int) -> bool:
-        """Take the stamp of a state; return whether it is one to keep."""
-        went_back = self.answered is not None and stamp_ns < self.answered
+        """Take the stamp of a state; return whether it is one to keep.
+
+        One from before the last answer came late, or twice: on the wall clock nothing goes back.
+        """
         new_tick = self.answered is None or self._tick(stamp_ns) > self._tick(self.answered)
-        if went_back or new_tick:
+        if new_tick:
             self.state = stamp_ns
-        return went_back or new_tick
+        return new_tick
 
     def on_obstacles(self, stamp_ns: int) -> None:
         """Obstacles do not decide anything here."""
@@ -85,9 +92,18 @@ class Realtime:
         """Return what to do with the state kept last; call it once per message."""
         if self.state is None or self.actuators is None:
             return NOTHING
-        begun = self.answered is None or self.state < self.answered
+        begun, self.begun = self.begun, True
         self.answered, self.state = self.state, None
-        return Due(step=True, repeat=False, restart=begun)
+        return Due(step=True, repeat=False, restart=not begun)
+
+    def on_lost(self, stamp_ns: int) -> None:
+        """Take note of a command without a state: the next one starts from the actuators."""
+        self.answered, self.state, self.actuators = stamp_ns, None, None
+        self.begun = False
+
+    def is_next(self, now_ns: int) -> bool:
+        """Tell whether a tick has passed since the last answer."""
+        return now_ns - self.answered >= self.step_ns
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""

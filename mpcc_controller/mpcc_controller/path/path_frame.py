@@ -70,10 +70,19 @@ def places(path: Path, X, Y, near: float) -> Place:
     Before its start and past its end the path goes on straight. A point beyond the centre of a
     bend keeps the foot at the pose of the path next to it.
     """
-    corners = Arc(*(column[1:] for column in path.arcs))
-    gap = np.sqrt((X[:, None] - corners.X) ** 2 + (Y[:, None] - corners.Y) ** 2)
-    best = np.argmin(gap + STRAY * np.abs(corners.theta - near), axis=1)
-    return refined(path, X, Y, corners.theta[best])
+    return refined(path, X, Y, np.array([_corner(path, *point, near) for point in zip(X, Y)]))
+
+
+def _corner(path, X, Y, near):
+    """Return the theta of the nearer end of the chord next to a point.
+
+    The chord decides, not its ends: on a long one both are far from the foot.
+    """
+    arcs = Arc(*(column[1:] for column in path.arcs))
+    share, inside, square = reference.feet(arcs, X, Y)
+    theta = arcs.theta[:-1] + inside * np.diff(arcs.theta)
+    best = np.argmin(np.sqrt(square) + STRAY * np.abs(theta - near))
+    return arcs.theta[best + int(share[best] > 0.5)]
 
 
 def refined(path: Path, X, Y, s) -> Place:

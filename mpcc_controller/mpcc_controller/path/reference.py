@@ -9,7 +9,6 @@ from mpcc_controller.path.arc import Arc
 from msgs_yaml.types import Reference
 
 NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
-STRAY = 1e-3  # m of distance that a metre along the path counts for, between equally near places
 
 
 class PathError(ValueError):
@@ -85,7 +84,7 @@ def project(path: Path, X: float, Y: float, near: float | None, reach: float) ->
         first = np.clip(np.searchsorted(arcs.theta, near - reach) - 1, first, last - 1)
         last = np.clip(np.searchsorted(arcs.theta, near + reach) + 1, first + 1, last)
     nodes = slice(first, last + 1)
-    share, inside, square = _feet(arcs, nodes, X, Y)
+    share, inside, square = feet(Arc(*(column[nodes] for column in arcs)), X, Y)
     best = np.argmin(square)
     # past either end of the path its straight continuation counts
     if best == 0 or best == len(share) - 1:
@@ -94,21 +93,12 @@ def project(path: Path, X: float, Y: float, near: float | None, reach: float) ->
     return _refine(path, X, Y, float(theta))
 
 
-def lap(path: Path, X: float, Y: float, near: float) -> float:
-    """Return roughly where on the path (X, Y) is; of equally near places that nearest `near` [m].
+def feet(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the foot of a point on the chord between every two corners of a path (n,).
 
-    It is a `near` for `project`, whatever the distance along the path.
+    As a share of the chord, free and inside it, (n - 1,), and its distance^2 [m^2] from the point.
     """
-    nodes = slice(1, path.arcs.theta.size)
-    _, inside, square = _feet(path.arcs, nodes, X, Y)
-    theta = path.arcs.theta[nodes]
-    theta = theta[:-1] + inside * np.diff(theta)
-    return float(theta[np.argmin(np.sqrt(square) + STRAY * np.abs(theta - near))])
-
-
-def _feet(arcs, nodes, X, Y):
-    """Return the foot on each chord as a share of it, free and inside it, and its distance^2."""
-    corners = np.column_stack((arcs.X[nodes], arcs.Y[nodes]))
+    corners = np.column_stack((corners.X, corners.Y))
     chords = np.diff(corners, axis=0)
     away = np.array((X, Y)) - corners[:-1]
     share = np.sum(away * chords, axis=1) / np.sum(chords**2, axis=1)

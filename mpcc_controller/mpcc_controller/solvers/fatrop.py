@@ -77,6 +77,10 @@ class Fatrop:
         self._fresh = solved or reason == backend.ITERATION_LIMIT
         return results, Ending(solved, reason, stats['iter_count'])
 
+    def limit(self, seconds: float) -> None:
+        """Stop the runs from now on after so many seconds, where there was a limit before."""
+        self._limit_s = seconds
+
     def _make(self):
         problem, options = self._problem, self._options
         N = problem.horizon

@@ -35,6 +35,9 @@ class Ipopt:
         nlpsol = backend.nlpsol(problem, 'ipopt', functions, {'ipopt': settings})
         self._nlpsol = Buffered(nlpsol)
 
+    def limit(self, seconds: float) -> None:
+        """Keep the limit of the options: IPOPT is told once."""
+
     def run(self, call: Call, start_s: float) -> tuple[dict[str, np.ndarray], Ending]:
         """Return nlpsol's results and how it ended; its own clock keeps the time limit."""
         results = self._nlpsol(**call._asdict())

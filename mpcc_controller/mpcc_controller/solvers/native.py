@@ -14,13 +14,15 @@ from msgs_yaml import compiled
 FLAGS = ('-O2', '-ffp-contract=off')
 
 
-def compile_all(functions: dict[str, ca.Function], name: str) -> dict[str, ca.Function]:
+def compile_all(
+    functions: dict[str, ca.Function], name: str, flags: tuple[str, ...] = FLAGS
+) -> dict[str, ca.Function]:
     """Return the functions loaded from a shared library called `name`.
 
     Without a working C compiler the functions come back as they are, with one warning.
     """
     try:
-        library = compiled.shared_library(c_source(functions, name), name, FLAGS)
+        library = compiled.shared_library(c_source(functions, name), name, flags)
     except compiled.CompileError as error:
         warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
         return functions

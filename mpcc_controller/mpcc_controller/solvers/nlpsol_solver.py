@@ -18,14 +18,22 @@ BACKENDS = {'fatrop': Fatrop, 'ipopt': Ipopt}
 
 
 class NlpsolSolver:
-    """A StageSolver (see `solution`); `options.name` is a key of BACKENDS."""
+    """A StageSolver (see `solution`); `options.name` is a key of BACKENDS.
 
-    def __init__(self, problem: StageProblem, options: SolverOptions):
+    `flags` are those of the C compiler, where the options ask for it.
+    """
+
+    def __init__(
+        self,
+        problem: StageProblem,
+        options: SolverOptions,
+        flags: tuple[str, ...] = native.FLAGS,
+    ):
         self._problem = problem
         self._layout = Layout(problem)
         functions = nlp_functions.build(problem, options.name)
         if options.compiled:
-            functions = native.compile_all(functions, f'{problem.name}_{options.name}')
+            functions = native.compile_all(functions, f'{problem.name}_{options.name}', flags)
         self._lagrangian = Buffered(functions['nlp_grad'])
         self._backend = BACKENDS[options.name](problem, options, functions)
 
@@ -46,6 +54,10 @@ class NlpsolSolver:
             return _refusal(guess, wrong, start_s)
         results, ending = self._backend.run(call, start_s)
         return self._judge(guess, call, results, ending, start_s)
+
+    def limit(self, seconds: float) -> None:
+        """See `solution.StageSolver`; IPOPT keeps the limit of its options."""
+        self._backend.limit(seconds)
 
     def _judge(self, guess, call, results, ending, start_s):
         v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']

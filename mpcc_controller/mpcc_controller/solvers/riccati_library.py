@@ -10,7 +10,7 @@ DOUBLES = (
     'x0', 'P', 'x_low', 'x_high', 'u_low', 'u_high', 'g_low', 'g_high', 'h_low', 'h_high',
     'X', 'U', 'm_x', 'm_u', 'm_dynamics', 'm_g', 'm_h',
 )  # fmt: skip
-SETTINGS = ('tolerance', 'time_limit', 'warm_mu')
+SETTINGS = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
 RESULTS = ('cost', 'primal_residual', 'dual_residual')
 SWITCHES = ('warm', 'max_iterations')
 COUNTS = ('status', 'iterations', 'trials', 'factorisations')

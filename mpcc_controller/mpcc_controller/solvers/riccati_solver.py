@@ -14,6 +14,7 @@ from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
 from mpcc_controller.solvers.shooting import Bounds, Multipliers, Plan, StageProblem
 from mpcc_controller.solvers.solution import (
     FAILED,
+    ONE_STEP,
     SOLVED,
     STOPPED_EARLY,
     Solution,
@@ -38,6 +39,7 @@ OUTCOMES = (
     (FAILED, INFEASIBLE),
     (FAILED, 'a function of the problem is not finite at the guess'),
     (FAILED, 'an argument is not finite'),
+    (ONE_STEP, 'one step is enough'),
 )
 
 
@@ -89,6 +91,9 @@ class RiccatiSolver:
         call.tolerance = options.tolerance
         call.time_limit = math.inf if options.time_limit_s is None else options.time_limit_s
         call.warm_mu = WARM_BARRIER
+        if options.one_step is not None:
+            call.step_residual = options.one_step.residual
+            call.step_decrease = options.one_step.decrease
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`; a guess with multipliers is a warm start."""
@@ -118,6 +123,10 @@ class RiccatiSolver:
             dual_residual=call.dual_residual,
             solve_s=time.perf_counter() - start_s,
         )
+
+    def limit(self, seconds: float) -> None:
+        """See `solution.StageSolver`."""
+        self._instance.call.time_limit = seconds
 
     def _plan(self):
         arrays = self._instance.arrays

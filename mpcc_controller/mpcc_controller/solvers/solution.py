@@ -8,17 +8,26 @@ import numpy as np
 from mpcc_controller.solvers.shooting import Bounds, Plan
 
 SOLVED, STOPPED_EARLY, FAILED = 'solved', 'stopped_early', 'failed'
+ONE_STEP = 'one_step'  # of a warm start: not converged, but near enough by `OneStep`
+
+
+class OneStep(NamedTuple):
+    """When a step of Newton's method from a warm start is enough: the real-time iteration."""
+
+    residual: float  # largest violation of a constraint after the step, solver units
+    decrease: float  # what the step promised to save, share of the cost
 
 
 @dataclass(frozen=True)
 class SolverOptions:
     """Which solver, and when it stops."""
 
-    name: str  # 'fatrop' or 'ipopt'
+    name: str  # 'riccati', 'fatrop' or 'ipopt'
     max_iterations: int
     tolerance: float  # of the optimality conditions, in solver units
     time_limit_s: float | None  # wall time of one solve; None in lockstep
     compiled: bool  # the problem's functions as C; else CasADi's interpreter
+    one_step: OneStep | None = None  # None: always converge, as all solvers but riccati do
 
 
 class Solution(NamedTuple):
@@ -31,7 +40,7 @@ class Solution(NamedTuple):
 
     plan: Plan
     cost: float
-    status: str  # SOLVED, STOPPED_EARLY or FAILED
+    status: str  # SOLVED, ONE_STEP, STOPPED_EARLY or FAILED
     message: str  # why, for a person
     iterations: int
     primal_residual: float
@@ -46,4 +55,10 @@ class StageSolver(Protocol):
         """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.
 
         Raises ProblemError when an array has the wrong shape.
+        """
+
+    def limit(self, seconds: float) -> None:
+        """Stop later solves after `seconds` of wall time, if there is a limit in the options.
+
+        A solver that cannot change its limit keeps that of the options.
         """

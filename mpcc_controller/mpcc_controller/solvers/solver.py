@@ -5,8 +5,10 @@ from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
 from mpcc_controller.solvers.shooting import ProblemError, StageProblem
 from mpcc_controller.solvers.solution import (
     FAILED,
+    ONE_STEP,
     SOLVED,
     STOPPED_EARLY,
+    OneStep,
     Solution,
     SolverOptions,
     StageSolver,
@@ -14,8 +16,10 @@ from mpcc_controller.solvers.solution import (
 
 __all__ = [
     'FAILED',
+    'ONE_STEP',
     'SOLVED',
     'STOPPED_EARLY',
+    'OneStep',
     'Solution',
     'SolverOptions',
     'StageSolver',

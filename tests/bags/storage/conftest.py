@@ -16,7 +16,7 @@ import rclpy
 from msgs_yaml import contract, encode, ros
 from msgs_yaml import types as values
 
-DOMAIN = 41
+DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))
 START_NS = 1_000_000_000
 TICK_NS = 50_000_000
 TICKS = 20

@@ -12,16 +12,23 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from bags.errors import BagError
 from bags.storage import cdr, layout, read
 
+POINT = 'float64 x\nuint8 y\n'
+POSE = 'Point at\nint16 turn\nPoint to\n'
 INNER = 'uint8 level\nfloat64[] numbers\nstring name\n'
 TEXT = (
     'int8 RED = 1\nbool flag\nint64 big\nchar letter\nfloat32 small\nfloat64[3] fixed\n'
-    'string<=20 word "none"\nInner[] inners  # several\nuint16[<=4] few\nstring[2] two\nInner one\n'
+    'string<=20 word "none"\nInner[] inners  # several\nuint16[<=4] few\nstring[2] two\n'
+    'Pose pose\nuint8 flat\nPose[] poses\nInner one\n'
     f'{"=" * 80}\nMSG: test_msgs/Inner\n{INNER}'
+    f'{"=" * 80}\nMSG: test_msgs/Point\n{POINT}'
+    f'{"=" * 80}\nMSG: test_msgs/Pose\n{POSE}'
 )
 NAME = 'test_msgs/msg/Outer'
 STORE = get_typestore(Stores.EMPTY)
 STORE.register(get_types_from_msg(TEXT, NAME))
-Outer, Inner = (STORE.types[name] for name in (NAME, 'test_msgs/msg/Inner'))
+Outer, Inner, Point, Pose = (
+    STORE.types[f'test_msgs/msg/{name}'] for name in ('Outer', 'Inner', 'Point', 'Pose')
+)
 
 text = st.text(max_size=6).filter(lambda s: '\0' not in s)
 floats = st.floats(allow_nan=False)
@@ -31,6 +38,8 @@ inner = st.builds(
     numbers=st.lists(floats, max_size=3).map(np.array),
     name=text,
 )
+point = st.builds(Point, x=floats, y=st.integers(0, 255))
+pose = st.builds(Pose, at=point, turn=st.integers(-(2**15), 2**15 - 1), to=point)
 outer = st.builds(
     Outer,
     flag=st.booleans(),
@@ -42,6 +51,9 @@ outer = st.builds(
     inners=st.lists(inner, max_size=3),
     few=st.lists(st.integers(0, 65535), max_size=4).map(lambda v: np.array(v, dtype=np.uint16)),
     two=st.lists(text, min_size=2, max_size=2),
+    pose=pose,
+    flat=st.integers(0, 255),
+    poses=st.lists(pose, max_size=3),
     one=inner,
 )
 
@@ -96,6 +108,12 @@ def test_messages_of_the_wire_are_read_as_rosbags_reads_them(bag_folder):
 def test_definition_that_lacks_a_type_is_refused():
     with pytest.raises(BagError, match='test_msgs/Inner is not in it'):
         cdr.decode(b'\0\1\0\0', 'Inner one\n', NAME)
+
+
+def test_definition_that_contains_itself_is_refused():
+    text = f'Inner one\n{"=" * 80}\nMSG: test_msgs/Inner\nbool flag\nInner again\n'
+    with pytest.raises(BagError, match='test_msgs/Inner contains itself'):
+        cdr.decode(b'\0\1\0\0', text, NAME)
 
 
 def test_other_encapsulations_than_plain_cdr_are_refused():

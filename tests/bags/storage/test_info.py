@@ -37,6 +37,9 @@ def test_summary_counts_rates_gaps_and_losses(limping):
     state = found['topics']['/vehicle/odometry']
     assert state['messages'] == 998
     assert state['lost'] == 2
+    assert state['lost_places'] == 1
+    assert state['lost_longest'] == 2
+    assert state['sent_before'] == 0
     assert state['longest_gap_s'] == pytest.approx(0.003)
     assert state['rate_hz'] == pytest.approx(997 / 0.999)
     assert found['topics']['/controller/command']['longest_gap_s'] == pytest.approx(0.1)
@@ -94,6 +97,11 @@ def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
         assert f' {len(sent)} ' in row
     assert 'state to command in ms: p50' in said
     assert 'scenario: double_lane_change' in said
+
+
+def test_what_was_lost_is_said_with_its_places(limping, capsys):
+    assert cli.main(['info', str(limping)]) == 0
+    assert '2 in 1 places' in capsys.readouterr().out
 
 
 def test_a_hash_stays_one_word(tmp_path, bag_folder, capsys):

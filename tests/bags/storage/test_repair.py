@@ -49,7 +49,7 @@ def healthy(tmp_path_factory, bag_folder):
     data = (folder / 'bag_0.mcap').read_bytes()
     found = list(scan(data))
     ends = [after.offset for item, after in pairwise(found) if item.opcode == Opcode.CHUNK]
-    return Healthy(data, contents.load(folder).messages, ends)
+    return Healthy(data, contents.load(folder / 'bag_0.mcap').messages, ends)
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +76,7 @@ def attempt(folder):
 
 def assert_complete(folder, messages):
     """The bag is as good as one that was closed, for other readers too."""
-    found = contents.load(folder)
+    found = contents.load(folder / 'bag_0.mcap')
     assert not found.damage
     assert found.indexed
     assert found.messages == messages
@@ -102,8 +102,8 @@ def test_file_cut_off_anywhere_gives_back_its_beginning(healthy, damage, keep):
     assert_complete(folder, messages[:recovered])
     # every chunk that is whole is recovered
     assert recovered >= 2 * PER_CHUNK * sum(end <= len(cut) for end in ends)
-    assert done.kept.read_bytes() == cut
-    assert done.damage[0].offset <= len(cut)
+    assert done.files[0].kept.read_bytes() == cut
+    assert done.files[0].damage[0].offset <= len(cut)
 
 
 @settings(deadline=None, derandomize=True, max_examples=200)
@@ -115,7 +115,7 @@ def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage
     folder = damage(wrong)
     done = repair.repair(folder)
     assert not done.intact
-    found = set(contents.load(folder).messages)
+    found = set(contents.load(folder / 'bag_0.mcap').messages)
     chunks = [messages[k : k + 2 * PER_CHUNK] for k in range(0, len(messages), 2 * PER_CHUNK)]
     kept = [chunk for chunk in chunks if chunk[0] in found]
     assert len(kept) >= CHUNKS - 1
@@ -137,7 +137,7 @@ def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data
     if attempt(folder) is None:
         assert [path.name for path in folder.iterdir()] == ['bag_0.mcap']
     else:
-        found = contents.load(folder)
+        found = contents.load(folder / 'bag_0.mcap')
         assert found.indexed
         assert not found.damage
         assert len(found.messages) <= len(messages)
@@ -145,10 +145,10 @@ def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data
 
 def test_facts_of_the_run_and_definitions_survive(healthy, damage):
     folder = damage(healthy.data[:-50])
-    before = contents.load(folder).topics
+    before = contents.load(folder / 'bag_0.mcap').topics
     repair.repair(folder)
     assert read.run_info(folder) == {'scenario': 'straight'}
-    assert contents.load(folder).topics == before
+    assert contents.load(folder / 'bag_0.mcap').topics == before
 
 
 def test_complete_bag_is_not_touched(healthy, damage):
@@ -157,7 +157,7 @@ def test_complete_bag_is_not_touched(healthy, damage):
     modified = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
     done = repair.repair(folder)
     assert done.intact
-    assert done.kept is None
+    assert done.files[0].kept is None
     assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == modified
 
 
@@ -173,7 +173,7 @@ def test_second_repair_keeps_both_damaged_files(healthy, damage):
     folder = damage(healthy.data[:-50])
     repair.repair(folder)
     shutil.copy(folder / 'bag_0.mcap.damaged', folder / 'bag_0.mcap')
-    assert repair.repair(folder).kept.name == 'bag_0.mcap.damaged2'
+    assert repair.repair(folder).files[0].kept.name == 'bag_0.mcap.damaged2'
     assert (folder / 'bag_0.mcap.damaged').exists()
 
 

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Reader
 from bags.errors import BagError
 from bags.storage import contents, read, repair
 from bags.storage.rosbag2_writer import BagWriter
-from msgs_yaml import contract
+from msgs_yaml import contract, share
 
 
 def recorded_payloads(bag_folder):
@@ -69,9 +69,28 @@ def test_mcap_ros2_decodes_every_message_by_the_schema_in_the_file(bag_folder, m
     assert last.pose.pose.position.x == messages['/vehicle/odometry'][-1].X
 
 
+def test_schema_text_is_the_message_definitions_byte_for_byte(bag_folder):
+    with open(bag_folder / 'mpcc_0.mcap', 'rb') as file:
+        schemas = make_reader(file).get_summary().schemas.values()
+    assert {schema.name for schema in schemas} == {t.type for t in contract.load().topics.values()}
+    for schema in schemas:
+        assert schema.encoding == 'ros2msg'
+        first, *others = schema.data.split(b'\n' + b'=' * 80 + b'\nMSG: ')
+        package, _, name = schema.name.split('/')
+        assert first == definition(package, name)
+        named = [section.partition(b'\n') for section in others]
+        assert len({title for title, _, _ in named}) == len(named)
+        for title, _, text in named:
+            assert text == definition(*title.decode().split('/'))
+
+
+def definition(package, name):
+    return share.path(package, 'msg', f'{name}.msg').read_bytes()
+
+
 def test_metadata_inside_the_file_is_the_metadata_beside_it(bag_folder):
     beside = yaml.safe_load((bag_folder / 'metadata.yaml').read_text())
-    inside = contents.load(bag_folder).records['rosbag2']['serialized_metadata']
+    inside = contents.load(bag_folder / 'mpcc_0.mcap').records['rosbag2']['serialized_metadata']
     assert yaml.safe_load(inside) == beside['rosbag2_bagfile_information']
     assert beside['rosbag2_bagfile_information']['relative_file_paths'] == ['mpcc_0.mcap']
     assert beside['rosbag2_bagfile_information']['version'] == 9

@@ -12,8 +12,9 @@ MS = 1_000_000
 START_NS = 1_000_000_000
 KEYS = """completed collided entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
     min_v2e_per_edge_m min_outline_gap_m overshoots peak_brake_mps2 peak_sideslip_deg
-    peak_sideslip_at_m min_speed_mps brake_onset_at_m peak_lat_acc_mps2 rms_contouring_m
-    solve_ms ticks deadline_misses fallbacks"""
+    peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
+    counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 peak_lat_acc_share peak_brake_share
+    rms_contouring_m solve_ms ticks deadline_misses fallbacks"""
 
 
 def with_obstacle(scene, x, y, vx=0.0, vy=0.0, radius=1.0, number=1):

@@ -51,6 +51,15 @@ def test_the_actuators_move_to_their_set_points_on_the_way(ahead, car, world):
     assert moved.vx - x.vx == pytest.approx((impulse + drag) / car.m, rel=0.02)
 
 
+def test_set_points_that_jump_are_held_before_and_after(ahead, world):
+    """A first step of 50 ms or more: its command is due when it takes hold."""
+    x = world.rolling(stamp_ns=0, r=0.1)
+    before, after = SetPoints(0.0, 0.0), SetPoints(0.05, -5000.0)
+    halfway = ahead(x, commanded.held(before, 0.6), 20 * MS)
+    wanted = ahead(halfway, commanded.held(after, 0.6), 40 * MS)
+    assert ahead(x, Ramp(20 * MS, before, 20 * MS, after, 0.6), 40 * MS) == wanted
+
+
 def test_steps_are_short_enough(ahead, world):
     """Twice over half the time equals once over all of it."""
     x = world.rolling(stamp_ns=0, vy=0.3, r=-0.4)

@@ -1,12 +1,13 @@
 """The last check: what is turned back, and what leaves in its place."""
 
 import math
+from collections import Counter
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.gate import UNTIMELY, Gate
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import Limits
 from msgs_yaml.types import Command
@@ -221,3 +222,24 @@ def test_a_held_command_lets_the_force_go_at_its_rate_and_keeps_its_split(gate, 
     before = LAST._replace(Fxf=last[0], Fxr=last[1])
     leaves, _ = gate.check(GOOD._replace(delta=math.nan), before, 0.0)
     assert (leaves.Fxf, leaves.Fxr) == pytest.approx(held)
+
+
+def test_after_a_refusal_another_command_may_leave_and_the_first_reason_is_told(gate):
+    wild = GOOD._replace(delta=1.0)
+    refused = gate.check(wild, LAST, 0.0)
+    assert gate.again(GOOD, LAST, 0.0, refused) == (GOOD, 'out_of_range')
+    assert gate.rejections == Counter(out_of_range=1)
+
+
+def test_a_second_refusal_is_counted_and_holds_the_last_command(gate):
+    refused = gate.check(GOOD._replace(delta=1.0), LAST, 0.0)
+    second = gate.again(GOOD._replace(delta=math.nan), LAST, 0.0, refused)
+    assert second == refused
+    assert second.command.delta == LAST.delta
+    assert gate.rejections == Counter(out_of_range=1, not_finite=1)
+
+
+def test_no_command_at_all_would_pass_for_a_state_of_the_wrong_age_or_order(gate):
+    assert UNTIMELY == ('too_old', 'from_future', 'not_newer')
+    for age, last in ((MAX_AGE * 2, LAST), (-1.0, LAST), (0.0, GOOD)):
+        assert gate.check(GOOD, last, age).reason in UNTIMELY

@@ -7,7 +7,7 @@ from mpcc_controller.driving import ladder as rungs
 from mpcc_controller.driving.ladder import BRAKING, SECOND, SHIFTED, Ladder
 from mpcc_controller.parameters import Fallback
 from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solution import FAILED, SOLVED, STOPPED_EARLY, Solution
+from mpcc_controller.solvers.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 
 RULES = Fallback(
     acceptable_residual=1e-3,
@@ -44,7 +44,11 @@ def test_at_the_start_there_is_no_plan_to_follow_to_steer_along_or_to_start_from
 
 def test_the_rungs_and_their_reasons_have_the_names_that_are_documented():
     assert (SECOND, SHIFTED, BRAKING) == ('second_solver', 'shifted', 'braking')
-    assert rungs.REASONS == {'solved': 'converged', 'stopped_early': 'good_enough'}
+    assert rungs.FRESH == {
+        'solved': ('solved', 'converged'),
+        'one_step': ('solved', 'one_step'),
+        'stopped_early': ('stopped_early', 'good_enough'),
+    }
 
 
 def test_a_solved_plan_is_followed(ladder):
@@ -52,6 +56,13 @@ def test_a_solved_plan_is_followed(ladder):
     assert ladder.is_warm
     assert state(ladder) == (PLAN, 0, 0, PLAN, 0)
     assert ladder.guide is PLAN
+
+
+def test_the_plan_of_one_step_is_followed_like_a_solved_one(ladder):
+    # the solver has judged its residual by a limit of its own
+    one_step = outcome(ONE_STEP, residual=1.0)
+    assert ladder.decide(one_step, None, None) == (SOLVED, 'one_step', PLAN)
+    assert state(ladder) == (PLAN, 0, 0, PLAN, 0)
 
 
 @pytest.mark.parametrize('residual', [0.0, 1e-4, 1e-3])

@@ -90,3 +90,48 @@ def test_realtime_waits_for_the_actuators_and_knows_the_age_of_its_state():
     assert made.due() == (True, False, True)
     assert made.age_s(START + 4 * MS) == pytest.approx(0.004)
     assert lockstep_at(START).age_s(START + 4 * MS) == 0
+
+
+def test_on_the_wall_clock_a_state_that_comes_late_or_twice_is_not_answered():
+    made = trigger.make('realtime', 0.05)
+    made.on_actuators(START)
+    made.on_state(START + TICK)
+    assert made.due() == (True, False, True)
+    for stamp in (START, START + TICK - MS, START + TICK, START + TICK + 49 * MS):
+        assert not made.on_state(stamp)
+    assert made.on_state(START + 2 * TICK)
+    assert made.due() == (True, False, False)
+
+
+def test_after_a_command_without_a_state_the_next_one_starts_from_fresh_actuators():
+    made = trigger.make('realtime', 0.05)
+    made.on_actuators(START)
+    made.on_state(START)
+    made.due()
+    assert not made.is_next(START + TICK - 1)
+    assert made.is_next(START + TICK)
+    made.on_lost(START + 4 * TICK + MS)
+    assert not made.is_next(START + 5 * TICK)
+    assert not made.on_state(START + 4 * TICK + 2 * MS)
+    assert made.on_state(START + 5 * TICK)
+    assert made.due() == trigger.NOTHING
+    made.on_actuators(START + 5 * TICK)
+    assert made.due() == (True, False, True)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_actuators_that_were_of_no_use_are_waited_for_anew(mode):
+    made = trigger.make(mode, 0.05)
+
+    def hear(stamp):
+        made.on_state(stamp)
+        made.on_obstacles(stamp)
+
+    hear(START)
+    made.on_actuators(START)
+    assert made.due() == (True, False, True)
+    made.on_lost(START)
+    hear(START + TICK)
+    assert made.due() == trigger.NOTHING
+    made.on_actuators(START + TICK)
+    assert made.due() == (True, False, True)

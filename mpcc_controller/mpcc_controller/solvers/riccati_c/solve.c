@@ -5,9 +5,10 @@
  * equal calls give equal bits.
  */
 
-/* After a SETBACK comes a fresh start, after the second one the end: INFEASIBLE when it is far from
+/* ONE_STEP: a warm start whose (nearly) full step left little to gain, where the caller says how
+ * little is enough (real-time iteration). After a SETBACK comes a fresh start, after the second one the end: INFEASIBLE when it is far from
  * satisfying the constraints. */
-enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT };
+enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT, ONE_STEP };
 static const double FAR = 1e-3; /* solver units */
 
 static const double COLD_MU = 0.1, COLD_MARGIN = 1e-2, WARM_MARGIN = 1e-3;
@@ -16,9 +17,10 @@ static const double FIRST_DELTA = 1e-4, MOST_DELTA = 1e10, RESTORING_DELTA = 1e5
  * this and it is given up. */
 static const double SHORT_STEP = 0.1;
 enum { SHORT_STEPS = 2, STALLED_STEPS = 3 };
-/* So many steps without a lower violation, while it is far from zero: there is no feasible point
- * near. */
+/* So many steps without a lower violation, while it is far from zero, and without a cost that is
+ * lower by this share: there is no feasible point near. */
 enum { PATIENCE = 30 };
+static const double WORTHWHILE = 0.01;
 
 static double now(void)
 {
@@ -92,7 +94,7 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
 {
     const double tolerance = call->tolerance, feasible = 10 * tolerance;
     const double mu_last = 0.1 * tolerance;
-    double least = s->here.violation;
+    double least = s->here.violation, cheapest = s->here.f;
     int stalled = 0, shortened = 0, fruitless = 0;
     Filter filter;
     clear_filter(&filter, s->here.violation);
@@ -121,15 +123,21 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
         if (s->mu <= mu_last && converged && s->here.largest <= feasible &&
             largest_complementarity(s, &s->at) <= 10 * s->mu + 0.1 * tolerance * size)
             return SOLVED;
+        if (warm && step > 0.9 && s->here.largest <= call->step_residual &&
+            s->decrement <= call->step_decrease * size)
+            return ONE_STEP;
         shortened = s->primal_step < SHORT_STEP ? shortened + 1 : 0;
         if (warm && shortened == SHORT_STEPS)
             return SETBACK;
         if (s->here.largest <= FAR || s->here.violation < 0.99 * least) {
             least = s->here.violation;
             fruitless = 0;
+        } else if (s->here.f < cheapest - WORTHWHILE * fmax(1, fabs(cheapest))) {
+            fruitless = 0;
         } else if (++fruitless == PATIENCE) {
             return SETBACK;
         }
+        cheapest = fmin(cheapest, s->here.f);
         /* the second derivatives jump, and Newton's method may cycle around a jump */
         int still = change <= tolerance * size && s->here.largest <= feasible;
         stalled = still ? stalled + 1 : 0;
@@ -173,7 +181,7 @@ void riccati_solve(Workspace *s, Call *call)
         start(s, COLD_MU, COLD_MARGIN);
         call->status = iterate(s, call, 0, deadline);
     }
-    if (call->status != SOLVED && s->best_violation < __builtin_inf()) {
+    if (call->status != SOLVED && call->status != ONE_STEP && s->best_violation < __builtin_inf()) {
         memcpy(&s->at, &s->best, sizeof s->at);
         evaluate_values(s, &s->at, &s->here);
     }

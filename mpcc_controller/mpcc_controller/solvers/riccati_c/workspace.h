@@ -36,6 +36,7 @@ typedef struct {
     double *X, *U;                              /* guess, then result */
     double *m_x, *m_u, *m_dynamics, *m_g, *m_h; /* their multipliers, likewise */
     double tolerance, time_limit, warm_mu;
+    double step_residual, step_decrease; /* 0, or when one step is enough (ONE_STEP) */
     double cost, primal_residual, dual_residual; /* result */
     long long warm, max_iterations;
     long long status, iterations, trials, factorisations; /* result */

@@ -1,7 +1,4 @@
-"""The ring in process, without ROS: the same steps in the same order as the nodes in lockstep.
-
-metrics.of(closed_loop.drive(closed_loop.setup('double_lane_change', 'mpcc', speed_mps=21.0)))
-"""
+"""The ring in process, without ROS: the same steps in the same order as the nodes in lockstep."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -118,6 +115,7 @@ def run(
         answers.append(controller.step(ring.odometry(car.state)))
         if plant_side.outcome:
             break
+        controller.prepare()
         command, _, _ = answers[-1]
         tracks.append(plant_side.tick(command))
     commands, predictions, whys = zip(*answers)

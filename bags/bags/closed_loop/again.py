@@ -1,0 +1,90 @@
+"""Today's controller, made from the notes of a run and told what the recorded one was told."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from bags.errors import BagError
+from bags.replay import feed
+from bags.replay.feed import Told
+from mpcc_controller.driving import controller
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.parameters import CarParams, ControllerParams
+from msgs_yaml import overrides, parameters, ring
+from msgs_yaml.types import Command, Prediction, Why
+
+ROLE = 'controller'
+
+
+class Again:
+    """One controller on the ticks of a recording."""
+
+    def __init__(self, params: ControllerParams, vehicle: CarParams):
+        self.controller, self.vehicle = Controller(params, vehicle), vehicle
+        self._told: Told | None = None
+
+    def answer(self, told: Told, stamp_ns: int) -> tuple[Command, Prediction, Why]:
+        """Return command, plan and reasons for what was told at one tick.
+
+        The time limits of realtime are not in force; the delay is predicted for as long as the
+        recorded controller predicted it.
+        """
+        if told.actuators is not None:
+            self.controller.reset(told.actuators)
+        self._tell(told)
+        state = told.state if told.state is not None else controller.unknown_state(stamp_ns)
+        command, plan, why = self.controller.step(state, acts_ns=told.acts_ns)
+        return command, ring.prediction(plan), why
+
+    def follow(self, command: Command) -> None:
+        """Go on from a recorded command, which the car has been told, not from the last answer."""
+        self.controller.overrule(command)
+        self.controller.prepare()
+
+    def _tell(self, told):
+        before, self._told = self._told, told
+        if before is None or not feed.same(told.reference, before.reference):
+            self.controller.set_reference(told.reference)
+        if before is None or not feed.same(told.edges, before.edges):
+            self.controller.set_edges(told.edges)
+        self.controller.set_obstacles(told.obstacles)
+
+
+def of_notes(run_info: Mapping[str, str], settings: Mapping[str, Any], name: str) -> Again:
+    """Return the controller of a run; `settings` change its parameters by dotted name.
+
+    `name` is what errors call the run. Raises BagError for notes that do not hold the parameters
+    that today's controller has, and for a setting that does not exist or is out of range.
+    """
+    return Again(*params(run_info, settings, name))
+
+
+def params(
+    run_info: Mapping[str, str], settings: Mapping[str, Any], name: str
+) -> tuple[ControllerParams, CarParams]:
+    """Return the parameters of a recorded controller, changed by `settings`; see `of_notes`."""
+    try:
+        noted = json.loads(run_info['parameters'])[ROLE]
+    except (KeyError, ValueError):
+        raise BagError(
+            f'{name}: the run does not say the parameters of its controller; was it recorded by '
+            'hand?'
+        ) from None
+
+    def source(key):
+        return '--set' if key in settings else f'{name}: parameters of the controller'
+
+    given = {key: value for key, value in noted.items() if key not in overrides.COMMON} | settings
+    classes = (ControllerParams, CarParams)
+    known = [parameters.leaves(cls) for cls in classes]
+    try:
+        made = [
+            parameters.build_from(cls, {k: v for k, v in given.items() if k in own}, source)
+            for cls, own in zip(classes, known)
+        ]
+        strange = [key for key in given if not any(key in own for own in known)]
+        if strange:
+            raise parameters.ParameterError(f'{source(strange[0])}: {strange[0]}: unknown')
+    except parameters.ParameterError as error:
+        raise BagError(str(error)) from None
+    return tuple(made)

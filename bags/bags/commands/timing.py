@@ -1,0 +1,67 @@
+"""Where the time of each tick went, which ticks were missed, and how steady the commands came."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+HELP = 'where the time of each tick went, and which ticks were missed'
+TITLES = {
+    'total': 'state sent to command sent',
+    'transport': '  transport',
+    'wait': '  wait for other inputs',
+    'prepare': '  prepare',
+    'solve': '  solve',
+    'publish': '  publish',
+    'rest': '  rest',
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bags timing`."""
+    parser.add_argument('bag', metavar='BAG', help='folder of a bag, or its MCAP file')
+    parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print the report. Raises BagError when the bag cannot be read."""
+    from bags.storage import read
+    from bags.verdict import punctuality
+
+    found = punctuality.report(read.load(chosen.bag))
+    if chosen.json:
+        print(json.dumps(found, indent=2))
+    else:
+        show(found, Console())
+    return 0
+
+
+def show(found: dict[str, Any], console: Console) -> None:
+    """Print a report for a person."""
+    table = Table(box=None, header_style='bold', pad_edge=False)
+    table.add_column('ms')
+    rows = dict(_rows(found))
+    columns = list(next(values for values in rows.values() if values))
+    for name in columns:
+        table.add_column(name, justify='right')
+    for title, values in rows.items():
+        table.add_row(title, *(f'{values[name]:.2f}' if values else '-' for name in columns))
+    console.print(table)
+    ticks = found['ticks']
+    console.print(
+        f'{ticks["count"]} ticks, {ticks["missed"]} missed: {ticks["unanswered"]} unanswered, '
+        f'{ticks["late"]} late; {ticks["blind"]} commands without a state',
+        highlight=False,
+    )
+    console.print(f'mean interval {found["interval_ms"]["mean"]:.3f} ms', highlight=False)
+
+
+def _rows(found) -> Iterator[tuple[str, dict[str, float] | None]]:
+    """Yield each line's title and quantiles."""
+    for name, title in TITLES.items():
+        yield title, found['parts_ms'][name]
+    yield 'between two commands', found['interval_ms']
+    yield 'state sent after its stamp', found['state_sent_after_its_stamp_ms']

@@ -1,0 +1,64 @@
+"""Draws the ring for RViz and Foxglove: car, circles, unsafe areas, plan; and /tf where it can.
+
+It watches with queues of one message that may be lost, so that it never slows what it watches.
+"""
+
+import sys
+from functools import partial
+
+from rclpy.node import Node
+
+from bags.viewers import encode, shapes, stage
+from msgs_yaml import contract, decode, qos, ros, share
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # there is no wheel of it
+    TFMessage = None
+
+DECODERS = {
+    stage.STATE: decode.odometry,
+    stage.PLAN: decode.prediction,
+    stage.REFERENCE: decode.reference,
+    stage.EDGES: decode.road_edges,
+    stage.OBSTACLES: decode.obstacles,
+    stage.WHY: decode.why,
+}
+TF_DEPTH = 100  # what tf2 listeners use
+
+
+class MarkersNode(Node):
+    """Draws each plan, and the car 20 times a second of ROS time."""
+
+    def __init__(self):
+        super().__init__('markers')
+        defaults = share.path('bags', 'config', 'markers.yaml')
+        self.stage = stage.Stage(ros.declare(self, shapes.ShapeParams, defaults))
+        drawn = (stage.VEHICLE, stage.SAFETY, stage.PREDICTION)
+        self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
+        self.tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH) if TFMessage else None
+        if self.tf is None:
+            self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
+        for topic in stage.WATCHED:
+            offered = contract.load().topics[topic].qos[ros.mode(self)]
+            callback, kind = partial(self.on_message, topic), ros.message_type(topic)
+            self.create_subscription(kind, topic, callback, qos.watching(offered), raw=True)
+
+    def on_message(self, topic, raw):
+        """Draw what a message changes."""
+        if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
+            return
+        value = DECODERS[topic](ros.message(topic, raw))
+        for picture in self.stage.take(topic, value):
+            self.pubs[picture.topic].publish(encode.markers(*picture))
+        if topic == stage.STATE and self.tf:
+            self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
+
+
+def main() -> int:
+    """Draw until SIGINT or SIGTERM."""
+    return ros.spin(MarkersNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Recorded messages sent again, at the pace at which they were recorded."""

@@ -1,0 +1,1 @@
+"""Recorded ticks, answered again: has the controller changed, and what if it had?"""

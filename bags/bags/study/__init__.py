@@ -1,0 +1,1 @@
+"""The paper's comparison as distributions: paired drives in process, ablations, limits, claims."""

@@ -1,0 +1,46 @@
+"""The parts of a study as the command names them, in full or quick."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from bags.study import ablation, claims, distributions, limit, variants
+from bags.study.drives import Drives
+
+QUICK = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
+FULL = {
+    'distributions': distributions.RUNS,
+    'ablation': distributions.RUNS,
+    'limit': limit.RUNS,
+    'claims': distributions.RUNS,
+}
+QUICK_SPEEDS_KPH = (distributions.POINT_KPH,)
+QUICK_SWEEP_KPH = (65.0, 75.0, 85.0)
+QUICK_CLEARANCES_M = (0.5,)
+
+
+def run(
+    part: str,
+    drives: Drives,
+    out: Path,
+    runs: int | None = None,
+    quick: bool = False,
+    tuned: Sequence[Path] = (),
+    roles: Mapping[str, str] = variants.ROLES,
+    cause_runs: int | None = None,
+    sweep_runs: int | None = None,
+) -> list[Path]:
+    """Make one part and return the files written; see `bags study --help`. Raises BagError."""
+    count = (QUICK if quick else FULL)[part] if runs is None else runs
+    speeds = QUICK_SPEEDS_KPH if quick else distributions.SPEEDS_KPH
+    playing = variants.cast(roles)
+    if part == 'distributions':
+        return distributions.run(drives, out, playing, count, speeds).files
+    if part == 'limit':
+        chosen = [*playing, *variants.others(roles, tuned)]
+        return limit.run(drives, out, chosen, count).files
+    if part == 'claims':
+        return claims.run(drives, out, count, cause_runs, speeds, roles).files
+    sweep = {'sweep_runs': sweep_runs or (1 if quick else ablation.SWEEP_RUNS)}
+    if quick:
+        sweep |= {'speeds_kph': QUICK_SWEEP_KPH, 'clearances_m': QUICK_CLEARANCES_M}
+    return ablation.run(drives, out, count, tuned=tuned, roles=roles, **sweep).files

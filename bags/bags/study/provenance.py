@@ -1,0 +1,37 @@
+"""Where a table comes from: command, code, versions, machine, seeds. It stands in every file."""
+
+from importlib import metadata
+from typing import Any
+
+from bags import closed_loop
+from bags.experiments import notes
+from bags.study import code_version, samples
+
+
+def of(command: str, scenario: str, seed: int, **more: Any) -> dict[str, Any]:
+    """Return the provenance of a part of a study; `more` are its own numbers."""
+    return {
+        'command': command,
+        'commit': notes.commit(),
+        'code_sha256': code_version.digest(),
+        'scenario': scenario,
+        'scenario_sha256': notes.digest(closed_loop.load_scenario(scenario).text),
+        'seed': seed,
+        'spread': {
+            'speed_kph': samples.SPEED_KPH,
+            'grip': samples.GRIP,
+            'tolerance': list(samples.TOLERANCE),
+        },
+        'versions': notes.versions() | {'scipy': metadata.version('scipy')},
+        'machine': notes.machine(),
+        **more,
+    }
+
+
+def line(found: dict[str, Any]) -> str:
+    """Return it as one line for a person."""
+    machine = found['machine']
+    return (
+        f'`{found["command"]}`, commit {found["commit"][:12] or "unknown"}, seed {found["seed"]}, '
+        f'{machine["processor"]} with {machine["cores"]} cores.'
+    )

@@ -1,0 +1,70 @@
+"""Shows the running ring to Foxglove: every topic of the contract, as it comes over the wire."""
+
+import argparse
+import sys
+from functools import partial
+
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from bags.errors import BagError
+from bags.storage import definitions
+from bags.viewers import shapes
+from bags.viewers.foxglove_server import PORT, Served, Server, invitation
+from bags.viewers.projector import Projector
+from bags.viewers.stage import STATE, Stage
+from msgs_yaml import contract, decode, qos, ros, share
+from msgs_yaml.parameters import ParameterError
+
+LATCHED = 'transient_local'
+
+
+class ViewNode(Node):
+    """Passes on what it hears; it slows nobody, and loses what it has no time for."""
+
+    def __init__(self, port: int):
+        super().__init__('view')
+        defaults = share.path('bags', 'config', 'markers.yaml')
+        params = ros.declare(self, shapes.ShapeParams, defaults)
+        topics = contract.load().topics.values()
+        self.schemas = {topic.type: definitions.schema_text(topic.type) for topic in topics}
+        heard = [topic for topic in topics if not topic.on_request]
+        try:
+            self.server = Server([self._served(topic) for topic in heard], port)
+        except BagError as error:
+            raise ParameterError(str(error)) from error
+        self.projector = Projector(self.server, Stage(params))
+        self.now_ns = 0
+        for topic in heard:
+            offered = topic.qos['realtime']
+            callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
+            self.create_subscription(kind, topic.name, callback, qos.watching(offered), raw=True)
+        print(invitation(self.server.url), flush=True)
+
+    def _served(self, topic):
+        latched = topic.qos['realtime'].durability == LATCHED
+        return Served(topic.name, topic.type, self.schemas[topic.type], latched)
+
+    def on_message(self, topic, raw):
+        """Pass a message on; the time of the ring is that of its states, in both modes."""
+        if topic.name == STATE:
+            self.now_ns = decode.stamp_ns_of(raw)
+            self.server.tell_time(self.now_ns)
+        self.projector.show(topic.name, topic.type, self.schemas[topic.type], raw, self.now_ns)
+
+    def destroy_node(self):
+        """End the server, too."""
+        self.server.close()
+        super().destroy_node()
+
+
+def main() -> int:
+    """Serve until SIGINT or SIGTERM."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--port', type=int, default=PORT)
+    chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    return ros.spin(partial(ViewNode, chosen.port))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,242 @@
+"""What bags cost: reading, recording, losses, and how punctually the player sends.
+
+    .venv/bin/python bench/recordings.py [--seconds 60] [--messages 1000000] [--only PART]
+
+Every figure is of real nodes over Fast DDS; the messages are those of a ring at the contract's
+rates, and with all four topics of the vehicle at 1 kHz. CPU is processor time of the recorder's
+process, so other load on the machine changes it little; being late and losing messages it does.
+"""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rich.console import Console
+from rich.table import Table
+from ring_messages import NS_PER_MS, START_NS, RingMessages
+
+from bags.storage import read
+from bags.storage.inbox import bag_topics
+from bags.storage.losses import RECORD
+from bags.storage.rosbag2_writer import BagWriter
+from msgs_yaml import contract, ros
+
+CHUNK_MS = 400
+MINUTE_MS = 60_000
+PASSES = 3
+TIMEOUT_S = 120.0
+TICK_MS = 50
+PAUSE_S = 0.005  # a quarter of what the controller takes
+
+
+def reading(folder: Path, options) -> dict[str, float]:
+    """Write a minute of a ring with everything at 1 kHz, read it into columns."""
+    messages = RingMessages('lockstep', every_ms=True)
+    writer = BagWriter(folder / 'minute', bag_topics(contract.load(), 'lockstep'), {})
+    count = 0
+    for ms in range(MINUTE_MS):
+        for index, data in messages.at(ms):
+            log_ns = START_NS + ms * NS_PER_MS
+            writer.write(index, log_ns, log_ns, data, 1 + count)
+            count += 1
+        if ms % CHUNK_MS == 0:
+            writer.flush()
+    writer.close()
+    wall, cpu = [], []
+    for _ in range(PASSES):
+        began, began_cpu = time.perf_counter(), time.process_time()
+        read.columns(folder / 'minute')
+        wall.append(time.perf_counter() - began)
+        cpu.append(time.process_time() - began_cpu)
+    return {
+        'messages': count,
+        'seconds of processor': float(np.median(cpu)),
+        'seconds': float(np.median(wall)),
+        'MB': (folder / 'minute/minute_0.mcap').stat().st_size / 1e6,
+    }
+
+
+class Recording:
+    """A recorder in a process of its own, and publishers of every topic in this one."""
+
+    def __init__(self, out: Path, mode: str, domain: int):
+        self.out = out
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('ring', context=self.context)
+        self.node.declare_parameter('mode', mode)
+        publishers = [ros.publisher(self.node, name) for name in contract.load().topics]
+        self.senders = [ros.Sender(self.node, one) for one in publishers]
+        words = ['--ros-args', '-p', f'out:={out}', '-p', f'mode:={mode}']
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'bags.recorder_node', *words],
+            env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        end = time.monotonic() + TIMEOUT_S
+        while not all(one.get_subscription_count() for one in publishers):
+            if time.monotonic() > end:
+                raise TimeoutError('the recorder does not subscribe')
+            time.sleep(0.01)
+        time.sleep(1.0)
+        self.cpu_before_s = self.cpu_s()
+
+    def cpu_s(self) -> float:
+        """User and system time of the recorder so far."""
+        fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def end(self) -> tuple[float, read.Bag]:
+        """Return the recorder's processor time and its bag."""
+        time.sleep(0.5)
+        cpu_s = self.cpu_s() - self.cpu_before_s
+        self.close()
+        return cpu_s, read.load(self.out)
+
+    def close(self):
+        """End the recorder; the bag is complete then."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.wait(TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:
+    """Record on the wall clock."""
+    messages = RingMessages('realtime', every_ms)
+    recorder = Recording(folder / f'realtime{every_ms}', 'realtime', options.domain)
+    sent, began = 0, time.monotonic()
+    for ms in range(round(options.seconds * 1000)):
+        time.sleep(max(0.0, began + ms * 1e-3 - time.monotonic()))
+        for index, data in messages.at(ms):
+            recorder.senders[index].send(data)
+            sent += 1
+    elapsed_s = time.monotonic() - began
+    cpu_s, bag = recorder.end()
+    recorded = sum(len(r.payloads) for r in bag.recordings.values())
+    return {
+        'messages sent': sent,
+        'messages per s': sent / elapsed_s,
+        '% of a core': 100.0 * cpu_s / elapsed_s,
+        'microseconds per message': 1e6 * cpu_s / sent,
+        'lost': sent - recorded,
+        'lost per 100,000': (sent - recorded) / sent * 1e5,
+    }
+
+
+def lockstep(folder: Path, options) -> dict[str, float]:
+    """Record a ring whose controller answers in PAUSE_S; publishers wait when a queue is full."""
+    messages = RingMessages('lockstep', every_ms=True)
+    recorder = Recording(folder / 'lockstep', 'lockstep', options.domain)
+    sent, ms, began = 0, 0, time.monotonic()
+    while sent < options.messages:
+        for index, data in messages.at(ms):
+            recorder.senders[index].send(data)
+            sent += 1
+        ms += 1
+        if ms % TICK_MS == 0:
+            time.sleep(PAUSE_S)
+    elapsed_s = time.monotonic() - began
+    cpu_s, bag = recorder.end()
+    return {
+        'messages sent': sent,
+        'messages per s': sent / elapsed_s,
+        'microseconds per message': 1e6 * cpu_s / sent,
+        'lost where all is kept': sum(_lost_per_topic(bag, 'keep_all').values()),
+        'overwritten where the newest is kept': sum(_lost_per_topic(bag, 'keep_last').values()),
+    }
+
+
+def _lost_per_topic(bag, history):
+    """What the recorder noted, of the topics whose publishers keep that much in lockstep."""
+    noted = {topic: json.loads(text)['lost'] for topic, text in bag.records[RECORD].items()}
+    topics = contract.load().topics.values()
+    names = [topic.name for topic in topics if topic.qos['lockstep'].history == history]
+    return {name: noted[name] or 0 for name in names}
+
+
+def playing(folder: Path, options) -> dict[str, float]:
+    """Play a minute at rate 1 into a recorder; when each message was sent is in the new bag."""
+    if not (folder / 'minute').exists():
+        reading(folder, options)
+    recorder = Recording(folder / 'again', 'lockstep', options.domain)
+    words = {'bag': folder / 'minute', 'duration_s': options.seconds, 'recorders': 1}
+    given = [word for name, value in words.items() for word in ('-p', f'{name}:={value}')]
+    subprocess.run(
+        [sys.executable, '-m', 'bags.player_node', '--ros-args', *given],
+        env=os.environ | {'ROS_DOMAIN_ID': str(options.domain)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=True,
+        timeout=options.seconds + TIMEOUT_S,
+    )
+    _, bag = recorder.end()
+    # a message of the bag may be late, none is early
+    late = [r.publish_ns - r.log_ns for r in bag.recordings.values() if r.payloads]
+    late_ms = np.concatenate(late) / 1e6
+    late_ms -= late_ms.min()
+    return {
+        'messages': len(late_ms),
+        'late, median ms': float(np.percentile(late_ms, 50)),
+        'late, p99 ms': float(np.percentile(late_ms, 99)),
+        'late, max ms': float(late_ms.max()),
+    }
+
+
+PARTS = {
+    'reading a minute, 1 kHz': (reading, {'seconds': 6.0}),
+    'recording at the rates of the contract': (
+        lambda folder, options: recording(folder, options, False),
+        {'% of a core': 35.0, 'lost per 100,000': 1.0},
+    ),
+    'recording, 1 kHz': (
+        lambda folder, options: recording(folder, options, True),
+        {'% of a core': 55.0, 'lost per 100,000': 1.0},
+    ),
+    'recording in lockstep': (lockstep, {'lost where all is kept': 0.0}),
+    'playing at rate 1': (playing, {'late, p99 ms': 2.0}),
+}
+
+
+def main() -> int:
+    """Print a table per part and write everything as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=60.0, help='of recording and playing')
+    parser.add_argument('--messages', type=int, default=1_000_000, help='in lockstep')
+    parser.add_argument('--domain', type=int, default=24, help='ROS domain')
+    parser.add_argument('--only', default='', help='parts whose name begins so')
+    parser.add_argument('--json', type=Path, help='file to write')
+    options = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    found = {'load': os.getloadavg()[0]}
+    console = Console()
+    for name, (measure, targets) in PARTS.items():
+        if not name.startswith(options.only):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            found[name] = measure(Path(folder), options)
+        table = Table('', 'found', 'target', title=name, box=None, title_justify='left')
+        for figure, value in found[name].items():
+            target = f'<= {targets[figure]:g}' if figure in targets else ''
+            table.add_row(figure, f'{value:,.3f}'.rstrip('0').rstrip('.'), target)
+        console.print(table)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""How long the report of three runs takes to make, and how large it is.
+
+The runs are driven in process; making the page is repeated, and the median of CPU time printed.
+"""
+
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from bags import closed_loop
+from bags.pictures import palette, panels
+from bags.report import page
+from bags.verdict import judge, metrics
+
+CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
+REPEATS = 5
+
+
+def main() -> int:
+    """Print median time and size."""
+    drives = {
+        name: closed_loop.drive(closed_loop.setup('double_lane_change', name))
+        for name in CONTROLLERS
+    }
+    colours = palette.colours(list(drives))
+    runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+    found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
+    material = page.Material({'scenario': 'double_lane_change', 'runs': found}, runs, {})
+    took = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, page.FILE)
+        for _ in range(REPEATS):
+            start = time.process_time()
+            page.write(material, file)
+            took.append(time.process_time() - start)
+        size = file.stat().st_size
+    print(f'{statistics.median(took):.2f} s of CPU time, {size / 1e6:.2f} MB')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""Does a ring that drives for an hour keep growing? Memory, open files, threads, shared memory.
+
+    .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
+    .venv/bin/python bench/soak.py --mode realtime --minutes 10
+
+The nodes drive on a circle of 500 m radius, recorded. A drive lasts ten minutes at most; then the
+plant is started again, the other nodes go on. Every node is looked at twice a second. After the
+first fifth nothing may grow: the program fails when a node holds more than 3 MB more memory in the
+end than then (medians over a tenth of the run), or more files, threads or DDS segments. It stops by
+itself, also when the ring does: after ten times the time it simulates.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bags import closed_loop
+from bags.experiments import domain, experiment, processes
+
+LONGEST_DRIVE_MIN = 10.0
+WARM, END = 0.2, 0.9  # shares of the looks: growth is that from the one to the other
+LOOK_S = 0.5
+MOST_MB = 3.0
+SLOWEST = 10.0  # wall time per simulated time, at most
+ROAD = """
+schema: 1
+name: soak
+description: A circle of 500 m radius at 15 m/s, driven for ten minutes.
+road:
+  centre_line:
+    start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
+    segments: [{arc: {length_m: 9600.0, curvature_1pm: 0.002}}]
+  edges: {left: {offset_m: 4.0}, right: {offset_m: -4.0}}
+path:
+  start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
+  segments: [{arc: {length_m: 9500.0, curvature_1pm: 0.002}}]
+speed: {constant_mps: 15.0}
+friction: 1.0
+start: {progress_m: 0.0}
+stop: {progress_m: 9400.0, time_s: 600.0}
+obstacles: []
+sampling: {path_m: 5.0, edges_m: 5.0}
+"""
+
+
+class Look(NamedTuple):
+    """What a process holds."""
+
+    memory_mb: float
+    files: int
+    threads: int
+    segments: int  # of shared memory, of DDS
+
+
+def look(pid: int) -> Look | None:
+    """Return what a process holds, None when it has just ended."""
+    folder = Path('/proc', str(pid))
+    try:
+        status = dict(line.split(':', 1) for line in (folder / 'status').read_text().splitlines())
+        maps = (folder / 'maps').read_text().splitlines()
+        files = list((folder / 'fd').iterdir())
+    except OSError:
+        return None
+    if 'VmRSS' not in status:
+        return None
+    return Look(
+        memory_mb=int(status['VmRSS'].split()[0]) / 1e3,
+        files=len(files),
+        threads=int(status['Threads']),
+        segments=len({line.split()[-1] for line in maps if '/dev/shm/fastrtps' in line}),
+    )
+
+
+class Growth(NamedTuple):
+    """How much more a node holds at the end."""
+
+    node: str
+    looks: int
+    begin: Look
+    end: Look
+
+    @property
+    def grew(self) -> list[str]:
+        """What grew beyond what it may."""
+        found = [n for n in Look._fields[1:] if getattr(self.end, n) > getattr(self.begin, n)]
+        return found + ['memory_mb'] * (self.end.memory_mb - self.begin.memory_mb > MOST_MB)
+
+
+def growth(node: str, looks: list[Look]) -> Growth:
+    """Return the growth between two tenths of a run, their medians."""
+    n, tenth = len(looks), max(len(looks) // 10, 1)
+    columns = [looks[k : k + tenth] for k in (int(WARM * n), int(END * n))]
+    begin, end = (Look(*np.median(np.array(rows), axis=0).tolist()) for rows in columns)
+    return Growth(node, n, begin, end)
+
+
+def soak(mode: str, minutes: float, folder: Path, number: int) -> list[Growth]:
+    """Drive for so many minutes of simulated time; RuntimeError when a drive does not end."""
+    road = folder / 'road.yaml'
+    road.write_text(ROAD)
+    facts = closed_loop.scenario_facts(str(road))
+    notes = folder / 'run_info.json'
+    notes.write_text('{}')
+    mpcc = experiment.controller('mpcc')
+    nodes = experiment.nodes(facts, mpcc, mode, folder / 'bag', notes, {})
+    environment = {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        **os.environ,
+        'ROS_DOMAIN_ID': str(number),
+        'ROS_LOG_DIR': str(folder),
+        'OPENBLAS_NUM_THREADS': '1',
+    }
+    running: dict[str, processes.Process] = {}
+    looks: dict[str, list[Look]] = {node.role: [] for node in nodes}
+
+    def start(node, **parameters):
+        node = node._replace(parameters=node.parameters | parameters)
+        written = folder / f'{node.role}.yaml'
+        experiment.write_parameters(node, written)
+        command = processes.resolve(node.package, node.executable)
+        command += experiment.arguments(node, written)
+        log = folder / f'{node.role}.log'
+        running[node.role] = processes.start(node.role, command, log, environment)
+
+    *others, plant = nodes
+    try:
+        for node in others:
+            start(node)
+        while minutes > 0:
+            drive = min(minutes, LONGEST_DRIVE_MIN)
+            start(plant, **{'stop.time_s': 60.0 * drive})
+            watch(running, looks, 60.0 * drive * SLOWEST + 60.0)
+            minutes -= drive
+    finally:
+        processes.stop(list(running.values()), 30.0)
+    return [growth(role, found) for role, found in looks.items()]
+
+
+def watch(running, looks, seconds):
+    """Look at every node until the plant ends."""
+    deadline = time.monotonic() + seconds
+    while running['plant'].code is None:
+        processes.check([one for role, one in running.items() if role != 'plant'])
+        for role, process in running.items():
+            found = look(process.popen.pid)
+            looks[role] += [found] if found else []
+        if time.monotonic() > deadline:
+            raise RuntimeError(f'the drive takes longer than {seconds:.0f} s')
+        time.sleep(LOOK_S)
+
+
+def row(found: Growth) -> str:
+    """Return one line of the table."""
+    pairs = (f'{a:g} -> {b:g}' for a, b in zip(found.begin, found.end))
+    told = f'GREW: {", ".join(found.grew)}' if found.grew else ''
+    return f'{found.node:<11} {found.looks:>6} ' + ' '.join(f'{p:>18}' for p in pairs) + f' {told}'
+
+
+def main() -> int:
+    """Soak and print what grew."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--mode', choices=('lockstep', 'realtime'), default='lockstep')
+    parser.add_argument('--minutes', type=float, default=60.0, help='of simulated time')
+    given = parser.parse_args()
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, domain.reserved(os.environ) as number:
+        found = soak(given.mode, given.minutes, Path(folder), number)
+    heads = ('memory [MB]', 'files', 'threads', 'DDS segments')
+    print(f'{"node":<11} {"looks":>6} ' + ' '.join(f'{head:>18}' for head in heads))
+    print('\n'.join(map(row, found)))
+    grew = any(one.grew for one in found)
+    minutes = (time.monotonic() - began) / 60
+    print(f'{given.minutes:g} min {given.mode} in {minutes:.1f} min: ', end='')
+    print('something grew' if grew else 'nothing grew')
+    return int(grew)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""What counts as a difference, and what a recording cannot repeat."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bags.closed_loop import again
+from bags.errors import BagError
+from bags.replay import check, feed, fields, settings
+from bags.replay.topic import Topic
+from msgs_yaml.types import Command, Prediction, Why
+
+STAMP = 1_000_000_000
+
+
+def why(**values):
+    return Why(STAMP, 0, 'solved', values)
+
+
+def differing(pairs):
+    return [pair.field for pair in pairs if pair.differs]
+
+
+def test_a_command_may_differ_by_a_millionth_of_its_unit():
+    one = Command(STAMP, 0.1, 0.2, -300.0, 400.0)
+    assert differing(fields.of_command(one, one._replace(Fxr=400.0 + 9e-7))) == []
+    assert differing(fields.of_command(one, one._replace(Fxr=400.0 + 2e-6))) == ['command.Fxr']
+    assert differing(fields.of_command(one, one._replace(delta=np.nan))) == ['command.delta']
+
+
+def test_of_the_reasons_all_is_compared_but_times():
+    one = why(rung='solved', **{'cost.con': 20.0, 'time.solve_ms': 1.0})
+    assert differing(fields.of_why(one, why(**one.values | {'time.solve_ms': 9.0}))) == []
+    assert differing(fields.of_why(one, why(**one.values | {'rung': 'braking'}))) == ['rung']
+    assert differing(fields.of_why(one, why(**one.values | {'cost.con': 20.00003}))) == ['cost.con']
+    assert differing(fields.of_why(one, why(**one.values | {'cost.con': 20.00001}))) == []
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_a_value_that_only_one_of_them_has_is_a_difference(turned):
+    pair = why(guide='plan'), why()
+    assert differing(fields.of_why(*(reversed(pair) if turned else pair))) == ['guide']
+
+
+def test_plans_are_compared_where_they_differ_most():
+    still = np.zeros(3)
+    one = Prediction(STAMP, still, still, still, still)
+    other = one._replace(Y=np.array([0.0, -2e-6, 1e-6]))
+    (found,) = [pair for pair in fields.of_prediction(one, other) if pair.differs]
+    assert (found.field, found.replayed) == ('prediction.Y', -2e-6)
+    shorter = one._replace(X=still[:1])
+    assert differing(fields.of_prediction(one, shorter)) == ['prediction.stages']
+
+
+def timed_by(bag, mode):
+    """Return a bag that says it was recorded in another mode."""
+    return bag._replace(records=bag.records | {'run': bag.run_info | {'mode': mode}})
+
+
+def test_told_by_the_wall_clock_the_same_is_answered(golden):
+    report = check.check(timed_by(golden('mpcc'), 'realtime'), {})
+    assert not report.failures
+    assert report.repeatable == len(report.ticks)
+
+
+def test_a_tick_that_the_clock_decided_proves_nothing_nor_do_those_after_it(golden):
+    bag = golden('mpcc')
+    ticks = feed.ticks(bag)
+    one = ticks[60]
+    values = one.why.values | {'solver.message': feed.TIME_LIMIT}
+    ticks[60] = one._replace(gaps=tuple(feed.gaps(one.why._replace(values=values), one.command)))
+    controller = again.of_notes(bag.run_info, {'tolerances.lag_m': 0.4}, 'mpcc')
+    compared = check.of(ticks, controller)
+    assert [one.tick.number for one in compared if one.gap] == list(range(60, 60 + check.SHADOW))
+    assert 'time limit' in compared[60].gap
+
+
+def test_a_lost_command_is_a_gap_and_the_replay_goes_on_from_its_own_answer(golden):
+    bag = golden('mpcc')
+    ticks = feed.ticks(bag)
+    ticks[30] = ticks[30]._replace(command=None, gaps=tuple(feed.gaps(ticks[30].why, None)))
+    compared = check.of(ticks, again.of_notes(bag.run_info, {}, 'mpcc'))
+    assert 'lost' in compared[30].gap
+    assert not any(one.differing for one in compared)
+
+
+def without(bag, topic, row, mode='lockstep'):
+    """Return a bag that lost one message, recorded by another clock where one is given."""
+    one = bag.recordings[topic]
+    rows = np.delete(np.arange(len(one.payloads)), row)
+    times = (column[rows] for column in (one.log_ns, one.publish_ns, one.sequence))
+    cut = one.topic, *times, [one.payloads[i] for i in rows]
+    recordings = bag.recordings | {topic: type(one)(*cut)}
+    return timed_by(bag._replace(recordings=recordings), mode)
+
+
+@pytest.mark.parametrize('topic', [feed.STATE, feed.OBSTACLES])
+def test_in_lockstep_a_lost_message_that_was_answered_is_named(golden, topic):
+    with pytest.raises(BagError, match=f'{topic} has no message of stamp'):
+        feed.ticks(without(golden('mpcc'), topic, 40))
+
+
+def test_two_drives_in_one_bag_are_not_mixed_up(golden):
+    bag, other = golden('mpcc'), golden('frenet').recordings[feed.STATE]
+    one = bag.recordings[feed.STATE]
+    columns = (np.concatenate([a, b]) for a, b in zip(one[1:4], other[1:4]))
+    both = type(one)(one.topic, *columns, one.payloads + other.payloads)
+    with pytest.raises(BagError, match='the bag holds two drives'):
+        feed.ticks(bag._replace(recordings=bag.recordings | {feed.STATE: both}))
+
+
+@pytest.mark.parametrize(
+    ('topic', 'tick', 'gap'),
+    [
+        (feed.STATE, 40, 'its state was lost'),
+        (feed.WHY, 40, 'a tick without a message of /controller/why'),
+        (feed.COMMAND, 40, 'its command was lost'),
+        (feed.OBSTACLES, 0, 'what it knew of /scenario/obstacles was not recorded'),
+    ],
+)
+def test_in_realtime_a_lost_message_is_a_gap_in_the_replay(golden, topic, tick, gap):
+    bag = golden('mpcc')
+    row = Topic(bag, topic).row_of[feed.ticks(bag)[tick].stamp_ns]
+    found = feed.ticks(without(bag, topic, row, 'realtime'))
+    assert [one.number for one in found if one.gaps] == [tick]
+    assert found[tick].gaps == (gap,)
+
+
+def test_a_controller_that_was_started_again_begins_at_the_actuators(golden):
+    bag = golden('mpcc')
+    one = bag.recordings[feed.WHY]
+    sequence = np.concatenate([one.sequence[:60], one.sequence[60:] - one.sequence[59]])
+    begun = bag._replace(recordings=bag.recordings | {feed.WHY: one._replace(sequence=sequence)})
+    found = feed.ticks(begun)
+    assert [one.number for one in found if one.told.actuators] == [0, 60]
+    assert found[60].told.actuators.stamp_ns == found[60].stamp_ns
+
+
+def test_notes_without_parameters_are_refused(golden):
+    with pytest.raises(BagError, match='does not say the parameters'):
+        again.of_notes({}, {}, 'mpcc')
+
+
+def test_a_parameter_that_the_run_lacks_is_named(golden):
+    run_info = golden('mpcc').run_info
+    noted = json.loads(run_info['parameters'])
+    del noted['controller']['tolerances.lag_m']
+    with pytest.raises(BagError, match=r'tolerances\.lag_m: is missing'):
+        again.params(run_info | {'parameters': json.dumps(noted)}, {}, 'mpcc')
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('plant.friction=0.5', 'only parameters of the controller'),
+        ('controller.tolerances.lag_m', 'must be NODE.parameter=value'),
+    ],
+)
+def test_a_setting_of_another_form_is_refused(text, said):
+    with pytest.raises(BagError, match=said):
+        settings.of_controller([text])
+
+
+@pytest.mark.parametrize('name', ['tolerances.lag', 'tyre.front', 'nothing'])
+def test_a_setting_that_does_not_exist_is_refused(golden, name):
+    with pytest.raises(BagError, match=name):
+        again.of_notes(golden('mpcc').run_info, {name: 1.0}, 'mpcc')

@@ -1,0 +1,97 @@
+"""The report as a file: self-contained, small, escaped, complete."""
+
+import json
+import re
+import time
+
+import numpy as np
+import pytest
+
+from bags.errors import BagError
+from bags.report import claims, curves, film, page, provenance
+
+LIMIT_BYTES = 5_000_000
+
+
+def test_it_fetches_nothing_and_is_small(report):
+    text = report.read_text()
+    assert len(text.encode()) < LIMIT_BYTES
+    assert not re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(?!data:|#)[^"]*"', text)
+    assert not re.findall(r'@import|url\((?!data:)', page.PAGE.joinpath('report.css').read_text())
+
+
+def test_a_page_of_two_runs_is_made_in_seconds(material):
+    start = time.process_time()
+    page.html(material)
+    assert time.process_time() - start < 5.0
+
+
+def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
+    evil = '</script><b onclick="x">&'
+    run = material.runs[0]._replace(name=evil)
+    values = {'scenario': evil, 'runs': {evil: material.values['runs']['mpcc']}}
+    accounts = {evil: material.accounts['mpcc']._replace(info={'mode': evil})}
+    text = page.html(page.Material(values, [run], accounts))
+    assert evil not in text
+    assert text.count('</script>') == page.html(material).count('</script>')
+
+
+def test_every_number_of_the_table_stands_in_the_page(material, report):
+    text = report.read_text()
+    for found in material.values['runs'].values():
+        assert f'{found["min_v2o_m"]:.2f}' in text
+        assert f'{found["peak_lat_acc_mps2"]:.1f}' in text
+    assert 'priority &lt; lag' in text
+    assert 'a &lt;fast&gt; one' in text
+
+
+def test_what_differs_between_the_runs_is_marked(accounts, report):
+    rows = provenance.parameters([one.info for one in accounts.values()])
+    unlike = {role: [row.name for row in found if row.differs] for role, found in rows.items()}
+    assert unlike == {'controller': ['weight_of'], 'plant': []}
+    assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', report.read_text())
+
+
+def test_a_drive_without_notes_has_a_report_all_the_same(material):
+    text = page.html(material._replace(accounts={}, claims=()))
+    assert 'id="manoeuvre"' in text
+    assert 'id="claims"' not in text
+    assert 'data-panel="v2o"' in text
+    # nothing was said of friction use
+    assert 'data-panel="friction"' not in text
+
+
+def test_the_film_is_where_the_drive_was(runs, accounts):
+    t = film.times(runs)
+    assert t[-1] >= runs[0].series.t[-1]
+    run = runs[0]
+    car = film.car(run, t)
+    k = np.searchsorted(run.series.t, t[100])
+    assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
+    assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
+    moving = film.obstacles(run.drive.scene, run.drive.motion.stamp_ns[0], t)
+    assert moving['x'][:, 0] == pytest.approx(60.0)
+    assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * film.FRAME_NS * 1e-9, abs=1e-4)
+    plans = film.plan(run, accounts[run.name])
+    assert plans['x'].shape == (len(accounts[run.name].predictions), 26)
+
+
+def test_panels_carry_their_units(runs, accounts):
+    for panel in curves.PANELS:
+        assert '[' in panel.axis or panel.name == 'friction'
+        for run in runs:
+            for curve in panel.curves(run, accounts[run.name]):
+                assert len(curve.stamp_ns) == len(curve.values), panel.name
+
+
+def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
+    assert claims.beside(tmp_path) is None
+    file = tmp_path / claims.FILE
+    one = {'claim': 'c', 'paper': 9, 'ours': None, 'verdict': 'not', 'cause': 'x', 'interval': [1]}
+    file.write_text(json.dumps([one]))
+    assert claims.beside(tmp_path) == file
+    assert claims.load(file) == [claims.Claim('c', '9', '–', 'not', 'x')]
+    for wrong, said in (('{}', 'must be a list'), ('[{"claim": 1}]', 'lacks paper'), ('[', 'read')):
+        file.write_text(wrong)
+        with pytest.raises(BagError, match=said):
+            claims.load(file)

@@ -1,0 +1,241 @@
+"""A real player over Fast DDS: what a recorder hears is what was recorded."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import termios
+import time
+
+import numpy as np
+import pytest
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+
+from bags import cli
+from bags.player_node import DEPTH, profile
+from bags.storage import read
+from bags.storage.rosbag2_layout import qos_text
+from msgs_yaml import contract, qos
+
+DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))  # of the recorder, see conftest.py
+TIMEOUT_S = 30
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def start_player():
+    """Factory of players that wait for one recorder; ended at the end of the test."""
+    started = []
+
+    def start(bag, stdin=subprocess.DEVNULL, **parameters):
+        given = {'bag': bag, 'delay_s': 0.0, 'recorders': 1, **parameters}
+        words = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
+        terminal = {}
+        if stdin is not subprocess.DEVNULL:
+            terminal = {
+                'start_new_session': True,
+                'preexec_fn': lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            }
+        started.append(
+            subprocess.Popen(
+                [sys.executable, '-m', 'bags.player_node', '--ros-args', *words],
+                env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
+                stdin=stdin,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                **terminal,
+            )
+        )
+        return started[-1]
+
+    yield start
+    for player in started:
+        if player.poll() is None:
+            player.kill()
+            player.wait(TIMEOUT_S)
+
+
+def said_by(player):
+    """Return everything that a player says, once it has ended by itself."""
+    said, _ = player.communicate(timeout=TIMEOUT_S)
+    assert player.returncode == 0, said
+    return said
+
+
+def recordings(folder):
+    return {name: r for name, r in read.load(folder).recordings.items() if r.payloads}
+
+
+def test_round_trip_keeps_every_byte_count_order_and_stamp(
+    tmp_path, bag_folder, start_recorder, start_player
+):
+    recorder = start_recorder(tmp_path / 'again')
+    said = said_by(start_player(bag_folder))
+    assert recorder.end()[0] == 0
+    before, after = recordings(bag_folder), recordings(tmp_path / 'again')
+    assert after.keys() == before.keys()
+    for name, recorded in before.items():
+        assert after[name].payloads == recorded.payloads, name
+        # in lockstep a message is filed under its header stamp
+        assert after[name].log_ns.tolist() == recorded.log_ns.tolist(), name
+    count = sum(len(r.payloads) for r in before.values())
+    assert f'played {count} messages' in said
+
+
+def test_messages_are_sent_when_they_were_recorded(
+    tmp_path, bag_folder, start_recorder, start_player
+):
+    recorder = start_recorder(tmp_path / 'again')
+    said_by(start_player(bag_folder, start_s=0.2, duration_s=0.5, topics='[/vehicle/odometry]'))
+    assert recorder.end()[0] == 0
+    state = recordings(tmp_path / 'again')['/vehicle/odometry']
+    assert len(state.payloads) == 501
+    assert state.payloads == recordings(bag_folder)['/vehicle/odometry'].payloads[200:701]
+    late_ns = state.publish_ns - state.log_ns
+    # the median: single messages wait while the machine does something else
+    assert np.median(late_ns - late_ns.min()) < 2e6
+
+
+def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
+    given = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
+    player = start_player(bag_folder, recorders=0, **given)
+    ends = []
+    for line in player.stdout:
+        if 'played 100 messages' in line:
+            ends.append(time.monotonic())
+        if len(ends) == 6:
+            break
+    player.send_signal(signal.SIGINT)
+    player.communicate(timeout=TIMEOUT_S)
+    assert player.returncode == 0
+    # 0.99 s of the bag each time
+    assert 0.09 < min(np.diff(ends)) < 0.5
+
+
+def test_damaged_bag_plays_up_to_the_damage_and_says_where(
+    tmp_path, bag_folder, start_recorder, start_player
+):
+    whole = (bag_folder / 'mpcc_0.mcap').read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[: len(whole) // 2])
+    with pytest.warns(UserWarning, match='damaged'):
+        readable = read.load(cut)
+    recorder = start_recorder(tmp_path / 'again')
+    said = said_by(start_player(cut, rate=20.0, clock_hz=0.0))
+    assert recorder.end()[0] == 0
+    assert said.count(f'{cut}: damaged at byte ') == 2  # before and after playing
+    after = {name: r.payloads for name, r in recordings(tmp_path / 'again').items()}
+    assert after == {n: r.payloads for n, r in readable.recordings.items() if r.payloads}
+    assert sum(map(len, after.values())) > 100
+
+
+def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recorder):
+    recorder = start_recorder(tmp_path / 'again')
+    leader, follower = os.openpty()
+    keys = {'topics': '[/vehicle/odometry]', 'clock_hz': 0.0, 'paused': 'true', 'step_s': 0.004}
+    player = start_player(bag_folder, follower, **keys)
+
+    def wait_for(words):
+        for line in player.stdout:
+            if words in line:
+                return
+        raise AssertionError(f'the player ended without {words!r}')
+
+    try:
+        wait_for('space: pause and go on')
+        os.write(leader, b's')
+        wait_for('paused at 0.004 s')
+        os.write(leader, b's')
+        wait_for('paused at 0.008 s')
+        time.sleep(0.3)
+        os.write(leader, b'q')
+        wait_for('ended at 0.009 s')
+        assert player.wait(TIMEOUT_S) == 0
+    finally:
+        os.close(leader)
+        os.close(follower)
+    assert recorder.end()[0] == 0
+    again = recordings(tmp_path / 'again')['/vehicle/odometry']
+    assert again.payloads == recordings(bag_folder)['/vehicle/odometry'].payloads[:9]
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'why'),
+    [
+        ({}, 'bag: is not given'),
+        ({'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
+        ({'rate': 0.0}, 'rate: is out of range with 0.0'),
+        ({'speed': 2.0}, 'speed: this node has no such parameter'),
+    ],
+)
+def test_mistakes_are_one_line_that_names_the_parameter(start_player, parameters, why):
+    player = start_player(**{'bag': "''", **parameters})
+    said, _ = player.communicate(timeout=TIMEOUT_S)
+    assert player.returncode != 0
+    assert why in said
+    assert 'Traceback' not in said
+
+
+def test_command_becomes_the_player_with_every_option(monkeypatch):
+    became = []
+    monkeypatch.setattr(os, 'execv', lambda path, words: became.append(words))
+    options = '--rate 2 --start 1 --duration 3 --loop --topics /a /b --clock 0 --paused --step 0.1'
+    cli.main(['play', '1.0', *options.split()])
+    (words,) = became
+    given = [word for word in words if ':=' in word]
+    assert given == [
+        *('bag:="1.0"', 'rate:=2.0', 'start_s:=1.0', 'duration_s:=3.0', 'loop:=true'),
+        *('topics:=["/a", "/b"]', 'clock_hz:=0.0', 'paused:=true', 'step_s:=0.1'),
+    ]
+
+
+def test_command_plays_a_bag(bag_folder):
+    done = subprocess.run(
+        [
+            sys.executable,
+            '-m',
+            'bags.cli',
+            'play',
+            bag_folder,
+            '--rate',
+            '50',
+            '--topics',
+            '/clock',
+        ],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert done.returncode == 0
+    assert 'played 20 messages' in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize('mode', contract.MODES)
+@pytest.mark.parametrize('topic', contract.load().topics)
+def test_publishers_offer_what_was_recorded(topic, mode):
+    wanted = contract.load().topics[topic].qos[mode]
+    deadline_ns = None if wanted.deadline_ms is None else round(wanted.deadline_ms * 1e6)
+    text = qos_text(
+        wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
+    )
+    made, expected = profile(text), qos.profile(wanted)
+    for name in ('history', 'reliability', 'durability', 'deadline'):
+        assert getattr(made, name) == getattr(expected, name)
+    if wanted.history == 'keep_last':
+        assert made.depth == expected.depth
+
+
+def test_qos_of_older_bags_is_understood_and_of_none_is_plain():
+    older = profile('- history: 2\n  depth: 0\n  reliability: 2\n  durability: 1\n')
+    assert older.history == HistoryPolicy.KEEP_ALL
+    assert older.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert older.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    for nothing in ('', '{broken', '[1, x]', 'text'):
+        plain = profile(nothing)
+        assert plain.history == HistoryPolicy.KEEP_LAST
+        assert plain.depth == DEPTH
+        assert plain.reliability == ReliabilityPolicy.RELIABLE
+        assert plain.durability == DurabilityPolicy.VOLATILE

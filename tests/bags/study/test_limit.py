@@ -1,0 +1,52 @@
+"""Bisection finds a known cliff, and stops a probe as soon as it is decided."""
+
+import math
+
+import pytest
+
+from bags.study import limit, samples, variants
+
+VARIANT = variants.Variant('mpcc', 'mpcc')
+
+
+class Cliff:
+    """Drives that clear below a speed, and below another one except for the worst grips."""
+
+    def __init__(self, make_record, kph, jobs=2):
+        self.make_record, self.kph, self.jobs, self.driven = make_record, kph, jobs, 0
+
+    def of(self, cases, what, before, total):
+        self.driven += len(cases)
+        return [self.make_record(completed=case.speed_kph <= self.kph) for case in cases]
+
+
+def draws(runs=20):
+    return samples.draws(runs, speed_kph=0.0)
+
+
+@pytest.mark.parametrize('kph', [50.2, 71.3, 75.0, 109.9])
+def test_the_limit_is_the_cliff_to_the_step(make_record, kph):
+    found = limit.of(Cliff(make_record, kph), VARIANT, draws())
+    assert found.speed_kph == math.floor(kph / limit.STEP_KPH) * limit.STEP_KPH
+
+
+def test_beyond_the_range_the_limit_is_its_end_or_nothing(make_record):
+    assert limit.of(Cliff(make_record, 200.0), VARIANT, draws()).speed_kph == limit.FASTEST_KPH
+    assert limit.of(Cliff(make_record, 40.0), VARIANT, draws()).speed_kph is None
+
+
+def test_a_probe_ends_when_the_share_cannot_be_reached_any_more(make_record):
+    drives = Cliff(make_record, 60.0)
+    assert limit.probe(drives, VARIANT, 70.0, draws(20)) == (70.0, 0, 2, False)
+    assert limit.probe(drives, VARIANT, 50.0, draws(20)) == (50.0, 20, 20, True)
+
+
+@pytest.mark.parametrize(('failures', 'holds'), [(1, True), (2, False)])
+def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
+    class Some(Cliff):
+        def of(self, cases, what, before, total):
+            self.driven += len(cases)
+            return [self.make_record(collided=case.tolerance in worst) for case in cases]
+
+    worst = {draw.tolerance for draw in draws()[-failures:]}
+    assert limit.probe(Some(make_record, 0.0), VARIANT, 70.0, draws()).holds is holds

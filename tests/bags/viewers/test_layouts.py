@@ -1,0 +1,174 @@
+"""Every topic and field that a layout names exists in the messages of a drive made just now."""
+
+import json
+import re
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from bags import closed_loop
+from bags.viewers import encode as viewer_messages
+from bags.viewers import stage
+from msgs_yaml import contract, encode, share
+from msgs_yaml.types import Actuators, Command, Health, Imu, VehicleState, Wheels
+
+FOXGLOVE, PLOTJUGGLER, RVIZ = 'foxglove.json', 'plotjuggler.xml', 'ring.rviz'
+ROWS = {
+    '/vehicle/odometry': VehicleState,
+    '/vehicle/actuators': Actuators,
+    '/vehicle/imu': Imu,
+    '/vehicle/wheels': Wheels,
+    '/controller/command': Command,
+}
+ENCODERS = {
+    '/scenario/reference': encode.reference,
+    '/scenario/road_edges': encode.road_edges,
+    '/scenario/obstacles': encode.obstacles,
+    '/controller/prediction': encode.prediction,
+    '/controller/why': encode.why,
+}
+RVIZ_TYPES = {
+    'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
+    'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
+    'rviz_default_plugins/Odometry': 'nav_msgs/msg/Odometry',
+}
+JOINT_ARRAYS = ('position', 'velocity', 'effort')
+
+
+def text(name):
+    return share.path('bags', 'viewers', name).read_text()
+
+
+@pytest.fixture(scope='module')
+def messages():
+    """Return a message of every topic, of the middle of a drive of the default controller."""
+    setup = closed_loop.setup('double_lane_change', 'mpcc')
+    columns = closed_loop.run(setup.scn, setup.params, setup.vehicle, setup.plant)
+    found = {}
+    for topic, kind in ROWS.items():
+        table = columns[topic]
+        k = len(table.stamp_ns) // 2
+        _, _, *fields = (column[k] for column in table)
+        plain = [tuple(f.tolist()) if f.ndim else float(f) for f in fields]
+        found[topic] = getattr(encode, topic.rsplit('/', 1)[1])(
+            kind(int(table.stamp_ns[k]), *plain)
+        )
+    values = {topic: columns[topic].values[len(columns[topic].values) // 2] for topic in ENCODERS}
+    found |= {topic: ENCODERS[topic](value) for topic, value in values.items()}
+    found['/diagnostics'] = encode.health(Health(1, 'plant', 0, 'ok', {}))
+    return found
+
+
+def resolve(message, path):
+    """Follow a Foxglove path: fields, [index], [:], {key=="value"}; return what it leads to."""
+    found = [message]
+    for name, index, key, value in re.findall(r'\.(\w+)|\[(\d+|:)\]|\{(\w+)==\"([^\"]*)\"\}', path):
+        if name:
+            found = [getattr(one, name) for one in found]
+        elif index == ':':
+            found = [element for one in found for element in one]
+        elif index:
+            found = [one[int(index)] for one in found]
+        else:
+            found = [one for one in found if getattr(one, key) == value]
+    return found
+
+
+def foxglove_paths():
+    for panel, config in json.loads(text(FOXGLOVE))['configById'].items():
+        for path in config.get('paths', ()):
+            yield pytest.param(path['value'], path['label'], id=f'{panel} {path["label"]}')
+
+
+@pytest.mark.parametrize(('path', 'label'), foxglove_paths())
+def test_foxglove_plots_what_a_drive_has(messages, path, label):
+    topic, fields = re.fullmatch(r'(/[\w/]+)(\..*)', path).groups()
+    assert re.fullmatch(r'(\.\w+|\[(\d+|:)\]|\{\w+=="[^"]*"\})+', fields)
+    message = messages[topic]
+    (value,) = resolve(message, fields)
+    assert isinstance(float(value), float)
+    joint = re.fullmatch(r'\.(\w+)\[(\d+)\]', fields)
+    if joint:
+        assert joint[1] in JOINT_ARRAYS
+        assert message.name[int(joint[2])] == label
+        assert f'{joint[1]}[{label}]' in contract.load().topics[topic].fields
+
+
+def test_foxglove_shows_topics_of_the_contract_in_panels_that_exist():
+    layout = json.loads(text(FOXGLOVE))
+    shown = layout['configById']['3D!road']['topics']
+    assert {stage.VEHICLE, stage.SAFETY, stage.PREDICTION} <= set(shown)
+    topics = contract.load().topics
+    assert set(shown) <= set(topics)
+    for config in layout['configById'].values():
+        assert config.get('topicToRender', '/diagnostics') in topics
+
+    def leaves(node):
+        return [node] if isinstance(node, str) else leaves(node['first']) + leaves(node['second'])
+
+    assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
+    frames = {layout['configById']['3D!road'][key] for key in ('fixedFrame', 'followTf')}
+    odometry = topics['/vehicle/odometry']
+    assert frames == {odometry.frame, odometry.child_frame}
+
+
+def series(topic, message):
+    """Return the names of the numbers of a message as PlotJuggler's parser of ROS 2 calls them."""
+    if hasattr(message, 'status'):
+        return {
+            '/'.join((topic, one.hardware_id, one.name, pair.key))
+            for one in message.status
+            for pair in one.values
+        }
+    if hasattr(message, 'name'):
+        return {f'{topic}/{name}/{array}' for name in message.name for array in JOINT_ARRAYS}
+    return set(_numbers(topic, message))
+
+
+def _numbers(prefix, message):
+    if isinstance(message, (int, float)):
+        yield prefix
+    for name in getattr(message, 'get_fields_and_field_types', dict)():
+        yield from _numbers(f'{prefix}/{name}', getattr(message, name))
+
+
+def test_plotjuggler_plots_what_a_drive_has(messages):
+    known = set().union(*(series(topic, message) for topic, message in messages.items()))
+    curves = [one.get('name') for one in ElementTree.fromstring(text(PLOTJUGGLER)).iter('curve')]
+    assert len(curves) > 5
+    assert set(curves) <= known, set(curves) - known
+
+
+def test_rviz_shows_topics_of_the_contract_and_takes_what_is_offered():
+    config = yaml.safe_load(text(RVIZ))['Visualization Manager']
+    topics = contract.load().topics
+    assert config['Global Options']['Fixed Frame'] == topics['/vehicle/odometry'].frame
+    shown = [one for one in config['Displays'] if 'Topic' in one]
+    assert {stage.VEHICLE, stage.SAFETY, stage.PREDICTION} <= {
+        one['Topic']['Value'] for one in shown
+    }
+    for one in shown:
+        topic = topics[one['Topic']['Value']]
+        assert RVIZ_TYPES[one['Class']] == topic.type
+        wanted = SimpleNamespace(
+            reliable=one['Topic']['Reliability Policy'] == 'Reliable',
+            latched=one['Topic']['Durability Policy'] == 'Transient Local',
+        )
+        for qos in topic.qos.values():
+            assert qos.reliability == 'reliable' or not wanted.reliable, topic.name
+            assert (qos.durability == 'transient_local') == wanted.latched, topic.name
+
+
+def test_a_path_that_does_not_exist_is_found_out(messages):
+    with pytest.raises(AttributeError):
+        resolve(messages['/vehicle/odometry'], '.twist.twist.linear.u')
+    assert resolve(messages['/controller/why'], '.status[0].values[:]{key=="no"}.value') == []
+    with pytest.raises(IndexError):
+        resolve(messages['/vehicle/actuators'], '.position[99]')
+    assert '/vehicle/odometry/twist/twist/linear/u' not in series(
+        '/vehicle/odometry', messages['/vehicle/odometry']
+    )
+    picture = viewer_messages.markers(stage.VEHICLE, 1, [])
+    assert resolve(picture, '.markers[0].action') == [3]

@@ -1,0 +1,79 @@
+"""Where a fault takes hold: what is changed about the processes before they start."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from catalogue import HERE, TELEMETRY, Fault
+
+from bags.experiments import experiment, processes
+
+HARMED, SOUND = '/harmed', '/sound'  # put before the names of topics
+HEARS = {  # who is told the harmed messages
+    '/scenario/reference': 'controller',
+    '/scenario/road_edges': 'controller',
+    '/scenario/obstacles': 'controller',
+    '/vehicle/odometry': 'controller',
+    '/controller/command': 'plant',
+    '/clock': 'scenario',
+}
+SPEAKS = {  # whose messages are harmed before anybody hears them
+    '/vehicle/actuators': ('plant',),
+    '/vehicle/imu': ('plant',),
+    '/vehicle/wheels': ('plant',),
+    '/controller/prediction': ('controller',),
+    '/controller/why': ('controller',),
+    '/diagnostics': ('scenario', 'controller', 'plant', 'recorder'),
+}
+FROM_S = 1.5  # after the first command
+FOR_S = 0.5
+FROM_TICK = 30
+PRIORITY = 20  # of SCHED_FIFO; who is not given it runs without
+
+
+def remaps(fault: Fault, role: str) -> list[str]:
+    """Return the ROS arguments that lead a node past the relay."""
+    if fault.does != 'relay':
+        return []
+    heard = [f'{topic}:={HARMED}{topic}' for topic in fault.to if HEARS.get(topic) == role]
+    said = [f'{topic}:={SOUND}{topic}' for topic in fault.to if role in SPEAKS.get(topic, ())]
+    return [part for rule in heard + said for part in ('-r', rule)]
+
+
+def relay(fault: Fault) -> list[str]:
+    """Return the command of the relay; it also tells when the time of other faults has come."""
+    topics = fault.to if fault.does == 'relay' else ()
+    source, target = (SOUND, '') if topics == TELEMETRY else ('', HARMED)
+    command = [sys.executable, str(HERE / 'relay.py'), source, target, *topics]
+    given = {'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S, 'priority': PRIORITY}
+    for name, value in (given | (fault.settings if topics else {})).items():
+        command.append(f'--{name.replace("_", "-")}={value}')
+    return command
+
+
+def command(fault: Fault, node: experiment.Node) -> list[str]:
+    """Return the program of a node."""
+    if fault.does == 'fail_ticks' and node.role == 'controller':
+        return [sys.executable, str(HERE / 'failing_node.py'), str(FROM_TICK), str(fault.to)]
+    return processes.resolve(node.package, node.executable)
+
+
+class MachineClock:
+    """The wall clock of the nodes: a page that they all read, and a library that adds it."""
+
+    def __init__(self, folder: Path):
+        self.page = folder / 'clock'
+        self.page.write_bytes(bytes(8))
+        self.library = folder / 'jumping_clock.so'
+        source = HERE / 'jumping_clock.c'
+        build = ['gcc', '-O2', '-fPIC', '-shared', '-o', str(self.library), str(source)]
+        subprocess.run(build, check=True, timeout=60)
+
+    def environment(self) -> dict[str, str]:
+        """Return what a node must be started with."""
+        return {'LD_PRELOAD': str(self.library), 'JUMPING_CLOCK': str(self.page)}
+
+    def jump(self, seconds: float) -> None:
+        """Set the clock."""
+        with self.page.open('r+b') as page:
+            page.write(round(seconds * 1e9).to_bytes(8, 'little', signed=True))

@@ -1,0 +1,242 @@
+"""One fault on one ring: start the nodes, do the fault in time, stop, keep the bag."""
+
+import contextlib
+import os
+import resource
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import hooks
+import yaml
+from catalogue import ROLES, Fault
+
+from bags import closed_loop
+from bags.experiments import experiment, processes
+from bags.experiments.processes import Process
+
+START_NS = 1_000_000_000  # of simulated time
+LOOK_S = 0.005
+TURN_S = 0.01
+NICE = -15  # of the group of processes that is a session
+START_S = 40.0  # of wall time, until the fault's time has come
+DRIVE_S = 40.0  # of wall time, from then on
+ALONE_S = 1.5  # how long the others are watched when the plant is gone
+SETTLE_S = 0.3
+END_S = 10.0  # to end after SIGINT; the recorder completes its bag
+TIMEOUT_S = 1.0  # without a command, in lockstep
+
+
+class Stalls:
+    """Watches over the machine: a thread that wants to wake up every 10 ms, and when it did not."""
+
+    def __init__(self):
+        self.longest_s = 0.0
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.watch, daemon=True)
+
+    def watch(self):
+        """Note the longest time without a turn."""
+        with contextlib.suppress(PermissionError):
+            # as punctual as the nodes; not for the programs that this one starts
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(threading.get_native_id(), policy, os.sched_param(hooks.PRIORITY))
+        last = time.monotonic()
+        while not self.over.wait(TURN_S):
+            now = time.monotonic()
+            self.longest_s = max(self.longest_s, now - last - TURN_S)
+            last = now
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.over.set()
+        self.thread.join()
+
+
+def prefer(process: Process) -> None:
+    """Let a program load before others get their turn, where user and kernel can."""
+    with contextlib.suppress(OSError):
+        Path('/proc', str(process.popen.pid), 'autogroup').write_text(str(NICE))
+
+
+class Evidence(NamedTuple):
+    """What a fault left behind."""
+
+    folder: Path  # of the logs
+    bag: Path  # of the ring's recorder
+    witness: Path  # the bag to judge by
+    begins_ns: int | None  # the fault; None when its time never came
+    plant: int | None  # exit code of the plant, None when it had to be ended
+    hung: tuple[str, ...]  # what did not come to an end
+    ended: tuple[str, ...]  # nodes that ended by themselves and should not have
+    stall_s: float  # longest time that the machine gave this process no turn
+
+
+class Ring:
+    """The processes of one run, by role."""
+
+    def __init__(self, fault: Fault, folder: Path, domain: int):
+        self.fault, self.folder = fault, folder
+        folder.mkdir(parents=True)
+        scenario = folder / 'road.yaml'
+        scenario.write_text(yaml.safe_dump(fault.scenario))
+        facts = closed_loop.scenario_facts(str(scenario))
+        self.bag = self.witness = folder / 'bag'
+        (folder / 'run_info.json').write_text('{}')
+        given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}
+        self.doubted = fault.does == 'disk_bytes' or fault.to == 'recorder'
+        if self.doubted:  # its bag is no evidence: a second recorder watches
+            self.witness = folder / 'witness'
+            given['recorders'] = 2
+        overrides = {role: dict(given) for role in ROLES}
+        overrides['recorder'].pop('recorders', None)
+        overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
+        controller = experiment.controller('mpcc')
+        notes = folder / 'run_info.json'
+        found = experiment.nodes(facts, controller, fault.mode, self.bag, notes, overrides)
+        self.nodes = {node.role: node for node in found}
+        self.environment = {
+            **os.environ,
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_LOG_DIR': str(folder),
+            'OPENBLAS_NUM_THREADS': '1',
+            'RCUTILS_COLORIZED_OUTPUT': '0',
+        }
+        self.clock = hooks.MachineClock(folder) if fault.does == 'clock_s' else None
+        self.running: dict[str, Process] = {}
+        self.spared: list[Process] = []  # that were killed on purpose
+        self.begins_ns = None
+
+    def start(self):
+        """Start every node, the recorders first."""
+        self.begin('recorder')
+        if self.doubted:
+            node = self.nodes['recorder']
+            given = node.parameters | {'out': str(self.witness)}
+            self.nodes['witness'] = node._replace(role='witness', parameters=given)
+            self.begin('witness')
+        for role in ('scenario', 'controller', 'plant'):
+            self.begin(role)
+        log = self.folder / 'relay.log'
+        relay = processes.start('relay', hooks.relay(self.fault), log, self.environment)
+        self.running['relay'] = relay
+        prefer(relay)
+
+    def begin(self, role):
+        """Start one node; a second time under another log."""
+        node = self.nodes[role]
+        written = self.folder / f'{role}.yaml'
+        experiment.write_parameters(node, written)
+        command = hooks.command(self.fault, node) + experiment.arguments(node, written)
+        command += hooks.remaps(self.fault, role)
+        environment = self.environment
+        if self.clock and role not in ('recorder', 'witness'):
+            environment = environment | self.clock.environment()
+        log = self.folder / f'{role}{len(self.spared) or ""}.log'
+        self.running[role] = processes.start(role, command, log, environment)
+        prefer(self.running[role])
+
+    def wait(self, seconds, until):
+        """Wait until something is so; return whether it came to be."""
+        end = time.monotonic() + seconds
+        while not until():
+            if time.monotonic() > end:
+                return False
+            time.sleep(LOOK_S)
+        return True
+
+    def has_begun(self):
+        """Tell whether the time of the fault has come, and note it."""
+        names = ('controller', 'relay') if self.fault.does == 'fail_ticks' else ('relay',)
+        for name in names:
+            for line in self.running[name].log.read_text(errors='replace').splitlines():
+                if line.startswith('begins '):
+                    self.begins_ns = int(line.split()[1])
+                    return True
+        return False
+
+    def has_ended(self):
+        """Tell whether a node has ended before the time of the fault."""
+        return any(process.code is not None for process in self.running.values())
+
+    def is_over(self):
+        """Tell whether the plant of the run has ended."""
+        return self.running['plant'].code is not None
+
+    def harm(self):
+        """Do what the relay does not do."""
+        fault = self.fault
+        victim = self.running.get(fault.to) if isinstance(fault.to, str) else None
+        if fault.mode == 'realtime' and fault.does not in ('relay', 'fail_ticks'):
+            self.begins_ns = time.time_ns()
+        if fault.does in ('kill', 'restart'):
+            processes.kill(victim)
+            self.spared.append(victim)
+        if fault.does == 'restart':
+            time.sleep(fault.settings['after_s'])
+            self.begin(fault.to)
+        if fault.does == 'freeze':
+            victim.popen.send_signal(signal.SIGSTOP)
+            if 'for_s' in fault.settings:
+                time.sleep(fault.settings['for_s'])
+                victim.popen.send_signal(signal.SIGCONT)
+            else:
+                self.spared.append(victim)
+        if fault.does == 'clock_s':
+            self.clock.jump(fault.to)
+        if fault.does == 'disk_bytes':
+            pid = self.running['recorder'].popen.pid
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, (fault.to, fault.to))
+            self.spared.append(self.running['recorder'])
+        if fault.does == 'at_s':
+            self.begins_ns = START_NS + round(fault.to * 1e9)
+
+    def stop(self):
+        """End every process; return the names of those that had to be killed."""
+        frozen = [p for p in self.spared if p.code is None and self.fault.does == 'freeze']
+        for process in frozen:
+            processes.kill(process)
+        processes.stop(list(self.running.values()), END_S)
+        killed = self.running.values()
+        return [p.name for p in killed if p.code == -signal.SIGKILL and p not in self.spared]
+
+
+def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
+    """Run one fault in a new folder; leaves no process behind, whatever happens."""
+    ring, stalls, hung, ended = Ring(fault, folder, domain), Stalls(), [], []
+    plant_is_victim = fault.does in ('kill', 'freeze') and fault.to == 'plant'
+    try:
+        ring.start()
+        came = ring.wait(START_S, lambda: ring.has_begun() or ring.has_ended())
+        if ring.begins_ns is None and fault.does != 'at_s':
+            hung += [] if came else ['start']
+        else:
+            with stalls:
+                ring.harm()
+                if plant_is_victim and 'for_s' not in fault.settings:
+                    time.sleep(ALONE_S)
+                elif not ring.wait(DRIVE_S, ring.is_over):
+                    hung.append('drive')
+        time.sleep(SETTLE_S)
+        for role, process in ring.running.items():
+            if role != 'plant' and process.code is not None and process not in ring.spared:
+                ended.append(role)
+        code = ring.running['plant'].code
+    finally:
+        hung += ring.stop()
+    return Evidence(
+        folder=folder,
+        bag=ring.bag,
+        witness=ring.witness,
+        begins_ns=ring.begins_ns,
+        plant=code,
+        hung=tuple(hung),
+        ended=tuple(ended),
+        stall_s=stalls.longest_s,
+    )

@@ -1,0 +1,125 @@
+"""Hostile messages: sound ones with something wrong in one or more places."""
+
+import array
+import copy
+import math
+import struct
+from importlib import import_module
+from typing import Any
+
+import yaml
+from hypothesis import strategies as st
+
+from msgs_yaml import contract, ros, share
+
+NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e12, -1.0, 0.5)
+WHOLE = (0, 1, -1, 2, 3, 255, 2**31 - 1, -(2**31), 2**32 - 1, 10**9)
+WIDTHS = {'uint8': 'B', 'int8': 'b', 'uint32': 'I', 'int32': 'i', 'octet': 'B', 'byte': 'B'}
+TEXTS = ('', 'map', 'base_link', 'x' * 300, 'left', 'velocity', 'nan', '\x01', 'ü', 'steer')
+COUNTS = (0, 1, 2, 3, 17, 401, 5001)
+LIES = (0, 1, 2, 255, 65535, 2**31 - 1, 2**32 - 1)  # for what may be a count of elements
+
+
+def example(topic: str) -> Any:
+    """Return the valid message of a topic in msgs_yaml/examples."""
+    name = topic.strip('/').replace('/', '-')
+    text = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text()
+    return _filled(ros.message_type(topic)(), yaml.safe_load(text))
+
+
+def _filled(message, values):
+    for name, value in values.items():
+        declared = message.get_fields_and_field_types()[name]
+        if isinstance(value, dict):
+            _filled(getattr(message, name), value)
+        elif isinstance(value, list) and '/' in declared:
+            package, _, kind = declared.removeprefix('sequence<').removesuffix('>').partition('/')
+            cls = getattr(import_module(f'{package}.msg'), kind)
+            setattr(message, name, [_filled(cls(), element) for element in value])
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def places(message: Any) -> list[tuple[Any, str]]:
+    """Return every (message, field) in a message that holds no single message."""
+    found = []
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, 'get_fields_and_field_types'):
+            found += places(value)
+            continue
+        found.append((message, name))
+        if isinstance(value, list):
+            found += [place for one in value if hasattr(one, 'SLOT_TYPES') for place in places(one)]
+    return found
+
+
+def harm(message: Any, place: int, choice: int) -> None:
+    """Put something wrong into one place; numbers wrap as their type does."""
+    everywhere = places(message)
+    part, name = everywhere[place % len(everywhere)]
+    kind = part.get_fields_and_field_types()[name]
+    setattr(part, name, _wrong(getattr(part, name), kind, choice))
+
+
+def _wrong(value, kind, choice):
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, float):
+        return NUMBERS[choice % len(NUMBERS)]
+    if isinstance(value, int):
+        low = struct.pack('<q', WHOLE[choice % len(WHOLE)])
+        return struct.unpack_from(f'<{WIDTHS[kind]}', low)[0]
+    if isinstance(value, str):
+        return TEXTS[choice % len(TEXTS)]
+    if isinstance(value, bytes):
+        return bytes([choice % 256])
+    if isinstance(value, array.array) and choice % 2 and len(value):
+        harmed = array.array(value.typecode, value)
+        harmed[choice % len(value)] = NUMBERS[choice % len(NUMBERS)]
+        return harmed
+    if hasattr(value, 'dtype'):  # of fixed size
+        harmed = value.copy()
+        harmed[choice % len(harmed)] = NUMBERS[choice % len(NUMBERS)]
+        return harmed
+    count = COUNTS[choice % len(COUNTS)]
+    return (value * (count // max(len(value), 1) + 1))[:count]
+
+
+def bent(raw: bytes, at: int, lie: int, keep: int) -> bytes:
+    """Return serialised bytes with a lie somewhere, cut off after `keep` of them when below."""
+    data = bytearray(raw)
+    place = 4 + at % max(len(data) - 8, 1) // 4 * 4
+    struct.pack_into('<I', data, place, LIES[lie % len(LIES)])
+    return bytes(data[: keep % (2 * len(data)) + 1])
+
+
+def harms() -> st.SearchStrategy:
+    """Return a strategy of what to do to a message: (place, choice) pairs."""
+    number = st.integers(0, 9999)
+    return st.lists(st.tuples(number, number), min_size=1, max_size=4)
+
+
+def messages(topic: str) -> st.SearchStrategy:
+    """Return a strategy of hostile messages of a topic."""
+    sound = example(topic)
+
+    def made(several):
+        message = copy.deepcopy(sound)
+        for place, choice in several:
+            harm(message, place, choice)
+        return message
+
+    return harms().map(made)
+
+
+def raws(topic: str) -> st.SearchStrategy:
+    """Return a strategy of bytes that are nearly a message of a topic, or nothing like it."""
+    sound = ros.serialized(example(topic))
+    number = st.integers(0, 99999)
+    near = st.tuples(number, number, number).map(lambda given: bent(sound, *given))
+    return st.one_of(near, st.binary(max_size=64))
+
+
+TOPICS = sorted(contract.load().topics)

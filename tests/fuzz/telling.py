@@ -1,0 +1,36 @@
+"""Telling a node many hostile messages in a row."""
+
+import hostile
+from hypothesis import strategies as st
+
+from msgs_yaml import ros
+
+BATCH = 20  # of each kind per example
+
+
+def batches(topic):
+    """Return a strategy of several hostile messages, as messages and as bytes."""
+    return st.tuples(
+        st.lists(hostile.messages(topic), min_size=BATCH, max_size=BATCH),
+        st.lists(hostile.raws(topic), min_size=BATCH, max_size=BATCH),
+    )
+
+
+def tell_all(bench, topic, batch, count):
+    """Tell a node every message of a batch; bytes that are no message never reach a typed one."""
+    messages, raws = batch
+    (heard,) = (one for one in bench.ears() if one.topic == topic)
+    for message in messages:
+        heard.callback(ros.serialized(message) if heard.raw else message)
+        count(topic)
+    for raw in raws:
+        if heard.raw:
+            heard.callback(raw)
+            count(topic)
+            continue
+        try:
+            message = ros.message(topic, raw)
+        except ros.DecodeError:
+            continue  # the middleware drops it
+        heard.callback(message)
+        count(topic)

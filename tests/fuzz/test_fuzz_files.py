@@ -1,0 +1,213 @@
+"""No YAML file, no parameter and no bag ends in anything but an error that says what is wrong."""
+
+import struct
+import warnings
+
+import hostile
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bags.errors import BagError, DamagedBagWarning
+from bags.recorder_node import RecorderParams
+from bags.storage import read, repair
+from bags.storage.inbox import Filing, bag_topics
+from bags.storage.rosbag2_writer import BagWriter
+from mpcc_controller.parameters import CarParams, ControllerParams
+from msgs_yaml import contract, overrides, parameters, ros, share
+from msgs_yaml.parameters import ParameterError
+from msgs_yaml.strict_yaml import YamlError
+from scenario_publisher import scenario
+from vehicle_plant.parameters import NodeParams
+
+FUZZ = settings.get_profile('fuzz')
+BATCH = 20
+CONFIGS = {
+    'mpcc.yaml': ('mpcc_controller', ControllerParams),
+    'car.yaml': ('mpcc_controller', CarParams),
+    'bmw_545i.yaml': ('vehicle_plant', NodeParams),
+    'recorder.yaml': ('bags', RecorderParams),
+}
+VALUES = (
+    '', 'nan', '.inf', '-.inf', '-1', '0', '1e999', '1e-400', 'true', 'no', '[]', '{}', '[1, [2]]',
+    '{a: 1}', '"', "'", '&a', '*a', '!!python/object:os.system', '~', '0x10', '12:30', '2026-01-01',
+    '- 1', '? a', '|', '>', '%', '@', '\t', '\x00', 'ü', '9' * 400, '[' * 60, '<<: {}', 'a: b: c',
+)  # fmt: skip
+SETTINGS = (
+    0, 1, -1, 10**30, 0.5, float('nan'), float('inf'), -float('inf'), 1e308, True, False, '',
+    'mpcc', '../../etc/passwd', 'x' * 5000, (), (1.0,), (1, 2, 3), ('a',), (float('nan'),), None,
+    b'ab',
+)  # fmt: skip
+number = st.integers(0, 9999)
+edits = st.lists(st.tuples(number, number, number), min_size=1, max_size=3)
+
+
+def edited(text, several):
+    """Return a text file with some lines changed, lost, doubled or moved."""
+    lines = text.splitlines()
+    for place, how, choice in several:
+        at = place % len(lines)
+        key, colon, _ = lines[at].partition(':')
+        value = VALUES[choice % len(VALUES)]
+        lines[at : at + 1] = (
+            [f'{key}{colon} {value}'],
+            [],
+            [lines[at]] * 2,
+            [' ' * (choice % 5) + lines[at].lstrip()],
+            [lines[at][: choice % (len(lines[at]) + 1)] + value],
+        )[how % 5]
+        lines = lines or ['']
+    return '\n'.join(lines)
+
+
+def complaint(error, use, *given):
+    """Return what the one error says that may come, None when there is none."""
+    try:
+        use(*given)
+    except error as raised:
+        return str(raised)
+    return None
+
+
+def batch(strategy):
+    return st.lists(strategy, min_size=BATCH, max_size=BATCH)
+
+
+@pytest.mark.parametrize('name', scenario.available())
+def test_every_scenario_is_read_or_refused_with_a_reason(name, count):
+    text = scenario.load(name).text
+
+    @FUZZ
+    @given(batch(edits))
+    def tried(several):
+        for one in several:
+            told = complaint(scenario.ScenarioError, scenario.parse, edited(text, one), 'a.yaml')
+            assert told is None or told.startswith('a.yaml')
+            count('scenario')
+
+    tried()
+
+
+@pytest.mark.parametrize('name', CONFIGS)
+def test_every_parameter_file_is_read_or_refused_with_a_reason(name, tmp_path, count):
+    package, cls = CONFIGS[name]
+    text = share.path(package, 'config', name).read_text()
+    path = tmp_path / name
+
+    @FUZZ
+    @given(batch(edits))
+    def tried(several):
+        for one in several:
+            path.write_text(edited(text, one))
+            told = complaint(ParameterError, parameters.load, cls, path)
+            assert told is None or str(path) in told
+            count('parameter file')
+
+    tried()
+
+
+def test_every_contract_is_read_or_refused_with_a_reason(tmp_path, count):
+    text = share.path('msgs_yaml', 'topics.yaml').read_text()
+    path = tmp_path / 'topics.yaml'
+
+    @FUZZ
+    @given(st.lists(edits, min_size=2, max_size=2))
+    def tried(several):
+        for one in several:
+            path.write_text(edited(text, one))
+            told = complaint(YamlError, contract.load, path)
+            assert told is None or str(path) in told
+            count('contract')
+
+    tried()
+
+
+@pytest.mark.parametrize('name', [name for name in CONFIGS if name != 'car.yaml'])
+def test_every_parameter_given_at_start_is_taken_or_refused_with_a_reason(name, count):
+    package, cls = CONFIGS[name]
+    defaults = share.path(package, 'config', name)
+    known = [*parameters.leaves(cls), *overrides.COMMON]
+
+    @FUZZ
+    @given(batch(st.tuples(number, number)))
+    def tried(several):
+        for place, choice in several:
+            chosen = known[place % len(known)]
+            given_one = {chosen: SETTINGS[choice % len(SETTINGS)]}
+            told = complaint(ParameterError, overrides.resolve, cls, defaults, given_one)
+            if told is None:
+                _, declared = overrides.resolve(cls, defaults, given_one)
+                (one,) = (one for one in declared if one.name == chosen)
+                parameters.check(one.leaf, one.value, chosen, str)
+            else:
+                assert chosen in told
+            count('parameter')
+
+    tried()
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Return a folder for bags and the bytes of a sound one."""
+    folder = tmp_path_factory.mktemp('bags')
+    made = record(
+        folder / 'sound', {name: [ros.serialized(hostile.example(name))] * 3 for name in TOPICS}
+    )
+    return folder, made.read_bytes()
+
+
+TOPICS = sorted(contract.load().topics)
+
+
+def record(folder, messages):
+    """Record raw messages as the recorder does; return the file."""
+    topics = bag_topics(contract.load(), 'lockstep')
+    writer = BagWriter(folder, topics, {'run': {}})
+    for index, topic in enumerate(topics):
+        filing = Filing(topic, 'lockstep', lambda *given, at=index: writer.write(at, *given))
+        for sequence, data in enumerate(messages.get(topic.name, [])):
+            filing.put(data, 1, 2, sequence)
+    writer.close()
+    (file,) = folder.glob('*.mcap')
+    return file
+
+
+def test_every_damaged_bag_is_read_mended_or_refused_with_a_reason(bag, count):
+    folder, sound = bag
+    at, lie = st.integers(0, len(sound)), st.integers(0, 2**32 - 1)
+
+    @FUZZ
+    @given(batch(st.tuples(at, lie, st.integers(1, 2 * len(sound)))))
+    def tried(several):
+        for place, word, keep in several:
+            data = bytearray(sound)
+            struct.pack_into('<I', data, min(place, len(data) - 4), word)
+            file = folder / 'damaged_0.mcap'
+            file.write_bytes(data[:keep])
+            look(file)
+            count('bag')
+
+    tried()
+
+
+def look(file):
+    """Read and mend a bag; BagError is the one that may come."""
+    for use in (read.columns, repair.repair, read.columns):
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', DamagedBagWarning)
+            told = complaint(BagError, use, file)
+            assert told is None or told
+    for left in file.parent.glob('damaged_0.mcap*'):
+        left.unlink()
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_what_cannot_be_read_is_recorded_all_the_same(topic, tmp_path, count):
+    @FUZZ
+    @given(batch(hostile.raws(topic)))
+    def tried(raws):
+        used = record(tmp_path / f'bag{len(list(tmp_path.iterdir()))}', {topic: raws})
+        assert read.load(used).recordings[topic].payloads == raws
+        count('recorder', len(raws))
+
+    tried()

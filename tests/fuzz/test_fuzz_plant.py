@@ -1,0 +1,62 @@
+"""No message ends the plant, and no absurd one is followed."""
+
+import nodes
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from telling import batches, tell_all
+
+from msgs_yaml import decode, stamp
+
+pytestmark = pytest.mark.ros
+DOMAIN = 82
+START_NS = 1_000_000_000
+FUZZ = settings.get_profile('fuzz')
+
+
+@pytest.fixture(params=['lockstep', 'realtime'])
+def plant(request):
+    with nodes.running('plant', request.param, DOMAIN) as bench:
+        yield bench
+
+
+def begin(bench):
+    """Start a run of the plant; on the wall clock a command must let it go."""
+    nodes.tell_facts(bench.node, START_NS)
+    bench.node.drive.begin()
+    if bench.mode == 'realtime':
+        bench.node.drive.let_go(decode.command(nodes.command(START_NS)))
+
+
+def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant, count):
+    topic = '/controller/command'
+
+    @FUZZ
+    @given(batches(topic))
+    def told(batch):
+        drive = plant.node.drive
+        if drive.ring is None or drive.ring.outcome:
+            begin(plant)
+        for message in batch[0]:  # that the plant waits for, but for what is wrong with them
+            sec, nanosec = stamp.split(drive.ring.car.stamp_ns)
+            message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        tell_all(plant, topic, batch, count)
+        if plant.mode == 'realtime':
+            drive.on_step()
+        for name in ('odometry', 'actuators', 'imu', 'wheels'):
+            now = drive.ring.car.now
+            value = now.state(0) if name == 'odometry' else getattr(now, name)(0)
+            assert np.all(np.isfinite(np.hstack(value)))
+
+    told()
+
+
+def test_the_plant_outlives_every_path(plant, count):
+    topic = '/scenario/reference'
+
+    @FUZZ
+    @given(batches(topic))
+    def told(batch):
+        tell_all(plant, topic, batch, count)
+
+    told()

@@ -1,0 +1,184 @@
+"""One step where it is enough, the preparation of the next tick, and the time of both solvers."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.solvers.solver import FAILED, ONE_STEP, SOLVED
+from msgs_yaml import conformance, encode
+from msgs_yaml.parameters import ParameterError
+from msgs_yaml.types import Obstacle, Obstacles
+
+TICKS = 40
+
+
+@pytest.fixture(scope='module')
+def controllers(world):
+    """Return a controller per mode; `tell` starts each anew."""
+
+    def make(**settings):
+        params, vehicle = world.load(**{f'solver__{k}': v for k, v in settings.items()})
+        return Controller(params, vehicle)
+
+    return {
+        'converged': make(),
+        'one_step': make(mode='one_step'),
+        'prepared': make(mode='one_step', prepare=True),
+    }
+
+
+def driven(world, controller, ticks=TICKS):
+    """Drive through the lane change with the prediction model as the car, preparing each tick."""
+    world.tell(controller, world.lane_change())
+    seen = world.Spoilt(controller.horizon.solver)
+    answers, step = [], controller.step
+
+    def noted(*state):
+        answered = step(*state)
+        answers.append(
+            (controller.horizon.posed, controller.horizon.ladder.plan, seen.solutions[-1])
+        )
+        controller.prepare()
+        return answered
+
+    controller.horizon.solver, controller.step = seen, noted
+    try:
+        return world.drive(controller, ticks), answers
+    finally:
+        controller.horizon.solver, controller.step = seen.inner, step
+
+
+def cost(controller, answers):
+    """Return the sum of the stage costs of what was driven."""
+    of = controller.horizon.problem.stage_cost
+    return sum(float(of(plan.X[0], plan.U[0], posed.numbers.P[0])) for posed, plan, _ in answers)
+
+
+@pytest.fixture(scope='module')
+def drives(world, controllers):
+    return {name: driven(world, controller) for name, controller in controllers.items()}
+
+
+@pytest.mark.parametrize('mode', ['one_step', 'prepared'])
+def test_one_step_drives_a_lane_change_as_cheaply_as_converged_plans(drives, controllers, mode):
+    (_, converged), (drive, stepped) = drives['converged'], drives[mode]
+    wanted = cost(controllers['converged'], converged)
+    assert cost(controllers[mode], stepped) == pytest.approx(wanted, rel=0.01)
+    assert {why.values['rung'] for why in drive.whys} == {SOLVED}
+    assert not controllers[mode].gate.rejections
+
+
+def iterations(drives, mode):
+    return np.array([why.values['solver.iterations'] for why in drives[mode][0].whys[1:]])
+
+
+def test_most_ticks_need_one_iteration_and_more_of_them_when_prepared(drives):
+    converged, stepped, prepared = (
+        iterations(drives, mode) for mode in ('converged', 'one_step', 'prepared')
+    )
+    assert np.all(converged > 1)
+    assert np.sum(stepped) < 0.75 * np.sum(converged)
+    assert np.mean(prepared == 1) > 0.7
+    assert np.mean(prepared == 1) > np.mean(stepped == 1)
+
+
+def test_one_step_keeps_its_own_limits_and_says_so(drives, controllers):
+    rules = controllers['one_step'].params.solver
+    drive, answers = drives['one_step']
+    kinds = set()
+    for why, (_, _, solution) in zip(drive.whys, answers):
+        kinds.add((solution.status, why.values['reason']))
+        if solution.status == ONE_STEP:
+            assert solution.primal_residual <= rules.one_step_residual
+        told = encode.why(why._replace(stamp_ns=why.stamp_ns + 1))  # the first stamp is 0
+        assert not conformance.check('/controller/why', told)
+    assert kinds == {(SOLVED, 'converged'), (ONE_STEP, 'one_step')}
+
+
+def test_what_is_driven_obeys_the_prediction_model_exactly(drives, controllers):
+    motion, car = (getattr(controllers['one_step'].horizon, name) for name in ('motion', 'car'))
+    for _, plan, _ in drives['one_step'][1]:
+        ahead = motion(plan.X[0], plan.U[0], np.array(car)).full().ravel()
+        assert plan.X[1] == pytest.approx(ahead, abs=1e-6)
+
+
+def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
+    """Its numbers are those around the last plan moved on; only the first guess is another one."""
+    prepared = world.tell(controllers['prepared'], world.lane_change())
+    prepared.step(world.rolling(X=45.0))
+    kept = prepared.horizon.ladder.plan
+    prepared.prepare()
+    assert prepared.horizon.ladder.plan is kept
+    expected = prepared.horizon.expected
+    assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
+    solves = prepared.horizon.solver = world.Spoilt(prepared.horizon.solver)
+    try:
+        *_, why = prepared.step(world.rolling(X=46.0, stamp_ns=50_000_000))
+    finally:
+        prepared.horizon.solver = solves.inner
+    assert np.array_equal(prepared.horizon.posed.start.U[:-1], kept.U[1:])
+    assert np.array_equal(solves.guesses[0].U, expected.U)
+    assert why.values['time.ahead_ms'] > 0
+
+
+def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controllers, world):
+    made = world.tell(controllers['prepared'], world.lane_change())
+    assert made.horizon.prepare(made.scene) is None
+    made.step(world.rolling(X=25.0))
+    made.prepare()
+    assert made.horizon.expected is not None
+    genuine = made.horizon.solver
+    made.horizon.solver = world.Spoilt(genuine, lambda s: s._replace(status=FAILED))
+    made.horizon.second, second = None, made.horizon.second
+    try:
+        made.step(world.rolling(X=26.0, stamp_ns=50_000_000))
+        made.prepare()
+    finally:
+        made.horizon.solver, made.horizon.second = genuine, second
+    assert made.horizon.expected is None
+
+
+def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(changing, world):
+    changing.step(world.rolling(X=25.0))
+    changing.prepare()
+    assert changing.horizon.expected is None
+    assert changing.prepare_s is None
+
+
+def test_a_mode_that_a_solver_has_not_is_refused_with_its_name(world):
+    params, vehicle = world.load(solver__name='fatrop', solver__mode='one_step')
+    with pytest.raises(ParameterError, match=r'solver\.mode: one_step .* allowed with fatrop'):
+        Controller(params, vehicle)
+
+
+def test_the_second_solver_gets_all_the_time_that_the_first_one_left(late, world):
+    """The first one of `late` takes 15 ms of the 10 s that both have."""
+    limits = []
+
+    class Second(world.Spoilt):
+        def limit(self, seconds):
+            limits.append(seconds)
+
+    first = late.horizon.solver
+    first.spoil = lambda solution: solution._replace(status=FAILED)
+    late.horizon.second = Second(first.inner)
+    *_, why = late.step(world.rolling())
+    assert why.values['rung'] == 'second_solver'
+    assert limits == [pytest.approx(10.0 - 0.015)]
+
+
+@pytest.mark.parametrize('v', [20.0, 22.0])
+@pytest.mark.parametrize('ahead', [16.0, 18.0, 20.0, 28.0, 40.0])
+def test_an_obstacle_that_appears_on_the_plan_is_solved_by_the_first_solver(
+    changing, world, v, ahead
+):
+    """Also dead ahead, where the slope of the distance vanishes: 10 of these 60 once did not."""
+    for side in (-0.1, -0.02, 0.0):
+        for radius in (1.0, 1.2):
+            world.tell(changing, world.straight(v=v, left=6.0, right=-2.5))
+            changing.step(world.rolling(v=v, X=12.0))
+            X = 12.0 + v * 0.05
+            surprise = Obstacle(1, X + ahead, side, radius, 0.0, 0.0)
+            changing.set_obstacles(Obstacles(0, (surprise,)))
+            *_, why = changing.step(world.rolling(v=v, X=X, stamp_ns=50_000_000))
+            assert why.values['solver.status'] == SOLVED, (side, radius)

@@ -1,0 +1,113 @@
+"""What too old an input brings about: a reason to brake, and a line of health."""
+
+import pytest
+
+from mpcc_controller.driving import watchdog
+from mpcc_controller.driving.explain import OK, WARN
+from mpcc_controller.driving.health import TOLD, Monitor
+from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE
+from mpcc_controller.parameters import Ages
+from msgs_yaml.ages import ERROR, STALE
+from msgs_yaml.types import Why
+
+MS, S = 1_000_000, 1_000_000_000
+AGES = Ages(state_s=0.1, reference_s=1.0, obstacles_s=0.2)
+INPUTS = (STATE, REFERENCE, EDGES, OBSTACLES)
+
+
+def why(stamp_ns, level=OK):
+    return Why(stamp_ns, level, '', {'rung': 'solved', 'gate.rejections': 3})
+
+
+@pytest.fixture
+def awake():
+    made = watchdog.make('realtime', Monitor('controller'), AGES)
+    for name in INPUTS:
+        assert made.offer(name, S, S) == ''
+    return made
+
+
+def keep(made, now_ns, *but):
+    for name in INPUTS:
+        if name not in but:
+            made.offer(name, now_ns, now_ns)
+
+
+@pytest.mark.parametrize(
+    ('name', 'limit_ns'),
+    [(STATE, 100 * MS), (REFERENCE, S), (EDGES, S), (OBSTACLES, 200 * MS)],
+)
+def test_each_input_has_its_limit_and_its_reason(awake, name, limit_ns):
+    keep(awake, S + limit_ns, name)
+    assert awake.fault(S + limit_ns) == ''
+    keep(awake, S + limit_ns + 1, name)
+    assert awake.fault(S + limit_ns + 1) == f'{name}_stale'
+    assert awake.lost(S + limit_ns + 1) == (name == STATE)
+    assert awake.told(S + limit_ns + 1).startswith(f'{name} is {limit_ns // MS} ms old')
+    keep(awake, S + limit_ns + 2)
+    assert awake.fault(S + limit_ns + 2) == awake.told(S + limit_ns + 2) == ''
+
+
+def test_the_state_comes_first_when_several_are_too_old(awake):
+    assert awake.fault(9 * S) == 'state_stale'
+    assert awake.told(9 * S).count('limit') == len(INPUTS)
+
+
+def test_what_is_turned_down_does_not_make_an_input_younger(awake):
+    assert 'in the past' in awake.offer(OBSTACLES, 0, S + 300 * MS)
+    assert awake.refuse(OBSTACLES, 'it has NaN') == 'it has NaN'
+    keep(awake, S + 300 * MS, OBSTACLES)
+    assert awake.fault(S + 300 * MS) == 'obstacles_stale'
+    health = awake.on_beat(S + 300 * MS, '')
+    assert health.values['age.obstacles_refused'] == 2
+    assert health.values['age.obstacles_reason'] == 'it has NaN'
+
+
+def test_health_is_told_once_per_second_also_without_steps(awake):
+    beats = [awake.on_beat(S + k * 20 * MS, '') for k in range(101)]
+    assert [k for k, health in enumerate(beats) if health] == [0, 50, 100]
+
+
+def test_health_names_what_is_old_and_counts_the_rungs(awake):
+    assert awake.on_step(why(S)) is None
+    keep(awake, S + 150 * MS, OBSTACLES)
+    health = awake.on_beat(S + 150 * MS, '')
+    assert (health.name, health.level) == ('controller', WARN)
+    assert health.message == 'obstacles is 150 ms old, limit 200 ms'
+    assert health.values['rung.solved'] == 1
+    assert health.values['gate.rejections'] == 3
+    assert health.values['age.obstacles_ms'] == 150.0
+    keep(awake, 2 * S + 150 * MS)
+    # the warning is held; the cause is gone, so the steps have the word
+    assert awake.on_beat(2 * S + 150 * MS, '').level == WARN
+    keep(awake, 4 * S)
+    well = awake.on_beat(4 * S, '')
+    assert (well.level, well.message) == (OK, TOLD[OK])
+
+
+def test_a_bad_step_is_remembered_for_two_seconds(awake):
+    awake.on_step(why(S, ERROR))
+    levels = []
+    for second in (1, 2, 3):
+        keep(awake, second * S)
+        levels.append(awake.on_beat(second * S, '').level)
+    assert levels == [ERROR, ERROR, OK]
+
+
+def test_before_the_first_step_health_says_what_is_waited_for():
+    made = watchdog.make('realtime', Monitor('controller'), AGES)
+    assert made.fault(S) == ''
+    assert not made.lost(S)
+    health = made.on_beat(S, 'waiting for path')
+    assert (health.level, health.message) == (STALE, 'waiting for path')
+
+
+def test_in_lockstep_nothing_ages():
+    made = watchdog.make('lockstep', Monitor('controller'), AGES)
+    assert made.offer(STATE, 0, 99 * S) == made.fault(99 * S) == made.told(99 * S) == ''
+    assert not made.lost(99 * S)
+    assert made.refuse(STATE, 'it has NaN') == 'it has NaN'
+    assert made.on_beat(99 * S, '') is None
+    health = made.on_step(why(S))
+    assert (health.stamp_ns, health.level) == (S, OK)
+    assert made.on_step(why(S + 50 * MS)) is None

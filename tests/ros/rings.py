@@ -1,0 +1,75 @@
+"""The nodes of a ring, one process each, for tests that start and end them one by one."""
+
+import os
+import time
+from pathlib import Path
+
+from bags import closed_loop
+from bags.experiments import experiment, processes
+from bags.storage import read, repair
+
+ROLES = ('scenario', 'controller', 'plant', 'recorder')
+LOOK_S = 0.01
+
+
+class Ring:
+    """Nodes of one run on a domain of their own; a context manager that leaves no process."""
+
+    def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
+        """`settings` are parameters by role, dots as double underscores in no name: dicts."""
+        self.folder, self.running = folder, {}
+        self.bag = folder / 'bag'
+        notes = folder / 'run_info.json'
+        notes.write_text('{}')
+        facts = closed_loop.scenario_facts(scenario)
+        mpcc = experiment.controller('mpcc')
+        nodes = experiment.nodes(facts, mpcc, mode, self.bag, notes, settings)
+        self.nodes = {node.role: node for node in nodes}
+        self.prefix: dict[str, list[str]] = {}  # put before the command of a role
+        self.environment = {
+            **os.environ,
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_LOG_DIR': str(folder),
+            'OPENBLAS_NUM_THREADS': '1',
+            'RCUTILS_COLORIZED_OUTPUT': '0',
+        }
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        processes.stop(list(self.running.values()), 10.0)
+
+    def start(self, role: str) -> processes.Process:
+        """Start a node."""
+        node = self.nodes[role]
+        written = self.folder / f'{role}.yaml'
+        experiment.write_parameters(node, written)
+        command = self.prefix.get(role, []) + processes.resolve(node.package, node.executable)
+        log = self.folder / f'{role}.log'
+        self.running[role] = processes.start(
+            role, command + experiment.arguments(node, written), log, self.environment
+        )
+        return self.running[role]
+
+    def wait(self, role: str, seconds: float = 60.0) -> int:
+        """Return the exit code of a node that ends by itself."""
+        return self.running[role].popen.wait(seconds)
+
+    def wait_for(self, role: str, text: str, seconds: float = 60.0) -> None:
+        """Wait until a node has said something."""
+        end = time.monotonic() + seconds
+        while text not in self.said(role):
+            assert time.monotonic() < end, f'{role} never said {text!r}:\n{self.said(role)}'
+            time.sleep(LOOK_S)
+
+    def said(self, role: str) -> str:
+        """Return the log of a node."""
+        return self.running[role].log.read_text(errors='replace')
+
+    def recorded(self) -> read.Bag:
+        """End the recorder, mend its bag where it could not, and read it."""
+        processes.stop([self.running['recorder']], 20.0)
+        repair.repair(self.bag)
+        return read.load(self.bag)

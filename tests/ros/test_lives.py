@@ -1,0 +1,174 @@
+"""Nodes that start in any order, and what is left of them when they end. Real Fast DDS."""
+
+import fcntl
+import itertools
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bags.experiments import processes
+from bags.storage import read
+from msgs_yaml import compiled
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from rings import ROLES, Ring
+
+pytestmark = pytest.mark.ros
+DOMAIN = 75
+END_S = 8.0  # a node may take to end
+GAP_S = 0.3  # between two starts
+# the checks take a seeded few, ALL_ORDERS=1 takes every one
+ORDERS = list(itertools.permutations(ROLES))
+if 'ALL_ORDERS' not in os.environ:
+    ORDERS = random.Random(1).sample(ORDERS, 6)
+SHORT = {'plant': {'stop.x_m': 8.0, 'stop.armed_after_m': 1.0}}  # half a second of driving
+SEGMENTS = Path('/dev/shm')
+
+
+@pytest.mark.parametrize('order', ORDERS, ids='-'.join)
+def test_the_ring_completes_whatever_starts_first(order, tmp_path):
+    with Ring(tmp_path, DOMAIN, **SHORT) as ring:
+        for role in order:
+            ring.start(role)
+            time.sleep(GAP_S)
+        assert ring.wait('plant') == 0, ring.said('plant')
+        columns = read.columns(ring.recorded(), ['/vehicle/odometry', '/controller/command'])
+    stamps = columns['/vehicle/odometry'].stamp_ns
+    assert np.array_equal(np.diff(stamps), np.full(len(stamps) - 1, 1_000_000))
+    answers = columns['/controller/command'].stamp_ns
+    assert answers[0] == stamps[0]
+    assert np.array_equal(np.diff(answers), np.full(len(answers) - 1, 50_000_000))
+
+
+def test_two_rings_on_two_domains_do_not_see_each_other(tmp_path):
+    scenarios = {'straight': DOMAIN, 'split_mu': DOMAIN + 1}
+    runs = [
+        subprocess.Popen(
+            [sys.executable, '-m', 'bags.cli', 'run', name, '--out', tmp_path],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        for name, domain in scenarios.items()
+    ]
+    for run in runs:
+        _, told = run.communicate(timeout=200)
+        assert run.returncode == 0, told.decode()
+    for name in scenarios:
+        bag = read.load(tmp_path / name / 'mpcc')
+        for topic in ('/vehicle/odometry', '/controller/command'):
+            stamps = read.columns(bag, [topic])[topic].stamp_ns
+            assert np.all(np.diff(stamps) > 0), f'{name}: two voices on {topic}'
+        last = read.columns(bag, ['/vehicle/odometry'])['/vehicle/odometry'].x_m[-1]
+        assert last == pytest.approx({'straight': 60.0, 'split_mu': 120.0}[name], abs=2.0)
+
+
+def segments(process):
+    """Return the shared-memory files of DDS that a process made."""
+    maps = Path('/proc', str(process.popen.pid), 'maps').read_text()
+    used = {line.split()[-1] for line in maps.splitlines() if f'{SEGMENTS}/fastrtps_' in line}
+    # ports are shared by all who listen on one: their names end with the number of the port
+    return {path for path in used if 'port' not in path and not path.endswith('_el')}
+
+
+def free(path):
+    """Tell whether nobody holds a lock on a file."""
+    with path.open() as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path):
+    slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': 3600.0}}
+    with Ring(tmp_path, DOMAIN, mode='realtime', **slow) as ring:
+        for role in ROLES:
+            ring.start(role)
+        ring.wait_for('controller', 'started from the actuators')
+        time.sleep(1.0)
+        made = {}
+        for role in ('controller', 'scenario', 'plant', 'recorder'):
+            process = ring.running[role]
+            made[role] = segments(process)
+            process.popen.send_signal(number)
+            code = process.popen.wait(END_S)
+            assert code == (-number if number == signal.SIGKILL else 0), ring.said(role)
+            with pytest.raises(ProcessLookupError):  # nobody is left in its session
+                os.killpg(process.popen.pid, 0)
+        bag = ring.recorded()
+    assert len(bag.recordings['/vehicle/odometry'].payloads) > 500
+    assert all(map(free, compiled.cache_dir().glob('*.lock')))
+    if number != signal.SIGKILL:  # who is killed cannot clear up; who comes later is not harmed
+        left = {role: [f for f in files if Path(f).exists()] for role, files in made.items()}
+        assert not any(left.values()), left
+
+
+HOSTS = ('faults_a', 'faults_b')
+
+
+@pytest.fixture
+def hosts():
+    """Make two network namespaces that a cable joins; needs root."""
+    if os.geteuid():
+        pytest.skip('only root makes network namespaces')
+    ends = [f'{host}_end' for host in HOSTS]
+
+    def ip(*words):
+        return subprocess.run(['ip', *words], capture_output=True, text=True, timeout=20)
+
+    made = [ip('netns', 'add', host) for host in HOSTS]
+    made.append(ip('link', 'add', ends[0], 'type', 'veth', 'peer', 'name', ends[1]))
+    for number, (host, end) in enumerate(zip(HOSTS, ends), start=1):
+        made.append(ip('link', 'set', end, 'netns', host))
+        inside = ('-n', host)
+        made.append(ip(*inside, 'addr', 'add', f'10.99.0.{number}/24', 'dev', end))
+        made.append(ip(*inside, 'link', 'set', 'lo', 'up'))
+        made.append(ip(*inside, 'link', 'set', end, 'up'))
+        made.append(ip(*inside, 'route', 'add', '224.0.0.0/4', 'dev', end))
+    try:
+        refused = [one.stderr for one in made if one.returncode]
+        if refused:
+            pytest.skip(f'this machine makes no network namespaces: {refused[0]}')
+        yield HOSTS
+    finally:
+        for host in HOSTS:
+            ip('netns', 'delete', host)
+
+
+def test_nodes_on_two_hosts_make_one_ring(hosts, tmp_path):
+    there = dict(zip(ROLES, (hosts[0], hosts[0], hosts[1], hosts[1])))
+    with Ring(tmp_path, DOMAIN, **SHORT) as ring:
+        ring.environment |= {
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+            'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',  # memory would be shared beside the cable
+        }
+        for role in ROLES:
+            ring.prefix[role] = ['ip', 'netns', 'exec', there[role]]
+            ring.start(role)
+        assert ring.wait('plant', 100.0) == 0, ring.said('plant')
+        columns = read.columns(ring.recorded(), ['/controller/command'])
+    assert len(columns['/controller/command'].stamp_ns) > 5
+
+
+def test_by_default_nodes_on_two_hosts_do_not_see_each_other(hosts, tmp_path):
+    with Ring(tmp_path, DOMAIN, **SHORT) as ring:
+        ring.prefix = {'scenario': ['ip', 'netns', 'exec', hosts[0]]}
+        ring.prefix |= {'controller': ['ip', 'netns', 'exec', hosts[1]]}
+        del ring.environment['ROS_AUTOMATIC_DISCOVERY_RANGE']
+        ring.environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+        for role in ('scenario', 'controller'):
+            ring.start(role)
+        ring.wait_for('controller', 'ready')
+        time.sleep(3.0)
+        assert 'waiting for path' in processes.last_line(ring.running['controller'].log)

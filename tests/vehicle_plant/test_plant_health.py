@@ -1,0 +1,119 @@
+"""What the plant says of itself: causes by weight, remembered for a while."""
+
+import pytest
+
+from msgs_yaml.ages import ERROR, OK, STALE, WARN
+from msgs_yaml.types import Command
+from vehicle_plant import health
+from vehicle_plant.parameters import StopParams
+from vehicle_plant.ring import Hold, Lockstep, Realtime
+from vehicle_plant.run_end import RunEnd
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator, Start
+
+FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
+S = 1_000_000_000
+
+
+@pytest.fixture
+def ring(params):
+    car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
+    return Realtime(car, RunEnd(FAR, car.now))
+
+
+def coast(stamp_ns, delta=0.0):
+    return Command(stamp_ns, delta, 0.0, 0.0, 0.0)
+
+
+def advance(ring, ticks, commanded=True):
+    for _ in range(ticks):
+        if commanded:
+            ring.command(coast(ring.car.stamp_ns))
+        for _ in range(TICK_NS // STEP_NS):
+            ring.advance_to(ring.car.stamp_ns + STEP_NS)
+    return ring.car.stamp_ns
+
+
+def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(ring):
+    monitor = health.Monitor(ring)
+    assert monitor.health(START_NS).level == OK
+    found = monitor.health(advance(ring, 10))
+    assert (found.name, found.level, found.message) == ('plant', OK, 'running')
+    assert found.values['run_began_ns'] == START_NS
+    assert found.values['age.command_ms'] == 0.0
+    assert found.values['age.command_limit_ms'] == 100.0
+    assert not found.values['controller_gone']
+
+
+def test_a_command_ages_from_the_instant_at_which_it_is_due(ring):
+    ring.command(coast(START_NS))
+    monitor, levels = health.Monitor(ring), []
+    for after_ms in (50, 100, 101, 150, 151):
+        ring.advance_to(START_NS + after_ms * STEP_NS)
+        monitor.health(ring.car.stamp_ns)
+        levels.append(ring.watch.held)
+    assert levels == [OK, OK, WARN, WARN, ERROR]
+    assert ring.gone
+
+
+def test_silence_is_an_error_that_is_remembered_after_commands_came_again(ring):
+    monitor = health.Monitor(ring)
+    advance(ring, 4)
+    gone = monitor.health(advance(ring, 4, commanded=False))
+    assert (gone.level, gone.message) == (ERROR, 'no command comes, braking straight')
+    assert gone.values['age.command_stale'] == 1
+    again = monitor.health(advance(ring, 4))
+    assert (again.level, again.values['controller_gone']) == (ERROR, False)
+    assert monitor.health(advance(ring, 45)).level == OK
+
+
+def test_a_command_that_is_late_is_a_warning(ring):
+    monitor = health.Monitor(ring)
+    advance(ring, 1)
+    advance(ring, 1, commanded=False)
+    assert monitor.health(ring.car.stamp_ns).level == OK
+    ring.advance_to(ring.car.stamp_ns + STEP_NS)
+    late = monitor.health(ring.car.stamp_ns)
+    assert (late.level, late.message) == (WARN, 'commands come late')
+
+
+def test_a_refusal_is_a_warning_for_two_seconds_and_counted_for_ever(ring):
+    monitor = health.Monitor(ring)
+    ring.command(coast(START_NS, delta=9.0))
+    ring.refuse('breaks the contract')
+    now_ns = advance(ring, 4)
+    first = monitor.health(now_ns)
+    assert (first.level, first.message) == (WARN, 'commands refused: breaks the contract')
+    assert first.values['commands_rejected'] == first.values['age.command_refused'] == 2
+    assert monitor.health(advance(ring, 30)).level == WARN
+    last = monitor.health(advance(ring, 15))
+    assert (last.level, last.values['commands_rejected']) == (OK, 2)
+
+
+def test_steps_that_came_late_are_a_warning(ring):
+    monitor = health.Monitor(ring)
+    ring.command(coast(START_NS))
+    ring.advance_to(START_NS + 5 * STEP_NS)
+    found = monitor.health(ring.car.stamp_ns)
+    assert (found.level, found.values['missed_steps']) == (WARN, 4)
+
+
+def test_in_lockstep_there_are_no_ages(params):
+    car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
+    found = health.Monitor(Lockstep(car, RunEnd(FAR, car.now))).health(START_NS)
+    assert found.level == OK
+    assert not any(key.startswith('age.') or key == 'run_began_ns' for key in found.values)
+
+
+def test_before_its_run_the_plant_says_what_it_waits_for():
+    found = health.waiting(START_NS, 'waiting for a command')
+    assert (found.level, found.message) == (STALE, 'waiting for a command')
+
+
+def test_only_an_answer_to_the_start_lets_the_car_go():
+    hold = Hold()
+    hold.sent(START_NS)
+    assert hold.is_answer(coast(START_NS))
+    assert not hold.is_answer(coast(START_NS + 1))
+    for k in range(1, 101):
+        hold.sent(START_NS + k * STEP_NS)
+    assert not hold.is_answer(coast(START_NS)), 'too long ago'
