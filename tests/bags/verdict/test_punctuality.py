@@ -48,7 +48,7 @@ def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=()):
         if not (answered(k) or k in blind):
             continue
         times = {'time.wait_ms': 0.5, 'time.prepare_ms': 1.0, 'time.solve_ms': 4.0}
-        times |= {'heard_ns': sent + 2 * MS}
+        times |= {'time.heard_ns': sent + 2 * MS}
         sending = {'time.publish_ms': 0.25 * (k % 2)}
         command = sent + round(latency_ms(k) * MS)
         commands.append((command, encode.command(Command(answer, 0.0, 0.0, 0.0, 0.0))))

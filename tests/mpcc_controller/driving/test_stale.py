@@ -70,10 +70,10 @@ def test_braking_is_not_what_the_next_solve_is_expected_to_take(late, world):
 def test_how_the_state_came_is_told_where_it_is_known(changing, world):
     arrival = Arrival(heard_ns=77, wait_s=0.002)
     *_, why = changing.step(world.rolling(stamp_ns=TICK), arrival=arrival)
-    assert (why.values['heard_ns'], why.values['time.wait_ms']) == (77, pytest.approx(2.0))
+    assert (why.values['time.heard_ns'], why.values['time.wait_ms']) == (77, pytest.approx(2.0))
     assert not conformance.check('/controller/why', encode.why(why))
     *_, why = changing.step(world.rolling(stamp_ns=2 * TICK))
-    assert 'heard_ns' not in why.values
+    assert 'time.heard_ns' not in why.values
 
 
 def test_a_rehearsal_leaves_nothing_behind_but_the_computing_time(late, world):
