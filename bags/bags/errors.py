@@ -7,3 +7,7 @@ class BagError(Exception):
 
 class DamagedBagWarning(UserWarning):
     """A bag was read up to the place where it is damaged; the message says where that is."""
+
+
+class OlderRunWarning(UserWarning):
+    """A run knows less than today's controller asks for; the message says what was assumed."""

@@ -146,7 +146,8 @@ def _scalar(leaf, value, refuse):
         names = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
         raise refuse(f'must be {names[leaf.kind]}, is {value!r}')
     if isinstance(leaf.rule, Range):
-        if not math.isfinite(value):
+        # a whole number may be too large even to ask
+        if isinstance(value, float) and not math.isfinite(value):
             raise refuse(f'must be finite, is {value!r}')
         if not leaf.rule.low <= value <= leaf.rule.high:
             raise refuse(f'is out of range with {value!r}')

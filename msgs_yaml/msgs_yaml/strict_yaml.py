@@ -1,7 +1,6 @@
 """YAML read strictly: every value knows its file, line and key, so that errors can name them."""
 
 import difflib
-import math
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -71,26 +70,38 @@ class Item(NamedTuple):
 
     def value(self) -> Any:
         """Return the plain Python value, mappings as dicts and lists as lists."""
+        try:
+            return self._value()
+        except RecursionError:  # an alias of what it stands in, or brackets without end
+            raise self.error('is nested too deeply') from None
+
+    def _value(self):
         if isinstance(self.node, yaml.MappingNode):
-            return {name: item.value() for name, item in self.items().items()}
+            return {name: item._value() for name, item in self.items().items()}
         if isinstance(self.node, yaml.SequenceNode):
-            return [item.value() for item in self.elements()]
+            return [item._value() for item in self.elements()]
         if self.node.style is None and _EXPONENT.fullmatch(self.node.value):
             return float(self.node.value)
         loader = yaml.SafeLoader('')
         try:
             return loader.construct_object(self.node)
-        except ValueError as error:
-            raise self.error(str(error)) from None
+        except yaml.MarkedYAMLError as error:  # a tag of Python's, or of nobody's
+            raise self.error(error.problem) from None
+        except (ValueError, LookupError, AttributeError) as error:
+            # what PyYAML raises for a tag that does not fit its value
+            raise self.error(f'{self.node.value!r} is no {self.node.tag}: {error}') from None
         finally:
             loader.dispose()
 
     def number(self) -> float:
         """Return a number; infinity is one, NaN is not."""
         value = self.value()
-        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
             raise self.error(f'must be a number, is {value!r}')
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise self.error('is too large for a number') from None
 
     def whole(self, low: int) -> int:
         """Return a whole number that is not below `low`."""

@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import soak
-from conftest import BENCH
+
+BENCH = Path(__file__).parents[2] / 'bench'
 
 LOOK = soak.Look(100.0, 20, 15, 4)
 

@@ -21,7 +21,7 @@ from scenario_publisher import scenario
 from vehicle_plant.parameters import NodeParams
 
 FUZZ = settings.get_profile('fuzz')
-BATCH = 20
+BATCH = 4
 CONFIGS = {
     'mpcc.yaml': ('mpcc_controller', ControllerParams),
     'car.yaml': ('mpcc_controller', CarParams),

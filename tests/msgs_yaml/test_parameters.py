@@ -169,3 +169,23 @@ class OddType:
 def test_a_field_without_a_proper_range_is_a_programming_error(cls):
     with pytest.raises(TypeError, match='is no parameter'):
         parameters.leaves(cls)
+
+
+@pytest.mark.parametrize(
+    'value',
+    [
+        '!!python/object:os.system',
+        '!nobody x',
+        '!!bool maybe',
+        '!!int ""',
+        '!!timestamp soon',
+        '2026-13-01',
+        '9' * 400,
+        '&a [*a]',
+    ],
+)
+def test_what_yaml_cannot_make_a_value_of_is_refused_with_its_line(tmp_path, value):
+    path = tmp_path / 'car.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    stiffness: {value}\n    driven: true\n')
+    with pytest.raises(ParameterError, match=r'car\.yaml:3: .*stiffness: '):
+        parameters.load(Axle, path)

@@ -98,7 +98,7 @@ def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path):
         ring.wait_for('controller', 'started from the actuators')
         time.sleep(1.0)
         made = {}
-        for role in ('controller', 'scenario', 'plant', 'recorder'):
+        for role in ('plant', 'controller', 'scenario', 'recorder'):
             process = ring.running[role]
             made[role] = segments(process)
             process.popen.send_signal(number)

@@ -1,19 +1,21 @@
 """Today's controller, made from the notes of a run and told what the recorded one was told."""
 
 import json
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
-from bags.errors import BagError
+from bags.errors import BagError, OlderRunWarning
 from bags.replay import feed
 from bags.replay.feed import Told
 from mpcc_controller.driving import controller
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import overrides, parameters, ring
+from msgs_yaml import overrides, parameters, ring, share
 from msgs_yaml.types import Command, Prediction, Why
 
 ROLE = 'controller'
+FORMULATION, DEFAULT = 'formulation.name', 'mpcc'  # and the file of its defaults
 
 
 class Again:
@@ -62,7 +64,11 @@ def of_notes(run_info: Mapping[str, str], settings: Mapping[str, Any], name: str
 def params(
     run_info: Mapping[str, str], settings: Mapping[str, Any], name: str
 ) -> tuple[ControllerParams, CarParams]:
-    """Return the parameters of a recorded controller, changed by `settings`; see `of_notes`."""
+    """Return the parameters of a recorded controller, changed by `settings`; see `of_notes`.
+
+    A parameter that did not exist yet when the run was made takes today's default, with an
+    OlderRunWarning that names it.
+    """
     try:
         noted = json.loads(run_info['parameters'])[ROLE]
     except (KeyError, ValueError):
@@ -75,6 +81,7 @@ def params(
         return '--set' if key in settings else f'{name}: parameters of the controller'
 
     given = {key: value for key, value in noted.items() if key not in overrides.COMMON} | settings
+    given = _defaults(noted, name) | given
     classes = (ControllerParams, CarParams)
     known = [parameters.leaves(cls) for cls in classes]
     try:
@@ -88,3 +95,19 @@ def params(
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
     return tuple(made)
+
+
+def _defaults(noted, name):
+    """Return what the notes of an older run do not say, as it is set today."""
+    path = share.path('mpcc_controller', 'config', f'{noted.get(FORMULATION, DEFAULT)}.yaml')
+    today = parameters.read_file(path)[0]
+    unsaid = {key: value for key, value in today.items() if key not in noted}
+    if unsaid:
+        told = ', '.join(f'{key} = {value}' for key, value in unsaid.items())
+        warnings.warn(
+            f'{name}: the run does not say all parameters of its controller, which is newer; '
+            f'assumed: {told}',
+            OlderRunWarning,
+            stacklevel=2,
+        )
+    return unsaid

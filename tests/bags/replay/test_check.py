@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bags.closed_loop import again
-from bags.errors import BagError
+from bags.errors import BagError, OlderRunWarning
 from bags.replay import check, feed, fields, settings
 from bags.replay.topic import Topic
 from msgs_yaml.types import Command, Prediction, Why
@@ -142,11 +142,21 @@ def test_notes_without_parameters_are_refused(golden):
         again.of_notes({}, {}, 'mpcc')
 
 
-def test_a_parameter_that_the_run_lacks_is_named(golden):
+def test_a_parameter_that_an_older_run_lacks_is_named_and_takes_its_default(golden):
     run_info = golden('mpcc').run_info
     noted = json.loads(run_info['parameters'])
     del noted['controller']['tolerances.lag_m']
-    with pytest.raises(BagError, match=r'tolerances\.lag_m: is missing'):
+    older = run_info | {'parameters': json.dumps(noted)}
+    with pytest.warns(OlderRunWarning, match=r'assumed: tolerances\.lag_m = 0\.5$'):
+        made, _ = again.params(older, {}, 'mpcc')
+    assert made == again.params(run_info, {}, 'mpcc')[0]
+
+
+def test_a_parameter_of_the_car_that_the_run_lacks_is_an_error(golden):
+    run_info = golden('mpcc').run_info
+    noted = json.loads(run_info['parameters'])
+    del noted['controller']['tyre.front_friction']
+    with pytest.raises(BagError, match=r'tyre\.front_friction: is missing'):
         again.params(run_info | {'parameters': json.dumps(noted)}, {}, 'mpcc')
 
 

@@ -1,0 +1,88 @@
+"""Every parameter of every node is described, and a change at run time is refused with a reason."""
+
+import sys
+from itertools import cycle
+from pathlib import Path
+
+import pytest
+import rclpy
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from rings import ROLES, Ring
+
+pytestmark = pytest.mark.ros
+DOMAIN = 77
+OF_ROS = ('use_sim_time', 'start_type_description_service')
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope='module')
+def asked(tmp_path_factory):
+    """Return ask(role, service type, request) of a running ring."""
+    context = Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = rclpy.create_node('asking', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def ask(role, service, request):
+        name = (
+            f'/{role}/'
+            + {
+                ListParameters: 'list_parameters',
+                DescribeParameters: 'describe_parameters',
+                GetParameters: 'get_parameters',
+                SetParameters: 'set_parameters',
+            }[service]
+        )
+        client = node.create_client(service, name)
+        assert client.wait_for_service(PATIENCE_S), name
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
+        node.destroy_client(client)
+        return future.result()
+
+    slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': 3600.0}}
+    with Ring(tmp_path_factory.mktemp('ring'), DOMAIN, mode='realtime', **slow) as ring:
+        for role in ROLES:
+            ring.start(role)
+        ring.wait_for('controller', 'ready')
+        yield ask
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def names(ask, role):
+    listed = ask(role, ListParameters, ListParameters.Request()).result.names
+    return [n for n in listed if n not in OF_ROS and not n.startswith('qos_overrides')]
+
+
+@pytest.mark.parametrize('role', ROLES)
+def test_every_parameter_says_what_it_is_and_what_it_may_be(asked, role):
+    found = names(asked, role)
+    assert {'mode', 'recorders'} <= set(found)
+    told = asked(role, DescribeParameters, DescribeParameters.Request(names=found))
+    for one in told.descriptors:
+        assert one.description, one.name
+        assert one.read_only, one.name
+
+
+@pytest.mark.parametrize('role', ROLES)
+def test_a_change_at_run_time_is_refused_with_a_reason_and_the_old_value_stays(asked, role):
+    found = names(asked, role)
+    before = asked(role, GetParameters, GetParameters.Request(names=found)).values
+    request = SetParameters.Request()
+    for name, value in zip(found, cycle((1.5, -1, 'other', True, [1.0], float('nan')))):
+        request.parameters.append(Parameter(name, value=value).to_parameter_msg())
+    results = asked(role, SetParameters, request).results
+    assert len(results) == len(request.parameters)
+    for one, result in zip(request.parameters, results):
+        assert not result.successful, one.name
+        assert 'read-only' in result.reason, (one.name, result.reason)
+    after = asked(role, GetParameters, GetParameters.Request(names=found)).values
+    assert repr(after) == repr(before)
