@@ -30,8 +30,8 @@ def write(
 ) -> Result:
     """Write the history of the search in `folder` there, its controllers into `controllers`.
 
-    These are <controller>_tuned.yaml. Each of `also` gets the tuned tolerances too, but keeps its own priorities. Raises
-    BagError when no set of weights was safe.
+    These are <controller>_tuned.yaml. Each of `also` gets the tuned tolerances too, but keeps its
+    own priorities. Raises BagError when no set of weights was safe.
     """
     summary = summarise(plan, trials, search.commit(folder))
     folder.mkdir(parents=True, exist_ok=True)
