@@ -28,12 +28,12 @@ class Result(NamedTuple):
 def write(
     plan: Plan, trials: Sequence[Trial], folder: Path, controllers: Path, also: Sequence[str]
 ) -> Result:
-    """Write the history of a search into `folder` and `<controller>_tuned.yaml` to `controllers`.
+    """Write the history of the search in `folder` there, its controllers into `controllers`.
 
-    Each controller of `also` gets the tuned tolerances too, but keeps its own priorities. Raises
-    BagError when no set of weights was safe.
+    These are <controller>_tuned.yaml. Each of `also` gets the tuned tolerances too, but keeps its
+    own priorities. Raises BagError when no set of weights was safe.
     """
-    summary = summarise(plan, trials)
+    summary = summarise(plan, trials, search.commit(folder))
     folder.mkdir(parents=True, exist_ok=True)
     _history(search.as_rows(trials), folder / HISTORY)
     (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + '\n')
@@ -50,8 +50,11 @@ def write(
     return Result(summary, files, figures)
 
 
-def summarise(plan: Plan, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Return what a search came to, ready for JSON; the first trial is the untuned one."""
+def summarise(plan: Plan, trials: Sequence[Trial], commit: str) -> dict[str, Any]:
+    """Return what a search came to, ready for JSON; the first trial is the untuned one.
+
+    `commit` is that with which it was begun.
+    """
     versions = {**notes.versions(), 'optuna': metadata.version('optuna')}
     return {
         'controller': plan.controller,
@@ -63,7 +66,7 @@ def summarise(plan: Plan, trials: Sequence[Trial]) -> dict[str, Any]:
         'after_stage_1': _told(search.best([t for t in trials if t.stage == 1])),
         'best': _told(search.best(trials)),
         'versions': {name: versions[name] for name in LIBRARIES},
-        'git_commit': notes.commit(),
+        'git_commit': commit,
     }
 
 

@@ -23,11 +23,12 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from bags.errors import BagError
+from bags.experiments import notes
 from bags.tuning import objective, space, tuned_file, workers
 from bags.tuning.objective import Condition, Score
 
 JOURNAL = 'trials.journal'
-PLAN, SCORES = 'plan', 'scores'
+PLAN, SCORES, COMMIT = 'plan', 'scores', 'git_commit'
 
 
 class Plan(NamedTuple):
@@ -90,6 +91,12 @@ def run(
     return found
 
 
+def commit(folder: Path) -> str:
+    """Return the commit with which the search in a folder was begun, '' outside of a repository."""
+    with _journal(folder) as storage:
+        return optuna.load_study(study_name=_name(1), storage=storage).user_attrs[COMMIT]
+
+
 def best(trials: Sequence[Trial]) -> Trial:
     """Return the safe trial of least cost; without one that which violates least."""
 
@@ -115,18 +122,23 @@ def _journal(folder: Path) -> Iterator[BaseStorage]:
 
 def _study(storage, plan, stage, spans):
     study = optuna.create_study(
-        storage=storage, study_name=f'stage {stage}', direction='minimize', load_if_exists=True
+        storage=storage, study_name=_name(stage), direction='minimize', load_if_exists=True
     )
     # as JSON reads it back; a search may go on for longer, its first trials stay the same
     wanted = json.loads(json.dumps({**plan._replace(trials=None)._asdict(), 'spans': spans}))
     if PLAN not in study.user_attrs:
         study.set_user_attr(PLAN, wanted)
+        study.set_user_attr(COMMIT, notes.commit())
     if study.user_attrs[PLAN] != wanted:
         raise BagError(
             f'{plan.controller}: the search that lies here was made with other settings or weights '
             'than those asked for; move it away or name another folder'
         )
     return study
+
+
+def _name(stage):
+    return f'stage {stage}'
 
 
 def _stage(study, plan, stage, spans, pool, on_drive) -> Iterator[Trial]:

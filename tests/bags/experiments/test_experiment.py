@@ -126,7 +126,7 @@ def test_a_controller_file_with_few_keys_is_noted_with_the_defaults_of_the_node(
         (['--set', 'plant.tyre_set=nosuch.yaml'], 'nosuch.yaml'),
         (['--set', 'plant.plant_params=1'], 'config/1'),
         (['--set', 'controller.car_file=nosuch.yaml'], 'nosuch.yaml'),
-        (['--controller', 'car'], 'there are frenet, mpcc'),
+        (['--controller', 'car'], 'there are frenet, frenet_tuned, mpcc'),
         (['--controller', 'broken.yaml'], 'broken.yaml'),
         (['--out', '/dev/null'], '/dev/null'),
     ],

@@ -70,12 +70,12 @@ def test_a_safe_trial_is_better_than_a_cheap_one(whole):
 
 
 def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
-    _, trials = whole
-    found = result.write(PLAN, trials, tmp_path, tmp_path, ['mpcc_no_ca'])
+    folder, trials = whole
+    found = result.write(PLAN, trials, folder, tmp_path, ['mpcc_no_ca'])
     assert [path.name for path in found.files] == ['mpcc_tuned.yaml', 'mpcc_no_ca_tuned.yaml']
     assert found.summary['best']['cost'] <= found.summary['untuned']['cost']
     tuned, sibling = (path.read_text() for path in found.files)
     assert 'bags tune mpcc --seed 3 --trials 3 2 --tracking 0.3' in tuned
     assert 'obstacle: 0.0 ' in sibling
-    assert len((tmp_path / result.HISTORY).read_text().splitlines()) == 1 + len(trials)
+    assert len((folder / result.HISTORY).read_text().splitlines()) == 1 + len(trials)
     assert all(path.stat().st_size > 10_000 for path in found.figures)
