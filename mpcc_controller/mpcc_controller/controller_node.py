@@ -192,20 +192,19 @@ class ControllerNode(Node):
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
-        self.send(
-            *self.controller.step(x, self.trigger.age_s(now_ns), fault=fault, arrival=arrival)
-        )
+        self.send(self.controller.answer(x, self.trigger.age_s(now_ns), fault, arrival))
 
     def step_blindly(self, now_ns):
         """Brake under a stamp of this node: no state comes."""
-        self.send(*self.controller.step(unknown_state(now_ns), fault=STATE_STALE))
+        self.send(self.controller.answer(unknown_state(now_ns), fault=STATE_STALE))
         self.trigger.on_lost(now_ns)
 
-    def send(self, command, prediction, why):
-        """Publish an answer and what there is to say about it."""
+    def send(self, command):
+        """Publish an answer, and only then work out what there is to say about it."""
         self.answer = encode.command(command)
         self.command_pub.publish(self.answer)
         self.controller.published()
+        prediction, why = self.controller.explained()
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))

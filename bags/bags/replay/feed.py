@@ -34,6 +34,7 @@ ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 # what the controller calls these, see docs/safety.md
 TIME_LIMIT = 'time limit'
+TOO_OLD, STATE_STALE = '_stale', 'state_stale'
 BY_AGE = ('too_old', 'from_future')
 ANSWERS = (COMMAND, PREDICTION)
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
@@ -48,6 +49,7 @@ class Told(NamedTuple):
     obstacles: Obstacles | None
     actuators: Actuators | None  # where it (re)started; else not asked for
     acts_ns: int  # when its command took hold
+    fault: str  # what its watchdog had found too old, '' for nothing
 
 
 class Tick(NamedTuple):
@@ -90,13 +92,15 @@ def _tick(topics, look, why, begun, place):
     command, plan = (
         topics[name].find(why.stamp_ns) if name in topics else None for name in ANSWERS
     )
+    fault = _fault(why)
     told = Told(
-        state=look.state(topics[STATE]),
+        state=look.state(topics[STATE]) if fault != STATE_STALE else None,
         reference=look.latched(topics[REFERENCE]),
         edges=look.latched(topics[EDGES]),
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
         acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
+        fault=fault,
     )
     return Tick(
         number=number,
@@ -108,6 +112,11 @@ def _tick(topics, look, why, begun, place):
         prediction=plan,
         gaps=(*look.gaps, *gaps(why, command)),
     )
+
+
+def _fault(why):
+    reason = why.values['reason']
+    return reason if reason.endswith(TOO_OLD) else ''
 
 
 def gaps(why: Why, command: Command | None) -> Iterator[str]:
