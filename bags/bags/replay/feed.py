@@ -34,7 +34,7 @@ ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 # what the controller calls these, see docs/safety.md
 TIME_LIMIT = 'time limit'
-TOO_OLD, STATE_STALE = '_stale', 'state_stale'
+TOO_OLD, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 BY_AGE = ('too_old', 'from_future')
 ANSWERS = (COMMAND, PREDICTION)
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
@@ -79,6 +79,8 @@ def ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     for row, why in islice(_unrepeated(reports), most):
         look = _Stamps(why.stamp_ns) if lockstep else _Sent(why.stamp_ns, _began_ns(reports, row))
         begun = last is None or reports.begins_anew(last, row)
+        # who has braked blindly takes its set-points from the actuators
+        begun = begun or (_is_blind(found[-1].why) and not _is_blind(why))
         if not begun and topics[COMMAND].any_between(reports.stamp_ns[last], why.stamp_ns):
             look.gaps.append(f'a tick without a message of {WHY}')
         zero_ns = found[0].stamp_ns if found else why.stamp_ns
@@ -92,15 +94,14 @@ def _tick(topics, look, why, begun, place):
     command, plan = (
         topics[name].find(why.stamp_ns) if name in topics else None for name in ANSWERS
     )
-    fault = _fault(why)
     told = Told(
-        state=look.state(topics[STATE]) if fault != STATE_STALE else None,
+        state=None if _is_blind(why) else look.state(topics[STATE]),
         reference=look.latched(topics[REFERENCE]),
         edges=look.latched(topics[EDGES]),
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
         acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
-        fault=fault,
+        fault=_fault(why),
     )
     return Tick(
         number=number,
@@ -117,6 +118,11 @@ def _tick(topics, look, why, begun, place):
 def _fault(why):
     reason = why.values['reason']
     return reason if reason.endswith(TOO_OLD) else ''
+
+
+def _is_blind(why):
+    """Tell whether a tick answers no state: it says nothing of how one came."""
+    return why.values['reason'] == STATE_STALE and HEARD not in why.values
 
 
 def gaps(why: Why, command: Command | None) -> Iterator[str]:
