@@ -31,6 +31,7 @@ RADIUS_M = 80.0
 TURN_M = math.pi / 2 * RADIUS_M  # a quarter of a circle, then one to the other side
 OBSTACLES_M = (100.0, 250.0)
 START_S, MARGIN_M = 60.0, 60.0
+MOST_S = 600.0  # that a scenario may take
 SCENARIO = """
 schema: 1
 name: winding
@@ -81,7 +82,7 @@ def scenario(ticks: int) -> str:
         obstacles_m=OBSTACLES_M,
         speed_mps=SPEED_MPS,
         stop_m=stop_m,
-        time_s=2 * ticks * TICK_S,
+        time_s=min(2 * ticks * TICK_S, MOST_S),
     )
 
 

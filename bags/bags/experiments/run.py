@@ -17,7 +17,7 @@ from bags.experiments.processes import Process, ProcessError
 from bags.experiments.progress import Progress
 
 LOOK_S = {'lockstep': 0.0, 'realtime': 1.0}  # least between two looks at the growing bag
-STAND_BACK = 5  # niceness, realtime: of the nodes that need no core of their own
+STAND_BACK = {'recorder': 5}  # niceness, realtime: messages wait for it without harm
 RECORDER_S = 30.0  # to write what is still under way, and to complete the bag
 SETTLE_S = 0.3
 # what ROS puts before a message: [INFO] [1700000000.123456789] [plant]:
@@ -116,15 +116,8 @@ def _start(node: Node, workshop, environment, cores):
     command = processes.resolve(node.package, node.executable)
     command += experiment.arguments(node, written)
     log = workshop.logs / f'{node.executable}.log'
-    on_the_clock = node.role in cores or not cores
-    return processes.start(
-        node.executable,
-        command,
-        log,
-        environment,
-        cores.get(node.role),
-        0 if on_the_clock else STAND_BACK,
-    )
+    nice = STAND_BACK.get(node.role, 0) if cores else 0
+    return processes.start(node.executable, command, log, environment, cores.get(node.role), nice)
 
 
 def _watch(running, time_limit_s, interrupt, progress, follower):
