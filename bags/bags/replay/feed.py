@@ -101,7 +101,7 @@ def _tick(topics, look, why, begun, place):
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
         acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
-        fault=_fault(why),
+        fault=fault(why),
     )
     return Tick(
         number=number,
@@ -115,7 +115,8 @@ def _tick(topics, look, why, begun, place):
     )
 
 
-def _fault(why):
+def fault(why: Why) -> str:
+    """Return the reason for which an input was too old to plan with, '' when none was."""
     reason = why.values['reason']
     return reason if reason.endswith(TOO_OLD) else ''
 
