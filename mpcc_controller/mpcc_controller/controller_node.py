@@ -14,11 +14,13 @@ from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, STATE_STALE
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import contract, decode, encode, realtime, repeats, ros, share, stamp
+from msgs_yaml.newest_node import Newest
 from msgs_yaml.wall import Spoken, Wall
 
 NAME = 'controller'
 LOOK_S = 0.02  # of wall time, between two looks at who is listening and at what is too old
 THROTTLE_S = 1.0
+ACTUATORS = '/vehicle/actuators'
 TOPICS = {
     REFERENCE: '/scenario/reference',
     EDGES: '/scenario/road_edges',
@@ -58,7 +60,7 @@ class ControllerNode(Node):
         ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
         ros.subscribe(self, '/scenario/road_edges', self.on_edges)
         ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
-        ros.subscribe(self, '/vehicle/actuators', self.on_actuators, raw=True)
+        self.actuators_inbox = Newest(self, ACTUATORS)
         self.state_sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.on_look, clock=steady)
@@ -116,15 +118,17 @@ class ControllerNode(Node):
         told = f'{topic} turned down: {fault}'
         self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
 
-    def on_actuators(self, raw):
-        """Keep where the actuators are, for a (re)start."""
+    def look_for_actuators(self):
+        """Take where the actuators are, for a (re)start."""
+        raw = self.actuators_inbox.take()
+        if raw is None:
+            return
         try:
             stamp_ns = decode.stamp_ns_of(raw)
         except decode.DecodeError:
             return  # the next one will do
         self.actuators = raw
         self.trigger.on_actuators(stamp_ns)
-        self.advance()
 
     def on_odometry(self, raw):
         """Keep the state if it is one to answer."""
@@ -143,6 +147,8 @@ class ControllerNode(Node):
 
     def advance(self):
         """Answer the state if everything that the answer needs is there."""
+        if self.trigger.wants_actuators:
+            self.look_for_actuators()
         if self.controller.missing() or self.unheard():
             return
         due = self.trigger.due()
@@ -163,9 +169,9 @@ class ControllerNode(Node):
     def restart(self):
         """Take the set-points from where the actuators are; return whether they were told."""
         try:
-            actuators = decode.actuators(ros.message('/vehicle/actuators', self.actuators))
+            actuators = decode.actuators(ros.message(ACTUATORS, self.actuators))
         except decode.DecodeError as error:
-            self.turn_down('/vehicle/actuators', f'{error}; waiting for valid ones to start from')
+            self.turn_down(ACTUATORS, f'{error}; waiting for valid ones to start from')
             self.actuators = None
             self.trigger.on_lost(decode.stamp_ns_of(self.state))
             return False
@@ -192,20 +198,19 @@ class ControllerNode(Node):
         now_ns = self.wall.now_ns()
         arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
         fault = self.watchdog.fault(now_ns)
-        self.send(
-            *self.controller.step(x, self.trigger.age_s(now_ns), fault=fault, arrival=arrival)
-        )
+        self.send(self.controller.answer(x, self.trigger.age_s(now_ns), fault, arrival))
 
     def step_blindly(self, now_ns):
         """Brake under a stamp of this node: no state comes."""
-        self.send(*self.controller.step(unknown_state(now_ns), fault=STATE_STALE))
+        self.send(self.controller.answer(unknown_state(now_ns), fault=STATE_STALE))
         self.trigger.on_lost(now_ns)
 
-    def send(self, command, prediction, why):
-        """Publish an answer and what there is to say about it."""
+    def send(self, command):
+        """Publish an answer, and only then work out what there is to say about it."""
         self.answer = encode.command(command)
         self.command_pub.publish(self.answer)
         self.controller.published()
+        prediction, why = self.controller.explained()
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
@@ -246,6 +251,8 @@ class ControllerNode(Node):
             self.advance()
         elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns) and self.has_vehicle():
             self.step_blindly(now_ns)
+        elif self.trigger.wants_actuators:  # they may come after the state
+            self.advance()
         self.say_stale(now_ns)
 
     def has_vehicle(self):
@@ -260,6 +267,11 @@ class ControllerNode(Node):
                 self.get_logger().error(f'braking: {self.watchdog.told(now_ns)}')
             else:
                 self.get_logger().info('every input is back')
+
+    def destroy_node(self):
+        """Leave the graph."""
+        self.actuators_inbox.destroy()
+        super().destroy_node()
 
 
 def run(config: str) -> int:

@@ -19,6 +19,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -77,15 +78,15 @@ def _descriptor(one):
 
 def publisher(node: Node, topic: str) -> Publisher:
     """Return a publisher with type and QoS of the contract; it takes messages."""
-    return node.create_publisher(message_type(topic), topic, _profile(node, topic))
+    return node.create_publisher(message_type(topic), topic, profile(node, topic))
 
 
 def subscribe(
     node: Node, topic: str, callback: Callable[[Any], None], raw: bool = False
 ) -> Subscription:
     """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
-    profile = _profile(node, topic)
-    return node.create_subscription(message_type(topic), topic, callback, profile, raw=raw)
+    kind, wanted = message_type(topic), profile(node, topic)
+    return node.create_subscription(kind, topic, callback, wanted, raw=raw)
 
 
 def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
@@ -259,5 +260,6 @@ def _flush(node):
         pub.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
-def _profile(node, topic):
+def profile(node: Node, topic: str) -> QoSProfile:
+    """Return the QoS of a topic of the contract, in the mode of a node."""
     return qos.profile(contract.load().topics[topic].qos[mode(node)])

@@ -35,7 +35,7 @@ class Again:
             self.controller.reset(told.actuators)
         self._tell(told)
         state = told.state if told.state is not None else controller.unknown_state(stamp_ns)
-        command, plan, why = self.controller.step(state, acts_ns=told.acts_ns)
+        command, plan, why = self.controller.step(state, fault=told.fault, acts_ns=told.acts_ns)
         return command, ring.prediction(plan), why
 
     def follow(self, command: Command) -> None:

@@ -3,6 +3,7 @@
 Costs a look at each new chunk, about twice a second, and takes no part in the ROS graph.
 """
 
+import time
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -35,8 +36,12 @@ class Sight(NamedTuple):
 class Follower:
     """Reads what has been added to a growing bag at each `look`."""
 
-    def __init__(self, folder: Path, reference: np.ndarray):
-        """`folder` is that of the bag, `reference` (n, 2) [m] the coarse path."""
+    def __init__(self, folder: Path, reference: np.ndarray, rest_s: float = 0.0):
+        """`folder` is that of the bag, `reference` (n, 2) [m] the coarse path.
+
+        For `rest_s` of wall time after a look the next one sees nothing, and costs nothing.
+        """
+        self.rest_s, self._next_s = rest_s, time.monotonic()
         self.folder = folder
         self.reference = reference
         self._positions = {}  # in each file of the bag
@@ -46,8 +51,14 @@ class Follower:
 
     def look(self) -> Sight | None:
         """Return where the car was last, None when nothing new is there."""
+        if time.monotonic() < self._next_s:
+            return None
+        self._next_s = time.monotonic() + self.rest_s
+        chunks = list(self._new_chunks())
+        if self._begin_ns is not None:
+            chunks = chunks[-1:]  # the others say nothing about now
         state = None
-        for chunk in self._new_chunks():
+        for chunk in chunks:
             state = self._last_state(chunk) or state
         if state is None:
             return None

@@ -53,8 +53,11 @@ def start(
     log: Path,
     environment: Mapping[str, str],
     cores: set[int] | None = None,
+    nice: int = 0,
 ) -> Process:
     """Start a program; its output goes to `log`, unbuffered, `cores` are the only ones it may use.
+
+    `nice` is how far it stands back behind others (0 to 19).
 
     It runs in a session of its own: Ctrl-C in the terminal reaches this program only, which then
     stops the others in order. Should this program be killed, the kernel interrupts them.
@@ -66,6 +69,7 @@ def start(
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
         if cores:
             os.sched_setaffinity(0, cores)
+        os.nice(nice)
         if os.getppid() != parent:  # killed before that
             os.kill(os.getpid(), signal.SIGKILL)
 

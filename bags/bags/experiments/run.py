@@ -16,6 +16,8 @@ from bags.experiments.interrupt import Interrupt
 from bags.experiments.processes import Process, ProcessError
 from bags.experiments.progress import Progress
 
+LOOK_S = {'lockstep': 0.0, 'realtime': 1.0}  # least between two looks at the growing bag
+STAND_BACK = {'recorder': 5}  # niceness, realtime: messages wait for it without harm
 RECORDER_S = 30.0  # to write what is still under way, and to complete the bag
 SETTLE_S = 0.3
 # what ROS puts before a message: [INFO] [1700000000.123456789] [plant]:
@@ -71,7 +73,7 @@ def one(
         _note(ring, facts, chosen, settings, workshop)
         if settings.markers:
             ring.insert(0, experiment.markers(ring))
-        follower = Follower(workshop.bag, facts.path)
+        follower = Follower(workshop.bag, facts.path, LOOK_S[settings.mode])
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
     except ProcessError as error:
         logs = workshop.set_aside()
@@ -93,7 +95,7 @@ def _drive(ring, settings, workshop, interrupt, progress, follower):
     running: dict[str, Process] = {}
     try:
         for node in ring:
-            running[node.role] = _start(node, workshop, environment, cores.get(node.role))
+            running[node.role] = _start(node, workshop, environment, cores)
         code = _watch(running, settings.time_limit_s, interrupt, progress, follower)
         # the state at the end is answered, too: so the same run always records the same messages
         time.sleep(SETTLE_S)
@@ -114,7 +116,8 @@ def _start(node: Node, workshop, environment, cores):
     command = processes.resolve(node.package, node.executable)
     command += experiment.arguments(node, written)
     log = workshop.logs / f'{node.executable}.log'
-    return processes.start(node.executable, command, log, environment, cores)
+    nice = STAND_BACK.get(node.role, 0) if cores else 0
+    return processes.start(node.executable, command, log, environment, cores.get(node.role), nice)
 
 
 def _watch(running, time_limit_s, interrupt, progress, follower):

@@ -34,6 +34,7 @@ ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 # what the controller calls these, see docs/safety.md
 TIME_LIMIT = 'time limit'
+TOO_OLD, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 BY_AGE = ('too_old', 'from_future')
 ANSWERS = (COMMAND, PREDICTION)
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
@@ -48,6 +49,7 @@ class Told(NamedTuple):
     obstacles: Obstacles | None
     actuators: Actuators | None  # where it (re)started; else not asked for
     acts_ns: int  # when its command took hold
+    fault: str  # what its watchdog had found too old, '' for nothing
 
 
 class Tick(NamedTuple):
@@ -77,6 +79,8 @@ def ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     for row, why in islice(_unrepeated(reports), most):
         look = _Stamps(why.stamp_ns) if lockstep else _Sent(why.stamp_ns, _began_ns(reports, row))
         begun = last is None or reports.begins_anew(last, row)
+        # who has braked blindly takes its set-points from the actuators
+        begun = begun or (_is_blind(found[-1].why) and not _is_blind(why))
         if not begun and topics[COMMAND].any_between(reports.stamp_ns[last], why.stamp_ns):
             look.gaps.append(f'a tick without a message of {WHY}')
         zero_ns = found[0].stamp_ns if found else why.stamp_ns
@@ -91,12 +95,13 @@ def _tick(topics, look, why, begun, place):
         topics[name].find(why.stamp_ns) if name in topics else None for name in ANSWERS
     )
     told = Told(
-        state=look.state(topics[STATE]),
+        state=None if _is_blind(why) else look.state(topics[STATE]),
         reference=look.latched(topics[REFERENCE]),
         edges=look.latched(topics[EDGES]),
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
         acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
+        fault=fault(why),
     )
     return Tick(
         number=number,
@@ -108,6 +113,17 @@ def _tick(topics, look, why, begun, place):
         prediction=plan,
         gaps=(*look.gaps, *gaps(why, command)),
     )
+
+
+def fault(why: Why) -> str:
+    """Return the reason for which an input was too old to plan with, '' when none was."""
+    reason = why.values['reason']
+    return reason if reason.endswith(TOO_OLD) else ''
+
+
+def _is_blind(why):
+    """Tell whether a tick answers no state: it says nothing of how one came."""
+    return why.values['reason'] == STATE_STALE and HEARD not in why.values
 
 
 def gaps(why: Why, command: Command | None) -> Iterator[str]:

@@ -107,15 +107,20 @@ class Controller:
         self.told = commanded.held(*commanded.end(command, self.car))
         self.too_slow = False
 
-    def step(
+    def step(self, x: VehicleState, *how, **named) -> tuple[Command, Prediction, Why]:
+        """Return what `answer` returns of these arguments, and what `explained` says of it."""
+        command = self.answer(x, *how, **named)
+        return command, *self.explained()
+
+    def answer(
         self,
         x: VehicleState,
         age_s: float = 0.0,
         fault: str = '',
         arrival: Arrival | None = None,
         acts_ns: int | None = None,
-    ) -> tuple[Command, Prediction, Why]:
-        """Return the command that answers a state, the plan, and why.
+    ) -> Command:
+        """Return the command that answers a state; `explained` says why once it is sent.
 
         `age_s` is the age of the state when the step begins (0 in lockstep). With a `fault` of the
         watchdog no plan is made: the car brakes, for `state_stale` blindly. `arrival` says how the
@@ -127,10 +132,11 @@ class Controller:
         acts_ns = self._acts_ns(x, age_s) if acts_ns is None else acts_ns
         acts_on, now = self.ahead(x, self.told, acts_ns), self.told.end
         scene = stages.at_instant(self.scene, acts_ns)
-        decision, said = self._decide(acts_on, now, scene, fault)
+        decision, tell = self._decide(acts_on, now, scene, fault)
+        said = {}
         if decision.plan is None:
             command, line = self._braking(acts_on, now, scene, x.stamp_ns)
-            said |= {'guide': line}
+            said['guide'] = line
         else:
             goal = target.of_plan(decision.plan, self.car, params.limits)
             command = target.command(goal, now, self.car, step_s, x.stamp_ns)
@@ -141,18 +147,21 @@ class Controller:
             if decision.plan is not None and checked.reason not in UNTIMELY:
                 decision = self.horizon.ladder.brake(TURNED_BACK)
                 braking_command, line = self._braking(acts_on, now, scene, x.stamp_ns)
-                said |= {'guide': line}
+                said['guide'] = line
                 checked = self.gate.again(braking_command, self.last, checked_s, checked)
         self.last = checked.command
         due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
         self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
         said |= explain.commanded(self.last, self.car, self.gate.rejections)
-        said |= self._times(x.stamp_ns, acts_ns) | explain.arrived(arrival)
-        why = explain.tick(x.stamp_ns, decision, checked.reason, said)
+        lead_s = stamp.seconds(acts_ns - x.stamp_ns)
+        said |= explain.times(lead_s, self.publish_s, self.prepare_s) | explain.arrived(arrival)
+        why = partial(explain.tick, x.stamp_ns, decision, checked.reason)
+        planned = partial(explain.prediction, acts_on, decision.plan, step_s)
+        self.explained = lambda: (planned(), why(tell() | said))
         self.ended = self.clock()
         if not fault:  # braking takes no time: nothing to expect of the next solve
             self.delay.took(self.ended - began)
-        return self.last, explain.prediction(acts_on, decision.plan, step_s), why
+        return self.last
 
     def rehearse(self, x: VehicleState, times: int) -> Iterator[tuple[Command, Prediction, Why]]:
         """Take steps for nobody from a state that stays; then forget all but what they took.
@@ -199,15 +208,15 @@ class Controller:
     def _decide(self, x, now, scene, fault) -> Outcome:
         reason = self._obstruction(x, fault)
         if reason == NOT_FINITE:
-            return Outcome(self.horizon.without_state(reason), {})
+            return Outcome(self.horizon.without_state(reason), dict)
         if reason == STATE_STALE or self.missing():
-            return Outcome(self.horizon.ladder.brake(reason), {})
+            return Outcome(self.horizon.ladder.brake(reason), dict)
         x0 = self.horizon.initial_state(x, now, scene)
         if not reason and x0.theta > scene.path.length:
             reason = 'path_ended'  # nobody said where to go from here
         plan = self.horizon.solve if not reason else partial(self.horizon.brake, reason)
-        decision, said = plan(x0, scene)
-        return Outcome(decision, explain.measured(x0) | said)
+        decision, tell = plan(x0, scene)
+        return Outcome(decision, lambda: explain.measured(x0) | tell())
 
     def _obstruction(self, x, fault) -> str:
         """Return why no plan can be made at all, or ''."""
@@ -233,14 +242,6 @@ class Controller:
         if scene.path is not None and np.all(np.isfinite(x)):
             theta = self.horizon.foot(x, scene)
         return guide.aim(x, self.horizon.ladder.guide, scene.path, theta, self.params.braking)
-
-    def _times(self, stamp_ns, acts_ns) -> dict:
-        said = {'time.lead_ms': 1e3 * stamp.seconds(acts_ns - stamp_ns)}
-        if self.publish_s is not None:  # of the tick before: this one is not sent yet
-            said['time.publish_ms'] = 1e3 * self.publish_s
-        if self.prepare_s is not None:
-            said['time.ahead_ms'] = 1e3 * self.prepare_s
-        return said
 
 
 def unknown_state(stamp_ns: int) -> VehicleState:

@@ -36,6 +36,12 @@ def arrived(arrival: Arrival | None) -> dict:
     return {'time.heard_ns': arrival.heard_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
 
 
+def times(lead_s: float, publish_s: float | None, ahead_s: float | None) -> dict:
+    """Return how late the command acts, what sending the one before took, and preparing this."""
+    known = {'lead': lead_s, 'publish': publish_s, 'ahead': ahead_s}
+    return {f'time.{name}_ms': 1e3 * took for name, took in known.items() if took is not None}
+
+
 def tick(stamp_ns: int, decision: Decision, gate: str, values: dict) -> Why:
     """Return the `Why` of a tick; `gate` is the reason for which the gate intervened, or ''.
 

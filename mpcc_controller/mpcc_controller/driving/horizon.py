@@ -1,6 +1,7 @@
 """From a state to a plan: projection, first guess, numbers, bounds, solvers, ladder. SI units."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ class Outcome(NamedTuple):
     """What came of one attempt."""
 
     decision: Decision
-    said: dict  # values for `Why`
+    tell: Callable[[], dict]  # values for `Why`, worked out when asked for: the command goes first
 
 
 class Posed(NamedTuple):
@@ -103,7 +104,7 @@ class Horizon:
     def solve(self, x0: State, scene: Scene) -> Outcome:
         """Return the rung for this tick, and what there is to say about it."""
         began = self.clock()
-        params, model = self.params, self.params.model
+        model = self.params.model
         moved_on = self._moved_on(x0)
         warm = self.ladder.is_warm
         start = moved_on
@@ -115,14 +116,17 @@ class Horizon:
         prepared = self.clock()
         first, second = self.attempt(posed)
         decision = self.ladder.decide(first, second, moved_on)
-        numbers = posed.numbers
         said = explain.solved(first, second, prepared - began, warm)
         said |= {'plan.age': self.ladder.age, 'plan.failures': self.ladder.failures}
-        said |= explain.surroundings(x0, scene, numbers.obstacles, params)
-        if decision.plan is not None:
-            view = self.insight.of(self.formulation.enter(decision.plan, scene.path), numbers.P)
-            said |= explain.planned(view, numbers, decision.plan.U)
-        return Outcome(decision, said)
+        return Outcome(decision, partial(self._told, said, posed, decision.plan))
+
+    def _told(self, said: dict, posed: Posed, plan: Plan | None) -> dict:
+        numbers, path = posed.numbers, posed.scene.path
+        told = explain.surroundings(posed.x0, posed.scene, numbers.obstacles, self.params)
+        if plan is not None:
+            view = self.insight.of(self.formulation.enter(plan, path), numbers.P)
+            told |= explain.planned(view, numbers, plan.U)
+        return said | told
 
     def prepare(self, scene: Scene) -> Solution | None:
         """Solve the problem that is expected at the next tick, and keep its plan to start there.
@@ -175,10 +179,13 @@ class Horizon:
 
     def brake(self, reason: str, x0: State, scene: Scene) -> Outcome:
         """Return the last rung without solving, and the distances there are to tell."""
-        here = State(*(np.array([value]) for value in x0))
-        near = stages.most_dangerous(self.params, scene.obstacles, here, np.zeros(1))
-        said = explain.surroundings(x0, scene, near, self.params)
-        return Outcome(self.ladder.brake(reason), said)
+
+        def tell():
+            here = State(*(np.array([value]) for value in x0))
+            near = stages.most_dangerous(self.params, scene.obstacles, here, np.zeros(1))
+            return explain.surroundings(x0, scene, near, self.params)
+
+        return Outcome(self.ladder.brake(reason), tell)
 
     def without_state(self, reason: str) -> Decision:
         """Return the rung for a tick whose state is not known: the plan goes on as planned."""

@@ -38,6 +38,11 @@ class Lockstep:
         """Take the stamp of the obstacles."""
         self.obstacles = stamp_ns
 
+    @property
+    def wants_actuators(self) -> bool:
+        """Tell whether the state kept last is the first one: it needs those of its instant."""
+        return self.state is not None and (self.answered is None or self.state < self.answered)
+
     def on_actuators(self, stamp_ns: int) -> None:
         """Take the stamp of the actuators."""
         self.actuators = stamp_ns
@@ -46,7 +51,7 @@ class Lockstep:
         """Return what to do with the state kept last; call it once per message."""
         if self.state is None or self.obstacles != self.state:
             return NOTHING
-        begun = self.answered is None or self.state < self.answered
+        begun = self.wants_actuators
         if begun and self.actuators != self.state:
             return NOTHING
         repeat = self.state == self.answered
@@ -84,13 +89,18 @@ class Realtime:
     def on_obstacles(self, stamp_ns: int) -> None:
         """Obstacles do not decide anything here."""
 
+    @property
+    def wants_actuators(self) -> bool:
+        """Tell whether the next step is the first one."""
+        return not self.begun
+
     def on_actuators(self, stamp_ns: int) -> None:
         """Take the stamp of the actuators."""
         self.actuators = stamp_ns
 
     def due(self) -> Due:
         """Return what to do with the state kept last; call it once per message."""
-        if self.state is None or self.actuators is None:
+        if self.state is None or self._lacks_actuators():
             return NOTHING
         begun, self.begun = self.begun, True
         self.answered, self.state = self.state, None
@@ -108,6 +118,12 @@ class Realtime:
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""
         return seconds(now_ns - self.answered)
+
+    def _lacks_actuators(self):
+        """Tell whether those that a first step starts from are missing, or of another time."""
+        if self.begun:
+            return False
+        return self.actuators is None or abs(self.state - self.actuators) > self.step_ns
 
     def _tick(self, stamp_ns):
         return stamp_ns // self.step_ns

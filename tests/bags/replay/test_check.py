@@ -137,6 +137,53 @@ def test_a_controller_that_was_started_again_begins_at_the_actuators(golden):
     assert found[60].told.actuators.stamp_ns == found[60].stamp_ns
 
 
+def told_late(bag, reasons):
+    """Return the ticks of a bag whose controller had found an input too old at some of them.
+
+    What it then answered is asked of a controller that is told so.
+    """
+    recorded, ticks = again.of_notes(bag.run_info, {}, 'mpcc'), feed.ticks(bag, 40)
+    for k, tick in enumerate(ticks):
+        command, plan, why = recorded.answer(
+            tick.told._replace(fault=reasons.get(k, '')), tick.stamp_ns
+        )
+        recorded.follow(command)
+        ticks[k] = tick._replace(command=command, prediction=plan, why=why)
+    return ticks
+
+
+def test_a_tick_that_braked_because_of_an_old_input_is_repeated(golden):
+    bag = golden('mpcc')
+    ticks = told_late(bag, dict.fromkeys((20, 21), 'obstacles_stale'))
+    assert [one.why.values['rung'] for one in ticks[19:23]] == [
+        'solved',
+        *['braking'] * 2,
+        'solved',
+    ]
+    faults = [one.told._replace(fault=feed.fault(one.why)) for one in ticks]
+    ticks = [one._replace(told=told) for one, told in zip(ticks, faults)]
+    assert [one.told.fault for one in ticks[19:23]] == ['', *['obstacles_stale'] * 2, '']
+    compared = check.of(ticks, again.of_notes(bag.run_info, {}, 'mpcc'))
+    assert not any(one.differing for one in compared)
+
+
+def test_after_braking_blindly_a_controller_begins_at_the_actuators(golden, monkeypatch):
+    bag = golden('mpcc')
+    legible = Topic.legible
+
+    def blind(topic, row):
+        found = legible(topic, row)
+        if topic.topic.name == feed.WHY and row in (20, 21):
+            return found._replace(values={'reason': 'state_stale', 'rung': 'braking'})
+        return found
+
+    monkeypatch.setattr(Topic, 'legible', blind)
+    told = [one.told for one in feed.ticks(timed_by(bag, 'realtime'), 40)]
+    assert [k for k, one in enumerate(told) if one.state is None] == [20, 21]
+    assert [k for k, one in enumerate(told) if one.fault] == [20, 21]
+    assert [k for k, one in enumerate(told) if one.actuators] == [0, 22]
+
+
 def test_notes_without_parameters_are_refused(golden):
     with pytest.raises(BagError, match='does not say the parameters'):
         again.of_notes({}, {}, 'mpcc')
