@@ -126,9 +126,12 @@ def health(msg: Any) -> Health:
 
 
 def clock(msg: Any) -> int:
-    """Return the time of /clock in nanoseconds."""
+    """Return the time of /clock in nanoseconds; 0, which says that there is no time, is refused."""
     check('/clock', msg)
-    return stamp.to_ns(msg.clock)
+    now_ns = stamp.to_ns(msg.clock)
+    if not now_ns:
+        raise DecodeError('/clock: clock (t) is 0 s: no time yet; allowed above 0 s')
+    return now_ns
 
 
 def stamp_ns_of(raw: bytes) -> int:

@@ -17,6 +17,7 @@ HEARS = {  # who is told the harmed messages
     '/controller/command': 'plant',
     '/clock': 'scenario',
 }
+MISLED = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles')
 SPEAKS = {  # whose messages are harmed before anybody hears them
     '/vehicle/actuators': ('plant',),
     '/vehicle/imu': ('plant',),
@@ -25,6 +26,7 @@ SPEAKS = {  # whose messages are harmed before anybody hears them
     '/controller/why': ('controller',),
     '/diagnostics': ('scenario', 'controller', 'plant', 'recorder'),
 }
+UNRECORDED = '/unrecorded'  # put before what a misled scenario says
 FROM_S = 1.5  # after the first command
 FOR_S = 0.5
 FROM_TICK = 30
@@ -32,12 +34,18 @@ PRIORITY = 20  # of SCHED_FIFO; who is not given it runs without
 
 
 def remaps(fault: Fault, role: str) -> list[str]:
-    """Return the ROS arguments that lead a node past the relay."""
+    """Return the ROS arguments that lead a node past the relay.
+
+    A scenario whose /clock is harmed stamps what it says by it. A recorder ends where time falls
+    back (docs/bags.md), so it is not told: its bag is the evidence.
+    """
     if fault.does != 'relay':
         return []
     heard = [f'{topic}:={HARMED}{topic}' for topic in fault.to if HEARS.get(topic) == role]
     said = [f'{topic}:={SOUND}{topic}' for topic in fault.to if role in SPEAKS.get(topic, ())]
-    return [part for rule in heard + said for part in ('-r', rule)]
+    misled = MISLED if '/clock' in fault.to and role != 'recorder' else ()
+    kept = [f'{topic}:={UNRECORDED}{topic}' for topic in misled]
+    return [part for rule in heard + said + kept for part in ('-r', rule)]
 
 
 def relay(fault: Fault) -> list[str]:

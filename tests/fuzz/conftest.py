@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 sys.path.insert(0, str(Path(__file__).parent))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -16,6 +16,7 @@ settings.register_profile(
     deadline=None,
     derandomize='FUZZ_EXAMPLES' not in os.environ,
     database=None,
+    phases=(Phase.generate,),  # a failure is told at once: to shrink batches takes minutes
     suppress_health_check=list(HealthCheck),
 )
 COUNTED = {}

@@ -260,3 +260,9 @@ def test_two_statuses_are_refused():
     message = encode.why(Why(S, 0, 'fine', {}))
     message.status.append(DiagnosticStatus())
     refused(decode.why, message, 'status is 2 long; allowed 1 to 1 elements')
+
+
+def test_a_clock_that_says_that_there_is_no_time_is_refused():
+    with pytest.raises(DecodeError, match='above 0 s'):
+        decode.clock(encode.clock(0))
+    assert decode.clock(encode.clock(1)) == 1
