@@ -23,9 +23,9 @@ class Map(NamedTuple):
 
 
 MAPS = (
-    Map('cleared', 'cleared, share of runs', '{:.2f}', 0.0, 1.0, 'RdYlGn'),
-    Map('min_v2o_m', 'min V2O, median [m]', '{:.2f}', 0.0, 0.8, 'RdYlGn'),
-    Map('peak_sideslip_deg', 'peak sideslip, median [deg]', '{:.1f}', 0.0, 15.0, 'RdYlGn_r'),
+    Map('cleared', 'cleared, share of runs', '{:.2f}', 0.0, 1.0, 'RdYlBu'),
+    Map('min_v2o_m', 'min V2O, median [m]', '{:.2f}', 0.0, 0.8, 'RdYlBu'),
+    Map('peak_sideslip_deg', 'peak sideslip, median [deg]', '{:.1f}', 0.0, 15.0, 'RdYlBu_r'),
     Map('brake_onset_at_m', 'brake onset, -500 N [m]', '{:.0f}', 0.0, 140.0, 'cividis'),
     Map('brake_onset_hard_at_m', 'brake onset, -1500 N [m]', '{:.0f}', 0.0, 140.0, 'cividis'),
 )
