@@ -54,8 +54,9 @@ class Ring:
             role, command + experiment.arguments(node, written), log, self.environment
         )
         if self.mode == 'realtime':
-            with contextlib.suppress(PermissionError):
-                os.setpriority(os.PRIO_PROCESS, self.running[role].popen.pid, NICE)
+            group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
+            with contextlib.suppress(OSError):  # each session is a group of its own
+                group.write_text(str(NICE))
         return self.running[role]
 
     def wait(self, role: str, seconds: float = 60.0) -> int:
