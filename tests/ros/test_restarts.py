@@ -20,6 +20,7 @@ pytestmark = pytest.mark.ros
 DOMAIN = 66
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
 PATIENCE_S = 30.0
+TICK_NS = 50_000_000
 LATELY = 8  # commands, of which one may be late where this machine is busy
 DRIVEN_S = 0.5  # before the kill, and after all are back
 # fast and long: a car that brakes meanwhile must not stand before the node is back
@@ -30,7 +31,7 @@ HIGHWAY = {
     'constant_mps: 15.0': 'constant_mps: 40.0',
     'progress_m: 60.0, time_s: 10.0': 'progress_m: 3800.0, time_s: 600.0',
 }
-HOLDS = {'plant': {'command_age_s': 1.0, 'lockstep_timeout_s': 8.0}}
+HOLDS = {'plant': {'command_age_s': 1.0, 'lockstep_timeout_s': 16.0}}
 
 
 @pytest.fixture
@@ -79,9 +80,10 @@ def test_a_controller_started_again_drives_on(mode, highway, tmp_path):
     assert solved(found[:LATELY])
     assert solved(found[-LATELY:])
     assert found[-1].stamp_ns > found[0].stamp_ns
-    if mode == 'lockstep':  # time waited: nothing is missing
-        stamps = [one.stamp_ns for one in found]
-        assert set(np.diff(stamps)) <= {0, 50_000_000}
+    if mode == 'lockstep':  # time waited; what was on its way when the old one died may be missing
+        steps = np.diff([one.stamp_ns for one in found])
+        assert set(steps % TICK_NS) == {0}
+        assert np.count_nonzero(steps > TICK_NS) <= 1
         assert {one.values['rung'] for one in found} == {'solved'}
 
 
