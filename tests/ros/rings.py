@@ -1,5 +1,6 @@
 """The nodes of a ring, one process each, for tests that start and end them one by one."""
 
+import contextlib
 import os
 import time
 from pathlib import Path
@@ -10,6 +11,7 @@ from bags.storage import read, repair
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 LOOK_S = 0.01
+NICE = -10  # on the wall clock, where the user may: other processes are not what is tested
 
 
 class Ring:
@@ -17,7 +19,7 @@ class Ring:
 
     def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
         """`settings` are parameters by role, dots as double underscores in no name: dicts."""
-        self.folder, self.running = folder, {}
+        self.folder, self.running, self.mode = folder, {}, mode
         self.bag = folder / 'bag'
         notes = folder / 'run_info.json'
         notes.write_text('{}')
@@ -51,6 +53,10 @@ class Ring:
         self.running[role] = processes.start(
             role, command + experiment.arguments(node, written), log, self.environment
         )
+        if self.mode == 'realtime':
+            group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
+            with contextlib.suppress(OSError):  # each session is a group of its own
+                group.write_text(str(NICE))
         return self.running[role]
 
     def wait(self, role: str, seconds: float = 60.0) -> int:

@@ -1,5 +1,6 @@
 """Start programs, watch over them, stop them: each with its own log file and session, by pid."""
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 INTERRUPT_S = 5.0  # how long a program may take to end after SIGINT
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+AUTOGROUP = Path('/proc/self/autogroup')
 TAIL_LINES = 15
 TAIL_BYTES = 2000
 
@@ -69,7 +71,10 @@ def start(
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
         if cores:
             os.sched_setaffinity(0, cores)
-        os.nice(nice)
+        if nice:
+            os.nice(nice)
+            with contextlib.suppress(OSError):  # kernels that share time among sessions
+                AUTOGROUP.write_text(str(nice))
         if os.getppid() != parent:  # killed before that
             os.kill(os.getpid(), signal.SIGKILL)
 
