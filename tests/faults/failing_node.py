@@ -25,6 +25,10 @@ class Spoilt:
         """See `solution.StageSolver`."""
         return self.solver.solve(x0, P * np.nan if self.is_spoilt() else P, bounds, guess)
 
+    def limit(self, seconds):
+        """Tell the solver how long it may take [s]."""
+        self.solver.limit(seconds)
+
 
 class FailingNode(ControllerNode):
     """Counts its steps, and spoils the problems of some."""

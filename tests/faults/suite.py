@@ -34,6 +34,7 @@ from bags.storage import read, repair
 DOMAIN = 70
 TRIES = 3  # on the wall clock, of a run that the machine disturbed
 STALL_S = 0.04
+TOO_LATE = 'too late'
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
 
 
@@ -56,6 +57,11 @@ class Verdict(NamedTuple):
         """Whether everything is as it must be."""
         return not self.remarks
 
+    @property
+    def unclear(self) -> bool:
+        """Whether all that is wrong is a state or its time, on a machine that was disturbed."""
+        return bool(self.disturbed) and set(self.remarks) <= {f'is {self.found}', TOO_LATE}
+
 
 def judge(fault: Fault, evidence: Evidence) -> Verdict:
     """Return what became of a fault."""
@@ -76,7 +82,7 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
     if found != fault.expect:
         remarks.append(f'is {found}')
     elif settled_s > fault.within_s:
-        remarks.append('too late')
+        remarks.append(TOO_LATE)
     if bad:
         remarks.append(f'{bad} commands that must not be')
     return Verdict(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import states
 import suite
+import table
 from nav_msgs.msg import Odometry
 
 from bags.errors import BagError
@@ -191,3 +192,44 @@ def test_the_relay_is_between_one_publisher_and_one_subscriber():
     ]
     assert hooks.remaps(fault, 'plant') == []
     assert Path(hooks.relay(fault)[1]).name == 'relay.py'
+
+
+def test_the_table_has_a_row_for_every_fault_and_says_what_failed():
+    first, second, *others = catalogue.load()
+    made = {
+        'name': first.name,
+        'expected': first.expect,
+        'found': 'stopped',
+        'settled_s': 1.0,
+        'nonsense': 2,
+        'remarks': ['is stopped'],
+        'disturbed': '',
+        'tries': 1,
+    }
+    rows = table.block([first, second, *others], {first.name: made}).splitlines()
+    assert rows[0].startswith(f'0 of 1 as expected, {1 + len(others)} not run, 2 commands')
+    assert '| stopped **no** | 1.00 | is stopped |' in rows[4]
+    assert '| not run |' in rows[5]
+    assert len(rows) == 6 + len(others)
+
+
+def test_a_table_takes_the_place_of_the_one_before():
+    page = f'a\n{table.BEGIN}\nold\n{table.END}\nz\n'
+    assert table.written(page, 'new') == f'a\n{table.BEGIN}\nnew\n{table.END}\nz\n'
+    with pytest.raises(table.TableError, match='lacks'):
+        table.written('a page without', 'new')
+
+
+@pytest.mark.parametrize(
+    ('remarks', 'disturbed', 'unclear'),
+    [
+        (['is stopped'], 'not OK before the fault', True),
+        (['too late'], 'the machine stood still for 0.06 s', True),
+        (['is stopped'], '', False),
+        (['is stopped', '1 commands that must not be'], 'not OK before the fault', False),
+        (['hung: plant'], 'not OK before the fault', False),
+    ],
+)
+def test_only_a_late_or_wrong_state_on_a_disturbed_machine_is_unclear(remarks, disturbed, unclear):
+    verdict = suite.Verdict('a', 'OK', 'stopped', 1.0, 1.0, (), 0, tuple(remarks), disturbed)
+    assert verdict.unclear == unclear

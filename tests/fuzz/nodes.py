@@ -3,7 +3,8 @@
 import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -34,7 +35,8 @@ LINE = np.array([[0.0, 3.5], [900.0, 3.5]])
 X = np.linspace(0.0, 900.0, 10)
 
 
-class Bench(NamedTuple):
+@dataclass
+class Bench:
     """A node and what is around it."""
 
     name: str
@@ -42,6 +44,11 @@ class Bench(NamedTuple):
     node: Node
     listener: Node
     inlets: list
+
+    def renew(self) -> None:
+        """Put a new node of the same kind in place of this one."""
+        self.node.destroy_node()
+        self.node = NODES[self.name]()
 
     def ears(self) -> list:
         """Return the subscriptions of the node to topics of the contract."""
@@ -67,9 +74,9 @@ def running(name: str, mode: str, domain: int) -> Iterator[Bench]:
         listener.declare_parameter(overrides.MODE, mode)
         said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
         inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
-        node = NODES[name]()
-        yield Bench(name, mode, node, listener, inlets)
-        node.destroy_node()
+        bench = Bench(name, mode, NODES[name](), listener, inlets)
+        yield bench
+        bench.node.destroy_node()
         listener.destroy_node()
     finally:
         rclpy.shutdown()
