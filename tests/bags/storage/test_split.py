@@ -99,12 +99,17 @@ def test_metadata_lists_the_files_as_rosbag2_does(split_folder, whole):
     assert counts == {name: len(data) for name, data in payloads(whole).items()}
 
 
+def heard(bag):
+    """Return the payloads of the topics on which something came; some are for viewers only."""
+    return {name: data for name, data in payloads(bag).items() if data}
+
+
 def test_rosbags_reads_a_split_bag(split_folder, whole):
     found = {}
     with AnyReader([split_folder]) as reader:
         for connection, _, data in reader.messages():
             found.setdefault(connection.topic, []).append(bytes(data))
-    assert found == payloads(whole)
+    assert found == heard(whole)
     with Reader(split_folder) as reader:
         assert reader.message_count == sum(map(len, found.values()))
 
@@ -124,7 +129,7 @@ def test_each_file_explains_itself_to_mcap_and_mcap_ros2(split_folder, whole):
                 decoded[channel.topic] = decoded.get(channel.topic, 0) + 1
                 count += 1
             assert count == summary_.statistics.message_count
-    assert decoded == {name: len(data) for name, data in payloads(whole).items()}
+    assert decoded == {name: len(data) for name, data in heard(whole).items()}
 
 
 def test_damage_in_a_file_ends_the_bag_there(copied, whole):
