@@ -35,6 +35,29 @@ LINE = np.array([[0.0, 3.5], [900.0, 3.5]])
 X = np.linspace(0.0, 900.0, 10)
 
 
+class Inbox:
+    """What a controller takes its actuators from, filled without the middleware."""
+
+    topic, raw = '/vehicle/actuators', True
+
+    def __init__(self, node: ControllerNode):
+        node.actuators_inbox.destroy()
+        self.newest, self.look = None, node.advance
+
+    def callback(self, raw: bytes) -> None:
+        """Put a message in place of the one before."""
+        self.newest = raw
+        self.look()
+
+    def take(self) -> bytes | None:
+        """Return what came since the last call."""
+        raw, self.newest = self.newest, None
+        return raw
+
+    def destroy(self) -> None:
+        """Nothing is held."""
+
+
 @dataclass
 class Bench:
     """A node and what is around it."""
@@ -52,8 +75,7 @@ class Bench:
 
     def ears(self) -> list:
         """Return the subscriptions of the node to topics of the contract."""
-        topics = contract.load().topics
-        return [heard for heard in self.node.subscriptions if heard.topic in topics]
+        return ears(self.node)
 
     def drain(self) -> list[Any]:
         """Return what the node has said since the last call."""
@@ -75,11 +97,21 @@ def running(name: str, mode: str, domain: int) -> Iterator[Bench]:
         said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
         inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
         bench = Bench(name, mode, NODES[name](), listener, inlets)
+        if name == 'controller':
+            bench.node.actuators_inbox = Inbox(bench.node)
         yield bench
         bench.node.destroy_node()
         listener.destroy_node()
     finally:
         rclpy.shutdown()
+
+
+def ears(node: Node) -> list:
+    """Return by what a node hears the topics of the contract."""
+    topics = contract.load().topics
+    heard = [one for one in node.subscriptions if one.topic in topics]
+    inbox = getattr(node, 'actuators_inbox', None)
+    return heard if inbox is None else [*heard, inbox]
 
 
 def tell_facts(node: Node, stamp_ns: int) -> None:
@@ -100,7 +132,7 @@ def tell_tick(node: ControllerNode, stamp_ns: int) -> None:
 
 def tell(node: Node, topic: str, message: Any) -> None:
     """Call the callback of a node's subscription, with bytes where it takes bytes."""
-    for heard in node.subscriptions:
+    for heard in ears(node):
         if heard.topic == topic:
             heard.callback(ros.serialized(message) if heard.raw else message)
 
