@@ -89,7 +89,8 @@ class Item(NamedTuple):
             raise self.error(error.problem) from None
         except (ValueError, LookupError, AttributeError) as error:
             # what PyYAML raises for a tag that does not fit its value
-            raise self.error(f'{self.node.value!r} is no {self.node.tag}: {error}') from None
+            kind = self.node.tag.rpartition(':')[2]
+            raise self.error(f'{self.node.value!r} is no {kind}: {error}') from None
         finally:
             loader.dispose()
 

@@ -56,7 +56,10 @@ def test_key_with_a_default_may_be_left_out():
         (drawing(version='2.0'), "a.yaml:1: version: is '2.0'; allowed 2"),
         (drawing(word='A'), "a.yaml:2: word: is 'A'; allowed small letters"),
         (drawing(word='[a]'), 'a.yaml:2: word: must be a single value, is a sequence'),
-        (drawing(word='2001-99-99'), 'a.yaml:2: word: month must be in 1..12'),
+        (
+            drawing(word='2001-99-99'),
+            "a.yaml:2: word: '2001-99-99' is no timestamp: month must be in 1..12",
+        ),
         (
             drawing(shape='{sid_m: 1}'),
             "a.yaml:3: shape: has none of side_m, radius_m; did you mean 'side_m'?; "
