@@ -99,7 +99,13 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
 
 
 def disturbance(fault: Fault, evidence: Evidence, calm: bool) -> str:
-    """Return what the machine did to a run on the wall clock beside the fault, '' for nothing."""
+    """Return what happened to a run beside its fault, '' for nothing.
+
+    A run that never came to its fault says nothing about it; on the wall clock the machine may
+    have disturbed it.
+    """
+    if evidence.begins_ns is None:
+        return 'never came to the fault'
     if fault.mode != 'realtime':
         return ''
     if not calm:
@@ -137,7 +143,7 @@ def row(verdict: Verdict) -> str:
 
 
 def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
-    """Try a fault; again when it failed on a machine that was disturbed."""
+    """Try a fault; again when it failed in a run that was disturbed."""
     for tries in range(1, TRIES + 1):
         folder = out / (fault.name if tries == 1 else f'{fault.name}.{tries}')
         verdict = judge(fault, ring.drive(fault, folder, domain))._replace(tries=tries)
