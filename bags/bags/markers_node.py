@@ -9,7 +9,7 @@ from functools import partial
 from rclpy.node import Node
 
 from bags.viewers import encode, shapes, stage
-from msgs_yaml import contract, decode, qos, ros, share
+from msgs_yaml import contract, decode, qos, ros, share, spin_node
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -57,7 +57,7 @@ class MarkersNode(Node):
 
 def main() -> int:
     """Draw until SIGINT or SIGTERM."""
-    return ros.spin(MarkersNode)
+    return spin_node.spin(MarkersNode)
 
 
 if __name__ == '__main__':

@@ -29,7 +29,7 @@ from bags.playback.keyboard import Keyboard
 from bags.playback.pace import Pace
 from bags.storage import read
 from bags.storage.rosbag2_layout import offered
-from msgs_yaml import ros, share
+from msgs_yaml import ros, share, spin_node
 from msgs_yaml.parameters import ParameterError, Range
 from msgs_yaml.stamp import NS_PER_S
 
@@ -101,9 +101,9 @@ class PlayerNode(Node):
             self._play()
         except Exception:
             traceback.print_exc()
-            ros.finish(self, 1)
+            spin_node.finish(self, 1)
         else:
-            ros.finish(self)
+            spin_node.finish(self)
 
     def _play(self):
         if not self._wait_for_recorders() or self._pressed(self.params.delay_s) == QUIT:
@@ -205,7 +205,7 @@ def profile(text: str) -> QoSProfile:
 
 def main() -> int:
     """Play until the end, SIGINT, SIGTERM or the key q; exit code 0."""
-    return ros.spin(PlayerNode)
+    return spin_node.spin(PlayerNode)
 
 
 if __name__ == '__main__':

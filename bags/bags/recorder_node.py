@@ -23,7 +23,7 @@ from bags.experiments import notes
 from bags.storage import losses
 from bags.storage.inbox import ClockError, Filing, bag_topics
 from bags.storage.rosbag2_writer import BagWriter, Split
-from msgs_yaml import contract, qos, ros, share
+from msgs_yaml import contract, qos, ros, share, spin_node
 from msgs_yaml.parameters import ParameterError, Range
 from msgs_yaml.stamp import NS_PER_S
 
@@ -110,7 +110,7 @@ class RecorderNode(Node):
         except BagError as error:
             self._fail(error)
         if self.stopping:
-            ros.finish(self, self.exit_code)
+            spin_node.finish(self, self.exit_code)
 
     def drain(self) -> int:
         """File every message that has arrived; return how many there were."""
@@ -202,7 +202,7 @@ def run_info(path: str, mode: str) -> dict[str, str]:
 
 def main() -> int:
     """Record until SIGINT or SIGTERM; exit code 1 when the disk failed."""
-    return ros.spin(RecorderNode)
+    return spin_node.spin(RecorderNode)
 
 
 if __name__ == '__main__':

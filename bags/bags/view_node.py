@@ -13,7 +13,7 @@ from bags.viewers import shapes
 from bags.viewers.foxglove_server import PORT, Served, Server, invitation
 from bags.viewers.projector import Projector
 from bags.viewers.stage import STATE, Stage
-from msgs_yaml import contract, decode, qos, ros, share
+from msgs_yaml import contract, decode, qos, ros, share, spin_node
 from msgs_yaml.parameters import ParameterError
 
 LATCHED = 'transient_local'
@@ -63,7 +63,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--port', type=int, default=PORT)
     chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    return ros.spin(partial(ViewNode, chosen.port))
+    return spin_node.spin(partial(ViewNode, chosen.port))
 
 
 if __name__ == '__main__':

@@ -11,22 +11,15 @@ from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.explain import OK, Arrival
 from mpcc_controller.driving.health import Monitor
-from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, STATE_STALE
+from mpcc_controller.driving.watchdog import STATE_STALE
+from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import contract, decode, encode, realtime, repeats, ros, share, stamp
-from msgs_yaml.newest_node import Newest
+from msgs_yaml import decode, encode, realtime, ros, share, spin_node, stamp
 from msgs_yaml.wall import Spoken, Wall
 
 NAME = 'controller'
 LOOK_S = 0.02  # of wall time, between two looks at who is listening and at what is too old
 THROTTLE_S = 1.0
-ACTUATORS = '/vehicle/actuators'
-TOPICS = {
-    REFERENCE: '/scenario/reference',
-    EDGES: '/scenario/road_edges',
-    OBSTACLES: '/scenario/obstacles',
-    STATE: '/vehicle/odometry',
-}
 
 
 class ControllerNode(Node):
@@ -45,110 +38,26 @@ class ControllerNode(Node):
         self.controller = Controller(params, car_file.load(params), mode == 'realtime')
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, Monitor(NAME), params.ages)
-        # raw messages, decoded when needed
-        self.state = self.actuators = self.path = None
-        self.heard_ns = 0  # when the state was
         self.answer = None  # the messages sent last
         self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
-        self.busy = range(0)  # ns, with warming up: what came meanwhile is old
         self.waited, self.stale = Spoken(), Spoken()
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
         self.why_pub = ros.publisher(self, '/controller/why')
         self.health_pub = ros.publisher(self, '/diagnostics')
-        ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
-        ros.subscribe(self, '/scenario/road_edges', self.on_edges)
-        ros.subscribe(self, '/scenario/obstacles', self.on_obstacles)
-        self.actuators_inbox = Newest(self, ACTUATORS)
-        self.state_sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
+        self.inputs = Inputs(
+            self, self.controller, self.trigger, self.watchdog, self.wall, self.advance
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.on_look, clock=steady)
         self.waited.is_news(self.waiting())
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
-    def on_reference(self, raw):
-        """Take the path; one that is only repeated is not decoded, which would take too long."""
-        if repeats.is_repeat(raw, self.path):
-            fault = self.watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self.wall.now_ns())
-            if fault:
-                self.turn_down(TOPICS[REFERENCE], fault)
-            self.advance()
-        elif self.take(REFERENCE, self.read_reference, raw, self.controller.set_reference):
-            self.path = raw
-
-    def read_reference(self, raw):
-        """Return the path in a serialised message; one too long would take seconds to look at."""
-        topic = TOPICS[REFERENCE]
-        most = contract.load().topics[topic].sizes['poses'].high
-        if len(raw) > repeats.size(most):
-            told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
-            raise decode.DecodeError(told)
-        return decode.reference(ros.message(topic, raw))
-
-    def on_edges(self, msg):
-        """Take the road edges."""
-        self.take(EDGES, decode.road_edges, msg, self.controller.set_edges)
-
-    def on_obstacles(self, msg):
-        """Take the obstacles; in lockstep they complete a state."""
-        self.take(OBSTACLES, decode.obstacles, msg, self.set_obstacles)
-
-    def set_obstacles(self, obstacles):
-        """Tell controller and trigger."""
-        self.controller.set_obstacles(obstacles)
-        self.trigger.on_obstacles(obstacles.stamp_ns)
-
-    def take(self, name, decoder, msg, setter) -> bool:
-        """Tell the controller; log what is wrong with a message, and go on with the one before."""
-        try:
-            value = decoder(msg)
-            fault = self.watchdog.offer(name, value.stamp_ns, self.wall.now_ns())
-            if not fault:
-                fault = setter(value)
-        except decode.DecodeError as error:
-            fault = self.watchdog.refuse(name, str(error))
-        if fault:
-            self.turn_down(TOPICS[name], fault)
-        self.advance()
-        return not fault
-
-    def turn_down(self, topic, fault):
-        """Say why a message is not used."""
-        told = f'{topic} turned down: {fault}'
-        self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
-
-    def look_for_actuators(self):
-        """Take where the actuators are, for a (re)start."""
-        raw = self.actuators_inbox.take()
-        if raw is None:
-            return
-        try:
-            stamp_ns = decode.stamp_ns_of(raw)
-        except decode.DecodeError:
-            return  # the next one will do
-        self.actuators = raw
-        self.trigger.on_actuators(stamp_ns)
-
-    def on_odometry(self, raw):
-        """Keep the state if it is one to answer."""
-        try:
-            stamp_ns = decode.stamp_ns_of(raw)
-            if stamp_ns in self.busy:
-                return
-            fault = self.watchdog.offer(STATE, stamp_ns, self.wall.now_ns())
-        except decode.DecodeError as error:
-            fault = self.watchdog.refuse(STATE, str(error))
-        if fault:
-            self.turn_down(TOPICS[STATE], fault)
-        elif self.trigger.on_state(stamp_ns):
-            self.state, self.heard_ns = raw, time.time_ns()
-            self.advance()
-
     def advance(self):
         """Answer the state if everything that the answer needs is there."""
         if self.trigger.wants_actuators:
-            self.look_for_actuators()
+            self.inputs.look_for_actuators()
         if self.controller.missing() or self.unheard():
             return
         due = self.trigger.due()
@@ -168,12 +77,9 @@ class ControllerNode(Node):
 
     def restart(self):
         """Take the set-points from where the actuators are; return whether they were told."""
-        try:
-            actuators = decode.actuators(ros.message(ACTUATORS, self.actuators))
-        except decode.DecodeError as error:
-            self.turn_down(ACTUATORS, f'{error}; waiting for valid ones to start from')
-            self.actuators = None
-            self.trigger.on_lost(decode.stamp_ns_of(self.state))
+        actuators = self.inputs.decoded_actuators()
+        if actuators is None:
+            self.trigger.on_lost(decode.stamp_ns_of(self.inputs.state))
             return False
         self.controller.reset(actuators)
         self.get_logger().info('started from the actuators')
@@ -182,21 +88,23 @@ class ControllerNode(Node):
     def warm_up(self):
         """Answer a state for nobody, again and again; then start with the next one."""
         began_ns = self.wall.now_ns()
-        x = self.decoded()
+        x = self.inputs.decoded_state()
         for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
             for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
                 ros.serialized(made)
         realtime.settle()
         self.is_warm = True
-        self.busy = range(began_ns, self.wall.now_ns())
-        self.trigger.on_lost(self.busy.stop)
+        # what came meanwhile is old
+        self.inputs.ignored = range(began_ns, self.wall.now_ns())
+        self.trigger.on_lost(self.inputs.ignored.stop)
         self.get_logger().info('warm, answers the next state')
 
     def step(self):
         """Answer the state with a command, and say why."""
-        x = self.decoded()
+        x = self.inputs.decoded_state()
         now_ns = self.wall.now_ns()
-        arrival = Arrival(self.heard_ns, stamp.seconds(time.time_ns() - self.heard_ns))
+        heard_ns = self.inputs.heard_ns
+        arrival = Arrival(heard_ns, stamp.seconds(time.time_ns() - heard_ns))
         fault = self.watchdog.fault(now_ns)
         self.send(self.controller.answer(x, self.trigger.age_s(now_ns), fault, arrival))
 
@@ -224,21 +132,11 @@ class ControllerNode(Node):
         if health:
             self.health_pub.publish(encode.health(health))
 
-    def decoded(self):
-        """Return the state; an unknown one, logged, when its message breaks the contract."""
-        try:
-            return decode.odometry(ros.message(TOPICS[STATE], self.state))
-        except decode.DecodeError as error:
-            self.turn_down(TOPICS[STATE], self.watchdog.refuse(STATE, str(error)))
-            return unknown_state(decode.stamp_ns_of(self.state))
-
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""
         if self.answer:
             return ''
-        state = () if self.state else ('vehicle state',)
-        actuators = () if self.actuators else ('actuators',)
-        missing = (*self.controller.missing(), *state, *actuators, *self.unheard())
+        missing = (*self.inputs.missing(), *self.unheard())
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
 
     def on_look(self):
@@ -249,15 +147,20 @@ class ControllerNode(Node):
             if self.waited.is_news(waiting):
                 self.get_logger().info(waiting)
             self.advance()
-        elif self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns) and self.has_vehicle():
+        elif (
+            self.watchdog.lost(now_ns)
+            and self.trigger.is_next(now_ns)
+            and self.inputs.has_vehicle()
+        ):
             self.step_blindly(now_ns)
         elif self.trigger.wants_actuators:  # they may come after the state
             self.advance()
         self.say_stale(now_ns)
 
-    def has_vehicle(self):
-        """Tell whether there is a vehicle: one that has left needs no brakes."""
-        return self.state_sub.get_publisher_count() > 0
+    def is_blind(self, now_ns):
+        """Tell whether a step is due for a vehicle whose state does not come."""
+        due = self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns)
+        return due and self.inputs.has_vehicle()
 
     def say_stale(self, now_ns):
         """Say which inputs have become too old, and when they are back; once per change."""
@@ -270,10 +173,10 @@ class ControllerNode(Node):
 
     def destroy_node(self):
         """Leave the graph."""
-        self.actuators_inbox.destroy()
+        self.inputs.destroy()
         super().destroy_node()
 
 
 def run(config: str) -> int:
     """Run a controller node with a parameter file of config/ until it is stopped."""
-    return ros.spin(lambda: ControllerNode(config))
+    return spin_node.spin(lambda: ControllerNode(config))

@@ -1,44 +1,29 @@
-"""The ROS side of every node: parameters, publishers, subscriptions, spinning.
+"""The ROS side of every node: parameters, publishers, subscriptions.
 
 Types and QoS come from the contract, so a node cannot misstate them.
 """
 
-import os
 import time
-import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from typing import Any, TypeVar
 
-import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 
-from msgs_yaml import contract, fast, overrides, parameters, qos, realtime, signals
+from msgs_yaml import contract, fast, overrides, qos
 from msgs_yaml.checked import DecodeError
-from msgs_yaml.parameters import Choice, ParameterError, Range
-from msgs_yaml.strict_yaml import YamlError
+from msgs_yaml.parameters import Choice, Range
 
 T = TypeVar('T')
-# also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
-_WAKE_S = 0.1  # longest time until a signal is noticed
-_FLUSH_S = 2.0
 _RETRY_S = 0.001
 _PATIENCE_S = 30.0  # DDS forgets a dead process after 20 s
-EXIT_CONFIGURATION = os.EX_CONFIG
 HEALTH = '/diagnostics'  # nobody waits for it to be heard
-_EXIT_ERROR = 1
 
 
 def mode(node: Node) -> str:
@@ -173,91 +158,6 @@ class FastPublisher:
 def fast_publisher(node: Node, topic: str) -> FastPublisher:
     """Return a publisher of values for a topic of `fast.FORMS`; KeyError for others."""
     return FastPublisher(node, topic)
-
-
-def finish(node: Node, exit_code: int = 0) -> None:
-    """End the spinning of a node after this callback; its process exits with this code."""
-    node.exit_code = exit_code
-    node.finished = True
-    if hasattr(node, 'spinning'):
-        node.spinning.set_result(None)
-
-
-def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, run it until it finishes or is told to end, and return its exit code.
-
-    SIGINT and SIGTERM end it after the callback under way, with the node's `exit_code`, 0 unless
-    set. Wrong parameters or a broken contract are one line of the log and EXIT_CONFIGURATION; an
-    error in a callback is shown and ends the node with 1. Discovery stays on this machine unless
-    the environment says otherwise. To be called from the main thread.
-    """
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with signals.caught():
-        return _spin(make_node, args)
-
-
-def _spin(make_node, args):
-    node = None
-    try:
-        _start(args)
-        node = make_node()
-        _be_punctual(node)
-        _run(node)
-    except (ParameterError, YamlError) as error:
-        rclpy.logging.get_logger('start').fatal(str(error))
-        return EXIT_CONFIGURATION
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except Exception:
-        traceback.print_exc()
-        return _EXIT_ERROR
-    finally:
-        signals.ask_instead(lambda: None)  # nothing interrupts the closing
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return _exit_code(node)
-
-
-def _exit_code(node):
-    return getattr(node, 'exit_code', 0)
-
-
-def _be_punctual(node):
-    """Ask Linux for what the parameters `realtime.*` say; what it refuses is logged."""
-    if not node.has_parameter(overrides.MODE) or mode(node) != overrides.REALTIME:
-        return
-    names = parameters.flatten(realtime.DEFAULTS)
-    given = {k: node.get_parameter(f'{overrides.REALTIME}.{k}').value for k in names}
-    for refusal in realtime.apply(realtime.Options(**given)):
-        node.get_logger().warning(refusal)
-
-
-def _start(args):
-    try:
-        # rclpy's own handlers shut down in the middle of a callback
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # the base of what rcl refuses
-        raise ParameterError(f'command line: {error}') from None
-
-
-def _run(node):
-    executor = EventsExecutor()
-    executor.add_node(node)
-    node.spinning = Future(executor=executor)
-    # in a thread: the signal may come while this one holds the lock of the future
-    signals.ask_instead(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
-    while rclpy.ok() and not getattr(node, 'finished', False):
-        executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
-    if rclpy.ok():
-        _flush(node)
-
-
-def _flush(node):
-    """Let reliable subscribers receive what was just published."""
-    end = time.monotonic() + _FLUSH_S
-    for pub in node.publishers:
-        pub.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 def profile(node: Node, topic: str) -> QoSProfile:

@@ -5,7 +5,7 @@ import sys
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros, share
+from msgs_yaml import decode, encode, ros, share, spin_node
 from msgs_yaml.wall import Wall
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
@@ -93,7 +93,7 @@ class ScenarioNode(Node):
 
 def main():
     """Run the node."""
-    return ros.spin(ScenarioNode)
+    return spin_node.spin(ScenarioNode)
 
 
 if __name__ == '__main__':

@@ -12,7 +12,7 @@ import numpy as np
 
 from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
-from msgs_yaml import decode, ros
+from msgs_yaml import decode, spin_node
 
 
 class Spoilt:
@@ -48,14 +48,14 @@ class FailingNode(ControllerNode):
         """Answer the state as ever."""
         self.tick += 1
         if self.tick == self.ticks.start:
-            print('begins', decode.stamp_ns_of(self.state), flush=True)
+            print('begins', decode.stamp_ns_of(self.inputs.state), flush=True)
         super().step(*given)
 
 
 def main() -> int:
     """Run until told to end."""
     first, count, *rest = sys.argv[1:]
-    return ros.spin(lambda: FailingNode(int(first), int(count)), args=rest)
+    return spin_node.spin(lambda: FailingNode(int(first), int(count)), args=rest)
 
 
 if __name__ == '__main__':

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
 from bags.storage import stamps
-from msgs_yaml import contract, qos, realtime, ros
+from msgs_yaml import contract, qos, realtime, ros, spin_node
 from msgs_yaml.decode import DecodeError
 
 BEGIN = '/controller/why'
@@ -228,7 +228,7 @@ def main() -> int:
     parser.add_argument('--shift-s', type=float, default=0.0)
     parser.add_argument('--priority', type=int, default=0, help='of SCHED_FIFO')
     given = parser.parse_args()
-    return ros.spin(lambda: Relay(given), args=[])
+    return spin_node.spin(lambda: Relay(given), args=[])
 
 
 if __name__ == '__main__':

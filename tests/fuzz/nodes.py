@@ -41,7 +41,7 @@ class Inbox:
     topic, raw = '/vehicle/actuators', True
 
     def __init__(self, node: ControllerNode):
-        node.actuators_inbox.destroy()
+        node.inputs.destroy()
         self.newest, self.look = None, node.advance
 
     def callback(self, raw: bytes) -> None:
@@ -98,7 +98,7 @@ def running(name: str, mode: str, domain: int) -> Iterator[Bench]:
         inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
         bench = Bench(name, mode, NODES[name](), listener, inlets)
         if name == 'controller':
-            bench.node.actuators_inbox = Inbox(bench.node)
+            bench.node.inputs.actuators_inbox = Inbox(bench.node)
         yield bench
         bench.node.destroy_node()
         listener.destroy_node()
@@ -110,8 +110,8 @@ def ears(node: Node) -> list:
     """Return by what a node hears the topics of the contract."""
     topics = contract.load().topics
     heard = [one for one in node.subscriptions if one.topic in topics]
-    inbox = getattr(node, 'actuators_inbox', None)
-    return heard if inbox is None else [*heard, inbox]
+    inputs = getattr(node, 'inputs', None)
+    return heard if inputs is None else [*heard, inputs.actuators_inbox]
 
 
 def tell_facts(node: Node, stamp_ns: int) -> None:

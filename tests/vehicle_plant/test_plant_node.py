@@ -16,7 +16,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from msgs_yaml import contract, decode, encode, ros
+from msgs_yaml import contract, decode, encode, ros, spin_node
 from msgs_yaml.types import Command, Reference
 from vehicle_plant import parameters, road
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator, Start
@@ -220,7 +220,7 @@ def test_car_starts_at_the_first_pose_of_the_path(run):
 
 def test_misspelt_parameter_stops_the_node(run):
     done = run(27, weave, **{'stop.xm': 3.0})
-    assert done.exit_code == ros.EXIT_CONFIGURATION
+    assert done.exit_code == spin_node.EXIT_CONFIGURATION
     assert 'stop.xm' in done.log
 
 
@@ -273,6 +273,6 @@ def test_another_car_on_another_tyre_and_a_road_with_ice(run, tmp_path):
 )
 def test_car_tyre_or_road_that_is_not_there_stops_the_node(run, settings):
     done = run(23, weave, **settings)
-    assert done.exit_code == ros.EXIT_CONFIGURATION
+    assert done.exit_code == spin_node.EXIT_CONFIGURATION
     (name,) = settings
     assert name.partition('.')[0] in done.log or str(settings[name]) in done.log

@@ -2,7 +2,7 @@
 
 from rclpy.node import Node
 
-from msgs_yaml import encode, ros
+from msgs_yaml import encode, ros, spin_node
 from vehicle_plant import health
 from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd
@@ -58,7 +58,7 @@ class LockstepDrive:
         self.clock_pub.publish(encode.clock(self.ring.car.stamp_ns))
         self.node.follow_up(self.ring, self.monitor, track)
         if self.ring.outcome:
-            ros.finish(self.node, self.ring.outcome.exit_code)
+            spin_node.finish(self.node, self.ring.outcome.exit_code)
 
     def keep_watch(self):
         """Wait for the next command anew."""

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros, stamp
+from msgs_yaml import decode, encode, ros, spin_node, stamp
 from msgs_yaml.checked import DecodeError
 from msgs_yaml.parameters import ParameterError
 from msgs_yaml.wall import Spoken
@@ -132,7 +132,7 @@ class PlantNode(Node):
 
 def main() -> int:
     """Run the node."""
-    return ros.spin(PlantNode)
+    return spin_node.spin(PlantNode)
 
 
 if __name__ == '__main__':

@@ -2,7 +2,7 @@
 
 from rclpy.node import Node
 
-from msgs_yaml import realtime, ros
+from msgs_yaml import realtime, spin_node
 from msgs_yaml.wall import Wall
 from vehicle_plant import health
 from vehicle_plant.ring import Hold, Realtime
@@ -100,4 +100,4 @@ class RealtimeDrive:
 
     def leave(self):
         """End the node."""
-        ros.finish(self.node, self.ring.outcome.exit_code)
+        spin_node.finish(self.node, self.ring.outcome.exit_code)

@@ -22,7 +22,7 @@ from bags.storage import definitions
 from bags.storage.rosbag2_layout import BagTopic, qos_text
 from bags.storage.rosbag2_writer import BagWriter
 from bags.viewers import screening
-from msgs_yaml import contract, encode, fast, ros
+from msgs_yaml import contract, encode, fast, ros, spin_node
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
 
 SECONDS = 60.0
@@ -250,5 +250,5 @@ def test_the_live_view_says_so_when_its_port_is_taken(view, bag):
         text=True,
         timeout=SECONDS,
     )
-    assert done.returncode == ros.EXIT_CONFIGURATION
+    assert done.returncode == spin_node.EXIT_CONFIGURATION
     assert f'127.0.0.1:{port}' in done.stdout + done.stderr

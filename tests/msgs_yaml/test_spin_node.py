@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 from rclpy.node import Node
-from msgs_yaml import encode, ros
+from msgs_yaml import encode, ros, spin_node
 from msgs_yaml.parameters import Range
 from msgs_yaml.types import Imu
 
@@ -41,7 +41,7 @@ class TestNode(Node):
         print('tick', flush=True)
         {tick}
 
-sys.exit(ros.spin(TestNode))
+sys.exit(spin_node.spin(TestNode))
 """
 
 
@@ -135,14 +135,14 @@ def test_a_signal_keeps_the_exit_code_that_the_node_has_set(run):
 
 
 def test_a_node_that_finishes_ends_with_its_code_and_at_once(run):
-    node = run(tick='ros.finish(self, 3)')
+    node = run(tick='spin_node.finish(self, 3)')
     code, out, err = node.result()
     assert (code, err) == (3, '')
     assert out.count('tick') == 1
 
 
 def test_a_node_may_finish_before_it_spins(run):
-    code, out, _ = run(start='ros.finish(self, 4)').result()
+    code, out, _ = run(start='spin_node.finish(self, 4)').result()
     assert code == 4
     assert 'tick' not in out
 
@@ -194,7 +194,7 @@ def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(run):
 RECEIVER = """
 import sys, time
 from rclpy.node import Node
-from msgs_yaml import decode, ros
+from msgs_yaml import decode, ros, spin_node
 
 class Receiver(Node):
     def __init__(self):
@@ -210,9 +210,9 @@ class Receiver(Node):
             time.sleep({stall_s})
         if self.stamps[-1] == {last}:
             print('in order', self.stamps == list(range(1, {last} + 1)), flush=True)
-            ros.finish(self)
+            spin_node.finish(self)
 
-sys.exit(ros.spin(Receiver))
+sys.exit(spin_node.spin(Receiver))
 """
 
 
@@ -238,7 +238,7 @@ def sending(publish, last):
         'if self.imu.get_subscription_count():\n'
         f'            for k in range(1, {last} + 1):\n'
         f'                {publish}\n'
-        '            ros.finish(self)\n'
+        '            spin_node.finish(self)\n'
     )
 
 

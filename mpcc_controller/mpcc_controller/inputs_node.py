@@ -1,0 +1,158 @@
+"""What a controller node hears: taken, checked, handed to the controller, or turned down."""
+
+import time
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from mpcc_controller.driving.controller import Controller, unknown_state
+from mpcc_controller.driving.trigger import Lockstep, Realtime
+from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, Asleep, Awake
+from msgs_yaml import contract, decode, repeats, ros
+from msgs_yaml.newest_node import Newest
+from msgs_yaml.types import Actuators, Obstacles, Reference, VehicleState
+from msgs_yaml.wall import Wall
+
+ACTUATORS = '/vehicle/actuators'
+TOPICS = {
+    REFERENCE: '/scenario/reference',
+    EDGES: '/scenario/road_edges',
+    OBSTACLES: '/scenario/obstacles',
+    STATE: '/vehicle/odometry',
+}
+_THROTTLE_S = 1.0
+
+
+class Inputs:
+    """The subscriptions of a controller node. State and actuators are kept raw until needed."""
+
+    def __init__(
+        self,
+        node: Node,
+        controller: Controller,
+        trigger: Lockstep | Realtime,
+        watchdog: Asleep | Awake,
+        wall: Wall,
+        on_news: Callable[[], None],
+    ):
+        """`on_news` is called after each message that may complete what an answer needs."""
+        self._node, self._controller, self._trigger = node, controller, trigger
+        self._watchdog, self._wall, self._on_news = watchdog, wall, on_news
+        self.state = self.actuators = self._path = None
+        self.heard_ns = 0  # when the state was
+        self.ignored = range(0)  # ns, stamps of states that nobody is to answer
+        ros.subscribe(node, TOPICS[REFERENCE], self.on_reference, raw=True)
+        ros.subscribe(node, TOPICS[EDGES], self.on_edges)
+        ros.subscribe(node, TOPICS[OBSTACLES], self.on_obstacles)
+        self.actuators_inbox = Newest(node, ACTUATORS)
+        self._state_sub = ros.subscribe(node, TOPICS[STATE], self.on_odometry, raw=True)
+
+    def on_reference(self, raw: bytes) -> None:
+        """Take the path; one that is only repeated is not decoded, which would take too long."""
+        if repeats.is_repeat(raw, self._path):
+            fault = self._watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self._wall.now_ns())
+            if fault:
+                self._turn_down(TOPICS[REFERENCE], fault)
+            self._on_news()
+        elif self._take(REFERENCE, _path, raw, self._controller.set_reference):
+            self._path = raw
+
+    def on_edges(self, msg) -> None:
+        """Take the road edges."""
+        self._take(EDGES, decode.road_edges, msg, self._controller.set_edges)
+
+    def on_obstacles(self, msg) -> None:
+        """Take the obstacles; in lockstep they complete a state."""
+        self._take(OBSTACLES, decode.obstacles, msg, self._set_obstacles)
+
+    def on_odometry(self, raw: bytes) -> None:
+        """Keep the state if it is one to answer."""
+        try:
+            stamp_ns = decode.stamp_ns_of(raw)
+            if stamp_ns in self.ignored:
+                return
+            fault = self._watchdog.offer(STATE, stamp_ns, self._wall.now_ns())
+        except decode.DecodeError as error:
+            fault = self._watchdog.refuse(STATE, str(error))
+        if fault:
+            self._turn_down(TOPICS[STATE], fault)
+        elif self._trigger.on_state(stamp_ns):
+            self.state, self.heard_ns = raw, time.time_ns()
+            self._on_news()
+
+    def look_for_actuators(self) -> None:
+        """Take where the actuators are, for a (re)start."""
+        raw = self.actuators_inbox.take()
+        if raw is None:
+            return
+        try:
+            stamp_ns = decode.stamp_ns_of(raw)
+        except decode.DecodeError:
+            return  # the next one will do
+        self.actuators = raw
+        self._trigger.on_actuators(stamp_ns)
+
+    def decoded_state(self) -> VehicleState:
+        """Return the state; an unknown one, logged, when its message breaks the contract."""
+        try:
+            return decode.odometry(ros.message(TOPICS[STATE], self.state))
+        except decode.DecodeError as error:
+            self._turn_down(TOPICS[STATE], self._watchdog.refuse(STATE, str(error)))
+            return unknown_state(decode.stamp_ns_of(self.state))
+
+    def decoded_actuators(self) -> Actuators | None:
+        """Return where the actuators are; None, logged, when their message breaks the contract."""
+        try:
+            return decode.actuators(ros.message(ACTUATORS, self.actuators))
+        except decode.DecodeError as error:
+            self._turn_down(ACTUATORS, f'{error}; waiting for valid ones to start from')
+            self.actuators = None
+            return None
+
+    def missing(self) -> tuple[str, ...]:
+        """Return what has never come, in words."""
+        state = () if self.state else ('vehicle state',)
+        actuators = () if self.actuators else ('actuators',)
+        return (*self._controller.missing(), *state, *actuators)
+
+    def has_vehicle(self) -> bool:
+        """Tell whether there is a vehicle: one that has left needs no brakes."""
+        return self._state_sub.get_publisher_count() > 0
+
+    def destroy(self) -> None:
+        """Leave the graph with what the node does not own."""
+        self.actuators_inbox.destroy()
+
+    def _set_obstacles(self, obstacles: Obstacles) -> str:
+        self._controller.set_obstacles(obstacles)
+        self._trigger.on_obstacles(obstacles.stamp_ns)
+        return ''
+
+    def _take(self, name, decoder, msg, setter) -> bool:
+        """Tell the controller; log what is wrong with a message, and go on with the one before."""
+        try:
+            value = decoder(msg)
+            fault = self._watchdog.offer(name, value.stamp_ns, self._wall.now_ns())
+            if not fault:
+                fault = setter(value)
+        except decode.DecodeError as error:
+            fault = self._watchdog.refuse(name, str(error))
+        if fault:
+            self._turn_down(TOPICS[name], fault)
+        self._on_news()
+        return not fault
+
+    def _turn_down(self, topic, fault):
+        """Say why a message is not used."""
+        told = f'{topic} turned down: {fault}'
+        self._node.get_logger().error(told, throttle_duration_sec=_THROTTLE_S)
+
+
+def _path(raw: bytes) -> Reference:
+    """Return the path in a serialised message; one too long would take seconds to look at."""
+    topic = TOPICS[REFERENCE]
+    most = contract.load().topics[topic].sizes['poses'].high
+    if len(raw) > repeats.size(most):
+        told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
+        raise decode.DecodeError(told)
+    return decode.reference(ros.message(topic, raw))
