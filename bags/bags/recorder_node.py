@@ -21,9 +21,10 @@ from rclpy.qos import HistoryPolicy
 from bags.errors import BagError
 from bags.experiments import notes
 from bags.storage import losses
-from bags.storage.inbox import ClockError, Filing, bag_topics
+from bags.storage.inbox import LOCKSTEP, ClockError, Filing, bag_topics
+from bags.storage.recording_health import Monitor
 from bags.storage.rosbag2_writer import BagWriter, Split
-from msgs_yaml import contract, qos, ros, share, spin_node
+from msgs_yaml import contract, encode, qos, ros, share, spin_node
 from msgs_yaml.parameters import ParameterError, Range
 from msgs_yaml.stamp import NS_PER_S
 
@@ -62,14 +63,19 @@ class RecorderNode(Node):
             enable_rosout=False,
         )
         self.inlets = [self._subscribe(name) for name in contract.load().topics]
+        self.heard = set()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        if ros.mode(self) != LOCKSTEP:  # there a bag does not depend on how fast this machine is
+            self.monitor = Monitor(ros.mode(self))
+            self.health_pub = ros.publisher(self, ros.HEALTH)
+            period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
+            self.create_timer(period_s, self.tell_health, clock=steady)
         self.next_chunk = time.monotonic() + self.params.chunk_s
         self.stopping, self.exit_code = False, 0
         # not rclpy's handlers: an interrupt must not tear a record, a second one changes nothing
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._stop)
-        self.create_timer(
-            self.params.poll_s, self.poll, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self.create_timer(self.params.poll_s, self.poll, clock=steady)
         self.get_logger().info(f'recording into {self.bag.folder}')
 
     def _open(self, mode):
@@ -101,7 +107,8 @@ class RecorderNode(Node):
     def poll(self):
         """File what has arrived; close a chunk when it is time."""
         try:
-            self.drain()
+            if self.drain():
+                self.say_what_is_heard()
             if time.monotonic() >= self.next_chunk:
                 self.bag.flush()
                 self.next_chunk = time.monotonic() + self.params.chunk_s
@@ -132,6 +139,24 @@ class RecorderNode(Node):
                     taken += 1
         return taken
 
+    def counted(self):
+        """Return what is known of the losses of each topic."""
+        return {
+            inlet.topic: filing.counter.losses for inlet, filing in zip(self.inlets, self.filings)
+        }
+
+    def say_what_is_heard(self):
+        """Log each topic once, when its first message is filed."""
+        heard = {name for name, found in self.counted().items() if found.received}
+        if heard > self.heard:
+            self.get_logger().info(f'hears {", ".join(sorted(heard - self.heard))}')
+            self.heard = heard
+
+    def tell_health(self):
+        """Publish the health, under the time of the machine."""
+        now_ns = self.get_clock().now().nanoseconds
+        self.health_pub.publish(encode.health(self.monitor.health(now_ns, self.counted())))
+
     def destroy_node(self):
         """Write what is still under way, complete the bag."""
         if self.bag is not None:
@@ -158,9 +183,7 @@ class RecorderNode(Node):
             time.sleep(self.params.poll_s)
 
     def _complete(self):
-        counted = {
-            inlet.topic: filing.counter.losses for inlet, filing in zip(self.inlets, self.filings)
-        }
+        counted = self.counted()
         span = self.bag.close({losses.RECORD: losses.record(counted)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
         for topic, found in counted.items():

@@ -127,7 +127,7 @@ def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(highwa
         ring.bag = tmp_path / 'second'
         ring.nodes['recorder'] = node._replace(parameters=node.parameters | {'out': str(ring.bag)})
         ring.start('recorder')
-        ring.wait_for('recorder', 'recording into', PATIENCE_S)
+        ring.wait_for('recorder', WHY, PATIENCE_S)  # the nodes find each other one by one
         found = whys(ring)
     repair.repair(first)
     before = read.values(read.load(first), WHY)

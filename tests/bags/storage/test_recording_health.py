@@ -1,0 +1,45 @@
+"""What the recorder tells of itself."""
+
+from bags.storage.losses import Counter
+from bags.storage.recording_health import Monitor
+from msgs_yaml import contract
+from msgs_yaml.ages import CALM_NS, OK, STALE, WARN
+
+MODE = 'realtime'
+STATE, MARKERS = '/vehicle/odometry', '/markers/vehicle'
+NOW_NS = 10**18
+
+
+def counted(sequences):
+    return {
+        name: Counter().add_all(sequences.get(name, ())).losses for name in contract.load().topics
+    }
+
+
+def test_recorder_that_hears_nothing_says_so():
+    found = Monitor(MODE).health(NOW_NS, counted({}))
+    assert (found.name, found.level) == ('recorder', STALE)
+    assert found.values['messages'] == 0
+
+
+def test_topics_that_are_silent_are_named_but_not_those_published_on_request_only():
+    found = Monitor(MODE).health(NOW_NS, counted({STATE: (1, 2, 3)}))
+    assert found.level == OK
+    assert found.values['messages'] == 3
+    silent = found.values['silent'].split()
+    assert '/controller/why' in silent
+    assert STATE not in silent
+    assert MARKERS not in silent
+
+
+def test_every_topic_heard_leaves_none_silent():
+    found = Monitor(MODE).health(NOW_NS, counted(dict.fromkeys(contract.load().topics, (1,))))
+    assert found.values['silent'] == 'none'
+
+
+def test_a_loss_is_a_warning_until_nothing_was_lost_for_a_while():
+    monitor, lossy = Monitor(MODE), counted({STATE: (1, 2, 5)})
+    first = monitor.health(NOW_NS, lossy)
+    assert (first.level, first.values['lost']) == (WARN, 2)
+    assert monitor.health(NOW_NS + CALM_NS - 1, lossy).level == WARN
+    assert monitor.health(NOW_NS + CALM_NS, lossy).level == OK
