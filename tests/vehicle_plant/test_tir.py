@@ -204,18 +204,21 @@ def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
     assert found == pytest.approx(expected, rel=1e-12)
 
 
-def test_camber_shift_of_5_2_is_that_of_phy3_alone(read, bare):
+@pytest.mark.parametrize('friction', [1.0, 0.5])
+@pytest.mark.parametrize('LMUY', [1.0, 1.03])
+def test_camber_shift_of_5_2_is_that_of_phy3_alone(bare, friction, LMUY):
     """Stiffness with camber: Ky PHY3 plus the vertical shift, and nothing of 6.1."""
+    scaling = replace(symmetric(bare), LMUY=LMUY)
     tyre_set = parameters.tyre('tyre_245_40r18.yaml')
     h, Fz = 1e-5, 4500.0
     Fy = [
-        tyre.force(Contact(Fz, 0.0, 0.0, s * h, 1.0, 220e3), tyre_set, symmetric(bare)).Fy
+        tyre.force(Contact(Fz, 0.0, 0.0, s * h, friction, 220e3), tyre_set, scaling).Fy
         for s in (-1, 1)
     ]
     y = tyre_set.lateral
-    Ky = tyre.stiffness(Contact(Fz, 0.0, 0.0, 0.0, 1.0, 220e3), tyre_set, bare).Ky
+    Ky = tyre.stiffness(Contact(Fz, 0.0, 0.0, 0.0, friction, 220e3), tyre_set, scaling).Ky
     dfz = Fz / tyre_set.reference.FNOMIN - 1
-    expected = Ky * y.PHY3 + Fz * (y.PVY3 + y.PVY4 * dfz)
+    expected = Ky * y.PHY3 + Fz * (y.PVY3 + y.PVY4 * dfz) * LMUY * friction
     assert (Fy[1] - Fy[0]) / (2 * h) == pytest.approx(expected, rel=1e-4)
 
 

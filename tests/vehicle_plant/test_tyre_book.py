@@ -83,7 +83,8 @@ def book(Fz, kappa, alpha, gamma, p_i, c, L):
     Kya *= sin(c['PKY4'] * atan(Fz / Fz0 / peak)) * L['LKY']  # 4.E25
     SVyg = Fz * (c['PVY3'] + c['PVY4'] * dfz) * g * L['LKYC'] * L['LMUY']  # 4.E28
     Kyg0 = Fz * (c['PKY6'] + c['PKY7'] * dfz) * (1 + c['PPY5'] * dpi) * L['LKYC']  # 4.E30
-    SHy = (c['PHY1'] + c['PHY2'] * dfz) * L['LHY'] + (Kyg0 * g - SVyg) / Kya  # 4.E27
+    SHy = (c['PHY1'] + c['PHY2'] * dfz) * L['LHY']  # 4.E27 without camber
+    SHy += (Kyg0 * g - c['SHY3'] * SVyg) / Kya  # 4.E27 at 1; Magic Formula 5.2: 0, and Kyg0 is 0
     SHy += c['PHY3'] * g * L['LKYC']  # Magic Formula 5.2: shift with camber
     ay = a + SHy  # 4.E20
     Cy = c['PCY1'] * L['LCY']  # 4.E21

@@ -33,7 +33,7 @@ _FORMATS = {'PAC2002': '5.2'}
 _SIDES = ('LEFT', 'RIGHT', 'SYMMETRIC')
 _NEEDED = ('FNOMIN', *('PCX1', 'PDX1', 'PKX1', 'RBX1', 'RCX1'))
 _NEEDED += ('PCY1', 'PDY1', 'PKY1', 'PKY2', 'RBY1', 'RCY1')
-_DEFAULTS = {'PKY4': 2.0}
+_DEFAULTS = {'PKY4': 2.0, 'SHY3': 1.0}
 _PRESSURE_PA = 200e3  # of files without pressure terms, where it has no effect
 _SECTIONS = {
     'reference': 'VERTICAL',
@@ -78,7 +78,7 @@ def load(path: Path) -> TyreSet:
     values = _scaled(file, values)
     if formula == '5.2':
         # its camber shift is PHY3 alone, without the two terms that 6.1 has instead
-        values |= {'PKY6': values['PVY3'], 'PKY7': values['PVY4']}
+        values |= {'PKY6': 0.0, 'PKY7': 0.0, 'SHY3': 0.0}
     if _side(file) == 'RIGHT':
         values |= {key: -values[key] for key in _ONE_SIDED}
     return parameters.build(TyreSet, {key: values[key.rpartition('.')[2]] for key in raw}, path)

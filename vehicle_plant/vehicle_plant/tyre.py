@@ -94,7 +94,7 @@ def _pure_lateral(c, t, s, Ky):
     camber_stiffness = c.Fz * (y.PKY6 + y.PKY7 * dfz) * (1 + y.PPY5 * dpi) * s.LKYC
     camber_shift = c.Fz * (y.PVY3 + y.PVY4 * dfz) * camber * s.LKYC * grip
     alpha = c.tan_alpha + (y.PHY1 + y.PHY2 * dfz) * s.LHY
-    alpha += (camber_stiffness * camber - camber_shift) / Ky + y.PHY3 * camber * s.LKYC
+    alpha += (camber_stiffness * camber - y.SHY3 * camber_shift) / Ky + y.PHY3 * camber * s.LKYC
     mu = (y.PDY1 + y.PDY2 * dfz) * (1 + y.PPY3 * dpi + y.PPY4 * dpi**2)
     mu *= (1 - y.PDY3 * camber**2) * grip
     C = y.PCY1 * s.LCY

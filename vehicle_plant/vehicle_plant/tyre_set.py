@@ -2,7 +2,8 @@
 
 Coefficients are numbers without unit unless their field says so; the file that holds them names
 its published source. Some ranges only fix a sign: axes are those of ISO, so cornering stiffness is
-negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in its place.
+negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in its place, less its
+vertical shift with camber: SHY3, a name of ours, is 1 for 6.1 and 0 for 5.2.
 """
 
 from dataclasses import dataclass
@@ -72,6 +73,7 @@ class Lateral:
     PHY1: Number
     PHY2: Number
     PHY3: Number
+    SHY3: Annotated[float, Range(0.0, 1.0, '-')]
     PVY1: Number
     PVY2: Number
     PVY3: Number
