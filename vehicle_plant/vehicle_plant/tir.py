@@ -7,8 +7,8 @@ PKY4 is 2 and every other coefficient 0, which leaves its term out. Units must b
 
 The file's scaling factors are multiplied into the coefficients. A tyre measured on the right
 (TYRESIDE) is mirrored, since a `TyreSet` is a left-hand tyre; the default is left. 5.2 shifts by
-camber with PHY3, 6.1 with PKY6 and PKY7; 5.2 and PAC2002 take angles where 6.1 takes tan(alpha) and
-sin(gamma), which is the same to 1 % up to 10 degrees.
+camber with PHY3, 6.1 with PKY6 and PKY7 (SHY3, ours, is 1); 5.2 and PAC2002 take angles where 6.1
+takes tan(alpha) and sin(gamma), which is the same to 1 % up to 10 degrees.
 
 Not read: moments, and geometry, stiffness and mass, which are the car's (`wheel` in its file).
 """
