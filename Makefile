@@ -1,12 +1,12 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
 # make test      every test
-# make check     everything the continuous integration runs: lint and tests (colcon build in them)
+# make check     everything the continuous integration runs: lint, tests (colcon build in them), coverage
 # make paper     every figure and claim of the paper, into paper/
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock: is 20 Hz held? (9 minutes)
-# make faults    every fault of the fault suite, and what came of it
+# make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
 # make soak      an hour of simulated time, ten minutes of the wall clock: does anything grow?
-# make repeat    the ring fifty times, every other test over ROS ten times
+# make repeat    tests/ros/test_ring.py fifty times, every other test under tests/ros ten times
 # make golden    the recordings that replay-check holds every change against
 # make coverage  is every line of gates, ladder, watchdogs and braking run by its tests?
 # make identify  the controller's tyre parameters from circular driving of the plant
@@ -89,7 +89,7 @@ realtime: setup
 	$(BIN)/python bench/realtime.py
 
 faults: setup
-	$(BIN)/python tests/faults/suite.py
+	$(BIN)/python tests/faults/suite.py --out build/faults
 
 soak: setup
 	$(BIN)/python bench/soak.py

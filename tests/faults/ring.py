@@ -12,6 +12,7 @@ from typing import NamedTuple
 import hooks
 import yaml
 from catalogue import ROLES, Fault
+from states import BEFORE_NS
 
 from bags import closed_loop
 from bags.experiments import experiment, processes
@@ -33,12 +34,12 @@ class Stalls:
     """Watches over the machine: a thread that wants to wake up every 10 ms, and when it did not."""
 
     def __init__(self):
-        self.longest_s = 0.0
+        self.found: list[tuple[int, float]] = []  # wall time [ns] of the end, length [s]
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.watch, daemon=True)
 
     def watch(self):
-        """Note the longest time without a turn."""
+        """Note every time without a turn."""
         with contextlib.suppress(PermissionError):
             # as punctual as the nodes; not for the programs that this one starts
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -46,8 +47,12 @@ class Stalls:
         last = time.monotonic()
         while not self.over.wait(TURN_S):
             now = time.monotonic()
-            self.longest_s = max(self.longest_s, now - last - TURN_S)
+            self.found.append((time.time_ns(), now - last - TURN_S))
             last = now
+
+    def longest_s(self, since_ns: int) -> float:
+        """Return the longest time without a turn that ended after an instant of the wall clock."""
+        return max((length_s for end_ns, length_s in self.found if end_ns >= since_ns), default=0.0)
 
     def __enter__(self):
         self.thread.start()
@@ -74,7 +79,7 @@ class Evidence(NamedTuple):
     plant: int | None  # exit code of the plant, None when it had to be ended
     hung: tuple[str, ...]  # what did not come to an end
     ended: tuple[str, ...]  # nodes that ended by themselves and should not have
-    stall_s: float  # longest time that the machine gave this process no turn
+    stall_s: float  # longest time that the machine gave this process no turn, around the fault
 
 
 class Ring:
@@ -207,22 +212,26 @@ class Ring:
         return [p.name for p in killed if p.code == -signal.SIGKILL and p not in self.spared]
 
 
+def undergo(fault: Fault, ring: Ring) -> list[str]:
+    """Start a ring and see its fault through; return what took too long."""
+    ring.start()
+    came = ring.wait(START_S, lambda: ring.has_begun() or ring.has_ended())
+    if ring.begins_ns is None and fault.does != 'at_s':
+        return [] if came else ['start']
+    ring.harm()
+    if fault.does in ('kill', 'freeze') and fault.to == 'plant' and 'for_s' not in fault.settings:
+        time.sleep(ALONE_S)
+    elif not ring.wait(DRIVE_S, ring.is_over):
+        return ['drive']
+    return []
+
+
 def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
     """Run one fault in a new folder; leaves no process behind, whatever happens."""
     ring, stalls, hung, ended = Ring(fault, folder, domain), Stalls(), [], []
-    plant_is_victim = fault.does in ('kill', 'freeze') and fault.to == 'plant'
     try:
-        ring.start()
-        came = ring.wait(START_S, lambda: ring.has_begun() or ring.has_ended())
-        if ring.begins_ns is None and fault.does != 'at_s':
-            hung += [] if came else ['start']
-        else:
-            with stalls:
-                ring.harm()
-                if plant_is_victim and 'for_s' not in fault.settings:
-                    time.sleep(ALONE_S)
-                elif not ring.wait(DRIVE_S, ring.is_over):
-                    hung.append('drive')
+        with stalls:
+            hung += undergo(fault, ring)
         time.sleep(SETTLE_S)
         for role, process in ring.running.items():
             if role != 'plant' and process.code is not None and process not in ring.spared:
@@ -230,6 +239,8 @@ def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
         code = ring.running['plant'].code
     finally:
         hung += ring.stop()
+    # a run that never came to its fault may have been held up at any time
+    since_ns = 0 if ring.begins_ns is None else ring.begins_ns - BEFORE_NS
     return Evidence(
         folder=folder,
         bag=ring.bag,
@@ -238,5 +249,5 @@ def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
         plant=code,
         hung=tuple(hung),
         ended=tuple(ended),
-        stall_s=stalls.longest_s,
+        stall_s=stalls.longest_s(since_ns),
     )

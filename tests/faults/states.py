@@ -91,7 +91,8 @@ def ending(bag: Bag, begins_ns: int, plant_lives: bool) -> Ending:
         return instants, [_at(now, car, said_ns, rungs, plant_lives) for now in instants.tolist()]
 
     instants, states = between(begins_ns, end_ns)
-    _, before = between(max(begins_ns - BEFORE_NS, int(said_ns[0])), begins_ns)
+    # what holds at the instant of the fault is the first thing that came of it
+    _, before = between(max(begins_ns - BEFORE_NS, int(said_ns[0])), begins_ns - 1)
     kept = len(states) - 1
     while kept and states[kept - 1] == states[-1]:
         kept -= 1

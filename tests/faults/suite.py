@@ -3,64 +3,45 @@
     python tests/faults/suite.py                      every fault
     python tests/faults/suite.py odometry_nan disk_full
     python tests/faults/suite.py --some 12 --seed 1   a seeded choice
+    python tests/faults/suite.py --out build/faults   bags, logs and verdicts.json are kept
 
-Exits with 1 when one ended in another state than expected, too late, with a command that must not
-be, with a process that hung, or with a bag that cannot be read. --out keeps bags and logs. A run on
-the wall clock that fails is tried again when the machine disturbed it: when the car was not OK
-before the fault, or this process got no turn for 40 ms. Where the user may, the nodes run with
-real-time priority: a busy machine is another fault.
+Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
+before the fault, with a command that must not be, with a process that hung, or with a bag that
+cannot be read. A failed run is tried again, at most twice, when the machine was seen to stand still
+around the fault: this process, with real-time priority where the user may, got no turn for 0.1 s.
+After that it has failed. The nodes run with that priority too: a busy machine is another fault.
+
+With --out of an earlier run, what has a verdict on the same commit is not run again: an interrupted
+suite goes on where it was. Uncommitted changes are no commit; with them everything is run.
 """
 
 import argparse
 import fnmatch
-import json
 import random
+import shutil
 import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
-from typing import NamedTuple
 
 import catalogue
 import ring
 import states
+import verdicts
 from catalogue import Fault
 from ring import Evidence
+from verdicts import Verdict
 
 from bags.errors import BagError, DamagedBagWarning
+from bags.experiments import notes
 from bags.storage import read, repair
 
 DOMAIN = 70
-TRIES = 3  # on the wall clock, of a run that the machine disturbed
-STALL_S = 0.04
+TRIES = 3  # of a run during which the machine stood still
 TOO_LATE = 'too late'
+NOT_CALM = 'not OK before the fault'
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
-
-
-class Verdict(NamedTuple):
-    """What became of a fault."""
-
-    name: str
-    expected: str
-    found: str
-    settled_s: float
-    within_s: float
-    visited: tuple[str, ...]
-    nonsense: int  # commands that must not be
-    remarks: tuple[str, ...]  # everything that went wrong
-    disturbed: str  # what else went wrong with the machine, '' for nothing
-    tries: int = 1
-
-    @property
-    def passed(self) -> bool:
-        """Whether everything is as it must be."""
-        return not self.remarks
-
-    @property
-    def unclear(self) -> bool:
-        """Whether all that is wrong is a state or its time, on a machine that was disturbed."""
-        return bool(self.disturbed) and set(self.remarks) <= {f'is {self.found}', TOO_LATE}
 
 
 def judge(fault: Fault, evidence: Evidence) -> Verdict:
@@ -83,6 +64,8 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
         remarks.append(f'is {found}')
     elif settled_s > fault.within_s:
         remarks.append(TOO_LATE)
+    if not calm:
+        remarks.append(NOT_CALM)
     if bad:
         remarks.append(f'{bad} commands that must not be')
     return Verdict(
@@ -94,25 +77,17 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
         visited=visited,
         nonsense=bad,
         remarks=tuple(remarks),
-        disturbed=disturbance(fault, evidence, calm),
+        stall_s=counting_stall(fault, evidence),
     )
 
 
-def disturbance(fault: Fault, evidence: Evidence, calm: bool) -> str:
-    """Return what happened to a run beside its fault, '' for nothing.
+def counting_stall(fault: Fault, evidence: Evidence) -> float:
+    """Return how long the machine stood still where it matters [s].
 
-    A run that never came to its fault says nothing about it; on the wall clock the machine may
-    have disturbed it.
+    A drive in lockstep waits; only its start has limits on the wall clock.
     """
-    if evidence.begins_ns is None:
-        return 'never came to the fault'
-    if fault.mode != 'realtime':
-        return ''
-    if not calm:
-        return 'not OK before the fault'
-    if evidence.stall_s > STALL_S:
-        return f'the machine stood still for {evidence.stall_s:.2f} s'
-    return ''
+    waits = fault.mode == 'lockstep' and evidence.begins_ns is not None
+    return 0.0 if waits else evidence.stall_s
 
 
 def harmful(fault: Fault, bag: read.Bag) -> int:
@@ -134,7 +109,7 @@ def row(verdict: Verdict) -> str:
     if verdict.tries > 1:
         remarks += f' (try {verdict.tries})'
     if verdict.disturbed:
-        remarks += f' ({verdict.disturbed})'
+        remarks += f' (the machine stood still for {verdict.stall_s:.2f} s)'
     return (
         f'{verdict.name:<32} {verdict.expected:<9} {verdict.found:<9} '
         f'{verdict.settled_s:>6.2f} {verdict.within_s:>6.2f}  '
@@ -143,25 +118,29 @@ def row(verdict: Verdict) -> str:
 
 
 def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
-    """Try a fault; again when it failed in a run that was disturbed."""
+    """Try a fault; again when it failed and the machine stood still meanwhile."""
     for tries in range(1, TRIES + 1):
         folder = out / (fault.name if tries == 1 else f'{fault.name}.{tries}')
-        verdict = judge(fault, ring.drive(fault, folder, domain))._replace(tries=tries)
+        shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
+        around = verdicts.surroundings()
+        verdict = judge(fault, ring.drive(fault, folder, domain))
         if verdict.passed or not verdict.disturbed:
             break
-    return verdict
+    return verdict._replace(tries=tries, **around)
 
 
 def run(faults: list[Fault], out: Path, domain: int) -> list[Verdict]:
-    """Try faults one after the other; print a line about each."""
+    """Try what was not tried on this commit, one after the other; print a line about each."""
     print(HEAD, flush=True)
-    verdicts = []
+    kept, commit = out / verdicts.KEPT, notes.commit()
+    found = verdicts.load(kept) if kept.is_file() else {}
     for fault in faults:
-        verdicts.append(attempt(fault, out, domain))
-        print(row(verdicts[-1]), flush=True)
-        kept = out / 'verdicts.json'
-        kept.write_text(json.dumps([v._asdict() for v in verdicts], indent=1))
-    return verdicts
+        if not verdicts.is_known(found.get(fault.name), commit):
+            found.pop(fault.name, None)  # the file is in the order of the runs
+            found[fault.name] = attempt(fault, out, domain)
+            verdicts.save(kept, found)
+        print(row(found[fault.name]), flush=True)
+    return [found[fault.name] for fault in faults]
 
 
 def chosen(faults: list[Fault], patterns: list[str], some: int | None, seed: int) -> list[Fault]:
@@ -185,20 +164,20 @@ def main() -> int:
     parser.add_argument('--mode', choices=catalogue.MODES, help='only those of a mode')
     parser.add_argument('--some', type=int, help='so many of them, chosen by --seed')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--out', type=Path, help='folder to create for bags and logs')
+    parser.add_argument('--out', type=Path, help='folder for bags, logs and verdicts.json')
     parser.add_argument('--domain', type=int, default=DOMAIN, help='ROS_DOMAIN_ID')
     given = parser.parse_args()
     known = [f for f in catalogue.load() if given.mode in (None, f.mode)]
     faults = chosen(known, given.names, given.some, given.seed)
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
-        verdicts = run(faults, (given.out or Path(scratch)).absolute(), given.domain)
-    passed = sum(verdict.passed for verdict in verdicts)
+        found = run(faults, (given.out or Path(scratch)).absolute(), given.domain)
+    passed = sum(verdict.passed for verdict in found)
     minutes = (time.monotonic() - began) / 60
-    bad = sum(verdict.nonsense for verdict in verdicts)
-    print(f'{passed} of {len(verdicts)} as expected, {bad} commands that must not be, ', end='')
+    bad = sum(verdict.nonsense for verdict in found)
+    print(f'{passed} of {len(found)} as expected, {bad} commands that must not be, ', end='')
     print(f'{minutes:.1f} min')
-    return 0 if passed == len(verdicts) else 1
+    return 0 if passed == len(found) else 1
 
 
 if __name__ == '__main__':

@@ -3,17 +3,22 @@
     python tests/faults/table.py OUT/verdicts.json [MORE/verdicts.json ...]
 
 A fault in several files counts as in the last one. Every fault of the catalogue has a row; one that
-no file holds says so.
+no file holds says so. The commit measured is that of the latest verdict; a row of any other commit
+names it.
 """
 
-import json
+import statistics
 import sys
+from collections import Counter
 from pathlib import Path
 
 import catalogue
+import verdicts
+from verdicts import Verdict
 
 PAGE = catalogue.HERE.parents[1] / 'docs' / 'faults.md'
 BEGIN, END = '<!-- faults: made by tests/faults/table.py -->', '<!-- end of faults -->'
+SHORT = 10  # digits of a commit
 HEAD = """| fault | mode | expected | within [s] | found | after [s] | notes |
 |---|---|---|---|---|---|---|"""
 
@@ -22,44 +27,60 @@ class TableError(ValueError):
     """The page or a file of verdicts is not as it must be."""
 
 
-def verdicts(paths: list[Path]) -> dict[str, dict]:
-    """Return the verdict of each fault by its name."""
-    found = {}
-    for path in paths:
-        found |= {verdict['name']: verdict for verdict in json.loads(path.read_text())}
-    return found
-
-
-def row(fault: catalogue.Fault, verdict: dict | None) -> str:
-    """Return the row of a fault."""
+def row(fault: catalogue.Fault, verdict: Verdict | None, commit: str) -> str:
+    """Return the row of a fault; `commit` is the one measured."""
     said = [f'`{fault.name}`', fault.mode, fault.expect, f'{fault.within_s:g}']
     if verdict is None:
         return '| ' + ' | '.join([*said, 'not run', '', '']) + ' |'
-    if verdict['expected'] != fault.expect:
-        raise TableError(f'{fault.name}: was run when {verdict["expected"]} was expected')
-    notes = list(verdict['remarks'])
-    if verdict['tries'] > 1:
-        notes.append(f'try {verdict["tries"]}')
-    if verdict['disturbed']:
-        notes.append(verdict['disturbed'])
-    found = verdict['found'] + (' **no**' if verdict['remarks'] else '')
-    after = verdict['settled_s']
-    return '| ' + ' | '.join([*said, found, f'{after:.2f}', '; '.join(notes)]) + ' |'
+    if (verdict.expected, verdict.within_s) != (fault.expect, fault.within_s):
+        was = f'{verdict.expected} within {verdict.within_s:g} s'
+        raise TableError(f'{fault.name}: was run when {was} was expected')
+    notes = list(verdict.remarks)
+    if verdict.tries > 1:
+        notes.append(f'try {verdict.tries}')
+    if verdict.disturbed:
+        notes.append(f'the machine stood still for {verdict.stall_s:.2f} s')
+    if verdict.commit != commit:
+        notes.append(f'on {named(verdict.commit)}')
+    found = verdict.found + ('' if verdict.passed else ' **no**')
+    after = f'{verdict.settled_s:.2f}'
+    return '| ' + ' | '.join([*said, found, after, '; '.join(notes)]) + ' |'
 
 
-def block(faults: list[catalogue.Fault], found: dict[str, dict]) -> str:
-    """Return the table and its sum."""
+def named(commit: str) -> str:
+    """Return how a reader is told a commit."""
+    if not commit:
+        return 'an unknown commit'
+    return f'`{commit[:SHORT]}`' + ('' if verdicts.is_clean(commit) else ' with changes')
+
+
+def block(faults: list[catalogue.Fault], found: dict[str, Verdict]) -> str:
+    """Return the table, its sum, and what was measured; TableError without a verdict."""
+    if not found:
+        raise TableError('there is no verdict')
     unknown = found.keys() - {fault.name for fault in faults}
     if unknown:
         raise TableError(f'no such fault: {", ".join(sorted(unknown))}')
-    passed = sum(not verdict['remarks'] for verdict in found.values())
-    bad = sum(verdict['nonsense'] for verdict in found.values())
-    rows = [row(fault, found.get(fault.name)) for fault in faults]
+    commit = max(found.values(), key=lambda verdict: verdict.at).commit
+    passed = sum(verdict.passed for verdict in found.values())
+    bad = sum(verdict.nonsense for verdict in found.values())
+    rows = [row(fault, found.get(fault.name), commit) for fault in faults]
     total = (
         f'{passed} of {len(found)} as expected, {len(faults) - len(found)} not run, '
         f'{bad} commands that must not be.'
     )
-    return '\n'.join([total, '', HEAD, *rows])
+    return '\n'.join([total, '', measured(found, commit), '', HEAD, *rows])
+
+
+def measured(found: dict[str, Verdict], commit: str) -> str:
+    """Return on which commits and machines the faults were run."""
+    counts = Counter(verdict.commit for verdict in found.values())
+    said = [f'{counts.pop(commit)} on commit {named(commit)}']
+    said += [f'{count} on the older {named(other)}' for other, count in counts.most_common()]
+    machines = '; '.join(sorted({verdict.machine for verdict in found.values()}))
+    loads = [verdict.load for verdict in found.values()]
+    load = f'{min(loads):.1f} to {max(loads):.1f}, median {statistics.median(loads):.1f}'
+    return f'{", ".join(said)}. {machines}. Load average at the start of a fault: {load}.'
 
 
 def written(page: str, table: str) -> str:
@@ -73,7 +94,10 @@ def written(page: str, table: str) -> str:
 
 def main() -> int:
     """Rewrite the table."""
-    table = block(catalogue.load(), verdicts([Path(name) for name in sys.argv[1:]]))
+    found = {}
+    for name in sys.argv[1:]:
+        found |= verdicts.load(Path(name))
+    table = block(catalogue.load(), found)
     PAGE.write_text(written(PAGE.read_text(), table))
     return 0
 

@@ -8,12 +8,9 @@ import damage
 import hooks
 import numpy as np
 import pytest
-import states
 import suite
-import table
 from nav_msgs.msg import Odometry
 
-from bags.errors import BagError
 from msgs_yaml import encode
 from msgs_yaml.types import Command, Health, Obstacle, Obstacles, Reference, VehicleState
 
@@ -123,67 +120,6 @@ def test_a_choice_is_the_same_each_time_and_keeps_the_order():
         suite.chosen(faults, ['nothing'], None, seed=0)
 
 
-class Recorded:
-    """What `states` asks of a bag: motion and words."""
-
-    def __init__(self, monkeypatch, speed, rungs):
-        at_ns = S + np.arange(len(speed)) * MS
-        car = states.Motion(at_ns, at_ns, np.array(speed, float))
-        monkeypatch.setattr(states, 'motion', lambda bag: car)
-        words = [
-            (S + 50 * MS * k, type('Why', (), {'values': {'rung': rung}}))
-            for k, rung in enumerate(rungs)
-        ]
-        monkeypatch.setattr(states, 'sound', lambda bag, topic, decoder: words)
-
-    def ending(self, begins_s, plant_lives=True):
-        return states.ending(None, S + round(begins_s * S), plant_lives)
-
-
-def test_a_car_that_drives_as_planned_is_ok(monkeypatch):
-    bag = Recorded(monkeypatch, [15.0] * 3000, ['solved'] * 60)
-    assert bag.ending(1.5) == ('OK', 0.0, ('OK',), True)
-
-
-def test_a_state_counts_from_when_it_was_kept(monkeypatch):
-    rungs = ['solved'] * 30 + ['shifted'] * 5 + ['braking'] * 5 + ['solved'] * 20
-    bag = Recorded(monkeypatch, [15.0] * 3000, rungs)
-    ending = bag.ending(1.5)
-    assert ending.state == 'OK'
-    assert ending.settled_s == pytest.approx(0.5, abs=0.06)
-    assert ending.visited == ('degraded', 'braking', 'OK')
-
-
-def test_a_car_that_loses_speed_brakes_whatever_is_said(monkeypatch):
-    speed = 15.0 - np.maximum(np.arange(3000) - 2000, 0) * 0.008
-    ending = Recorded(monkeypatch, speed, ['solved'] * 60).ending(1.5)
-    assert ending.visited == ('OK', 'braking')
-
-
-def test_a_car_that_stands_is_stopped(monkeypatch):
-    speed = np.clip(15.0 - (np.arange(4000) - 1500) * 0.01, 0.0, 15.0)
-    ending = Recorded(monkeypatch, speed, ['solved'] * 31).ending(1.5)
-    assert ending.state == 'stopped'
-    assert ending.settled_s == pytest.approx(1.5, abs=0.1)
-
-
-def test_nobody_who_says_anything_is_degraded(monkeypatch):
-    ending = Recorded(monkeypatch, [15.0] * 3000, ['solved'] * 31).ending(1.5)
-    assert ending.visited == ('OK', 'degraded')
-
-
-def test_a_fault_after_the_end_is_told(monkeypatch):
-    bag = Recorded(monkeypatch, [15.0] * 1000, ['solved'] * 20)
-    with pytest.raises(BagError, match='after the end'):
-        bag.ending(1.5)
-
-
-def test_without_a_plant_the_last_word_counts(monkeypatch):
-    rungs = ['solved'] * 35 + ['braking'] * 25
-    ending = Recorded(monkeypatch, [15.0] * 1500, rungs).ending(1.5, plant_lives=False)
-    assert ending.visited == ('OK', 'braking')
-
-
 def test_the_relay_is_between_one_publisher_and_one_subscriber():
     fault = next(f for f in catalogue.load() if f.name == 'odometry_nan')
     assert hooks.remaps(fault, 'controller') == [
@@ -192,44 +128,3 @@ def test_the_relay_is_between_one_publisher_and_one_subscriber():
     ]
     assert hooks.remaps(fault, 'plant') == []
     assert Path(hooks.relay(fault)[1]).name == 'relay.py'
-
-
-def test_the_table_has_a_row_for_every_fault_and_says_what_failed():
-    first, second, *others = catalogue.load()
-    made = {
-        'name': first.name,
-        'expected': first.expect,
-        'found': 'stopped',
-        'settled_s': 1.0,
-        'nonsense': 2,
-        'remarks': ['is stopped'],
-        'disturbed': '',
-        'tries': 1,
-    }
-    rows = table.block([first, second, *others], {first.name: made}).splitlines()
-    assert rows[0].startswith(f'0 of 1 as expected, {1 + len(others)} not run, 2 commands')
-    assert '| stopped **no** | 1.00 | is stopped |' in rows[4]
-    assert '| not run |' in rows[5]
-    assert len(rows) == 6 + len(others)
-
-
-def test_a_table_takes_the_place_of_the_one_before():
-    page = f'a\n{table.BEGIN}\nold\n{table.END}\nz\n'
-    assert table.written(page, 'new') == f'a\n{table.BEGIN}\nnew\n{table.END}\nz\n'
-    with pytest.raises(table.TableError, match='lacks'):
-        table.written('a page without', 'new')
-
-
-@pytest.mark.parametrize(
-    ('remarks', 'disturbed', 'unclear'),
-    [
-        (['is stopped'], 'not OK before the fault', True),
-        (['too late'], 'the machine stood still for 0.06 s', True),
-        (['is stopped'], '', False),
-        (['is stopped', '1 commands that must not be'], 'not OK before the fault', False),
-        (['hung: plant'], 'not OK before the fault', False),
-    ],
-)
-def test_only_a_late_or_wrong_state_on_a_disturbed_machine_is_unclear(remarks, disturbed, unclear):
-    verdict = suite.Verdict('a', 'OK', 'stopped', 1.0, 1.0, (), 0, tuple(remarks), disturbed)
-    assert verdict.unclear == unclear
