@@ -1,6 +1,7 @@
 """What is to be said at a stamp: obstacles of the moment, and whether facts are to be repeated."""
 
 from msgs_yaml import contract, stamp
+from msgs_yaml.checked import DecodeError
 from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -8,6 +9,7 @@ from scenario_publisher.scenario import Scenario
 NAME = 'scenario'
 PLANT = 'plant'
 BEGAN = 'run_began_ns'  # what the plant calls the instant at which its car was let go
+LATEST_NS = 2**31 * stamp.NS_PER_S  # ROS counts seconds in 32 bits
 OK, STALE = 0, 3
 
 
@@ -44,11 +46,12 @@ class Timeline:
     def hear(self, health: Health) -> None:
         """Learn from the plant when its run began: obstacles move and appear from then on.
 
-        Also in the midst of a run, after this node was started again.
+        Also in the midst of a run, after this node was started again. Raises DecodeError for
+        what is no instant; the one known before stands.
         """
         if health.name == PLANT and not self._follows_clock:
+            self._origin_ns = _instant(health.values.get(BEGAN))
             self.knows_plant = True
-            self._origin_ns = health.values.get(BEGAN)
 
     def obstacles(self, stamp_ns: int) -> Obstacles:
         """Return the obstacles at a stamp; before the beginning, those of the beginning."""
@@ -70,3 +73,13 @@ class Timeline:
             return Health(stamp_ns, NAME, STALE, told, {'obstacles': 0})
         there = len(self.obstacles(stamp_ns).items)
         return Health(stamp_ns, NAME, OK, f'publishing {self._scn.name}', {'obstacles': there})
+
+
+def _instant(began_ns):
+    """Return an instant as it is, None for one that is still to come."""
+    # a truth is an int, too; and a float has lost nanoseconds, if it is a time at all
+    if began_ns is None or (type(began_ns) is int and 0 < began_ns < LATEST_NS):
+        return began_ns
+    told = f'{began_ns!r:.40}'
+    allowed = f'allowed are whole numbers above 0 and below {LATEST_NS}'
+    raise DecodeError(f'{BEGAN} is {told}, {allowed}')

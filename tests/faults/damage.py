@@ -8,6 +8,7 @@ from typing import Any
 
 WILD = 1e12  # no number of the contract is that large
 WRONG_FRAME = 'somewhere_else'
+WORD = 'soon'
 LONG_TEXT = 100_000  # characters
 MANY = 100_000  # elements
 MANY_NESTED = 20_000  # of those that hold messages with arrays of their own
@@ -38,6 +39,13 @@ def set_numbers(message: Any, number: float) -> None:
                 value[:] = number
             elif name == 'value' and kind == 'string':
                 part.value = str(number)
+
+
+def set_words(message: Any) -> None:
+    """Put a word where the text may stand for a number."""
+    for part in parts(message):
+        if part.get_fields_and_field_types().get('value') == 'string':
+            part.value = WORD
 
 
 def set_frames(message: Any) -> None:
@@ -110,6 +118,7 @@ CHANGES: dict[str, Callable[[Any], None]] = {
     'nan': lambda message: set_numbers(message, math.nan),
     'inf': lambda message: set_numbers(message, math.inf),
     'wild': lambda message: set_numbers(message, WILD),
+    'word': set_words,
     'frame': set_frames,
     'huge': swell,
     'thousand': thousand,

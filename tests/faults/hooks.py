@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from catalogue import HERE, TELEMETRY, Fault
+from catalogue import HERE, Fault
 
 from bags.experiments import experiment, processes
 
@@ -24,7 +24,8 @@ SPEAKS = {  # whose messages are harmed before anybody hears them
     '/vehicle/wheels': ('plant',),
     '/controller/prediction': ('controller',),
     '/controller/why': ('controller',),
-    '/diagnostics': ('scenario', 'controller', 'plant', 'recorder'),
+    # the scenario hears what the plant says; a rule moves both ways, so it is left where it is
+    '/diagnostics': ('controller', 'plant', 'recorder'),
 }
 UNRECORDED = '/unrecorded'  # put before what a misled scenario says
 FROM_S = 1.5  # after the first command
@@ -37,7 +38,8 @@ def remaps(fault: Fault, role: str) -> list[str]:
     """Return the ROS arguments that lead a node past the relay.
 
     A scenario whose /clock is harmed stamps what it says by it. A recorder ends where time falls
-    back (docs/bags.md), so it is not told: its bag is the evidence.
+    back (docs/bags.md), so it is not told: its bag is the evidence. For the same
+    reason it hears the sound health, by which the refusals of the plant are counted.
     """
     if fault.does != 'relay':
         return []
@@ -51,7 +53,7 @@ def remaps(fault: Fault, role: str) -> list[str]:
 def relay(fault: Fault) -> list[str]:
     """Return the command of the relay; it also tells when the time of other faults has come."""
     topics = fault.to if fault.does == 'relay' else ()
-    source, target = (SOUND, '') if topics == TELEMETRY else ('', HARMED)
+    source, target = (SOUND, '') if SPEAKS.keys() & set(topics) else ('', HARMED)
     command = [sys.executable, str(HERE / 'relay.py'), source, target, *topics]
     given = {'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S, 'priority': PRIORITY}
     for name, value in (given | (fault.settings if topics else {})).items():

@@ -1,6 +1,9 @@
+import math
+
 import pytest
 
 from msgs_yaml import contract
+from msgs_yaml.checked import DecodeError
 from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
@@ -50,6 +53,31 @@ def test_a_plant_that_was_started_again_begins_another_run():
     timeline.hear(plant())
     (held,) = timeline.obstacles(90 * START_NS).items
     assert pytest.approx(60.0) == held.X
+
+
+@pytest.mark.parametrize(
+    'began',
+    [
+        'soon',
+        math.nan,
+        math.inf,
+        1e12,
+        True,
+        0,
+        -1,
+        2**31 * START_NS,
+        pytest.param(10**400, id='1e400'),
+    ],
+)
+def test_what_is_no_instant_is_turned_down_and_the_known_one_stands(began):
+    timeline, waiting = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'realtime')
+    timeline.hear(plant(run_began_ns=80 * START_NS))
+    for one in (timeline, waiting):
+        with pytest.raises(DecodeError, match=r'run_began_ns is .* allowed are whole numbers'):
+            one.hear(plant(run_began_ns=began))
+    (moved,) = timeline.obstacles(81 * START_NS).items
+    assert pytest.approx(68.0) == moved.X
+    assert not waiting.knows_plant
 
 
 def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
