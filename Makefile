@@ -100,6 +100,7 @@ repeat: setup
 
 paper: setup
 	@$(BIN)/bags paper
+	@$(BIN)/bags paper --readme README.md
 
 golden: setup
 	@$(BIN)/bags golden

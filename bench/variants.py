@@ -53,6 +53,7 @@ class Aided:
             message=SECOND + aid.message,
             iterations=found.iterations + aid.iterations,
             solve_s=found.solve_s + aid.solve_s,
+            cpu_s=found.cpu_s + aid.cpu_s,
         )
 
 

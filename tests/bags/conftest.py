@@ -57,7 +57,9 @@ def make_drive():
             drive.Motion(stamp_ns, x, over(y), over(yaw), np.full(len(x), SPEED), over(vy)),
             drive.Accelerations(stamp_ns, -x / 20.0, 8.0 * np.sin(x / 10.0)),
             drive.Inputs(stamp_ns, 0.1 * np.sin(x / 10.0), over(force)),
-            drive.Ticks(answered, np.full(len(answered), 5.0), np.zeros(len(answered))),
+            drive.Ticks(
+                answered, *np.repeat([[5.0], [4.0]], len(answered), axis=1), np.zeros(len(answered))
+            ),
             straight_scene() if scene is None else scene,
             FACTS._replace(**facts),
         )

@@ -19,6 +19,7 @@ from bags.study.drives import Drives
 ROLES = {name: f'{name}_tuned' for name in variants.CONTROLLERS}
 ORDER = ('mpcc_no_ca', 'mpcc', 'frenet')  # the one that is overtaken in every panel lies below
 BAGS, STUDY = 'bags', 'study'
+COMMAND, QUICK = 'bags paper', ' --quick'
 RUNS, QUICK_RUNS = distributions.RUNS, 6
 CAUSE_RUNS, QUICK_CAUSE_RUNS = 10, 2
 VERDICTS = {'reproduced': 'green', 'partly': 'yellow', 'not': 'red'}
@@ -36,13 +37,14 @@ def everything(out: Path, quick: bool, jobs: int | None, console: Console) -> Ma
     """Make everything anew into the folder `out`. Raises BagError."""
     runs, cause_runs = (QUICK_RUNS, QUICK_CAUSE_RUNS) if quick else (RUNS, CAUSE_RUNS)
     speeds = distributions.SPEEDS_KPH[:1] if quick else distributions.SPEEDS_KPH
-    bags = out / BAGS
+    bags, command = out / BAGS, COMMAND + (QUICK if quick else '')
     _say(console, '1/4 the operating point, in process')
     point.write(out)
     _say(console, f'2/4 distributions of {runs} paired runs and their causes')
     with Bars(console) as bars, Drives(jobs, bars.show) as drives:
-        found = distributions.run(drives, out / STUDY, variants.cast(ROLES), runs, speeds)
-        told = claims.run(drives, out, runs, cause_runs, speeds, ROLES)
+        cast = variants.cast(ROLES)
+        found = distributions.run(drives, out / STUDY, cast, runs, speeds, command=command)
+        told = claims.run(drives, out, runs, cause_runs, speeds, ROLES, command=command)
     _say(console, '3/4 experiment 2 through the node graph, as the median run')
     driven = graph.double_lane_change(
         [found.median_case(role) for role in ORDER], out, bags, console

@@ -1,6 +1,10 @@
-"""The claims table between two comments of a Markdown file, made from claims.json."""
+"""The claims table between two comments of a Markdown file, made from claims.json.
+
+It is the short one: medians without ranges, no shares and no causes; these are in claims.md.
+"""
 
 import json
+import re
 from pathlib import Path
 
 from bags.errors import BagError
@@ -10,25 +14,25 @@ BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
 COLUMNS = {
     'claim': 'claim',
     'paper': 'paper',
-    'ours': 'ours: median [least, most]',
+    'ours': 'ours: median',
     'verdict': 'verdict',
-    'interval': 'holds in runs [95 %]',
-    'cause': 'cause',
 }
+RANGE = re.compile(r' \[[^],]+, [^],]+\]')
 
 
 def block(claims: Path) -> str:
     """Return what stands between the comments for a claims.json. Raises BagError."""
     try:
         rows = json.loads(claims.read_text())
+        point = rows[0]['operating_point']
         lines = [[_cell(row[name]) for name in COLUMNS] for row in rows]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError) as error:
         raise BagError(f'{claims}: holds no claims: {error}') from None
-    return f'\n{tables.markdown(list(COLUMNS.values()), lines)}\n'
+    return f'\nAt {point}:\n\n{tables.markdown(list(COLUMNS.values()), lines)}\n'
 
 
 def _cell(text):
-    return str(text).replace('|', r'\|').replace('\n', ' ')
+    return RANGE.sub('', str(text)).replace('|', r'\|').replace('\n', ' ')
 
 
 def parts(file: Path) -> tuple[str, str, str]:

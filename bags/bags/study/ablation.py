@@ -93,7 +93,7 @@ def run(
         'bags study ablation',
         scenario,
         seed,
-        roles=dict(roles),
+        {one.name: one.controller for one in variants.cast(roles)},
         runs=runs,
         sweep_runs=sweep_runs,
         speeds_kph=list(speeds_kph),

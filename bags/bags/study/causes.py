@@ -4,20 +4,26 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bags.study import statistics
-from bags.study.claim_rules import Claim, Runs
+from bags.study.claim_rules import NOT, Claim, Runs
 from bags.study.drives import Record
 from bags.study.variants import BASE, BASELINE, SWITCHES, Switch
 
+WOULD = 'would bring it about'
 Rows = Mapping[str, Sequence[Record]]  # of the ablation at the operating point, one per draw
 
 
-def of(claim: Claim, cast: Sequence[Runs], rows: Rows) -> tuple[str, list[dict[str, Any]]]:
+def of(
+    claim: Claim, cast: Sequence[Runs], rows: Rows, verdict: str
+) -> tuple[str, list[dict[str, Any]]]:
     """Return the cause as a sentence, and the counts behind it.
 
     The role that the claim switches is played by the row before and by the row after each switch;
     the other roles by those who play them. The loose rule decides. A switch is a cause when it
     turns the rule in most of the runs, for certain: the Wilson interval of the share lies above
     one half.
+
+    What does not hold has no cause. Of such a claim is told which switches would bring about its
+    direction, in the cars that they make; those do not say why it is absent.
     """
     if claim.switched is None:
         return claim.reason, []
@@ -26,6 +32,8 @@ def of(claim: Claim, cast: Sequence[Runs], rows: Rows) -> tuple[str, list[dict[s
     data = [one for one in data if one['before'] == BASE or claim.switched == 'frenet']
     forth = [one for one in data if one['before'] == BASE]
     back = [one for one in data if one['before'] == BASELINE]
+    if verdict == NOT:
+        return f'direction only ({claim.loose_says}): {_said(WOULD, forth, "gained")}', data
     key = 'lost' if claim.switched == 'mpcc' else 'gained'
     said = [_said('makes it fail' if key == 'lost' else 'brings it about', forth, key)]
     if any(one['held_before'] for one in back):

@@ -57,7 +57,7 @@ def _three(name):
 
 
 def _within_paper(runs):
-    solve = runs['mpcc'].value('solve_ms')
+    solve = runs['mpcc'].value('solve_cpu_ms')
     return solve['mean'] <= PAPER_MEAN_MS and solve['max'] <= PAPER_MAX_MS
 
 
@@ -97,7 +97,7 @@ CLAIMS = (
         lambda runs: _avoids(runs['mpcc']) or _avoids(runs['frenet']),
         'one of them does',
         _both(SAFE_OBSTACLE),
-        reason='the priority of the distances: without it (row above) the same controller collides',
+        reason='the priority of the distances: MPCC without CA, which lacks nothing else, collides',
     ),
     Claim(
         'baseline_unsafe',
@@ -174,7 +174,7 @@ CLAIMS = (
         lambda runs: any(run.value('peak_lat_acc_share') >= AT_LIMIT for run in runs.values()),
         'one of them does',
         _three('peak_lat_acc_share'),
-        reason='entry speed and coarse path: see the shares at other speeds',
+        reason='entry speed and coarse path',
     ),
     Claim(
         'braking_limit',
@@ -192,11 +192,11 @@ CLAIMS = (
         'solved in real time: 15.6 ms on average, 18.6 ms at most',
         '15.6 / 18.6 ms',
         _within_paper,
-        f'mean <= {PAPER_MEAN_MS:g} ms and max <= {PAPER_MAX_MS:g} ms',
-        lambda runs: runs['mpcc'].value('solve_ms.max') < PERIOD_MS,
-        f'max < {PERIOD_MS:g} ms, the period',
-        (Shown('mpcc', 'solve_ms.mean'), Shown('mpcc', 'solve_ms.max')),
-        reason='another solver on another processor (named below): no statement on FORCESPro',
+        f'processor time: mean <= {PAPER_MEAN_MS:g} ms and max <= {PAPER_MAX_MS:g} ms',
+        lambda runs: runs['mpcc'].value('solve_cpu_ms.max') < PERIOD_MS,
+        f'processor time: max < {PERIOD_MS:g} ms, the period',
+        (Shown('mpcc', 'solve_cpu_ms.mean'), Shown('mpcc', 'solve_cpu_ms.max')),
+        reason='another solver on another processor: no statement on FORCESPro',
     ),
     Claim(
         'counter_steers',
@@ -239,7 +239,7 @@ CONVERGENCE = Claim(
     'fewer iterations on average',
     tuple(
         Shown(role, name)
-        for name in ('solver.iterations_mean', 'solver.failed', 'solve_ms.mean')
+        for name in ('solver.iterations_mean', 'solver.failed', 'solve_cpu_ms.mean')
         for role in (GAUSSIAN, STEP)
     ),
     switched='frenet',

@@ -14,6 +14,7 @@ from bags.study.statistics import Share
 Runs = Mapping[str, Record]  # of one draw, by role: mpcc, mpcc_no_ca, frenet
 Rule = Callable[[Runs], bool]
 
+REPRODUCED, PARTLY, NOT = 'reproduced', 'partly', 'not'  # the verdicts
 REPRODUCED_FROM = 0.75  # the whole interval of the strict rule lies above
 NOT_BELOW = 0.5  # the whole interval of the loose rule lies below
 KEPT = 0.95  # of a safety distance
@@ -54,7 +55,7 @@ class Claim(NamedTuple):
 
 
 def verdict(strict: Share, loose: Share) -> str:
-    """Return reproduced, partly or not."""
+    """Return REPRODUCED, PARTLY or NOT."""
     if strict.low >= REPRODUCED_FROM:
-        return 'reproduced'
-    return 'not' if loose.high < NOT_BELOW else 'partly'
+        return REPRODUCED
+    return NOT if loose.high < NOT_BELOW else PARTLY

@@ -8,6 +8,7 @@ from bags.study import (
     causes,
     curvature,
     distributions,
+    ours,
     provenance,
     samples,
     statistics,
@@ -18,11 +19,10 @@ from bags.study.claim_list import CLAIMS, CONVERGENCE
 from bags.study.claim_rules import Claim, Runs, verdict
 from bags.study.distributions import POINT_KPH, RUNS, SPEEDS_KPH
 from bags.study.drives import Drives, Record
-from bags.study.quantities import BY_NAME
 from bags.study.variants import SCENARIO
 
 STEM = 'claims'
-AFTER_M = 115.0  # in the second change back, 10 m before the paper's first overshoot
+COMMAND = 'bags study claims'
 
 
 class Claims(NamedTuple):
@@ -42,11 +42,13 @@ def run(
     roles: Mapping[str, str] = variants.ROLES,
     scenario: str = SCENARIO,
     seed: int = samples.SEED,
+    command: str = COMMAND,
 ) -> Claims:
     """Judge every claim over paired runs; write claims.md, .csv and claims.json (a list).
 
     The first of `speeds_kph` is the operating point, the others say how far it carries;
-    `cause_runs` of the draws, by default all, look for causes. Raises BagError.
+    `cause_runs` of the draws, by default all, look for causes; `command` is what the files
+    name as the one that made them. Raises BagError.
     """
     playing = variants.cast(roles)
     draws = samples.draws(runs, seed)
@@ -67,10 +69,17 @@ def run(
     ]
     made += [_convergence(rows), _curvature()]
     where = provenance.of(
-        'bags study claims', scenario, seed, runs=runs, roles=dict(roles), speeds_kph=speeds_kph
+        command,
+        scenario,
+        seed,
+        {one.name: one.controller for one in playing},
+        runs=runs,
+        cause_runs=cause_runs or runs,
+        speeds_kph=list(speeds_kph),
     )
     text = told(made)
-    paths = tables.write(out, STEM, 'The claims of the paper', made, text, where)
+    below = f'{text}\n{_legend(cause_runs or runs)}'
+    paths = tables.write(out, STEM, 'The claims of the paper', made, below, where)
     # the form in which others read it: a list
     (out / f'{STEM}.json').write_text(tables.dumped(made))
     (out / f'{STEM}_provenance.json').write_text(tables.dumped(where))
@@ -91,14 +100,15 @@ def _row(
 ) -> dict[str, Any]:
     strict = statistics.share([claim.strict(runs) for runs in cast])
     loose = statistics.share([claim.loose(runs) for runs in cast])
-    cause, data = causes.of(claim, cast, rows)
+    said = verdict(strict, loose)
+    cause, data = causes.of(claim, cast, rows, said)
     return {
         'key': claim.key,
         'claim': claim.claim,
         'paper': claim.paper,
-        'ours': '; '.join(_shown(one, cast, names[one.role]) for one in claim.shown),
+        'ours': ours.told(claim.shown, cast, names),
         'operating_point': f'{POINT_KPH:g} km/h, {len(cast)} paired runs',
-        'verdict': verdict(strict, loose),
+        'verdict': said,
         'interval': _interval(strict),
         'strict': {'rule': claim.strict_says, **_share(strict)},
         'loose': {'rule': claim.loose_says, **_share(loose)},
@@ -137,39 +147,6 @@ def _curvature():
     }
 
 
-def _shown(one, cast, name):
-    if one.quantity == 'overshoots':
-        return _overshoot(name, [runs[one.role] for runs in cast])
-    quantity = BY_NAME[one.quantity]
-    over = statistics.summary([runs[one.role].value(one.quantity) for runs in cast])
-    if not over.runs:
-        return f'{name}: no {quantity.title}'
-    median, least, most = map(quantity.told, (over.median, over.least, over.most))
-    unit = '' if quantity.unit == '-' else f' {quantity.unit}'
-    some = f' in {over.runs} of {len(cast)}' if over.runs < len(cast) else ''
-    return f'{name} {quantity.title} {median} [{least}, {most}]{unit}{some}'
-
-
-def _overshoot(name, runs):
-    """Tell where and how wide the car was beyond the path after the second change, if anywhere."""
-    widest = [
-        max(
-            (one for one in run.value('overshoots') if one['x_m'] >= AFTER_M),
-            key=lambda one: one['amount_m'],
-            default=None,
-        )
-        for run in runs
-    ]
-    known = [one for one in widest if one is not None]
-    if not known:
-        return f'{name}: none beyond {AFTER_M:g} m'
-    amount, x = (statistics.summary([one[key] for one in known]) for key in ('amount_m', 'x_m'))
-    return (
-        f'{name} widest {amount.median:.2f} [{amount.least:.2f}, {amount.most:.2f}] m at '
-        f'{x.median:.0f} m in {len(known)} of {len(runs)}'
-    )
-
-
 def _share(found):
     return {'holds': found.holds, 'runs': found.runs, 'low': found.low, 'high': found.high}
 
@@ -180,9 +157,24 @@ def _interval(found):
 
 def told(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the claims as a Markdown table."""
-    header = ['claim', 'paper', 'ours: median [least, most]', 'verdict', 'holds', 'cause']
+    header = [
+        *('claim', 'paper', 'ours: median [least, most]', 'verdict'),
+        *('holds in runs [95 %]', 'at other speeds', 'cause'),
+    ]
     lines = [
-        [row[name] for name in ('claim', 'paper', 'ours', 'verdict', 'interval', 'cause')]
+        [
+            *(row[name] for name in ('claim', 'paper', 'ours', 'verdict', 'interval')),
+            '; '.join(f'{at}: {share}' for at, share in row['elsewhere'].items()) or '–',
+            row['cause'],
+        ]
         for row in rows
     ]
     return tables.markdown(header, lines)
+
+
+def _legend(cause_runs):
+    return (
+        'Rules and margins are in docs/study.md. A cause is a single switch that turns the loose '
+        f'rule, (a/b) in a of b runs; at most {cause_runs} paired runs were driven for it. Where a '
+        'claim does not hold, "direction only" names what would bring about its loose rule.\n'
+    )

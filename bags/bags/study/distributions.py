@@ -14,6 +14,7 @@ POINT_KPH = 75.0  # the operating point, fixed before anything was tuned
 SPEEDS_KPH = (POINT_KPH, POINT_KPH - 5.0, POINT_KPH + 5.0)
 RUNS = 60
 STEM = 'distributions'
+COMMAND = 'bags study distributions'
 
 
 class Distributions(NamedTuple):
@@ -40,10 +41,12 @@ def run(
     speeds_kph: Sequence[float] = SPEEDS_KPH,
     scenario: str = SCENARIO,
     seed: int = samples.SEED,
+    command: str = COMMAND,
 ) -> Distributions:
     """Drive `runs` draws per controller and speed; write distributions.md, .csv, .json, figures.
 
-    `controllers` are names in mpcc_controller/config, YAML files or Variants. Raises BagError.
+    `controllers` are names in mpcc_controller/config, YAML files or Variants; `command`
+    is what the files name as the one that made them. Raises BagError.
     """
     from bags.study import distribution_figure
 
@@ -53,9 +56,10 @@ def run(
     medians = {kph: draws[statistics.median_run(found)] for kph, found in records.items()}
     rows = [row for kph in speeds_kph for row in _rows(kph, records[kph])]
     found = provenance.of(
-        'bags study distributions',
+        command,
         scenario,
         seed,
+        {one.name: one.controller for one in chosen},
         runs=runs,
         speeds_kph=list(speeds_kph),
         median_runs={f'{kph:g}': draw._asdict() for kph, draw in medians.items()},

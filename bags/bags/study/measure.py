@@ -47,4 +47,4 @@ def solver(reports: list[dict]) -> dict:
 
 def _per_iteration(asked):
     count = sum(report['solver.iterations'] for report in asked)
-    return sum(report['time.solve_ms'] for report in asked) / count if count else None
+    return sum(report['time.solve_cpu_ms'] for report in asked) / count if count else None

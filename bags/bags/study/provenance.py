@@ -1,5 +1,6 @@
 """Where a table comes from: command, code, versions, machine, seeds. It stands in every file."""
 
+from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
@@ -8,10 +9,16 @@ from bags.experiments import notes
 from bags.study import code_version, samples
 
 
-def of(command: str, scenario: str, seed: int, **more: Any) -> dict[str, Any]:
-    """Return the provenance of a part of a study; `more` are its own numbers."""
+def of(
+    command: str, scenario: str, seed: int, roles: Mapping[str, str], **more: Any
+) -> dict[str, Any]:
+    """Return the provenance of a part of a study; `more` are its own numbers.
+
+    `roles` are who was driven: controllers by the name that the table gives them.
+    """
     return {
         'command': command,
+        'roles': dict(roles),
         'commit': notes.commit(),
         'code_sha256': code_version.digest(),
         'scenario': scenario,
@@ -30,8 +37,10 @@ def of(command: str, scenario: str, seed: int, **more: Any) -> dict[str, Any]:
 
 def line(found: dict[str, Any]) -> str:
     """Return it as one line for a person."""
-    machine = found['machine']
+    machine, roles = found['machine'], found['roles']
+    played = ', '.join(f'{role} = {controller}' for role, controller in roles.items())
     return (
-        f'`{found["command"]}`, commit {found["commit"][:12] or "unknown"}, seed {found["seed"]}, '
+        f'`{found["command"]}` with {played}; '
+        f'commit {found["commit"][:12] or "unknown"}, seed {found["seed"]}, '
         f'{machine["processor"]} with {machine["cores"]} cores.'
     )

@@ -41,7 +41,8 @@ class Ticks(NamedTuple):
     """What the controller said about each of its steps, and which states it answered."""
 
     answered_ns: np.ndarray  # stamps of the commands
-    solve_ms: np.ndarray  # ms, one per /controller/why
+    solve_ms: np.ndarray  # wall time, ms, one per /controller/why
+    solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number where a bag does not tell
     fallback: np.ndarray  # rung of the ladder, 0 = solved, one per /controller/why
 
 

@@ -53,6 +53,7 @@ def of_series(drive, s):
         **handling.shares(drive),
         'rms_contouring_m': float(np.sqrt(np.mean(s.contouring**2))),
         'solve_ms': solve_times(drive.ticks.solve_ms),
+        'solve_cpu_ms': solve_times(drive.ticks.solve_cpu_ms),
         **tick_counts(drive),
     }
 

@@ -75,9 +75,13 @@ def _ticks(columns):
     reports = [value.values for value in why.values] if why else []
     return drive.Ticks(
         command.stamp_ns if command else np.empty(0, dtype=np.int64),
-        np.array([float(report.get('time.solve_ms', np.nan)) for report in reports]),
+        *(_told(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
         np.array([report.get('rung') not in DRIVEN for report in reports], dtype=bool),
     )
+
+
+def _told(reports, name):
+    return np.array([float(report.get(name, np.nan)) for report in reports])
 
 
 def _scene(columns):

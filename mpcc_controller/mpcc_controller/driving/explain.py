@@ -94,11 +94,13 @@ def solved(first: Solution, second: Solution | None, prepare_s: float, warm: boo
         **_fared('solver', first),
         'time.prepare_ms': 1e3 * prepare_s,
         'time.solve_ms': 1e3 * first.solve_s,
+        'time.solve_cpu_ms': 1e3 * first.cpu_s,
     }
     if second is not None:
         said |= _fared('fallback', second)
         said['time.fallback_ms'] = 1e3 * second.solve_s
         said['time.solve_ms'] += said['time.fallback_ms']
+        said['time.solve_cpu_ms'] += 1e3 * second.cpu_s
     return said
 
 

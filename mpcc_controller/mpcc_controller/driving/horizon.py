@@ -202,7 +202,7 @@ class Horizon:
         try:
             found = asked.solve(*posed.arguments, begin)
         except Exception as error:
-            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0)
+            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
         plan = self.formulation.leave(found.plan, posed.scene.path)
         if found.status == solver.ONE_STEP:  # what is driven obeys the dynamics without a rest
             first = self.motion(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()

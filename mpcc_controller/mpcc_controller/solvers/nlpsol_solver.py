@@ -1,11 +1,10 @@
 """A StageSolver out of fatrop or IPOPT: pack, look, solve, judge by our own residuals."""
 
 import math
-import time
 
 import numpy as np
 
-from mpcc_controller.solvers import backend, native, nlp_functions, sound
+from mpcc_controller.solvers import backend, native, nlp_functions, sound, stopwatch
 from mpcc_controller.solvers.backend import Call
 from mpcc_controller.solvers.buffered import Buffered
 from mpcc_controller.solvers.fatrop import Fatrop
@@ -39,27 +38,27 @@ class NlpsolSolver:
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`."""
-        start_s = time.perf_counter()
+        watch = stopwatch.started()
         self._layout.check(x0, P, bounds, guess)
         guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
         wrong = sound.complaint(self._problem, x0, P, bounds, guess)
         if wrong:
-            return _refusal(guess, wrong, start_s)
+            return _refusal(guess, wrong, watch)
         v_low, v_high, g_low, g_high = self._layout.pack_bounds(x0, bounds)
         v0 = self._layout.pack(guess.X, guess.U)
         call = Call(v0, P.ravel(), v_low, v_high, g_low, g_high)
         at = self._lagrangian(x=v0, p=call.p, lam_f=1, lam_g=0)
         wrong = sound.blow_up(self._problem, at['f'][0], at['g'], at['grad_gamma_x'])
         if wrong:
-            return _refusal(guess, wrong, start_s)
-        results, ending = self._backend.run(call, start_s)
-        return self._judge(guess, call, results, ending, start_s)
+            return _refusal(guess, wrong, watch)
+        results, ending = self._backend.run(call, watch.wall_s)
+        return self._judge(guess, call, results, ending, watch)
 
     def limit(self, seconds: float) -> None:
         """See `solution.StageSolver`; IPOPT keeps the limit of its options."""
         self._backend.limit(seconds)
 
-    def _judge(self, guess, call, results, ending, start_s):
+    def _judge(self, guess, call, results, ending, watch):
         v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']
         at = self._lagrangian(x=v, lam_g=lam_g)
         primal = _violation(call, v, at['g'])
@@ -81,7 +80,7 @@ class NlpsolSolver:
             iterations=ending.iterations,
             primal_residual=primal,
             dual_residual=float(np.abs(slope).max()),
-            solve_s=time.perf_counter() - start_s,
+            **watch.took(),
         )
 
 
@@ -91,7 +90,7 @@ def _violation(call: Call, v, g) -> float:
     return float(np.maximum(beyond.max(), 0.0))  # not max(): it would take NaN for 0
 
 
-def _refusal(guess, message, start_s):
+def _refusal(guess, message, watch):
     return Solution(
         plan=guess,
         cost=math.nan,
@@ -100,5 +99,5 @@ def _refusal(guess, message, start_s):
         iterations=0,
         primal_residual=math.inf,
         dual_residual=math.inf,
-        solve_s=time.perf_counter() - start_s,
+        **watch.took(),
     )

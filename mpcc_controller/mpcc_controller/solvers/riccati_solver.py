@@ -1,13 +1,12 @@
 """A structure-exploiting interior-point method, generated for each problem (docs/solver.md)."""
 
 import math
-import time
 import warnings
 from pathlib import Path
 
 import numpy as np
 
-from mpcc_controller.solvers import riccati_library, riccati_source, sound
+from mpcc_controller.solvers import riccati_library, riccati_source, sound, stopwatch
 from mpcc_controller.solvers.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
 from mpcc_controller.solvers.layout import Layout
 from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
@@ -97,7 +96,7 @@ class RiccatiSolver:
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`; a guess with multipliers is a warm start."""
-        start_s = time.perf_counter()
+        watch = stopwatch.started()
         self._layout.check(x0, P, bounds, guess)
         arrays, call = self._instance.arrays, self._instance.call
         given = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
@@ -121,7 +120,7 @@ class RiccatiSolver:
             iterations=call.iterations,
             primal_residual=call.primal_residual,
             dual_residual=call.dual_residual,
-            solve_s=time.perf_counter() - start_s,
+            **watch.took(),
         )
 
     def limit(self, seconds: float) -> None:

@@ -1,5 +1,6 @@
 """What goes into and comes out of a solver; a failed solve is a value, not an exception."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -46,6 +47,7 @@ class Solution(NamedTuple):
     primal_residual: float
     dual_residual: float
     solve_s: float  # wall time of the whole call
+    cpu_s: float = math.nan  # processor time of its thread: other load leaves it nearly alone
 
 
 class StageSolver(Protocol):

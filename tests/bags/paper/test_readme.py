@@ -13,7 +13,8 @@ CLAIMS = ROOT / 'paper/claims.json'
 ROW = {
     'claim': 'no CA collides',
     'paper': 'V2O < 0',
-    'ours': '-0.04 | m',
+    'ours': 'min V2O [m]: mpcc_no_ca -0.04 [-0.05, -0.03] | mpcc 0.53 [0.53, 0.54]',
+    'operating_point': '75 km/h, 60 paired runs',
     'verdict': 'reproduced',
     'interval': '60/60 [0.94, 1.00]',
     'cause': 'priority',
@@ -40,7 +41,8 @@ def test_only_what_stands_between_the_comments_changes(tmp_path, claims):
     assert before == f'before\n{readme.BEGIN}'
     assert after == f'{readme.END}\nafter\n'
     assert between == readme.block(claims)
-    assert r'-0.04 \| m' in between
+    assert r'| min V2O [m]: mpcc_no_ca -0.04 \| mpcc 0.53 |' in between
+    assert '75 km/h, 60 paired runs' in between
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_a_file_without_the_comments_is_refused(tmp_path, claims, text):
     assert file.read_text() == text
 
 
-@pytest.mark.parametrize('text', ['', '{', '[{"claim": "half"}]', '[1]'])
+@pytest.mark.parametrize('text', ['', '{', '[{"claim": "half"}]', '[1]', '[]'])
 def test_a_file_that_holds_no_claims_is_refused(tmp_path, text):
     path = tmp_path / 'claims.json'
     path.write_text(text)

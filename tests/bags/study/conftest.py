@@ -26,7 +26,7 @@ METRICS = {
     'peak_lat_acc_share': 0.93,
     'peak_brake_share': 0.07,
     'rms_contouring_m': 0.24,
-    'solve_ms': {'mean': 0.3, 'max': 2.0},
+    'solve_cpu_ms': {'mean': 0.3, 'max': 2.0},
 }
 SOLVER = {'failed': 0, 'iterations_mean': 3.5, 'iterations_max': 11}
 

@@ -98,7 +98,7 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     rows['frenet'] = [sliding] * 20
     rows['path no-lag step'] = [sliding] * 20
     cast = [alike(mpcc=stable, frenet=sliding)] * 20
-    said, data = causes.of(BY_KEY['sideslip'], cast, rows)
+    said, data = causes.of(BY_KEY['sideslip'], cast, rows, claim_rules.PARTLY)
     assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in said
     assert ', in some: frame of the distances (2/20)' in said
     assert 'lag error' not in said
@@ -111,8 +111,34 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
 
 def test_without_a_switch_that_does_it_that_is_said(alike, make_record):
     rows = {row: [make_record()] * 5 for switch in variants.SWITCHES for row in switch[1:]}
-    said, _ = causes.of(BY_KEY['sideslip'], [alike()] * 5, rows)
+    said, _ = causes.of(BY_KEY['sideslip'], [alike()] * 5, rows, claim_rules.PARTLY)
     assert said == 'no switch alone brings it about'
+
+
+@pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
+def test_nothing_is_told_to_bring_about_what_does_not_hold(claim, alike, make_record):
+    rows = {row: [make_record()] * 20 for switch in variants.SWITCHES for row in switch[1:]}
+    # without the priority every direction turns round
+    turned = make_record(
+        min_v2o_m=-0.1,
+        min_v2o_per_obstacle_m={'1': -0.1, '2': -0.1},
+        entered_unsafe_area=True,
+        overshoots=[{'x_m': 125.0, 'amount_m': 1.0}, {'x_m': 135.0, 'amount_m': 1.0}],
+        peak_sideslip_deg=9.0,
+        min_speed_mps=10.0,
+        counter_steer_s=1.0,
+        braking_s=1.0,
+        iterations_mean=9.0,
+    )
+    rows['no priority'] = [turned] * 20
+    said, _ = causes.of(claim, [alike()] * 20, rows, claim_rules.NOT)
+    assert 'brings it about' not in said
+    assert 'makes it fail' not in said
+    assert 'undoes it' not in said
+    if claim.switched:
+        assert said.startswith(f'direction only ({claim.loose_says}): ')
+    if claim.key == 'sideslip':
+        assert said.endswith('alone would bring it about in most runs: priority at all (20/20)')
 
 
 def test_inside_a_curve_the_overestimation_grows_with_curvature_everywhere_outside_not():

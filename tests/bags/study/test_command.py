@@ -6,7 +6,8 @@ import json
 import pytest
 
 from bags import cli
-from bags.study import ablation, claims, distributions, run_verdicts, tables
+from bags.study import ablation, claims, distributions, ours, run_verdicts, tables
+from bags.study.claim_rules import Shown
 from bags.study.variants import CONTROLLERS, SWITCHES, Switch
 
 
@@ -62,6 +63,25 @@ def test_the_table_that_people_read_is_made_from_the_list(judged):
     assert judged.markdown in file.read_text()
 
 
+def test_the_files_name_the_command_that_made_them_and_who_was_driven(make_record, tmp_path):
+    roles = {name: f'{name}_tuned' for name in CONTROLLERS}
+    claims.run(Alike(make_record), tmp_path, 2, roles=roles, command='bags paper')
+    said = json.loads((tmp_path / 'claims_provenance.json').read_text())
+    assert said['command'] == 'bags paper'
+    assert said['roles'] == roles
+    assert said['cause_runs'] == 2
+    last = (tmp_path / 'claims.md').read_text().splitlines()[-1]
+    assert last.startswith('`bags paper` with mpcc = mpcc_tuned, mpcc_no_ca = mpcc_no_ca_tuned')
+
+
+def test_a_number_that_most_runs_do_not_have_is_told_as_range_and_count(make_record):
+    some, none = make_record(brake_onset_at_m=36.0), make_record()
+    cast = [{'mpcc': none, 'frenet': one} for one in (some, none, none)]
+    shown = [Shown(role, 'brake_onset_at_m') for role in ('mpcc', 'frenet')]
+    told = ours.told(shown, cast, {'mpcc': 'mpcc', 'frenet': 'frenet'})
+    assert told == 'brake onset, -500 N [m]: mpcc none, frenet 36.0 to 36.0 in 1 of 3 runs'
+
+
 def test_an_ablation_without_any_effect_turns_nothing(make_record, tmp_path):
     found = ablation.run(Alike(make_record), tmp_path, 4, 1, (65.0, 75.0), (0.5,))
     assert not [row for row in found.switches if row['turned_on'] or row['turned_off']]
@@ -94,6 +114,8 @@ def test_every_number_of_the_distributions_is_in_the_csv_and_the_json(written):
     )
     assert {row['controller'] for row in flat} == set(CONTROLLERS)
     found = document['provenance']
+    assert found['command'] == 'bags study distributions'
+    assert found['roles'] == {name: name for name in CONTROLLERS}
     assert found['runs'] == 1
     assert found['seed'] == 1
     assert found['median_runs']['75']['number'] == 1
@@ -111,7 +133,8 @@ def test_a_role_without_a_controller_shows_the_form(tmp_path, capsys):
 
 
 def test_nested_rows_are_flat_in_the_csv(tmp_path):
-    found = {'command': 'c', 'commit': '', 'seed': 1, 'machine': {'processor': 'p', 'cores': 2}}
+    machine = {'processor': 'p', 'cores': 2}
+    found = {'command': 'c', 'commit': '', 'seed': 1, 'machine': machine, 'roles': {}}
     tables.write(tmp_path, 'one', 'One', [{'a': {'b': 1.5}, 'c': [1, 2]}], 'text', found)
     with open(tmp_path / 'one.csv', newline='') as file:
         assert list(csv.reader(file)) == [['a.b', 'c'], ['1.5', '1 2']]

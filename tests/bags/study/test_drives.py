@@ -10,7 +10,7 @@ from bags.study import case, drives, samples, variants
 from bags.verdict import metrics
 
 MPCC, NO_CA = variants.plain(['mpcc', 'mpcc_no_ca'])
-TIMES = ('solve_ms',)
+TIMES = ('solve_ms', 'solve_cpu_ms')
 
 
 def cases(*numbers, variant=MPCC):

@@ -14,7 +14,7 @@ KEYS = """completed collided entered_unsafe_area min_v2o_m min_v2o_per_obstacle_
     min_v2e_per_edge_m min_outline_gap_m overshoots peak_brake_mps2 peak_sideslip_deg
     peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 peak_lat_acc_share peak_brake_share
-    rms_contouring_m solve_ms ticks deadline_misses fallbacks"""
+    rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""
 
 
 def with_obstacle(scene, x, y, vx=0.0, vy=0.0, radius=1.0, number=1):
@@ -243,6 +243,7 @@ def test_solve_times_and_fallbacks_are_the_controllers_own(make_drive):
     rung = (solve > 97.0).astype(float)
     found = metrics.of(driven._replace(ticks=driven.ticks._replace(solve_ms=solve, fallback=rung)))
     assert found['solve_ms'] == pytest.approx({'mean': 50.5, 'p50': 50.5, 'p99': 99.01, 'max': 100})
+    assert found['solve_cpu_ms']['max'] == 4.0
     assert found['fallbacks'] == 3
 
 

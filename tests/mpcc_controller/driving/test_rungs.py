@@ -48,7 +48,7 @@ def test_rung_2_an_early_stop_that_is_good_enough(changing, world, spoilt):
 )
 def test_rung_3_the_second_solver_s_plan(changing, world, spoilt, spoil, reason):
     spoilt(spoil)
-    spoilt(lambda s: s._replace(solve_s=0.03, iterations=7), 'second')
+    spoilt(lambda s: s._replace(solve_s=0.03, cpu_s=0.02, iterations=7), 'second')
     command, _, why = changing.step(world.rolling(X=25.0))
     v = why.values
     assert (v['rung'], v['reason']) == (SECOND, reason)
@@ -58,6 +58,7 @@ def test_rung_3_the_second_solver_s_plan(changing, world, spoilt, spoil, reason)
     assert v['time.fallback_ms'] == pytest.approx(30.0)
     first = changing.horizon.solver.solutions[-1]
     assert v['time.solve_ms'] == pytest.approx(30.0 + 1e3 * first.solve_s)
+    assert v['time.solve_cpu_ms'] == pytest.approx(20.0 + 1e3 * first.cpu_s)
     plan = changing.horizon.second.solutions[-1].plan
     assert command.delta == plan.X[1, 7]
     assert 'cost.total' in v

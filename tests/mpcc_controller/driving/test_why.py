@@ -15,7 +15,7 @@ NAMES = (
     'split.front split.ideal slack.max error.con error.con_max error.lag error.lag_max',
     'solver.warm solver.status solver.message solver.iterations solver.cost',
     'solver.primal_residual solver.dual_residual plan.age plan.failures',
-    'time.prepare_ms time.solve_ms time.lead_ms',
+    'time.prepare_ms time.solve_ms time.solve_cpu_ms time.lead_ms',
     'cost.total cost.con cost.lag cost.vel cost.d_delta cost.d_Fx cost.lambda_b cost.v2o cost.v2e',
     'cost.slack weight.con weight.lag weight.vel weight.d_delta weight.d_Fx weight.lambda_b',
     'weight.v2o weight.v2e weight.slack',
