@@ -26,12 +26,13 @@ def pin() -> str:
 
 def named() -> dict[str, str | int]:
     """Return what decides how fast this machine is."""
+    kernel = platform.release().partition('-')[0]  # what follows names who built it
     return {
         'cpu': _cpu(),
         'cores': os.cpu_count() or 0,
         'governor': _text(GOVERNOR).strip() or UNKNOWN,
         'load': f'{os.getloadavg()[0]:.1f}',
-        'system': f'{platform.system()} {platform.release()}',
+        'system': f'{platform.system()} {kernel}',
         'compiler': _compiler(),
         'python': platform.python_version(),
         'casadi': ca.__version__,

@@ -1,6 +1,7 @@
 """The machine is named, and one core of it is used."""
 
 import os
+import platform
 
 import machine
 import pytest
@@ -18,6 +19,11 @@ def test_the_machine_is_named():
     assert all(str(value).strip() for value in facts.values())
     assert facts['cores'] >= 1
     assert facts['casadi'][0].isdigit()
+
+
+def test_the_kernel_is_named_without_its_builder(monkeypatch):
+    monkeypatch.setattr(platform, 'release', lambda: '6.1.44-somebody-2')
+    assert machine.named()['system'].split() == [platform.system(), '6.1.44']
 
 
 def test_pinning_leaves_one_core(cores):

@@ -92,7 +92,7 @@ def machine() -> dict[str, Any]:
         'processor': _processor(),
         'architecture': platform.machine(),
         'cores': len(os.sched_getaffinity(0)),
-        'kernel': platform.release(),
+        'kernel': platform.release().partition('-')[0],  # what follows names who built it
         'libc': ' '.join(platform.libc_ver()),
     }
 

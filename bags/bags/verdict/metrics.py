@@ -13,7 +13,6 @@ HARD_BRAKING_N = -1500.0
 NOTICEABLE_M = 0.1  # an excursion below this is tracking, not an overshoot
 BEND_1PM = 1e-3  # the curvature from which a piece of reference is a bend
 REACHED_M = 0.1  # how closely the stop has to be reached
-MILLI = 1e3
 
 
 def of(drive):

@@ -71,12 +71,6 @@ class Layout:
             h=lam_g[split:].copy(),
         )
 
-    def pack_multipliers(self, m: Multipliers) -> tuple[np.ndarray, np.ndarray]:
-        """Return the multipliers of v and of g in solver units."""
-        lam_v = self._join(m.x * self.scale_x, m.u * self.scale_u)
-        lam_c = np.hstack([m.dynamics * self.scale_x, m.g]).ravel()
-        return lam_v, np.concatenate([lam_c, m.h])
-
     def _join(self, X, U):
         return np.concatenate([np.hstack([X[:-1], U]).ravel(), X[-1]])
 

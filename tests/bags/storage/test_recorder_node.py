@@ -317,5 +317,5 @@ def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
     known = read.run_info(tmp_path / 'bag')
     assert known['mode'] == 'realtime'
     assert json.loads(known['versions'])['python'] == platform.python_version()
-    assert json.loads(known['machine'])['kernel'] == platform.release()
+    assert json.loads(known['machine'])['kernel'] == platform.release().split('-')[0]
     assert 'git_commit' in known
