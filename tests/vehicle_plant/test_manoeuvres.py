@@ -1,6 +1,7 @@
 """Manoeuvres: what they drive, what they say about the car, what they leave behind."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,6 +185,7 @@ def test_manual_names_every_manoeuvre():
         (['step_steer', '--friction', '0'], 'friction is 0.0'),
         (['step_steer', '--friction', 'nan'], 'friction is nan'),
         (['step_steer', '--car', 'none/such.yaml'], 'such.yaml'),
+        (['step_steer', '--car', 'nobody.yaml'], 'nobody.yaml'),
     ],
 )
 def test_command_refuses_what_it_cannot_drive(arguments, line, capsys):
@@ -191,3 +193,26 @@ def test_command_refuses_what_it_cannot_drive(arguments, line, capsys):
         manoeuvre.main(arguments)
     assert ended.value.code != 0
     assert line in capsys.readouterr().err
+
+
+def test_command_finds_a_car_by_name_and_by_path(tmp_path, capsys):
+    inside = parameters.config('vw_gti.yaml')
+    outside = tmp_path / 'my_car.yaml'
+    outside.write_bytes(inside.read_bytes())
+    printed = []
+    for car in ('vw_gti.yaml', str(outside), 'bmw_545i.yaml'):
+        assert manoeuvre.main(['step_steer', '--car', car]) == 0
+        printed.append(capsys.readouterr().out)
+    by_name, by_path, other = printed
+    assert by_name == by_path != other
+
+
+@pytest.mark.parametrize('name', ['step_steer', 'steady_circle'])
+def test_a_car_without_an_engine_is_named_as_such(name, tmp_path, capsys):
+    driven = parameters.config('vw_gti.yaml').read_text()
+    pushed = tmp_path / 'pushed.yaml'
+    pushed.write_text(re.sub(r'drive_n: [0-9.e+]+', 'drive_n: 0.0', driven))
+    with pytest.raises(SystemExit) as ended:
+        manoeuvre.main([name, '--car', str(pushed)])
+    assert ended.value.code == 1
+    assert 'force.front.drive_n and force.rear.drive_n are 0' in capsys.readouterr().err

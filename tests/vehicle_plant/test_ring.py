@@ -96,6 +96,34 @@ def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
     assert loop.car.stamp_ns == START_NS + 5 * STEP_NS
 
 
+def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
+    late, whole = ring(Realtime, params), ring(Realtime, params)
+    now_ns = START_NS + 130 * STEP_NS
+    for loop in (late, whole):
+        loop.command(Command(START_NS, 0.02, 0.0, -300.0, -200.0))
+    track = whole.car.advance(None, 130)
+    assert late.advance_to(now_ns).rows.tobytes() == track.rows.tobytes()
+    assert (late.missed_steps, late.longest_gap) == (129, 130)
+
+
+@pytest.mark.parametrize(
+    ('changed', 'code', 'latest_s'),
+    [({'x_m': 3.0}, FINISHED, 0.2), ({'time_s': 0.5}, FAILED, 0.5), ({}, CONTROLLER_GONE, 6.0)],
+    ids=['line', 'time', 'standstill'],
+)
+def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed, code, latest_s):
+    """After minutes, as of a process that was stopped."""
+    loop = ring(Realtime, params, replace(FAR, **changed))
+    loop.command(coast(START_NS))
+    now_ns = START_NS + 600_000 * STEP_NS
+    track = loop.advance_to(now_ns)
+    assert loop.outcome.exit_code == code
+    assert 0 <= loop.car.stamp_ns - loop.outcome.stamp_ns < TICK_NS
+    assert (loop.outcome.stamp_ns - START_NS) / 1e9 <= latest_s
+    assert (loop.missed_steps, loop.longest_gap) == (len(track.rows) - 1, 600_000)
+    assert loop.advance_to(now_ns + STEP_NS) is None
+
+
 def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
     loop = ring(Realtime, params)
     loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))

@@ -1,7 +1,9 @@
 """Drive a standard manoeuvre with the plant: a table, its numbers as JSON, a figure.
 
-manoeuvre NAME [--car FILE] [--friction F] [--out DIR]
+manoeuvre NAME [--car vw_gti.yaml] [--friction F] [--out DIR]
 manoeuvre --list
+
+Cars are files in config/, or paths with a folder.
 """
 
 import argparse
@@ -50,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='manoeuvre', description=__doc__.splitlines()[0])
     parser.add_argument('name', nargs='?', choices=MANOEUVRES, metavar='NAME', help='see --list')
     parser.add_argument('--list', action='store_true', help='list the manoeuvres')
-    parser.add_argument('--car', type=Path, help='YAML file of the car, the BMW 545i by default')
+    parser.add_argument('--car', help='car file instead of the default car')
     parser.add_argument('--friction', type=float, default=1.0, help='road friction scale')
     parser.add_argument('--out', type=Path, help='folder for NAME.json and NAME.png')
     options = parser.parse_args(arguments)
@@ -63,7 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
     if not 0.0 < options.friction <= 2.0:
         parser.error(f'friction is {options.friction}, allowed 0 to 2')
     try:
-        case = Case(parameters.load(options.car), options.friction, settings.load())
+        plant = parameters.load(parameters.config(options.car or parameters.DEFAULT_CAR))
+        case = Case(plant, options.friction, settings.load())
         numbers, figure = perform(options.name, case)
     except (ParameterError, FileNotFoundError, ValueError) as error:
         parser.exit(1, f'manoeuvre: {error}\n')

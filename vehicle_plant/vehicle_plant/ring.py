@@ -104,23 +104,30 @@ class Realtime:
     def advance_to(self, now_ns: int) -> Track | None:
         """Advance by all steps that are due at now_ns; None when there are none.
 
-        More than one means that steps came late: they are counted, and caught up here.
+        More than one means that steps came late: they are counted, and caught up here, as far as
+        the run goes: a process that was stopped for minutes finds its car long at rest.
         """
         due = (now_ns - self.car.stamp_ns) // STEP_NS
-        if due <= 0:
+        if due <= 0 or self.outcome:
             return None
-        self.missed_steps += due - 1
         self.longest_gap = max(self.longest_gap, due)
         if self.watch.look(now_ns) == ERROR and not self.gone:
             self.gone = True
             self.car.brake_straight()
-        track = self.car.advance(None, due)
-        self._unwatched.append(track)
-        if sum(len(piece.rows) for piece in self._unwatched) >= WATCHED_STEPS:
-            self._watch()
+        pieces = []
+        while due > 0 and not self.outcome:
+            # no ramp of set-points is longer than a tick: pieces of ticks have the bits of the whole
+            pieces.append(self.car.advance(None, min(due, TICK_STEPS)))
+            due -= TICK_STEPS
+            self._watch(pieces[-1])
+        track = join(pieces)
+        self.missed_steps += len(track.rows) - 1
         return track
 
-    def _watch(self) -> None:
+    def _watch(self, track: Track) -> None:
+        self._unwatched.append(track)
+        if sum(len(piece.rows) for piece in self._unwatched) < WATCHED_STEPS:
+            return
         self.outcome = self._end.watch(join(self._unwatched))
         self._unwatched = []
         if self.gone and self._end.standing:

@@ -89,15 +89,23 @@ def times(track: Track) -> np.ndarray:
 
 
 def holding(case: Case, speed: float) -> Callable[[float], tuple[float, float]]:
-    """Return a law vx -> front and rear axle force [N] that holds a speed."""
+    """Return a law vx -> front and rear axle force [N] that holds a speed.
+
+    Raises ValueError for a car without an engine, when the law is asked.
+    """
     car = case.plant.car
     needed, gain = resistances(car, speed), case.settings.speed_gain_nspm
     return lambda vx: driving(car, needed + gain * (speed - vx))
 
 
 def driving(car, force: float) -> tuple[float, float]:
-    """Return front and rear axle force [N], shared as the engine can drive them."""
+    """Return front and rear axle force [N], shared as the engine can drive them.
+
+    Raises ValueError for a car without an engine.
+    """
     front, rear = car.force.front.drive_n, car.force.rear.drive_n
+    if not front + rear:
+        raise ValueError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
     return force * front / (front + rear), force * rear / (front + rear)
 
 
