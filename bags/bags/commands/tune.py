@@ -10,7 +10,7 @@ from bags.errors import BagError
 
 HELP = 'tune the weights of a controller'
 OUT = Path('paper', 'tuning')
-TRIALS = (32, 16)
+TRIALS = (64, 64)
 SEED = 1
 TRACKING_M = 0.3  # the untuned controllers stay below it
 NO_OPTUNA = "optuna is needed for tuning and is not installed: pip install 'optuna>=5'"
