@@ -43,6 +43,33 @@ def test_split_mu_braking_yaws_towards_the_high_mu_side(params):
     assert abs(brake(params, road.patches([], [])).column('planar.psi')[-1]) < 1e-12
 
 
+def test_safe_stop_on_split_mu_asks_for_what_the_slippery_side_holds(params):
+    """No wheel locks, and the car stays straight without a hand on the wheel."""
+    start = Start(20.0, 0.0, 0.0, 15.0)
+    car = Simulator(params, 1.0, start, patches=road.patches(LEFT_HALF, [0.3]))
+    car.brake_straight()
+    track = car.advance(None, 1500)
+    stop = params.car.safe_stop
+    forces = (-stop.front_brake_n, -stop.rear_brake_n)
+    assert (car.actuators.Fxf, car.actuators.Fxr) == pytest.approx(tuple(0.3 * F for F in forces))
+    vx = track.column('planar.vx')
+    assert vx[-1] < 13.0
+    for w in WHEELS:
+        rolls = track.column(f'wheels.{w}.omega') * params.car.wheel.radius_m / vx
+        assert rolls.min() > 0.9
+    assert abs(track.column('planar.psi')).max() < 0.02
+
+
+def test_safe_stop_counts_the_wheels_that_are_on_the_patch_now(params):
+    stop = params.car.safe_stop
+    for X, friction in ((0.0, 1.0), (4.5, 0.3)):  # the patch begins at 5 m
+        begun = Start(X, 0.0, 0.0, 1.0)
+        car = Simulator(params, 1.0, begun, patches=road.patches(LEFT_HALF, [0.3]))
+        car.brake_straight()
+        car.advance(None, 400)
+        assert car.actuators.Fxf == pytest.approx(-friction * stop.front_brake_n, rel=1e-3)
+
+
 def test_force_on_ice_is_that_of_ice(params):
     track = brake(params, road.patches(LEFT_HALF, [0.2]), seconds=1.0)
     for w, mu in (('fl', 0.2), ('rl', 0.2), ('fr', 1.0), ('rr', 1.0)):

@@ -116,7 +116,7 @@ class Realtime:
             self.car.brake_straight()
         pieces = []
         while due > 0 and not self.outcome:
-            # no ramp of set-points is longer than a tick: its pieces have the bits of the whole
+            # no ramp of set-points is longer than a tick: such pieces have the bits of the whole
             pieces.append(self.car.advance(None, min(due, TICK_STEPS)))
             due -= TICK_STEPS
             self._watch(pieces[-1])

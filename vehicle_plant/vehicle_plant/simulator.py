@@ -50,7 +50,6 @@ class Simulator:
         if not np.isfinite(start).all():
             raise ValueError(f'the start is not finite: {start}')
         self._params = params
-        self._friction = friction
         self._p = graph.parameter_vector(params, friction)
         self._patches = patches if patches is not None and len(patches) else None
         held = SetPoints(0.0, 0.0, 0.0)
@@ -60,10 +59,7 @@ class Simulator:
         self._stamp_ns = stamp_ns
         self._x = trimmed(params, start)
         derivative, _ = graph.functions()
-        under = self._p
-        if self._patches is not None:
-            under = graph.gripping(self._x, self._p, self._patches)
-        readings = derivative(self._x, np.array(held), under)[1]
+        readings = derivative(self._x, np.array(held), self._under())[1]
         self._row = np.concatenate([self._x, np.asarray(readings).ravel()])
 
     @property
@@ -106,9 +102,13 @@ class Simulator:
         return verdict
 
     def brake_straight(self) -> None:
-        """Steer straight and brake to standstill, whatever the last command was."""
+        """Steer straight and brake to standstill, whatever the last command was.
+
+        As hard as the most slippery place under a wheel allows now.
+        """
         stop = self._params.car.safe_stop
-        front, rear = (-self._friction * F for F in (stop.front_brake_n, stop.rear_brake_n))
+        friction = float(self._under()[-len(WHEELS) :].min())
+        front, rear = (-friction * F for F in (stop.front_brake_n, stop.rear_brake_n))
         self._ramp.aim(SetPoints(0.0, front, rear), TICK_STEPS)
 
     def advance(self, command: Command | None, steps: int) -> Track:
@@ -123,6 +123,12 @@ class Simulator:
             self._x = self._row[: self._x.size]
             self._stamp_ns = int(stamps[-1])
         return Track(stamps, rows)
+
+    def _under(self) -> np.ndarray:
+        """Return the numbers of the plant with the friction under each wheel now at their end."""
+        if self._patches is None:
+            return self._p
+        return graph.gripping(self._x, self._p, self._patches)
 
 
 def trimmed(params: PlantParams, start: Start) -> np.ndarray:

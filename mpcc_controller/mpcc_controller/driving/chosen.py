@@ -23,13 +23,16 @@ def options(params: ControllerParams, limit_time: bool) -> SolverOptions:
     )
 
 
-def second(params: ControllerParams, problem: StageProblem, limit_time: bool) -> StageSolver | None:
-    """Return the solver to ask after a failure; the same one again would only fail again.
+def second(
+    params: ControllerParams, problem: StageProblem, limit_time: bool, first: StageSolver
+) -> StageSolver | None:
+    """Return the solver to ask after a failure of the first; the same again would only fail again.
 
-    It is made for the time that a first one which used up its own leaves.
+    It is made for the time that a first one which used up its own leaves. What counts
+    is which one was made: without a C compiler that is fatrop where riccati is named.
     """
     rules = params.solver
-    if rules.fallback in ('none', rules.name):
+    if rules.fallback in ('none', first.name):
         return None
     rest_s = rules.fallback_limit_s - rules.time_limit_s
     others = {

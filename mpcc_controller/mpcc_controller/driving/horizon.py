@@ -65,7 +65,7 @@ class Horizon:
         formula = self.formulation.formula
         self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
         self.solver = solver.make(self.problem, chosen.options(params, limit_time))
-        self.second = chosen.second(params, self.problem, limit_time)
+        self.second = chosen.second(params, self.problem, limit_time, self.solver)
         self.limit_time = limit_time
         self.insight = Insight(formula)
         self.motion = single_track.step(params.model.step_s)

@@ -28,6 +28,7 @@ class NlpsolSolver:
         options: SolverOptions,
         flags: tuple[str, ...] = native.FLAGS,
     ):
+        self.name = options.name
         self._problem = problem
         self._layout = Layout(problem)
         functions = nlp_functions.build(problem, options.name)

@@ -81,6 +81,8 @@ class RiccatiSolver:
     instance works for one thread at a time; any number of instances work side by side.
     """
 
+    name = 'riccati'
+
     def __init__(self, problem: StageProblem, options: SolverOptions, library: Path):
         self._problem = problem
         self._layout = Layout(problem)

@@ -53,6 +53,9 @@ class Solution(NamedTuple):
 class StageSolver(Protocol):
     """Solves one problem again and again with other numbers."""
 
+    # as in the options that choose it; without a C compiler it is not that of the options
+    name: str
+
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.
 
