@@ -3,9 +3,11 @@
 Atheris is no requirement of the project: it has wheels for some versions of Python only.
 """
 
+import atexit
 import contextlib
 import random
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -29,13 +31,13 @@ def instrumented(*packages: str) -> contextlib.AbstractContextManager:
 
 def run(
     look: Callable[[bytes], None],
-    mutate: Callable[[bytes, int, random.Random], bytes],
+    mutate: Callable[[bytes, random.Random], bytes],
     seeds: Iterable[bytes],
 ) -> None:
-    """Give `look` one input after the other, made by `mutate(data, longest, choose)`; never returns.
+    """Give `look` inputs made by `mutate(data, choose)` from what was good before; never returns.
 
     The command line is libFuzzer's: flags, then folders of inputs, the first of which grows, or
-    files to look at once. What ends in an exception is kept in the temporary folder named at the end.
+    files to look at once. An input that ends in an exception is kept where the last line says.
     """
     folder = Path(tempfile.mkdtemp(prefix=f'{Path(sys.argv[0]).stem}-'))
     given = list(seeds)
@@ -50,13 +52,19 @@ def run(
     def mutated(data, max_size, seed):
         choose = random.Random(seed)
         if choose.random() >= PLAIN:
-            data = mutate(data, max_size, choose)[:max_size]
-        else:
-            data = atheris.Mutate(data, max_size)
-        return data
+            return mutate(data, choose)[:max_size]
+        return atheris.Mutate(data, max_size)
 
     atheris.Setup([sys.argv[0], *arguments], look, custom_mutator=mutated)
     atheris.Fuzz()
+
+
+def scratch() -> Path:
+    """Return a new folder for the file under test, in memory where possible; removed at the end."""
+    memory = Path('/dev/shm')
+    folder = Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def scrambled(data: bytes, choose: random.Random, room: int = 16) -> bytes:

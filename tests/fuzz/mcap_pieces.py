@@ -63,7 +63,9 @@ def _file(recordings, **options):
     writer.start(profile='ros2', library='bags')
     writer.add_metadata('run', {'scenario': 'straight'})
     for topic, log_ns, publish_ns, sequence, payloads in recordings:
-        schema = writer.register_schema(topic.type, 'ros2msg', COMMENT.sub(b'', topic.schema.encode()))
+        schema = writer.register_schema(
+            topic.type, 'ros2msg', COMMENT.sub(b'', topic.schema.encode())
+        )
         noted = {'offered_qos_profiles': QOS, 'topic_type_hash': topic.type_hash}
         channel = writer.register_channel(topic.name, 'cdr', schema, noted)
         for i in (0, -1):
@@ -73,7 +75,7 @@ def _file(recordings, **options):
     return stream.getvalue()
 
 
-def changed(data: bytes, longest: int, choose: random.Random) -> bytes:
+def changed(data: bytes, choose: random.Random) -> bytes:
     """Return a file with one record changed, moved, doubled or left out."""
     magic = len(MCAP0_MAGIC)
     records = _several(data[magic:-magic], choose)

@@ -186,13 +186,14 @@ def _decompressed(codec, data, size):
 def _beginning(body, length):
     """What can be decompressed of a zstd chunk of `length` bytes that was cut off."""
     try:
-        *_, codec_length = HEAD.unpack_from(body)
+        *_, contained, _, codec_length = HEAD.unpack_from(body)
         codec = body[HEAD.size : HEAD.size + codec_length]
         data_at = HEAD.size + codec_length + SIZE.size
         (size,) = SIZE.unpack_from(body, data_at - SIZE.size)
         # both lengths of the chunk must speak of a cut; one alone is a broken number
         if codec != b'zstd' or data_at + size != length:
             return b''
-        return zstandard.ZstdDecompressor().decompressobj().decompress(body[data_at:])
+        frame = zstandard.ZstdDecompressor().stream_reader(body[data_at:])
+        return frame.read(min(contained, LARGEST_CHUNK))
     except (struct.error, zstandard.ZstdError, MemoryError):
         return b''

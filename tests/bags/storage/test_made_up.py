@@ -119,7 +119,14 @@ def test_message_without_fields_takes_the_byte_that_ros_gives_it():
 
 @pytest.mark.parametrize(
     'text',
-    ['&a [*a]', '- &a {depth: &b [1]}\n- *b', '[' * 5000, '!!timestamp x', '!!float ""', '9999-99-99'],
+    [
+        '&a [*a]',
+        '- &a {depth: &b [1]}\n- *b',
+        '[' * 5000,
+        '!!timestamp x',
+        '!!float ""',
+        '9999-99-99',
+    ],
 )
 def test_qos_that_is_none_says_nothing_and_is_no_obstacle(bag, text):
     assert offered(text) == []

@@ -1,7 +1,7 @@
 """Builds the message of /tf, of which there is no wheel, with the generators of the wheels and gcc.
 
 `python tests/bags/viewers/tf2_build.py FOLDER`: a process with FOLDER in LD_LIBRARY_PATH and
-PYTHONPATH then has tf2_msgs. Takes g++ and the headers of Python; about 10 s.
+PYTHONPATH then has tf2_msgs. Takes g++ and the headers of Python; a few seconds.
 """
 
 import os
@@ -21,9 +21,9 @@ module tf2_msgs { module msg { struct TFMessage {
 }; }; };
 """
 OTHERS = ('geometry_msgs', 'std_msgs', 'builtin_interfaces')
-C, FAST, LOOK_INTO = 'rosidl_typesupport_c', 'rosidl_typesupport_fastrtps_c', (
-    'rosidl_typesupport_introspection_c'
-)
+C = 'rosidl_typesupport_c'
+FAST = 'rosidl_typesupport_fastrtps_c'
+LOOK_INTO = 'rosidl_typesupport_introspection_c'
 
 
 def generate(folder: Path) -> None:
