@@ -24,8 +24,15 @@ FOLDER = guided.scratch() / 'bag'
 
 def look(data: bytes) -> None:
     """Read a bag in every way, repair it, and read it again."""
-    shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir()
+    try:
+        judge(data)
+    finally:
+        shutil.rmtree(FOLDER)
+
+
+def judge(data: bytes) -> None:
+    """Do what `look` says, in an empty folder."""
     file = FOLDER / f'{FOLDER.name}_0.mcap'
     file.write_bytes(data)
     with warnings.catch_warnings():

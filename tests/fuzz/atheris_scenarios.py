@@ -96,15 +96,15 @@ def seeds() -> Iterator[bytes]:
 def look(data: bytes) -> None:
     """Load a file; check what was made of it."""
     FILE.write_bytes(data)
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')  # no number may be lost on the way
-        try:
-            loaded = scenario.load(FILE)
-        except ScenarioError as error:
-            if not str(error).startswith(str(FILE)):
-                raise
-            return
-        check(loaded)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('error')  # no number may be lost on the way
+            check(scenario.load(FILE))
+    except ScenarioError as error:
+        if not str(error).startswith(str(FILE)):
+            raise
+    finally:
+        FILE.unlink()
 
 
 def check(loaded: scenario.Scenario) -> None:

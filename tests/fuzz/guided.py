@@ -3,11 +3,9 @@
 Atheris is no requirement of the project: it has wheels for some versions of Python only.
 """
 
-import atexit
 import contextlib
 import random
 import re
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -60,11 +58,13 @@ def run(
 
 
 def scratch() -> Path:
-    """Return a new folder for the file under test, in memory where possible; removed at the end."""
+    """Return a new folder for the file under test, in memory where possible.
+
+    libFuzzer ends the process without a chance to remove it: `look` has to leave it empty.
+    """
     memory = Path('/dev/shm')
-    folder = Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
+    prefix = f'{Path(sys.argv[0]).stem}-'
+    return Path(tempfile.mkdtemp(prefix=prefix, dir=memory if memory.is_dir() else None))
 
 
 def scrambled(data: bytes, choose: random.Random, room: int = 16) -> bytes:

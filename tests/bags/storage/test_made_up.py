@@ -2,6 +2,7 @@
 
 import struct
 import tracemalloc
+from pathlib import Path
 
 import lz4.frame
 import pytest
@@ -22,6 +23,7 @@ TYPES = {
     '/controller/why': 'diagnostic_msgs/msg/DiagnosticArray',
 }
 QOS = qos_text('keep_last', 1, 'reliable', 'volatile')
+REFERENCE = Path(__file__).parents[3] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
 LITTLE = b'\x00\x01\x00\x00'
 NO_NUMBERS = LITTLE + bytes(2000)
 
@@ -49,6 +51,13 @@ def bag(tmp_path):
     return make
 
 
+@pytest.fixture(scope='module')
+def recorded():
+    """A sound message of each type that is made up below."""
+    bag = read.load(REFERENCE)
+    return {topic: bag.recordings[topic].payloads[0] for topic in TYPES}
+
+
 CIRCLE = 'a/B b' + section('a/B', 'a/C c') + section('a/C', 'a/B b')
 DEEP = 'a/T0 t' + ''.join(section(f'a/T{i}', f'a/T{i + 1} t') for i in range(2000))
 DEEP += section('a/T2000', 'int32 x')
@@ -72,9 +81,9 @@ MADE_UP = {
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize('name', MADE_UP)
-def test_definition_that_does_not_fit_is_refused(bag, name):
+def test_definition_that_does_not_fit_is_refused(bag, recorded, name):
     topic, *made_up = MADE_UP[name]
-    folder = bag(topic, *made_up)
+    folder = bag(topic, *made_up, payload=recorded.get(topic, NO_NUMBERS))
     for use in (read.columns, lambda given: read.values(given, topic)):
         with pytest.raises(BagError, match=topic):
             use(folder)

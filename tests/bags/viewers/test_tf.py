@@ -16,7 +16,7 @@ import pytest
 from bags.storage import read
 from msgs_yaml import yaw
 
-DOMAIN = 181
+DOMAIN = 48
 SECONDS = 60
 FRAMES = 10
 HERE = Path(__file__).parent
