@@ -131,7 +131,7 @@ def test_message_without_fields_takes_the_byte_that_ros_gives_it():
     [
         '&a [*a]',
         '- &a {depth: &b [1]}\n- *b',
-        '[' * 5000,
+        pytest.param('[' * 5000, id='brackets'),
         '!!timestamp x',
         '!!float ""',
         '9999-99-99',
