@@ -56,15 +56,16 @@ def _reader(text, type_name, order) -> Callable:
 
     def message(name):
         if name not in compiled:
-            compiled[name] = _message(name or type_name, types[name], order, message)
+            compiled[name] = _message(types[name], order, message)
         return compiled[name]
 
     return message('')
 
 
-def _message(name, fields, order, reader_of):
+def _message(fields, order, reader_of):
     """Reader of one message type from the readers of its fields."""
-    make = namedtuple(name.rpartition('/')[2], [field.name for field in fields])._make
+    # a name that Python keeps for itself, as `from`, is renamed: nobody asks for it
+    make = namedtuple('Message', [field.name for field in fields], rename=True)._make
     steps = []
     for is_scalar, group in groupby(
         fields, lambda field: not field.is_array and field.base in CODES

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage import cdr, contents, tables
+from bags.storage import cdr, contents, stamps, tables
 from bags.storage.columns import SOURCES, Columns, Values
 from bags.storage.files import mcap_files, missing_before
 from bags.storage.rosbag2_layout import BagTopic
@@ -34,6 +34,9 @@ DECODERS = {
     '/clock': decode.clock,
 }
 STATE = '/vehicle/odometry'
+# what a decoder raises: DecodeError, a ValueError, where the contract is broken; the others where
+# the definition, which is the bag's own, lacks a field or makes something else of it
+UNFIT = (ValueError, AttributeError, TypeError, LookupError, ArithmeticError)
 
 
 class Recording(NamedTuple):
@@ -171,7 +174,10 @@ def _recording(place, parts):
 def _zero_ns(bag):
     """Stamp of the first state; of the first message where no state was recorded."""
     if _has(bag, STATE):
-        return decode.stamp_ns_of(bag.recordings[STATE].payloads[0])
+        try:
+            return int(stamps.of(STATE, bag.recordings[STATE].payloads[:1])[0])
+        except BagError as error:
+            raise BagError(f'{bag.path}: {error}') from error
     return min(int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads)
 
 
@@ -202,6 +208,6 @@ def _decoded(bag, topic, payloads):
             continue
         try:
             found[payload] = decoder(cdr.decode(payload, topic.schema, topic.type))
-        except (BagError, decode.DecodeError) as error:
+        except (BagError, *UNFIT) as error:
             raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
     return [found[payload] for payload in payloads]

@@ -18,7 +18,7 @@ from bags.errors import BagError
 from bags.storage.contents import NOTHING, Contents, load
 from bags.storage.files import mcap_files, missing_before
 from bags.storage.mcap_file import McapFile
-from bags.storage.rosbag2_layout import FileFacts, Span, metadata
+from bags.storage.rosbag2_layout import NO_YAML, FileFacts, Span, metadata
 from bags.storage.rosbag2_writer import METADATA, mcap_name, write_metadata
 from bags.storage.scan import Damage
 from msgs_yaml.stamp import NS_PER_S
@@ -143,7 +143,7 @@ def _complete_folder(folder, information, is_bag):
         written = yaml.safe_load(text)['rosbag2_bagfile_information']
         if all(written[key] == information[key] for key in COMPARED):
             return False
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+    except (OSError, TypeError, *NO_YAML):
         pass
     write_metadata(folder, information)
     return True

@@ -9,6 +9,8 @@ import yaml
 from msgs_yaml.stamp import NS_PER_S
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+# what PyYAML raises for a text that is none: also for a tag that does not fit its value
+NO_YAML = (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError)
 INFINITE_NS = INFINITE['sec'] * NS_PER_S + INFINITE['nsec']
 
 
@@ -78,9 +80,11 @@ def offered(text: str) -> list[dict]:
 
 def _profiles(text):
     """The list in a text, empty where damage made something else of it."""
+    if '*' in text:  # aliases: of themselves they go on for ever, of each other they grow
+        return []
     try:
         profiles = yaml.safe_load(text)
-    except yaml.YAMLError:
+    except NO_YAML:
         return []
     return profiles if isinstance(profiles, list) else []
 
@@ -94,7 +98,9 @@ _WORDS = {
 
 
 def _word(value, words):
-    return value if value in words.values() else words.get(value)
+    if isinstance(value, int):
+        return words.get(value)
+    return value if value in words.values() else None
 
 
 def _ns(duration):

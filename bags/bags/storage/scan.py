@@ -24,7 +24,7 @@ CODEC_AT = PREFIX.size + HEAD.size - 4  # where that length lies in a chunk reco
 DATA_END = CHECKSUM = struct.Struct('<I')  # 0 where none was made
 FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, its checksum
 LARGEST_CHUNK = 1 << 30  # bytes; a larger claim is damage
-UNKNOWN_SIZE = zstandard.CONTENTSIZE_UNKNOWN
+UNSAID = -1  # what `frame_content_size` returns of a frame that does not say its size
 
 
 class Record(NamedTuple):
@@ -167,15 +167,17 @@ def _decompressed(codec, data, size):
         raise ValueError('the head of a chunk is wrong')
     if codec == b'zstd':
         # a frame that claims another size would be given that much memory
-        if zstandard.frame_content_size(data) not in (size, UNKNOWN_SIZE):
+        if zstandard.frame_content_size(data) not in (size, UNSAID):
             raise ValueError('the head of a chunk is wrong')
-        frame = zstandard.ZstdDecompressor().decompressobj()
-        contents = frame.decompress(data)
+        # and one that claims none would go on as long as it can: a megabyte may unpack to many
+        unpack = zstandard.ZstdDecompressor().decompress
+        return unpack(data, max_output_size=size, allow_extra_data=False)
+    if codec == b'lz4':
+        frame = lz4.frame.LZ4FrameDecompressor()
+        contents = frame.decompress(data, max_length=size + 1)
         if not frame.eof or frame.unused_data:
             raise ValueError('a chunk is not as long as its head says')
         return contents
-    if codec == b'lz4':
-        return lz4.frame.decompress(data)
     if codec == b'':
         return data
     raise ValueError(f'a chunk is compressed by {codec!r}, which is unknown')
@@ -184,13 +186,14 @@ def _decompressed(codec, data, size):
 def _beginning(body, length):
     """What can be decompressed of a zstd chunk of `length` bytes that was cut off."""
     try:
-        *_, codec_length = HEAD.unpack_from(body)
+        *_, contained, _, codec_length = HEAD.unpack_from(body)
         codec = body[HEAD.size : HEAD.size + codec_length]
         data_at = HEAD.size + codec_length + SIZE.size
         (size,) = SIZE.unpack_from(body, data_at - SIZE.size)
         # both lengths of the chunk must speak of a cut; one alone is a broken number
         if codec != b'zstd' or data_at + size != length:
             return b''
-        return zstandard.ZstdDecompressor().decompressobj().decompress(body[data_at:])
+        frame = zstandard.ZstdDecompressor().stream_reader(body[data_at:])
+        return frame.read(min(contained, LARGEST_CHUNK))
     except (struct.error, zstandard.ZstdError, MemoryError):
         return b''

@@ -38,8 +38,10 @@ def build(source: Source, topic: BagTopic, payloads: list[bytes], zero_ns: int) 
 
 
 def _stamp_ns(path, bytes_, where):
-    sec = layout.column(bytes_, where, f'{path}.sec').astype(np.int64)
-    return sec * NS_PER_S + layout.column(bytes_, where, f'{path}.nanosec')
+    sec, nanosec = (_column(bytes_, where, f'{path}.{part}') for part in ('sec', 'nanosec'))
+    if not (np.can_cast(sec.dtype, np.int32) and np.can_cast(nanosec.dtype, np.uint32)):
+        raise BagError(f'{path} is of {sec.dtype} and {nanosec.dtype}; allowed int32 and uint32')
+    return sec.astype(np.int64) * NS_PER_S + nanosec
 
 
 def _column(bytes_, where, path):

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.storage import read
+from bags.storage import read, stamps
 from bags.verdict import metrics
-from msgs_yaml import contract, decode
+from msgs_yaml import contract
 from msgs_yaml.stamp import NS_PER_S
 
 STATE = '/vehicle/odometry'
@@ -35,8 +35,8 @@ class Ticks(NamedTuple):
 
 
 def stamps_ns(recorded: read.Recording) -> np.ndarray:
-    """Header stamps (n,) int64 of a topic whose messages begin with a header."""
-    return np.array([decode.stamp_ns_of(data) for data in recorded.payloads], dtype=np.int64)
+    """Header stamps (n,) int64 of a topic whose messages begin with one; BagError without."""
+    return stamps.of(recorded.topic.name, recorded.payloads)
 
 
 def latency(bag: read.Bag) -> Latency:

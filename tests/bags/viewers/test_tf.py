@@ -1,0 +1,75 @@
+"""/tf over real Fast DDS: the car's frame in the map is the pose that the state has."""
+
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bags.storage import read
+from msgs_yaml import yaw
+
+DOMAIN = 48
+SECONDS = 60
+FRAMES = 10
+HERE = Path(__file__).parent
+BAG = HERE.parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def environment(tmp_path_factory):
+    """Return the environment of a process that has tf2_msgs, built where it is not installed."""
+    found = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}
+    if importlib.util.find_spec('tf2_msgs'):
+        return found
+    if not (shutil.which('g++') and Path(sysconfig.get_path('include'), 'Python.h').exists()):
+        pytest.skip('tf2_msgs is not installed; to build it takes g++ and the headers of Python')
+    folder = tmp_path_factory.mktemp('tf2')
+    build = [sys.executable, HERE / 'tf2_build.py', folder]
+    subprocess.run(build, check=True, timeout=SECONDS, stdout=subprocess.DEVNULL)
+    for name in ('LD_LIBRARY_PATH', 'PYTHONPATH'):
+        found[name] = os.pathsep.join(filter(None, (found.get(name), str(folder))))
+    return found
+
+
+@pytest.fixture
+def start(environment):
+    """start(words) -> a process; ended at the end of the test."""
+    started = []
+
+    def one(*words, **options):
+        started.append(subprocess.Popen([sys.executable, *words], env=environment, **options))
+        return started[-1]
+
+    yield one
+    for process in started:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(SECONDS) == 0
+
+
+def test_tf_has_the_pose_of_the_state_of_equal_stamp(start):
+    start('-m', 'bags.markers_node')
+    listener = start(HERE / 'tf_listener.py', str(FRAMES), stdout=subprocess.PIPE, text=True)
+    given = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'loop:=true', 'delay_s:=1.0')
+    words = [word for one in given for word in ('-p', one)]
+    start('-m', 'bags.player_node', '--ros-args', *words, stdin=subprocess.DEVNULL)
+    told = [json.loads(line) for line in listener.communicate(timeout=SECONDS)[0].splitlines()]
+    assert len(told) >= FRAMES
+    states = read.columns(BAG)['/vehicle/odometry']
+    for one in told:
+        (row,) = np.flatnonzero(states.stamp_ns == one['stamp_ns'])
+        assert one['frames'] == ['map', 'base_link']
+        assert one['at'] == [states.x_m[row], states.y_m[row], 0.0]
+        x, y, z, w = one['turn']
+        assert x == y == 0.0
+        assert yaw.from_quaternion(z, w) == pytest.approx(states.yaw_rad[row], abs=1e-15)
+    moved = np.ptp([one['at'][0] for one in told])
+    assert moved > 1.0

@@ -1,0 +1,88 @@
+"""No bag, however it is damaged or made up, ends in anything but a BagError; repair loses nothing.
+
+By hand: `python tests/fuzz/atheris_bags.py -runs=100000 [corpus]`, see docs/faults.md.
+"""
+
+import shutil
+import warnings
+from pathlib import Path
+
+import guided
+
+with guided.instrumented('bags', 'msgs_yaml'):
+    from mcap.reader import make_reader
+    from mcap_pieces import changed, small_bags
+
+    from bags.errors import BagError, DamagedBagWarning
+    from bags.playback import playlist
+    from bags.storage import read, repair
+    from bags.storage.summary import summary
+
+REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
+FOLDER = guided.scratch() / 'bag'
+
+
+def look(data: bytes) -> None:
+    """Read a bag in every way, repair it, and read it again."""
+    FOLDER.mkdir()
+    try:
+        judge(data)
+    finally:
+        shutil.rmtree(FOLDER)
+
+
+def judge(data: bytes) -> None:
+    """Do what `look` says, in an empty folder."""
+    file = FOLDER / f'{FOLDER.name}_0.mcap'
+    file.write_bytes(data)
+    with warnings.catch_warnings():
+        # numbers that no column can hold must be refused, not cast
+        warnings.simplefilter('error')
+        warnings.simplefilter('ignore', DamagedBagWarning)
+        before = attempt(read.load, FOLDER)
+        if before is not None:
+            use(before)
+        done = attempt(repair.repair, FOLDER)
+        if done is not None:
+            assert repair.report(done)
+            compare(before, done, data)
+
+
+def attempt(action, *arguments):
+    """Return what an action finds; None when it refuses, which takes a reason."""
+    try:
+        return action(*arguments)
+    except BagError as error:
+        if not str(error):
+            raise
+        return None
+
+
+def use(bag: read.Bag) -> None:
+    """Ask for everything that can be asked of a bag."""
+    attempt(summary, bag)
+    attempt(playlist.of, bag)
+    for topic in bag.recordings:
+        attempt(read.columns, bag, [topic])
+        attempt(read.values, bag, topic)
+
+
+def compare(before: read.Bag | None, done: repair.Repair, data: bytes) -> None:
+    """What was there is kept, and the file that is there now is whole, for other readers too."""
+    ((file, kept, *_),) = done.files
+    assert (kept or file).read_bytes() == data
+    messages = sum(done.messages.values())
+    after = attempt(read.load, FOLDER)
+    if after is not None:
+        assert after.damage is None
+        assert sum(len(one.payloads) for one in after.recordings.values()) == messages
+    if before is not None and before.damage is None:
+        for topic, recorded in before.recordings.items():
+            assert after.recordings[topic].payloads == recorded.payloads
+    if kept:
+        with file.open('rb') as opened:
+            assert make_reader(opened).get_summary().statistics.message_count == messages
+
+
+if __name__ == '__main__':
+    guided.run(look, changed, small_bags(read.load(REFERENCE)))
