@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 TIE = 1e-9  # m, below which two distances count as equal
+BLOCK = 64  # points that are projected at a time
 
 
 class Projection(NamedTuple):
@@ -76,24 +77,58 @@ def track(points, polyline, ahead):
     """
     points = np.asarray(points, dtype=float)
     vertex = arc_length(polyline)
-    tails, steps = polyline[:-1], np.diff(polyline, axis=0)
-    lengths = np.diff(vertex)
-    feet, offsets = np.empty(len(points)), np.empty(len(points))
-    first, last = 0, len(steps)
-    for i, point in enumerate(points):
-        relative = point - tails[first:last]
-        share = np.einsum('ij,ij->i', relative, steps[first:last]) / lengths[first:last] ** 2
-        share = np.clip(share, 0.0, 1.0)
-        gap = np.hypot(*(relative - share[:, None] * steps[first:last]).T)
-        # the earliest of equals: a closed road starts where it ends
-        k = int(np.argmax(gap <= gap.min() + TIE))
-        feet[i] = vertex[first + k] + share[k] * lengths[first + k]
-        dx, dy = steps[first + k]
-        left = dx * relative[k, 1] - dy * relative[k, 0]
-        offsets[i] = np.copysign(gap[k], left)
-        first = max(0, int(np.searchsorted(vertex, feet[i] - ahead)) - 1)
-        last = min(len(steps), int(np.searchsorted(vertex, feet[i] + ahead)) + 1)
-    return Projection(feet, offsets)
+    moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
+    found = [_feet(points[:1], polyline, vertex, 0, len(vertex) - 1)]
+    done, size = 1, BLOCK
+    while done < len(points):
+        # many points at once: looked for wherever any of them may be, kept while that is where
+        # each of them was to be looked for
+        block = slice(done, done + size)
+        before = found[-1].distance[-1]
+        reach = ahead + np.sum(moved[block][1:])
+        wide = [int(end) for end in _segments(vertex, before, reach)]
+        feet = _feet(points[block], polyline, vertex, *wide)
+        first, last = _segments(vertex, np.append(before, feet.distance[:-1]), ahead)
+        sound = (first <= feet.segment) & (feet.segment < last)
+        sound &= (wide[0] <= first) & (last <= wide[1])
+        kept = len(sound) if sound.all() else int(np.argmin(sound))
+        if kept:
+            found.append(_Feet(*(column[:kept] for column in feet)))
+        done, size = done + kept, min(BLOCK, max(1, 2 * kept))
+    distance, offset = (
+        np.concatenate([getattr(one, k) for one in found]) for k in Projection._fields
+    )
+    return Projection(distance, offset)
+
+
+class _Feet(NamedTuple):
+    """Where points are nearest to a polyline."""
+
+    distance: np.ndarray  # m, as in Projection
+    offset: np.ndarray  # m, as in Projection
+    segment: np.ndarray  # index
+
+
+def _segments(vertex, foot, reach):
+    """Return the first segment, and the one behind the last, within `reach` [m] of a foot."""
+    first = np.searchsorted(vertex, foot - reach) - 1
+    last = np.searchsorted(vertex, foot + reach) + 1
+    return np.maximum(first, 0), np.minimum(last, len(vertex) - 1)
+
+
+def _feet(points, polyline, vertex, first, last):
+    """Return the _Feet of points on the segments from `first` up to, not including, `last`."""
+    tail, lengths = polyline[first:last], np.diff(vertex)[first:last]
+    dx, dy = np.diff(polyline[first : last + 1], axis=0).T
+    x, y = (points[:, None, axis] - tail[:, axis] for axis in (0, 1))
+    share = np.clip((x * dx + y * dy) / lengths**2, 0.0, 1.0)
+    gap = np.hypot(x - share * dx, y - share * dy)
+    # the earliest of equals: a closed road starts where it ends
+    k = np.argmax(gap <= gap.min(axis=1, keepdims=True) + TIE, axis=1)
+    row = np.arange(len(points))
+    left = dx[k] * y[row, k] - dy[k] * x[row, k]
+    distance = vertex[first + k] + share[row, k] * lengths[k]
+    return _Feet(distance, np.copysign(gap[row, k], left), first + k)
 
 
 def gap_to_circle(x, y, yaw, outline, circle_x, circle_y, radius):

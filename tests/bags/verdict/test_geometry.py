@@ -53,6 +53,29 @@ def test_a_crossing_branch_does_not_catch_the_foot():
     assert foot.distance == pytest.approx(geometry.arc_length(eight), abs=1e-6)
 
 
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.02, 0.3]),  # rad between two segments: gentle, or a tangle
+    st.sampled_from([0.0, 0.5, 3.0]),  # m of noise on the drive
+    st.sampled_from([2.0, 15.0]),
+)
+def test_many_points_at_once_have_the_feet_they_have_one_by_one(seed, bend, noise, ahead):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, bend, rng.integers(3, 120)))
+    reference = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * 2.0, axis=0)
+    along = geometry.arc_length(reference)
+    at = np.linspace(0.0, along[-1], rng.integers(1, 400))
+    drive = np.column_stack([np.interp(at, along, axis) for axis in reference.T])
+    drive += rng.normal(0.0, noise, drive.shape)
+    together = geometry.track(drive, reference, ahead)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, 'BLOCK', 1)
+        alone = geometry.track(drive, reference, ahead)
+    assert together.distance.tolist() == alone.distance.tolist()
+    assert together.offset.tolist() == alone.offset.tolist()
+
+
 @pytest.mark.parametrize(
     ('x', 'y', 'gap'),
     [
