@@ -33,3 +33,30 @@ def test_another_speed_is_that_of_path_and_start():
 def test_a_setting_that_does_not_exist_is_named(role):
     with pytest.raises(BagError, match=r'tolerances\.lag'):
         closed_loop.setup('double_lane_change', 'mpcc', {role: {'tolerances.lag': 0.3}})
+
+
+@pytest.mark.parametrize(
+    'setting',
+    [
+        {'patches.friction': [0.3]},
+        {'start.speed_mps': 10.0},
+        {'stop.time_s': 1.0},
+        {'command_age_s': 0.2},
+    ],
+    ids=lambda setting: next(iter(setting)),
+)
+def test_a_setting_of_the_plant_that_would_not_be_followed_is_refused(setting):
+    (name,) = setting
+    with pytest.raises(BagError, match=rf'plant\.{name} has no effect .*friction, tyre_set.*car\.'):
+        closed_loop.setup('double_lane_change', 'mpcc', {'plant': setting})
+
+
+def test_settings_of_the_car_and_its_tyre_are_followed():
+    heavy = closed_loop.setup(
+        'double_lane_change',
+        'mpcc',
+        {'plant': {'car.body.mass_kg': 2000.0, 'tyre_set': 'tyre_205_60r15.yaml'}},
+    )
+    usual = closed_loop.setup('double_lane_change', 'mpcc')
+    assert heavy.plant.car.body.mass_kg == 2000.0
+    assert heavy.plant.tyre != usual.plant.tyre

@@ -38,6 +38,10 @@ READ = {
 NO_SETTINGS: Mapping[str, Mapping[str, Any]] = {}
 # what the plant declares beside them
 BY_HAND = ('start.from', experiment.DEFAULTS_NAMED)
+# of the plant's parameters, what a drive in process follows; start, end and patches are the
+# scenario's, the others are about messages and wall time
+HONOURED = ('friction', 'tyre_set', experiment.DEFAULTS_NAMED)
+HONOURED_GROUP = 'car.'
 
 
 class Setup(NamedTuple):
@@ -61,8 +65,13 @@ def setup(
 
     `controller` is a name in mpcc_controller/config or a YAML file; `settings` are parameters of
     `plant` and `controller` by role and dotted name, as of --set; `speed_mps` replaces the
-    scenario's desired speed by a constant. Raises BagError for what cannot be used.
+    scenario's desired speed by a constant. Raises BagError for what cannot be used, and for a
+    setting of the plant that a drive in process would not follow.
     """
+    for name in settings.get('plant', ()):
+        if name not in HONOURED and not name.startswith(HONOURED_GROUP):
+            allowed = f'{", ".join(HONOURED)} and {HONOURED_GROUP}*'
+            raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = experiment.controller(controller)
     scn = load_scenario(scenario_name, speed_mps)
     nowhere = Path()
