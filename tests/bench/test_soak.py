@@ -10,22 +10,36 @@ import soak
 
 BENCH = Path(__file__).parents[2] / 'bench'
 
+HOUR, SHORT = 60.0, 0.4  # minutes
 LOOK = soak.Look(100.0, 20, 15, 4)
 
 
 def test_what_stays_as_it_is_did_not_grow():
-    assert soak.growth('plant', [LOOK] * 100).grew == []
+    assert soak.growth('plant', [LOOK] * 100, HOUR).grew == []
 
 
 def test_more_memory_files_threads_and_segments_in_the_end_are_growth():
     for change in ({'memory_mb': 104.0}, {'files': 21}, {'threads': 16}, {'segments': 5}):
         looks = [LOOK] * 60 + [LOOK._replace(**change)] * 40
-        assert soak.growth('plant', looks).grew == list(change)
+        assert soak.growth('plant', looks, HOUR).grew == list(change)
+
+
+def test_a_short_soak_is_held_to_less_memory_and_to_the_same_files_threads_and_segments():
+    for change in ({'memory_mb': 102.5}, {'files': 21}, {'threads': 16}, {'segments': 5}):
+        looks = [LOOK] * 60 + [LOOK._replace(**change)] * 40
+        assert soak.growth('plant', looks, SHORT).grew == list(change)
+    looks = [LOOK] * 60 + [LOOK._replace(memory_mb=102.5)] * 40
+    assert soak.growth('plant', looks, HOUR).grew == []
+
+
+def test_memory_that_is_held_for_a_moment_is_no_growth():
+    peak = LOOK._replace(memory_mb=105.0)
+    assert soak.growth('plant', [LOOK, LOOK, LOOK, peak] * 40, SHORT).grew == []
 
 
 def test_what_grows_while_it_starts_is_none():
     looks = [LOOK._replace(memory_mb=5.0 * k) for k in range(20)] + [LOOK] * 80
-    assert soak.growth('plant', looks).grew == []
+    assert soak.growth('plant', looks, HOUR).grew == []
 
 
 @pytest.mark.ros
@@ -39,3 +53,5 @@ def test_a_short_drive_does_not_make_the_nodes_grow():
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'nothing grew' in done.stdout
+    looks = [int(line.split()[1]) for line in done.stdout.splitlines()[1:5]]
+    assert min(looks) >= 120, 'a tenth of the run is a dozen looks: fewer do not make a median'

@@ -15,7 +15,7 @@ from catalogue import ROLES, Fault
 from states import BEFORE_NS
 
 from bags import closed_loop
-from bags.experiments import experiment, processes
+from bags.experiments import launch, processes
 from bags.experiments.processes import Process
 
 START_NS = 1_000_000_000  # of simulated time
@@ -91,8 +91,7 @@ class Ring:
         scenario = folder / 'road.yaml'
         scenario.write_text(yaml.safe_dump(fault.scenario))
         facts = closed_loop.scenario_facts(str(scenario))
-        self.bag = self.witness = folder / 'bag'
-        (folder / 'run_info.json').write_text('{}')
+        self.bag = self.witness = folder / launch.BAG
         given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}
         self.doubted = fault.does == 'disk_bytes' or fault.to == 'recorder'
         if self.doubted:  # its bag is no evidence: a second recorder watches
@@ -101,18 +100,11 @@ class Ring:
         overrides = {role: dict(given) for role in ROLES}
         overrides['recorder'].pop('recorders', None)
         overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
-        controller = experiment.controller('mpcc')
-        notes = folder / 'run_info.json'
-        found = experiment.nodes(facts, controller, fault.mode, self.bag, notes, overrides)
+        found = launch.plain_ring(facts, fault.mode, folder, overrides)
         self.nodes = {node.role: node for node in found}
-        self.environment = {
-            **os.environ,
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_LOG_DIR': str(folder),
-            'OPENBLAS_NUM_THREADS': '1',
-            'RCUTILS_COLORIZED_OUTPUT': '0',
-        }
+        # whatever the shell says
+        here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self.environment = launch.environment(domain, folder) | here
         self.clock = hooks.MachineClock(folder) if fault.does == 'clock_s' else None
         self.running: dict[str, Process] = {}
         self.spared: list[Process] = []  # that were killed on purpose
@@ -135,16 +127,17 @@ class Ring:
 
     def begin(self, role):
         """Start one node; a second time under another log."""
-        node = self.nodes[role]
-        written = self.folder / f'{role}.yaml'
-        experiment.write_parameters(node, written)
-        command = hooks.command(self.fault, node) + experiment.arguments(node, written)
-        command += hooks.remaps(self.fault, role)
-        environment = self.environment
+        node, environment = self.nodes[role], self.environment
         if self.clock and role not in ('recorder', 'witness'):
             environment = environment | self.clock.environment()
-        log = self.folder / f'{role}{len(self.spared) or ""}.log'
-        self.running[role] = processes.start(role, command, log, environment)
+        self.running[role] = launch.start(
+            node,
+            self.folder,
+            environment,
+            log=f'{role}{len(self.spared) or ""}.log',
+            program=hooks.command(self.fault, node),
+            more=hooks.remaps(self.fault, role),
+        )
         prefer(self.running[role])
 
     def wait(self, seconds, until):

@@ -1,12 +1,11 @@
 """The nodes of a ring, one process each, for tests that start and end them one by one."""
 
 import contextlib
-import os
 import time
 from pathlib import Path
 
 from bags import closed_loop
-from bags.experiments import experiment, processes
+from bags.experiments import launch, processes
 from bags.storage import read, repair
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
@@ -18,24 +17,15 @@ class Ring:
     """Nodes of one run on a domain of their own; a context manager that leaves no process."""
 
     def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
-        """`settings` are parameters by role, dots as double underscores in no name: dicts."""
+        """Each of `settings` is called like a role: {dotted name: value} of its parameters."""
         self.folder, self.running, self.mode = folder, {}, mode
-        self.bag = folder / 'bag'
-        notes = folder / 'run_info.json'
-        notes.write_text('{}')
+        self.bag = folder / launch.BAG
         facts = closed_loop.scenario_facts(scenario)
-        mpcc = experiment.controller('mpcc')
-        nodes = experiment.nodes(facts, mpcc, mode, self.bag, notes, settings)
-        self.nodes = {node.role: node for node in nodes}
+        self.nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, settings)}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
-        self.environment = {
-            **os.environ,
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_LOG_DIR': str(folder),
-            'OPENBLAS_NUM_THREADS': '1',
-            'RCUTILS_COLORIZED_OUTPUT': '0',
-        }
+        # whatever the shell says
+        here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self.environment = launch.environment(domain, folder) | here
 
     def __enter__(self):
         return self
@@ -46,13 +36,8 @@ class Ring:
     def start(self, role: str) -> processes.Process:
         """Start a node."""
         node = self.nodes[role]
-        written = self.folder / f'{role}.yaml'
-        experiment.write_parameters(node, written)
-        command = self.prefix.get(role, []) + processes.resolve(node.package, node.executable)
-        log = self.folder / f'{role}.log'
-        self.running[role] = processes.start(
-            role, command + experiment.arguments(node, written), log, self.environment
-        )
+        program = self.prefix.get(role, []) + processes.resolve(node.package, node.executable)
+        self.running[role] = launch.start(node, self.folder, self.environment, program=program)
         if self.mode == 'realtime':
             group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
             with contextlib.suppress(OSError):  # each session is a group of its own

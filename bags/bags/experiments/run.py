@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bags.experiments import experiment, notes, processes
-from bags.experiments.experiment import Controller, Node, ScenarioFacts
+from bags.experiments import experiment, launch, notes, processes
+from bags.experiments.experiment import Controller, ScenarioFacts
 from bags.experiments.folders import Workshop
 from bags.experiments.follow import Follower
 from bags.experiments.interrupt import Interrupt
@@ -90,12 +90,19 @@ def _note(ring, facts, chosen, settings, workshop):
 
 def _drive(ring, settings, workshop, interrupt, progress, follower):
     """Return the plant's last words and its exit code; the bag is in its place by then."""
-    environment = _environment(settings, workshop)
+    environment = launch.environment(settings.domain, workshop.logs)
     cores = _cores(settings.mode)
     running: dict[str, Process] = {}
     try:
         for node in ring:
-            running[node.role] = _start(node, workshop, environment, cores)
+            running[node.role] = launch.start(
+                node,
+                workshop.logs,
+                environment,
+                name=node.executable,
+                cores=cores.get(node.role),
+                nice=STAND_BACK.get(node.role, 0) if cores else 0,
+            )
         code = _watch(running, settings.time_limit_s, interrupt, progress, follower)
         # the state at the end is answered, too: so the same run always records the same messages
         time.sleep(SETTLE_S)
@@ -108,16 +115,6 @@ def _drive(ring, settings, workshop, interrupt, progress, follower):
     said = PREFIX.sub('', processes.last_line(running['plant'].log))
     workshop.keep()
     return said or f'the plant ended with exit code {code}', code
-
-
-def _start(node: Node, workshop, environment, cores):
-    written = workshop.logs / f'{node.role}.yaml'
-    experiment.write_parameters(node, written)
-    command = processes.resolve(node.package, node.executable)
-    command += experiment.arguments(node, written)
-    log = workshop.logs / f'{node.executable}.log'
-    nice = STAND_BACK.get(node.role, 0) if cores else 0
-    return processes.start(node.executable, command, log, environment, cores.get(node.role), nice)
 
 
 def _watch(running, time_limit_s, interrupt, progress, follower):
@@ -140,18 +137,6 @@ def _watch(running, time_limit_s, interrupt, progress, follower):
     if plant.code not in ENDINGS:
         raise ProcessError(processes.obituary(plant))
     return plant.code
-
-
-def _environment(settings, workshop):
-    return {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        **os.environ,
-        'ROS_DOMAIN_ID': str(settings.domain),
-        'ROS_LOG_DIR': str(workshop.logs),
-        # one thread per node: the matrices are small
-        'OPENBLAS_NUM_THREADS': '1',
-        'RCUTILS_COLORIZED_OUTPUT': '0',
-    }
 
 
 def _cores(mode):

@@ -205,21 +205,6 @@ def test_the_running_ring_is_seen_with_its_shapes(view):
     assert struct.pack('<d', 2.0) in everything
 
 
-def test_the_pace_follows_rate_pause_and_seek():
-    pace = screening.Pace(10 * S, 20 * S, 2.0)
-    assert pace.now(100.0) == 10 * S
-    assert pace.now(101.0) == 12 * S
-    pace.change(101.0, playing=False)
-    assert pace.now(150.0) == 12 * S
-    pace.change(150.0, playing=True, rate=0.5)
-    assert pace.now(152.0) == 13 * S
-    pace.change(152.0, seek_ns=19 * S)
-    assert pace.now(153.0) == pytest.approx(19.5 * S)
-    assert pace.now(999.0) == 20 * S
-    pace.change(999.0, seek_ns=0)
-    assert pace.now(999.0) == 10 * S
-
-
 def test_foxglove_pauses_and_seeks_and_gets_the_facts_again(bag):
     from bags.storage import read
 

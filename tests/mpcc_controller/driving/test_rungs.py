@@ -219,38 +219,3 @@ def test_a_state_that_comes_back_in_time_finds_its_warm_start(changing, world):
     assert why.values['rung'] == SOLVED
     assert why.values['solver.warm']
     assert (why.values['plan.age'], why.values['plan.failures']) == (0, 0)
-
-
-def jump(solution):
-    """A plan whose first set-point no actuator reaches."""
-    X = solution.plan.X.copy()
-    X[1, 7] += 0.3
-    return solution._replace(plan=solution.plan._replace(X=X))
-
-
-def test_a_command_that_the_gate_turns_back_is_replaced_by_braking_along_the_path(
-    changing, world, spoilt
-):
-    before, _, _ = changing.step(world.rolling(X=45.0, Y=-0.5))
-    spoilt(jump)
-    command, prediction, why = changing.step(world.rolling(X=46.0, Y=-0.5, stamp_ns=TICK))
-    v = why.values
-    assert (v['rung'], v['reason'], v['gate']) == (BRAKING, 'command_turned_back', 'too_fast')
-    assert (v['guide'], v['gate.rejections'], v['gate.too_fast']) == ('path', 1, 1)
-    assert why.level == 2
-    assert len(prediction.X) == 1
-    assert command.Fxf + command.Fxr < before.Fxf + before.Fxr
-    assert command.delta > before.delta  # back to the path, which bends to the left
-    assert changing.last == command
-    assert not conformance.check('/controller/why', encode.why(why))
-
-
-def test_a_braking_command_that_is_turned_back_too_holds_the_last_one(
-    changing, world, spoilt, monkeypatch
-):
-    before, _, _ = changing.step(world.rolling(X=45.0, Y=-0.5))
-    spoilt(jump)
-    monkeypatch.setattr(changing.gate, '_in_rate', lambda command, last: False)
-    command, _, why = changing.step(world.rolling(X=46.0, Y=-0.5, stamp_ns=TICK))
-    assert (why.values['gate'], why.values['gate.rejections']) == ('too_fast', 2)
-    assert (command.delta, command.d_delta) == (before.delta, 0.0)
