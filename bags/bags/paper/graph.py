@@ -10,8 +10,9 @@ from bags import closed_loop
 from bags.errors import BagError
 from bags.experiments import campaign
 from bags.pictures import distances
-from bags.study import case, tables
+from bags.study import tables
 from bags.study.case import Case
+from bags.units import KPH
 from bags.verdict import compare
 
 CIRCLE, CIRCLE_CONTROLLER = 'circle_20m', 'mpcc_no_ca'
@@ -44,7 +45,7 @@ def double_lane_change(chosen: Sequence[Case], out: Path, bags: Path, console: C
     BagError.
     """
     first = chosen[0]
-    scn = closed_loop.load_scenario(first.scenario, first.speed_kph / case.KPH)
+    scn = closed_loop.load_scenario(first.scenario, first.speed_kph / KPH)
     folder = out / SHEET
     folder.mkdir(parents=True, exist_ok=True)
     # the same draw as a person would set it up by hand

@@ -10,8 +10,7 @@ from bags import closed_loop
 from bags.study import code_version
 from bags.study.samples import Draw
 from bags.study.variants import Variant
-
-KPH = 3.6  # km/h per m/s
+from bags.units import KPH
 
 
 class Case(NamedTuple):

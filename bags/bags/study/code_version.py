@@ -17,6 +17,8 @@ OURS = (
     'storage/columns.py',
     'study/case.py',
     'study/measure.py',
+    'units.py',
+    'verdict/answers.py',
     'verdict/drive.py',
     'verdict/geometry.py',
     'verdict/handling.py',

@@ -2,16 +2,14 @@
 
 import json
 import os
-import signal
 import tempfile
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context, parent_process
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
+from bags.experiments import workers
 from bags.study import case as cases
 from bags.study import measure
 from bags.study.case import Case
@@ -96,22 +94,8 @@ class Drives:
 
     def _started(self):
         if self._pool is None:
-            # a fork would copy the threads of the progress display
-            self._pool = ProcessPoolExecutor(
-                self.jobs, mp_context=get_context('spawn'), initializer=_follow_parent
-            )
+            self._pool = workers.started(self.jobs)
         return self._pool
-
-
-def _follow_parent():
-    """End with the process that asked, however it ends; Ctrl-C is its to handle."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_await_parent, daemon=True).start()
-
-
-def _await_parent():
-    parent_process().join()
-    os._exit(1)
 
 
 def _drive(case, file):

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from bags.study.claim_rules import STABLE_DEG
 from bags.study.drives import Record
 from bags.study.variants import Switch
-
-SIDESLIP_DEG = 4.0
 
 
 def cleared(run: Record) -> bool:
@@ -17,7 +16,7 @@ def cleared(run: Record) -> bool:
 VERDICTS: dict[str, Callable[[Record], bool]] = {
     'cleared': cleared,
     'entered unsafe area': lambda run: run.value('entered_unsafe_area'),
-    f'sideslip > {SIDESLIP_DEG:g} deg': lambda run: run.value('peak_sideslip_deg') > SIDESLIP_DEG,
+    f'sideslip > {STABLE_DEG:g} deg': lambda run: run.value('peak_sideslip_deg') > STABLE_DEG,
     'brakes, -500 N': lambda run: run.value('brake_onset_at_m') is not None,
     'brakes, -1500 N': lambda run: run.value('brake_onset_hard_at_m') is not None,
 }

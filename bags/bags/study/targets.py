@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bags.study import statistics, tables
+from bags.study.claim_rules import D_SFT, KEPT, STABLE_DEG
 from bags.study.drives import Record
 
 SHARE = 0.95
-D_SFT_O = D_SFT_E = 0.5  # m, of mpcc.yaml; a test compares
-KEPT = 0.95  # of a safety distance
-SIDESLIP_DEG = 4.0
 
 
 def of(records: Mapping[str, Sequence[Record]]) -> list[dict[str, Any]]:
@@ -26,9 +24,9 @@ def of(records: Mapping[str, Sequence[Record]]) -> list[dict[str, Any]]:
 def _of_mpcc(runs):
     return [
         _shared('mpcc: completed', [run.value('completed') for run in runs]),
-        _median('mpcc: min V2O [m]', runs, 'min_v2o_m', least=KEPT * D_SFT_O),
-        _median('mpcc: min V2E [m]', runs, 'min_v2e_m', least=KEPT * D_SFT_E),
-        _median('mpcc: peak sideslip angle [deg]', runs, 'peak_sideslip_deg', most=SIDESLIP_DEG),
+        _median('mpcc: min V2O [m]', runs, 'min_v2o_m', least=KEPT * D_SFT),
+        _median('mpcc: min V2E [m]', runs, 'min_v2e_m', least=KEPT * D_SFT),
+        _median('mpcc: peak sideslip angle [deg]', runs, 'peak_sideslip_deg', most=STABLE_DEG),
     ]
 
 

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags import closed_loop
+from bags.units import KPH
 from bags.verdict import metrics
 
 SCENARIO = 'double_lane_change'
 VELOCITY_SCALE_MPS = 1.0
 SIDESLIP_SCALE_DEG = 3.0
-KMH_PER_MPS = 3.6
 CONSTRAINTS = ('v2o', 'v2e', 'completed', 'tracking')
 
 
@@ -72,7 +72,7 @@ def drive(controller: str, weights: Mapping[str, Any], condition: Condition) -> 
     controller refuses.
     """
     settings = {'controller': dict(weights), 'plant': {'friction': condition.friction}}
-    speed = condition.speed_kmh / KMH_PER_MPS
+    speed = condition.speed_kmh / KPH
     return score(closed_loop.drive(closed_loop.setup(SCENARIO, controller, settings, speed)), speed)
 
 

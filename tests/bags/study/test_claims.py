@@ -3,7 +3,7 @@
 import pytest
 
 from bags import closed_loop
-from bags.study import causes, claim_rules, curvature, statistics, targets, variants
+from bags.study import causes, claim_rules, curvature, statistics, variants
 from bags.study.claim_list import CLAIMS, CONVERGENCE
 
 BY_KEY = {one.key: one for one in CLAIMS}
@@ -154,4 +154,3 @@ def test_rules_and_targets_have_the_safety_distances_of_the_controllers():
     for controller in ROLES:
         safety = closed_loop.setup(variants.SCENARIO, controller).params.safety
         assert safety.obstacle_m == safety.edge_m == claim_rules.D_SFT
-        assert safety.obstacle_m == targets.D_SFT_O == targets.D_SFT_E
