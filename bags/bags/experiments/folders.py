@@ -8,6 +8,7 @@ from pathlib import Path
 
 LOGS = 'logs'
 REPLACED = 'replaced'
+MARK = '.bags_workshop'  # in a folder that `recover` may clear
 
 
 class Workshop:
@@ -25,6 +26,7 @@ class Workshop:
         self.failed = scenario_folder / f'{name}.failed'
         self.root = Path(tempfile.mkdtemp(prefix=f'.{name}.', dir=scenario_folder))
         self._lock = _lock(self.root)
+        (self.root / MARK).touch()
         self.bag = self.root / name
         self.logs = self.root / LOGS
         self.logs.mkdir()
@@ -51,6 +53,7 @@ class Workshop:
             place.rename(old / place.name)
         new.rename(place)
         shutil.rmtree(place / REPLACED, ignore_errors=True)
+        (place / MARK).unlink(missing_ok=True)
         self.discard()
         return place
 
@@ -65,10 +68,11 @@ class Workshop:
 def recover(scenario_folder: Path) -> list[str]:
     """Clear up after runs that were killed; return a line about each that left something.
 
-    What they were about to replace is put back. Runs in progress are left alone.
+    What they were about to replace is put back. Runs in progress are left alone, and so is every
+    folder that no Workshop made.
     """
     said = []
-    for root in sorted(path for path in scenario_folder.glob('.*.*') if path.is_dir()):
+    for root in sorted(mark.parent for mark in scenario_folder.glob(f'.*.*/{MARK}')):
         lock = _lock(root)
         if lock is not None:
             said += _cleared(root)

@@ -62,6 +62,7 @@ def test_a_run_in_progress_is_left_alone(tmp_path, workshop):
 def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice):
     left = tmp_path / '.mpcc.abc'
     (left / 'logs').mkdir(parents=True)
+    (left / folders.MARK).touch()
     if file:
         (left / 'mpcc').mkdir()
         (left / 'mpcc' / file).write_text('')
@@ -73,8 +74,18 @@ def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice)
 def test_what_was_replaced_already_is_removed(tmp_path):
     (tmp_path / 'mpcc').mkdir()
     (tmp_path / '.mpcc.abc/replaced/mpcc').mkdir(parents=True)
+    (tmp_path / '.mpcc.abc' / folders.MARK).touch()
     assert folders.recover(tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
+
+
+@pytest.mark.parametrize('name', ['.cache.d', '.mpcc.backup'])
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path, name):
+    file = tmp_path / name / 'replaced' / 'mpcc'
+    file.parent.mkdir(parents=True)
+    file.write_text('precious')
+    assert folders.recover(tmp_path) == []
+    assert file.read_text() == 'precious'
 
 
 def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, workshop):
@@ -84,3 +95,4 @@ def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, workshop):
     assert logs == tmp_path / 'mpcc.failed/logs'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc.failed']
     assert not (tmp_path / 'mpcc.failed/replaced').exists()
+    assert not (tmp_path / 'mpcc.failed' / folders.MARK).exists()
