@@ -24,6 +24,7 @@ DECODERS = {
     stage.OBSTACLES: decode.obstacles,
     stage.WHY: decode.why,
 }
+THROTTLE_S = 1.0
 TF_DEPTH = 100  # what tf2 listeners use
 
 
@@ -45,10 +46,15 @@ class MarkersNode(Node):
             self.create_subscription(kind, topic, callback, qos.watching(offered), raw=True)
 
     def on_message(self, topic, raw):
-        """Draw what a message changes."""
-        if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
+        """Draw what a message changes, and nothing of one that breaks the contract."""
+        try:
+            if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
+                return
+            value = DECODERS[topic](ros.message(topic, raw))
+        except decode.DecodeError as error:
+            told = f'nothing is drawn of this: {error}'
+            self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
             return
-        value = DECODERS[topic](ros.message(topic, raw))
         for picture in self.stage.take(topic, value):
             self.pubs[picture.topic].publish(encode.markers(*picture))
         if topic == stage.STATE and self.tf:

@@ -16,6 +16,7 @@ from bags.viewers.stage import STATE, Stage
 from msgs_yaml import contract, decode, qos, ros, share, spin_node
 from msgs_yaml.parameters import ParameterError
 
+THROTTLE_S = 1.0
 LATCHED = 'transient_local'
 
 
@@ -48,7 +49,12 @@ class ViewNode(Node):
     def on_message(self, topic, raw):
         """Pass a message on; the time of the ring is that of its states, in both modes."""
         if topic.name == STATE:
-            self.now_ns = decode.stamp_ns_of(raw)
+            try:
+                self.now_ns = decode.stamp_ns_of(raw)
+            except decode.DecodeError as error:
+                told = f'{topic.name}: {error}'
+                self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
+                return
             self.server.tell_time(self.now_ns)
         self.projector.show(topic.name, topic.type, self.schemas[topic.type], raw, self.now_ns)
 

@@ -15,6 +15,7 @@ from msgs_yaml import conformance, contract, encode, parameters, ros, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 
 DOMAIN = 50
+CUT = bytes.fromhex('00010000ff')  # no message of any type
 SECONDS = 60.0
 S = 1_000_000_000
 DRAWN = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
@@ -69,7 +70,8 @@ def test_it_draws_the_ring_with_its_own_parameters(node):
             '/vehicle/odometry': encode.odometry(VehicleState(t, 1.0, 2.0, 0.0, 20.0, 0.0, 0.0)),
         }
         for topic, message in sent.items():
-            pubs[topic].publish(message)
+            # queues of one message: a bad one would take the place of a good one
+            pubs[topic].publish(CUT if k % 2 else message)
         executor.spin_once(timeout_sec=0.05)
         complete = len(received) == len(DRAWN)
         names = {one.ns for one in getattr(received.get('/markers/safety'), 'markers', ())}

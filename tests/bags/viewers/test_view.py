@@ -30,6 +30,7 @@ DOMAIN = 49
 PROTOCOL = 'foxglove.sdk.v1'
 MESSAGE = 1  # opcode of message data: subscription (u32), log time (u64), payload
 S = 1_000_000_000
+CUT = bytes.fromhex('00010000ff')  # no message of any type
 DRAWN = {'/markers/vehicle', '/markers/safety', '/tf'}
 
 
@@ -187,6 +188,7 @@ def test_the_running_ring_is_seen_with_its_shapes(view):
             seen_pub.publish(encode.obstacles(Obstacles(stamp_ns, (obstacle,))))
             state = VehicleState(stamp_ns, 1.0, 2.0, 0.0, 20.0, 0.0, 0.0)
             state_pub.publish(encode.odometry(state))
+            state_pub.publish(CUT)
             await asyncio.sleep(0.05)
         await reading
         return client
