@@ -66,6 +66,8 @@ class PlayerNode(Node):
         self.senders = [self._sender(topic) for topic in self.playlist.topics]
         self.keys = SimpleQueue()
         self.keyboard = Keyboard(self.keys.put)
+        if self.params.paused and not self.keyboard.attached:
+            raise ParameterError('paused: is true, but there is no keyboard whose key would go on')
         self.thread = Thread(target=self._play_guarded, daemon=True)
         self.thread.start()
 

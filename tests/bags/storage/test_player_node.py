@@ -167,11 +167,14 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
         ({}, 'bag: is not given'),
         ({'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
         ({'rate': 0.0}, 'rate: is out of range with 0.0'),
+        ({'bag': None, 'paused': 'true'}, 'paused: is true, but there is no keyboard'),
         ({'speed': 2.0}, 'speed: this node has no such parameter'),
     ],
 )
-def test_mistakes_are_one_line_that_names_the_parameter(start_player, parameters, why):
-    player = start_player(**{'bag': "''", **parameters})
+def test_mistakes_are_one_line_that_names_the_parameter(start_player, bag_folder, parameters, why):
+    given = {'bag': "''", **parameters}
+    given['bag'] = given['bag'] or bag_folder
+    player = start_player(**given)
     said, _ = player.communicate(timeout=TIMEOUT_S)
     assert player.returncode != 0
     assert why in said
