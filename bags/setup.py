@@ -24,7 +24,7 @@ setup(
         'matplotlib',
         'mcap',
         'numpy',
-        'optuna',
+        'optuna>=5',
         'pyyaml',
         'rich',
         'scipy',
