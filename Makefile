@@ -2,6 +2,7 @@
 # make test      every test
 # make check     everything the continuous integration runs: lint, tests (colcon build in them), coverage
 # make paper     every figure and claim of the paper, into paper/
+# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (an hour)
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock: is 20 Hz held? (9 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
@@ -13,7 +14,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check coverage paper bench realtime faults soak repeat golden identify lint setup \
+.PHONY: help demo test check coverage paper study bench realtime faults soak repeat golden identify lint setup \
   requirements clean
 
 PYTHON ?= python3
@@ -101,6 +102,10 @@ repeat: setup
 paper: setup
 	@$(BIN)/bags paper
 	@$(BIN)/bags paper --readme README.md
+
+study: setup
+	@$(BIN)/bags study ablation
+	@$(BIN)/bags study limit
 
 golden: setup
 	@$(BIN)/bags golden
