@@ -55,7 +55,7 @@ def test_settings_of_the_car_and_its_tyre_are_followed():
     heavy = closed_loop.setup(
         'double_lane_change',
         'mpcc',
-        {'plant': {'car.body.mass_kg': 2000.0, 'tyre_set': 'tyre_205_60r15.yaml'}},
+        {'plant': {'car.body.mass_kg': 2000.0, 'tyre_set': 'tyre_245_40r18.yaml'}},
     )
     usual = closed_loop.setup('double_lane_change', 'mpcc')
     assert heavy.plant.car.body.mass_kg == 2000.0

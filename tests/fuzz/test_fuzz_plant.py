@@ -53,12 +53,20 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
     told()
 
 
-def test_the_plant_outlives_every_path(plant, count):
+def test_the_plant_outlives_every_path_and_starts_on_none_that_is_absurd(plant, count):
     topic = '/scenario/reference'
+    nodes.tell_facts(plant.node, START_NS)
+    kept = [plant.node.reference]
 
     @FUZZ
     @given(batches(topic))
     def told(batch):
-        tell_all(plant, topic, batch, count)
+        messages, raws = batch
+        for one in [([message], []) for message in messages] + [([], [raw]) for raw in raws]:
+            tell_all(plant, topic, one, count)
+            if plant.node.reference is not kept[-1]:
+                kept.append(plant.node.reference)
+                assert np.isfinite(plant.node.car_at(START_NS).now.rows).all()
 
     told()
+    assert len(kept) > 1
