@@ -82,5 +82,16 @@ def test_no_core_imports_its_node(path):
     assert path.name.endswith('_node.py') or not nodes
 
 
+def test_who_stores_does_not_judge():
+    storing = [path for path in MODULES if path.parent.name == 'storage']
+    assert storing
+    assert not [
+        f'{relative(path)}: {name}'
+        for path in storing
+        for name in imported(path)
+        if name.startswith('bags.verdict')
+    ]
+
+
 def test_the_walk_sees_every_package():
     assert {package_of(path) for path in MODULES} == set(OURS)

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Print the summary. Raises BagError when the bag cannot be read."""
     from bags.storage import info, read
-    from bags.storage.summary import summary
+    from bags.verdict.summary import summary
 
     with warnings.catch_warnings():
         # the damage is part of what is printed

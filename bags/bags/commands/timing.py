@@ -40,23 +40,23 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def show(found: dict[str, Any], console: Console) -> None:
-    """Print a report for a person."""
+    """Print a report for a person; a dash for what its bag does not tell."""
+    from bags.storage import info
+    from bags.verdict.punctuality import QUANTILES
+
     table = Table(box=None, header_style='bold', pad_edge=False)
     table.add_column('ms')
-    rows = dict(_rows(found))
-    columns = list(next(values for values in rows.values() if values))
-    for name in columns:
+    for name in QUANTILES:
         table.add_column(name, justify='right')
-    for title, values in rows.items():
-        table.add_row(title, *(f'{values[name]:.2f}' if values else '-' for name in columns))
+    for title, values in _rows(found):
+        table.add_row(title, *(_number((values or {}).get(name), 2) for name in QUANTILES))
     console.print(table)
-    ticks = found['ticks']
-    console.print(
-        f'{ticks["count"]} ticks, {ticks["missed"]} missed: {ticks["unanswered"]} unanswered, '
-        f'{ticks["late"]} late; {ticks["blind"]} commands without a state',
-        highlight=False,
-    )
-    console.print(f'mean interval {found["interval_ms"]["mean"]:.3f} ms', highlight=False)
+    console.print(info.told(found['ticks']), highlight=False)
+    console.print(f'mean interval {_number(found["interval_ms"]["mean"], 3)} ms', highlight=False)
+
+
+def _number(value, decimals):
+    return '-' if value is None else f'{value:.{decimals}f}'
 
 
 def _rows(found) -> Iterator[tuple[str, dict[str, float] | None]]:

@@ -1,5 +1,6 @@
 """`bags info`: what a bag holds and how the run behind it went in time."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
@@ -52,15 +53,19 @@ def _loop(found):
         named = ', '.join(f'{name} {value:.2f}' for name, value in found['latency_ms'].items())
         yield f'state to command in ms: {named}'
     if found['ticks'] is not None:
-        late = found['ticks']['late']
-        yield (
-            f'ticks: {found["ticks"]["count"]}, missed {found["ticks"]["deadline_misses"]}'
-            + ('' if late is None else f', late {late}')
-        )
+        yield told(found['ticks'])
     if found['rungs'] is not None:
         yield 'rungs: ' + ', '.join(f'{name} {n}' for name, n in found['rungs'].items())
         for reason, n in found['fallbacks'].items():
             yield f'  fell back {n} times: {reason}'
+
+
+def told(ticks: Mapping[str, int]) -> str:
+    """Return counted ticks as a line for a person."""
+    return (
+        f'{ticks["count"]} ticks, {ticks["missed"]} missed: {ticks["unanswered"]} unanswered, '
+        f'{ticks["late"]} late; {ticks["blind"]} commands without a state'
+    )
 
 
 def _number(value, form):

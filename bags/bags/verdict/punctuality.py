@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.storage import read, timing
-from bags.verdict import metrics
+from bags.storage import read
+from bags.verdict import answers, metrics, timing
 from msgs_yaml.stamp import NS_PER_S
 
 NS_PER_MS = 1e6
 MS_PER_S = 1e3
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
-BLIND = 'state_stale'  # a command that answers no state
 
 
 class Parts(NamedTuple):
@@ -36,7 +35,7 @@ class Ticks(NamedTuple):
 
     count: int
     unanswered: int  # no state of the period was answered
-    late: int  # answered later than a period after its state
+    late: int  # answered later than a period after its state; simulated time waits for it
     blind: int  # commands without a state
 
     @property
@@ -50,7 +49,7 @@ def parts(bag: read.Bag) -> Parts:
     joined = timing.latency(bag)
     states = read.recording(bag, timing.STATE)
     sent_ns = dict(zip(timing.stamps_ns(states).tolist(), states.publish_ns.tolist()))
-    whys = read.values(bag, timing.WHY)
+    whys = timing.whys(bag)
     said = {why.stamp_ns: why.values for why in whys}
     # a tick's sending is told by the next one
     sending = {a.stamp_ns: b.values.get('time.publish_ms') for a, b in itertools.pairwise(whys)}
@@ -73,15 +72,21 @@ def parts(bag: read.Bag) -> Parts:
     return Parts(*np.array(rows).reshape(-1, len(Parts._fields)).T)
 
 
-def ticks(bag: read.Bag, period_ns: int) -> Ticks:
-    """Count the ticks by the stamps in the bag. Raises BagError when a topic is empty."""
+def ticks(bag: read.Bag) -> Ticks:
+    """Count the ticks by the stamps in the bag.
+
+    Raises BagError when there are no states or no commands.
+    """
+    mode = timing.mode(bag)
+    period_ns = timing.period_ns(mode)
     states = timing.stamps_ns(read.recording(bag, timing.STATE))
     commands = timing.stamps_ns(read.recording(bag, timing.COMMAND))
-    blind = [w.stamp_ns for w in read.values(bag, timing.WHY) if w.values['reason'] == BLIND]
-    answers = commands[~np.isin(commands, blind)]
-    count, answered = metrics.periods(states, answers, period_ns)
-    late = int(np.count_nonzero(timing.latency(bag).latency_s * NS_PER_S > period_ns))
-    return Ticks(count, count - answered, late, len(blind))
+    kept = answers.are(commands, timing.whys(bag))
+    count, answered = metrics.periods(states, commands[kept], period_ns)
+    late = 0
+    if mode == 'realtime':
+        late = int(np.count_nonzero(timing.latency(bag).latency_s * NS_PER_S > period_ns))
+    return Ticks(count, count - answered, late, int(np.count_nonzero(~kept)))
 
 
 def report(bag: read.Bag) -> dict[str, Any]:
@@ -90,9 +95,8 @@ def report(bag: read.Bag) -> dict[str, Any]:
     In lockstep stamps are no wall time: the plant's lateness is None. Raises BagError when a topic
     is empty.
     """
-    mode = 'lockstep' if _has_clock(bag) else 'realtime'
-    period_ns = timing.period_ns(mode)
-    counted = ticks(bag, period_ns)
+    mode = timing.mode(bag)
+    counted = ticks(bag)
     sent_ns = np.unique(read.recording(bag, timing.COMMAND).publish_ns)
     states = read.recording(bag, timing.STATE)
     lateness = (states.publish_ns - timing.stamps_ns(states)) / NS_PER_MS
@@ -115,7 +119,3 @@ def quantiles(values: np.ndarray) -> dict[str, float]:
 
 def _mean(values):
     return float(values.mean()) if values.size else None
-
-
-def _has_clock(bag):
-    return timing.CLOCK in bag.recordings and bool(bag.recordings[timing.CLOCK].payloads)

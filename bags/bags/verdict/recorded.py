@@ -8,7 +8,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.storage import read
 from bags.storage.columns import Columns
-from bags.verdict import drive
+from bags.verdict import answers, drive
 from bags.verdict.geometry import Outline
 from msgs_yaml.stamp import NS_PER_S
 
@@ -73,8 +73,11 @@ def _check_one_ring(columns, name):
 def _ticks(columns):
     command, why = (columns.get(topic) for topic in ANSWERS)
     reports = [value.values for value in why.values] if why else []
+    answered = np.empty(0, dtype=np.int64)
+    if command:
+        answered = command.stamp_ns[answers.are(command.stamp_ns, why.values if why else ())]
     return drive.Ticks(
-        command.stamp_ns if command else np.empty(0, dtype=np.int64),
+        answered,
         *(_told(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
         np.array([report.get('rung') not in DRIVEN for report in reports], dtype=bool),
     )

@@ -19,7 +19,7 @@ from bags.playback import playlist
 from bags.storage import read, repair
 from bags.storage.rosbag2_writer import BagWriter
 from bags.storage.scan import PREFIX, scan
-from bags.storage.summary import summary
+from bags.verdict.summary import summary
 
 BAGS = int(os.environ.get('DAMAGED_BAGS', '200'))
 BATCH = 100

@@ -8,7 +8,7 @@ import pytest
 from bags import cli
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
-from bags.storage.summary import summary
+from bags.verdict.summary import summary
 
 
 @pytest.fixture
@@ -57,8 +57,10 @@ def test_latency_is_from_sending_the_state_to_sending_the_command(limping):
 def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
     assert summary(read.load(limping))['ticks'] == {
         'count': 20,
-        'deadline_misses': 1,
-        'late': None,
+        'missed': 1,
+        'unanswered': 1,
+        'late': 0,
+        'blind': 0,
     }
 
 

@@ -14,7 +14,7 @@ from bags.storage import cdr, read, repair, scan
 from bags.storage.definitions import SEPARATOR, schema_text
 from bags.storage.rosbag2_layout import BagTopic, offered, qos_text
 from bags.storage.rosbag2_writer import BagWriter
-from bags.storage.summary import summary
+from bags.verdict.summary import summary
 
 STATE, COMMAND = '/vehicle/odometry', '/controller/command'
 TYPES = {

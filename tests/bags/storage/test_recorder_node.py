@@ -15,7 +15,8 @@ import pytest
 from rclpy.duration import Duration
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage import contents, read, repair, timing
+from bags.storage import contents, read, repair
+from bags.verdict import timing
 
 pytestmark = pytest.mark.ros
 LOST_BY_A_KILL_S = 1.0

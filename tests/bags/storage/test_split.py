@@ -15,7 +15,7 @@ from bags.storage import read, repair
 from bags.storage.definitions import schema_text
 from bags.storage.files import mcap_files
 from bags.storage.rosbag2_writer import BagWriter, Split
-from bags.storage.summary import summary
+from bags.verdict.summary import summary
 
 
 def write(folder, bag, split):

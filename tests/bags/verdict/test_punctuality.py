@@ -5,13 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from bags import cli
+from bags.commands import timing
 from bags.errors import BagError
-from bags.storage import inbox
+from bags.storage import inbox, read
 from bags.storage.read import Bag, Recording
 from bags.storage.rosbag2_writer import BagWriter
-from bags.verdict import punctuality
+from bags.verdict import punctuality, summary
 from msgs_yaml import contract, encode, ros
 from msgs_yaml.types import Command, VehicleState, Why
 
@@ -74,15 +76,60 @@ def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
 
 def test_a_tick_without_an_answer_or_with_a_late_one_is_missed():
     slow = ring(20, latency_ms=lambda k: 51.0 if k == 7 else 12.0, answered=lambda k: k != 3)
-    assert punctuality.ticks(slow, TICK) == (20, 1, 1, 0)
-    assert punctuality.ticks(slow, TICK).missed == 2
-    assert punctuality.ticks(ring(20), TICK).missed == 0
+    assert punctuality.ticks(slow) == (20, 1, 1, 0)
+    assert punctuality.ticks(slow).missed == 2
+    assert punctuality.ticks(ring(20)).missed == 0
 
 
 def test_a_command_without_a_state_answers_nothing():
-    found = punctuality.ticks(ring(20, blind=(5, 6)), TICK)
+    found = punctuality.ticks(ring(20, blind=(5, 6)))
     assert found == (20, 2, 0, 2)
     assert len(punctuality.parts(ring(20, blind=(5, 6))).total) == 18
+
+
+def test_info_and_timing_count_the_same_misses():
+    bag = ring(20, latency_ms=lambda k: 51.0 if k == 7 else 12.0, blind=(5, 6))
+    counted = punctuality.ticks(bag)
+    assert counted.missed == 3
+    found = summary.summary(bag)
+    assert found['ticks'] == {**counted._asdict(), 'missed': 3}
+
+
+def test_in_lockstep_nothing_is_late():
+    bag = ring(20, latency_ms=lambda k: 80.0)
+    assert punctuality.ticks(bag).late == 21
+    simulated = bag._replace(recordings={**bag.recordings, '/clock': bag.recordings[STATE]})
+    assert punctuality.ticks(simulated).late == 0
+
+
+def unheard(bag):
+    """The bag of a controller that does not say when it heard a state."""
+    messages = []
+    for one in read.values(bag, WHY):
+        values = {name: v for name, v in one.values.items() if name != 'time.heard_ns'}
+        messages.append((one.stamp_ns, why(one.stamp_ns, 'converged', values)))
+    return bag._replace(recordings={**bag.recordings, WHY: recording(WHY, messages)})
+
+
+def unsaid(bag):
+    """The bag of a controller that says nothing."""
+    return bag._replace(recordings={n: r for n, r in bag.recordings.items() if n != WHY})
+
+
+SPARSE = {
+    'unheard': unheard(ring(20)),
+    'unsaid': unsaid(ring(20)),
+    'unsolved': ring(3, blind=range(4)),
+    'one command': ring(3, answered=lambda k: k == 1),
+}
+
+
+@pytest.mark.parametrize('bag', SPARSE.values(), ids=SPARSE)
+def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
+    found = punctuality.report(bag)
+    timing.show(found, Console(width=120))
+    (line,) = (one for one in capsys.readouterr().out.splitlines() if 'transport' in one)
+    assert set(line.split()[1:]) == {'-'}
 
 
 def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant():

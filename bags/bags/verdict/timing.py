@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.storage import read, stamps
-from bags.verdict import metrics
+from bags.verdict import answers
 from msgs_yaml import contract
 from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.types import Why
 
 STATE = '/vehicle/odometry'
 COMMAND = '/controller/command'
@@ -26,21 +27,13 @@ class Latency(NamedTuple):
     latency_s: np.ndarray  # (n,) from sending the state to sending the command
 
 
-class Ticks(NamedTuple):
-    """Controller periods between the first command and the last state."""
-
-    count: int
-    unanswered: int  # no command carries a stamp of the period
-    late: int  # answered, but when the period was over
-
-
 def stamps_ns(recorded: read.Recording) -> np.ndarray:
     """Header stamps (n,) int64 of a topic whose messages begin with one; BagError without."""
     return stamps.of(recorded.topic.name, recorded.payloads)
 
 
 def latency(bag: read.Bag) -> Latency:
-    """Join every command with the state of equal stamp; BagError when either topic is empty.
+    """Join every answer with the state of equal stamp; BagError when either topic is empty.
 
     A state that was sent again counts from the last time it was sent before the command.
     """
@@ -49,7 +42,9 @@ def latency(bag: read.Bag) -> Latency:
     for stamp, publish in zip(stamps_ns(states).tolist(), states.publish_ns.tolist()):
         sent_ns.setdefault(stamp, []).append(publish)
     rows = []
-    for stamp, publish in zip(stamps_ns(commands).tolist(), commands.publish_ns.tolist()):
+    of_ns = stamps_ns(commands)
+    kept = answers.are(of_ns, whys(bag))
+    for stamp, publish in zip(of_ns[kept].tolist(), commands.publish_ns[kept].tolist()):
         before = [sent for sent in sent_ns.get(stamp, ()) if sent <= publish]
         if before:
             rows.append((stamp, publish - max(before)))
@@ -62,12 +57,16 @@ def period_ns(mode: str) -> int:
     return round(NS_PER_S / contract.load().topics[COMMAND].rate_hz[mode])
 
 
-def ticks(bag: read.Bag, period: int) -> Ticks:
-    """Count the periods [ns] from the first command that were answered, late or never.
+def has(bag: read.Bag, *topics: str) -> bool:
+    """Tell whether there is a message of each of the topics."""
+    return all(name in bag.recordings and bag.recordings[name].payloads for name in topics)
 
-    Raises BagError as `latency`.
-    """
-    states, commands = (stamps_ns(read.recording(bag, topic)) for topic in (STATE, COMMAND))
-    count, answered = metrics.periods(states, commands, period)
-    late = int(np.count_nonzero(latency(bag).latency_s * NS_PER_S > period))
-    return Ticks(count, count - answered, late)
+
+def mode(bag: read.Bag) -> str:
+    """Return lockstep or realtime: only lockstep has simulated time."""
+    return 'lockstep' if has(bag, CLOCK) else 'realtime'
+
+
+def whys(bag: read.Bag) -> list[Why]:
+    """Return what the controller said of its answers; nothing where that was not recorded."""
+    return list(read.values(bag, WHY)) if has(bag, WHY) else []

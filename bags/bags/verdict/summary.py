@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from bags.storage import losses, read, timing
+from bags.storage import losses, read
+from bags.verdict import punctuality, timing
 from bags.verdict.recorded import DRIVEN
 from msgs_yaml.stamp import NS_PER_S
 
@@ -24,7 +25,7 @@ def summary(bag: read.Bag) -> dict[str, Any]:
         'path': str(bag.path),
         'files': {file.name: file.stat().st_size for file in bag.files},
         'bytes': sum(file.stat().st_size for file in bag.files),
-        'mode': _mode(bag),
+        'mode': timing.mode(bag),
         'start_s': first / NS_PER_S,
         'duration_s': (last - first) / NS_PER_S,
         'messages': sum(len(r.payloads) for r in present),
@@ -54,22 +55,12 @@ def topic(recorded: read.Recording) -> dict[str, Any]:
     }
 
 
-def _mode(bag):
-    """Only lockstep has simulated time."""
-    return 'lockstep' if timing.CLOCK in bag.recordings and _any(bag, timing.CLOCK) else 'realtime'
-
-
-def _any(bag, *topics):
-    return all(name in bag.recordings and bag.recordings[name].payloads for name in topics)
-
-
 def _loop(bag):
     """How the controller answered, from the times at which states and commands were sent."""
-    if not _any(bag, timing.STATE, timing.COMMAND):
+    if not timing.has(bag, timing.STATE, timing.COMMAND):
         return {'latency_ms': None, 'ticks': None}
     latency_ms = MS_PER_S * timing.latency(bag).latency_s
-    mode = _mode(bag)
-    counted = timing.ticks(bag, timing.period_ns(mode))
+    counted = punctuality.ticks(bag)
     return {
         'latency_ms': {
             'p50': float(np.percentile(latency_ms, 50)),
@@ -80,18 +71,19 @@ def _loop(bag):
         else None,
         'ticks': {
             'count': counted.count,
-            'deadline_misses': counted.unanswered,
-            # simulated time waits for the command: nothing can be late
-            'late': counted.late if mode == 'realtime' else None,
+            'missed': counted.missed,
+            'unanswered': counted.unanswered,
+            'late': counted.late,
+            'blind': counted.blind,
         },
     }
 
 
 def _rungs(bag):
     """What the controller says it did, and why it fell back."""
-    if not _any(bag, timing.WHY):
+    if not timing.has(bag, timing.WHY):
         return {'rungs': None, 'fallbacks': None}
-    reports = [value.values for value in read.values(bag, timing.WHY)]
+    reports = [why.values for why in timing.whys(bag)]
     fell = [r for r in reports if r.get('rung') not in DRIVEN]
     return {
         'rungs': dict(Counter(str(report.get('rung')) for report in reports)),
