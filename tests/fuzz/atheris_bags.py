@@ -16,7 +16,7 @@ with guided.instrumented('bags', 'msgs_yaml'):
     from bags.errors import BagError, DamagedBagWarning
     from bags.playback import playlist
     from bags.storage import read, repair
-    from bags.storage.summary import summary
+    from bags.verdict.summary import summary
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
 FOLDER = guided.scratch() / 'bag'
