@@ -95,5 +95,5 @@ def _made(problem, variant, params):
     made = solver.make(problem, variant.options)
     if variant.label not in (OURS, ONE_STEP):
         return made
-    second = chosen.second(with_mode(params, 'converged'), problem, limit_time=True)
+    second = chosen.second(with_mode(params, 'converged'), problem, limit_time=True, first=made)
     return made if second is None else Aided(made, second, params)

@@ -28,8 +28,8 @@ def second(
 ) -> StageSolver | None:
     """Return the solver to ask after a failure of the first; the same again would only fail again.
 
-    It is made for the time that a first one which used up its own leaves. What counts
-    is which one was made: without a C compiler that is fatrop where riccati is named.
+    It is made for the time that a first one which used up its own leaves. What counts is which one
+    was made: without a C compiler that is fatrop where riccati is named.
     """
     rules = params.solver
     if rules.fallback in ('none', first.name):
