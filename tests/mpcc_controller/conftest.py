@@ -1,6 +1,8 @@
 """A controller, roads to drive on, and the prediction model itself as the car."""
 
 import dataclasses
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
@@ -13,6 +15,8 @@ from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarBody, CarParams, ControllerParams, Tyre
 from msgs_yaml import parameters, share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
+
+sys.path.insert(0, str(Path(__file__).parent))  # for small_problems.py
 
 TICK_S = 0.05
 FINE_STEPS = 10  # of the car per tick
