@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import guess
 from mpcc_controller.model import single_track, tree
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.path import reference, road
+from mpcc_controller.path import reference
 from mpcc_controller.problem import bounds, formulation, frenet_stages, ocp, stages
 from mpcc_controller.problem.frenet_ocp import PathState, PathWeights
 from mpcc_controller.problem.insight import Insight
-from mpcc_controller.problem.stages import Scene
 from mpcc_controller.solvers.shooting import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=30)
@@ -28,14 +27,6 @@ def baseline(world):
 @pytest.fixture(scope='module')
 def car(baseline, vehicle):
     return stages.car(baseline, vehicle)
-
-
-@pytest.fixture(scope='module')
-def scene(world):
-    situation = world.lane_change()
-    return Scene(
-        reference.build(situation.reference), road.build(situation.edges), situation.obstacles
-    )
 
 
 @pytest.fixture(scope='module')
