@@ -177,6 +177,12 @@ def shared_controller(params, vehicle):
     return Controller(params, vehicle)
 
 
+@pytest.fixture(scope='session')
+def baseline_controller():
+    """Return one controller with the baseline's problem, likewise."""
+    return Controller(*load('frenet'))
+
+
 @pytest.fixture
 def changing(shared_controller, monkeypatch):
     """Return the controller at the start of a lane change, without a second solver."""
