@@ -13,22 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from msgs_yaml import contract, decode, encode, fast, ros
+from msgs_yaml import contract, decode, encode, fast, ros, types
 from msgs_yaml.parameters import ParameterError, Range
-from msgs_yaml.types import (
-    Actuators,
-    Command,
-    Health,
-    Imu,
-    Obstacle,
-    Obstacles,
-    Prediction,
-    Reference,
-    RoadEdges,
-    VehicleState,
-    Wheels,
-    Why,
-)
 
 pytestmark = pytest.mark.ros
 DOMAIN = 1
@@ -36,19 +22,19 @@ TIMEOUT_S = 10.0
 S = 1_000_000_000
 FOUR = (0.1, 0.2, 0.3, 0.4)
 LINE = np.array([[0.0, 3.5], [9.0, 3.5]])
-STATE = VehicleState(S, 1.0, 2.0, 0.3, 20.0, -0.1, 0.2)
+STATE = types.VehicleState(S, 1.0, 2.0, 0.3, 20.0, -0.1, 0.2)
 VALUES = {
-    'reference': Reference(S, np.arange(3.0), np.zeros(3), np.zeros(3), np.arange(3.0)),
-    'road_edges': RoadEdges(S, LINE, -LINE),
-    'obstacles': Obstacles(S, (Obstacle(1, 5.0, 0.0, 0.5, 1.0, 0.0),)),
+    'reference': types.Reference(S, np.arange(3.0), np.zeros(3), np.zeros(3), np.arange(3.0)),
+    'road_edges': types.RoadEdges(S, LINE, -LINE),
+    'obstacles': types.Obstacles(S, (types.Obstacle(1, 5.0, 0.0, 0.5, 1.0, 0.0),)),
     'odometry': STATE,
-    'actuators': Actuators(S, 0.1, 0.2, -3000.0, -2000.0, FOUR),
-    'imu': Imu(S, 1.0, 2.0, 0.1),
-    'wheels': Wheels(S, *[FOUR] * 7),
-    'command': Command(S, 0.1, 0.2, -3000.0, -2000.0),
-    'prediction': Prediction(S, np.arange(51.0), *np.zeros((2, 51)), np.arange(51) * 0.05),
-    'why': Why(S, 0, 'solved', {'rung': 'solved', 'cost.con': 0.5}),
-    'diagnostics': Health(S, 'plant', 0, 'running', {'steps': 1}),
+    'actuators': types.Actuators(S, 0.1, 0.2, -3000.0, -2000.0, FOUR),
+    'imu': types.Imu(S, 1.0, 2.0, 0.1),
+    'wheels': types.Wheels(S, *[FOUR] * 7),
+    'command': types.Command(S, 0.1, 0.2, -3000.0, -2000.0),
+    'prediction': types.Prediction(S, np.arange(51.0), *np.zeros((2, 51)), np.arange(51) * 0.05),
+    'why': types.Why(S, 0, 'solved', {'rung': 'solved', 'cost.con': 0.5}),
+    'diagnostics': types.Health(S, 'plant', 0, 'running', {'steps': 1}),
     'clock': S,
 }
 

@@ -13,21 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import contract, decode, encode, ring, ros, yaw
-from msgs_yaml.types import (
-    Actuators,
-    Command,
-    Health,
-    Imu,
-    Obstacle,
-    Obstacles,
-    Prediction,
-    Reference,
-    RoadEdges,
-    VehicleState,
-    Wheels,
-    Why,
-)
+from msgs_yaml import contract, decode, encode, ring, ros, types, yaw
 
 PADDING = 8  # serialize_message may leave so many bytes of junk behind a message
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -98,18 +84,24 @@ def lines():
 
 def obstacles():
     speed = number(-100, 100)
-    one = st.builds(Obstacle, st.integers(0, 99), METRES, METRES, number(0.01, 50), speed, speed)
+    one = st.builds(
+        types.Obstacle, st.integers(0, 99), METRES, METRES, number(0.01, 50), speed, speed
+    )
     return st.lists(one, max_size=6, unique_by=lambda obstacle: obstacle.id).map(tuple)
 
 
 RATE = number(-10, 10)
 SPEED = number(-20, 60)
 FORMS = {
-    '/vehicle/odometry': st.builds(VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE),
-    '/vehicle/imu': st.builds(Imu, STAMP, number(-99, 99), number(-99, 99), RATE),
-    '/vehicle/actuators': st.builds(Actuators, STAMP, STEER, RATE, FORCE, FORCE, four(-2e4, 2e4)),
+    '/vehicle/odometry': st.builds(
+        types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
+    ),
+    '/vehicle/imu': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE),
+    '/vehicle/actuators': st.builds(
+        types.Actuators, STAMP, STEER, RATE, FORCE, FORCE, four(-2e4, 2e4)
+    ),
     '/vehicle/wheels': st.builds(
-        Wheels,
+        types.Wheels,
         STAMP,
         four(-200, 600),
         four(-2e4, 2e4),
@@ -119,16 +111,16 @@ FORMS = {
         four(-3.2, 3.2),
         four(-6e4, 6e4),
     ),
-    '/controller/command': st.builds(Command, STAMP, STEER, RATE, FORCE, FORCE),
-    '/scenario/reference': paths(Reference, 2),
-    '/controller/prediction': paths(Prediction, 1),
-    '/scenario/road_edges': st.builds(RoadEdges, STAMP, lines(), lines()),
-    '/scenario/obstacles': st.builds(Obstacles, STAMP, obstacles()),
+    '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
+    '/scenario/reference': paths(types.Reference, 2),
+    '/controller/prediction': paths(types.Prediction, 1),
+    '/scenario/road_edges': st.builds(types.RoadEdges, STAMP, lines(), lines()),
+    '/scenario/obstacles': st.builds(types.Obstacles, STAMP, obstacles()),
     '/controller/why': st.builds(
-        Why, STAMP, st.integers(0, 2), st.text('ab é', max_size=9), VALUES
+        types.Why, STAMP, st.integers(0, 2), st.text('ab é', max_size=9), VALUES
     ),
     '/diagnostics': st.builds(
-        Health, STAMP, KEYS, st.integers(0, 3), st.text('ab é', max_size=9), VALUES
+        types.Health, STAMP, KEYS, st.integers(0, 3), st.text('ab é', max_size=9), VALUES
     ),
     '/clock': STAMP,
 }

@@ -1,0 +1,114 @@
+"""Node processes, and how a message is refused."""
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from msgs_yaml.decode import DecodeError
+
+DOMAIN = '2'
+SLOWEST_S = 20.0
+
+NODE = """
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+from rclpy.node import Node
+from msgs_yaml import encode, ros, spin_node
+from msgs_yaml.parameters import Range
+from msgs_yaml.types import Imu
+
+@dataclass(frozen=True)
+class Params:
+    gain: Annotated[float, Range(0.0, 9.0, 'N')]
+
+class TestNode(Node):
+    def __init__(self):
+        super().__init__('test_node')
+        self.params = ros.declare(self, Params, Path({defaults!r}))
+        self.imu = ros.publisher(self, '/vehicle/imu')
+        print('range', __import__('os').environ['ROS_AUTOMATIC_DISCOVERY_RANGE'], flush=True)
+        print('gain', self.params.gain, flush=True)
+        self.create_timer(0.05, self.on_timer)
+        {start}
+
+    def on_timer(self):
+        print('tick', flush=True)
+        {tick}
+
+sys.exit(spin_node.spin(TestNode))
+"""
+
+
+class Process:
+    """A node in a process of its own."""
+
+    def __init__(self, script, *arguments, **environment):
+        env = {**os.environ, 'ROS_DOMAIN_ID': DOMAIN, **environment}
+        env.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
+        env.update(environment)
+        command = [sys.executable, str(script), *arguments]
+        pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+        self.popen = subprocess.Popen(command, env=env, text=True, **pipes)
+
+        # a process that hangs ends here, and the test that waits for it fails
+        self.watchdog = threading.Timer(SLOWEST_S, self.popen.kill)
+        self.watchdog.start()
+
+    def until(self, word):
+        for line in self.popen.stdout:
+            if word in line:
+                return line.strip()
+        raise AssertionError(f'ended without {word!r}: {self.popen.stderr.read()}')
+
+    def result(self):
+        out, err = self.popen.communicate(timeout=SLOWEST_S)
+        return self.popen.returncode, out, err
+
+    def close(self):
+        self.watchdog.cancel()
+        self.popen.kill()
+        self.popen.communicate()
+
+
+@pytest.fixture
+def start_process():
+    """Factory of node processes; whatever still runs at the end of the test is ended."""
+    started = []
+
+    def start(script, *arguments, **environment):
+        started.append(Process(script, *arguments, **environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.close()
+
+
+@pytest.fixture
+def run(tmp_path, start_process):
+    """Return run(*arguments, start=, tick=): a node with code of its own, in a process."""
+
+    def start_node(*arguments, start='', tick='', **environment):
+        defaults = tmp_path / 'node.yaml'
+        defaults.write_text('/**:\n  ros__parameters:\n    gain: 2.0  # N\n')
+        script = tmp_path / 'node.py'
+        script.write_text(NODE.format(defaults=str(defaults), start=start, tick=tick))
+        return start_process(script, *arguments, **environment)
+
+    return start_node
+
+
+@pytest.fixture
+def refused():
+    """Return refused(decoder, message, says): it must be, and the error must say so."""
+
+    def check(decoder, message, says):
+        with pytest.raises(DecodeError, match=says):
+            decoder(message)
+
+    return check
