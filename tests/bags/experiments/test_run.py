@@ -3,32 +3,19 @@
 The nodes are small shell programs where a test needs them to fail in a certain way.
 """
 
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
+from shell_ring import NODES, WAIT, left_over
 
-from bags.experiments import experiment, folders, run
+from bags.experiments import experiment, run
 from bags.experiments.interrupt import Interrupt
 from bags.experiments.progress import Progress
 
-WAIT = 'trap "exit 0" INT; while :; do sleep 0.05; done\n'
-RECORD = """out=$(sed -n 's/^ *out: //p' "$3")
-trap 'mkdir "$out"; touch "$out/metadata.yaml"; exit 0' INT
-while :; do sleep 0.05; done
-"""
-NODES = {
-    'bags/recorder_node': RECORD,
-    'scenario_publisher/scenario_node': WAIT,
-    'mpcc_controller/mpcc_node': WAIT,
-    'vehicle_plant/plant_node': 'echo "[INFO] [1.5] [plant]: finish line crossed"; sleep 0.5\n',
-}
 FACTS = experiment.ScenarioFacts(
     name='somewhere',
     text='schema: 1\n',
@@ -40,22 +27,6 @@ FACTS = experiment.ScenarioFacts(
     path=np.array([[0.0, 0.0], [120.0, 0.0]]),
     length_m=99.0,
 )
-
-
-@pytest.fixture
-def prefix(tmp_path, monkeypatch):
-    """Return replace(node, script) for a ring of shell programs that ends well."""
-
-    def replace(node, script):
-        program = tmp_path / 'prefix/lib' / node
-        program.parent.mkdir(parents=True, exist_ok=True)
-        program.write_text(f'#!/bin/sh\n{script}')
-        program.chmod(0o755)
-
-    for node, script in NODES.items():
-        replace(node, script)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
-    return replace
 
 
 @pytest.fixture
@@ -78,19 +49,6 @@ def old_bag(tmp_path):
     bag.mkdir(parents=True)
     (bag / 'metadata.yaml').write_text('old')
     return bag
-
-
-def left_over(folder):
-    """Return the running processes that were told to log below a folder."""
-    wanted = f'ROS_LOG_DIR={folder}'.encode()
-    found = []
-    for process in Path('/proc').glob('[0-9]*'):
-        try:
-            if wanted in (process / 'environ').read_bytes():
-                found.append((process / 'cmdline').read_bytes())
-        except OSError:
-            continue
-    return found
 
 
 def hidden(folder):
@@ -182,106 +140,3 @@ def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, pre
     controller = (bag / 'logs/mpcc_node.log').read_text()
     assert 'circle_radius_m' in controller
     assert 'model.friction: 0.8' in controller
-
-
-@pytest.fixture
-def command(tmp_path, prefix):
-    """Return the started `bags run` of a ring that would never end."""
-    prefix('vehicle_plant/plant_node', 'echo driving\n' + WAIT)
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', tmp_path / 'runs'],
-        env={**os.environ, 'ROS_DOMAIN_ID': '51'},
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    deadline = time.monotonic() + 60.0
-    while not list(tmp_path.glob('runs/straight/.mpcc.*/logs/plant_node.log')):
-        assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    yield process
-    process.kill()
-    process.communicate()
-
-
-def test_ctrl_c_at_the_command_leaves_no_process_and_no_run(tmp_path, command):
-    assert len(left_over(tmp_path)) >= 4
-    command.send_signal(signal.SIGINT)
-    # the impatient press twice
-    time.sleep(0.1)
-    command.send_signal(signal.SIGINT)
-    _, said = command.communicate(timeout=30)
-    assert command.returncode == 130
-    assert said == 'interrupted: every node was stopped; kept: nothing\n'
-    assert left_over(tmp_path) == []
-    assert list((tmp_path / 'runs/straight').iterdir()) == []
-
-
-def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
-    # the first plant ends at once, the second one never
-    flag = tmp_path / 'flag'
-    prefix('vehicle_plant/plant_node', f'[ -e {flag} ] || {{ touch {flag}; exit 0; }}\n{WAIT}')
-    command = [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', 'runs']
-    process = subprocess.Popen(
-        [*command, '--controller', 'mpcc', '--controller', 'mpcc_no_ca'],
-        cwd=tmp_path,
-        env={**os.environ, 'ROS_DOMAIN_ID': '54'},
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        deadline = time.monotonic() + 60.0
-        while not list(tmp_path.glob('runs/straight/.mpcc_no_ca.*/logs/plant_node.log')):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert said == 'interrupted: every node was stopped; kept: runs/straight/mpcc\n'
-    assert left_over(tmp_path) == []
-
-
-def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it_left(
-    tmp_path, command
-):
-    assert len(left_over(tmp_path)) >= 4
-    command.kill()
-    command.communicate(timeout=10)
-    deadline = time.monotonic() + 10.0
-    while left_over(tmp_path) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert left_over(tmp_path) == []
-    (left,) = (tmp_path / 'runs/straight').iterdir()
-    (said,) = folders.recover(tmp_path / 'runs/straight')
-    assert str(left / 'mpcc') in said
-
-
-def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
-    prefix('mpcc_controller/mpcc_node', 'echo no solver; exit 4\n')
-    done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', tmp_path / 'runs'],
-        env={**os.environ, 'ROS_DOMAIN_ID': '52'},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 1
-    assert 'mpcc: mpcc_node ended early with exit code 4' in done.stderr
-    assert '| no solver' in done.stderr
-    assert left_over(tmp_path) == []
-
-
-def test_without_a_compiler_one_warning_says_what_is_lost(tmp_path, prefix):
-    prefix('mpcc_controller/mpcc_node', 'exit 4\n')
-    done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', tmp_path / 'runs'],
-        env={**os.environ, 'ROS_DOMAIN_ID': '53', 'PATH': str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.stdout.count('no C compiler found') == 1
-    assert 'slower' in done.stdout

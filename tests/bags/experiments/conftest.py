@@ -1,0 +1,25 @@
+"""A ring of shell programs where the nodes are looked for."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from shell_ring import NODES
+
+
+@pytest.fixture
+def prefix(tmp_path, monkeypatch):
+    """Return replace(node, script) for a ring of shell programs that ends well."""
+
+    def replace(node, script):
+        program = tmp_path / 'prefix/lib' / node
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.write_text(f'#!/bin/sh\n{script}')
+        program.chmod(0o755)
+
+    for node, script in NODES.items():
+        replace(node, script)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
+    return replace
