@@ -9,75 +9,18 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 import rclpy
 
+from bags.storage import read
+from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import contract, encode, ros
-from msgs_yaml import types as values
+
+sys.path.insert(0, str(Path(__file__).parent))
+from one_second import every_message
 
 DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))
-START_NS = 1_000_000_000
-TICK_NS = 50_000_000
-TICKS = 20
-FOUR = (1.0, 2.0, 3.0, 4.0)
-SLIPS = (0.1, -0.2, 0.3, -0.4)
 TIMEOUT_S = 30
-
-
-def every_message():
-    """One second of driving: {topic: [value, ...]}, no number equal to its neighbour."""
-    ticks = [START_NS + k * TICK_NS for k in range(TICKS)]
-    steps = [START_NS + k * 1_000_000 for k in range(TICKS * 50)]
-    t = np.arange(51) * 0.05
-    X = 20.0 * t
-    return {
-        '/scenario/reference': [values.Reference(START_NS, X, 0.1 * X, 0.01 * X, t)],
-        '/scenario/road_edges': [
-            values.RoadEdges(
-                START_NS, np.column_stack([X, X * 0 + 3.5]), np.column_stack([X, X * 0 - 2.5])
-            )
-        ],
-        '/scenario/obstacles': [
-            values.Obstacles(
-                ns,
-                (
-                    values.Obstacle(1, 40.0, 1.5, 1.0, 0.0, 0.0),
-                    values.Obstacle(2, 60.0 - k, 2.5, 0.5, -20.0, 0.0),
-                ),
-            )
-            for k, ns in enumerate(ticks)
-        ],
-        '/vehicle/odometry': [
-            # the heading passes pi: half of them come out negative
-            values.VehicleState(ns, 0.02 * k, -1.5 + 0.001 * k, 3.0 + 3e-4 * k, 20.0, 0.1, 1e-3 * k)
-            for k, ns in enumerate(steps)
-        ],
-        '/vehicle/actuators': [
-            values.Actuators(ns, 1e-4 * k, -0.1, -2.0 * k, -1.0 * k, FOUR)
-            for k, ns in enumerate(steps)
-        ],
-        '/vehicle/imu': [
-            values.Imu(ns, 0.1 * k, -0.2 * k, 0.3) for k, ns in enumerate(steps[::10])
-        ],
-        '/vehicle/wheels': [
-            values.Wheels(ns, FOUR, FOUR, (4e3 + k, 3e3, 2e3, 1e3), SLIPS, FOUR, SLIPS[::-1], FOUR)
-            for k, ns in enumerate(steps[::10])
-        ],
-        '/controller/command': [
-            values.Command(ns, 0.01 * k, 0.2, -100.0 * k, -50.0) for k, ns in enumerate(ticks)
-        ],
-        '/controller/prediction': [
-            values.Prediction(ns, X + k, 0.5 * X, 0.02 * X, t) for k, ns in enumerate(ticks)
-        ],
-        '/controller/why': [
-            values.Why(ns, 0, 'solved', {'rung': 'solved', 'cost.con': 0.1 * k, 'iterations': k})
-            for k, ns in enumerate(ticks)
-        ],
-        '/diagnostics': [values.Health(START_NS, 'plant', 0, 'drives', {'ticks': TICKS})],
-        '/clock': ticks,
-    }
-
 
 ENCODERS = {
     '/diagnostics': encode.health,
@@ -212,3 +155,24 @@ def bag_folder(tmp_path_factory, messages):
     assert code == 0, said
     assert re.search(r'\d+ messages in', said), said
     return folder
+
+
+@pytest.fixture(scope='session')
+def write_chunks(tmp_path_factory, bag_folder):
+    """Factory of closed bags: the folder of one with these topics and so many chunks."""
+    recordings = read.load(bag_folder).recordings
+
+    def write(topics, chunks, per_chunk):
+        chosen = [recordings[name] for name in topics]
+        folder = tmp_path_factory.mktemp('healthy') / 'bag'
+        writer = BagWriter(folder, [r.topic for r in chosen], {'run': {'scenario': 'straight'}})
+        for chunk in range(chunks):
+            for i in range(chunk * per_chunk, (chunk + 1) * per_chunk):
+                for index, recorded in enumerate(chosen):
+                    data = recorded.payloads[i % len(recorded.payloads)]
+                    writer.write(index, 1000 + i, 2000 + i, data, i + 1)
+            writer.flush()
+        writer.close()
+        return folder
+
+    return write

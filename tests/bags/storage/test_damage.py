@@ -17,7 +17,6 @@ from mcap.reader import make_reader
 from bags.errors import BagError, DamagedBagWarning
 from bags.playback import playlist
 from bags.storage import read, repair
-from bags.storage.rosbag2_writer import BagWriter
 from bags.storage.scan import PREFIX, scan
 from bags.verdict.summary import summary
 
@@ -50,18 +49,8 @@ class Case(NamedTuple):
 
 
 @pytest.fixture(scope='module')
-def healthy(tmp_path_factory, bag_folder):
-    recordings = read.load(bag_folder).recordings
-    chosen = [recordings[name] for name in TOPICS]
-    folder = tmp_path_factory.mktemp('healthy') / 'bag'
-    writer = BagWriter(folder, [r.topic for r in chosen], {'run': {'scenario': 'straight'}})
-    for chunk in range(CHUNKS):
-        for i in range(chunk * PER_CHUNK, (chunk + 1) * PER_CHUNK):
-            for index, recorded in enumerate(chosen):
-                data = recorded.payloads[i % len(recorded.payloads)]
-                writer.write(index, 1000 + i, 2000 + i, data, i + 1)
-        writer.flush()
-    writer.close()
+def healthy(write_chunks):
+    folder = write_chunks(TOPICS, CHUNKS, PER_CHUNK)
     data = (folder / 'bag_0.mcap').read_bytes()
     chunks = [
         (item.offset, item.offset + PREFIX.size + PREFIX.unpack_from(data, item.offset)[1])

@@ -14,7 +14,6 @@ from rosbags.rosbag2 import Reader
 from bags import cli
 from bags.errors import BagError
 from bags.storage import contents, read, repair
-from bags.storage.rosbag2_writer import BagWriter
 from bags.storage.scan import scan
 
 CHUNKS = 10
@@ -33,19 +32,9 @@ class Healthy(NamedTuple):
 
 
 @pytest.fixture(scope='module')
-def healthy(tmp_path_factory, bag_folder):
+def healthy(write_chunks):
     """A small bag of ten chunks."""
-    recordings = read.load(bag_folder).recordings
-    chosen = [recordings['/vehicle/odometry'], recordings['/controller/why']]
-    folder = tmp_path_factory.mktemp('healthy') / 'bag'
-    writer = BagWriter(folder, [r.topic for r in chosen], {'run': {'scenario': 'straight'}})
-    for chunk in range(CHUNKS):
-        for i in range(chunk * PER_CHUNK, (chunk + 1) * PER_CHUNK):
-            for index, recorded in enumerate(chosen):
-                data = recorded.payloads[i % len(recorded.payloads)]
-                writer.write(index, 1000 + i, 2000 + i, data, i + 1)
-        writer.flush()
-    writer.close()
+    folder = write_chunks(['/vehicle/odometry', '/controller/why'], CHUNKS, PER_CHUNK)
     data = (folder / 'bag_0.mcap').read_bytes()
     found = list(scan(data))
     ends = [after.offset for item, after in pairwise(found) if item.opcode == Opcode.CHUNK]

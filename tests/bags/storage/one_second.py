@@ -1,0 +1,82 @@
+"""One second of driving as every node sends it, and what of it a bag holds."""
+
+import itertools
+
+import numpy as np
+
+from bags.storage import read
+from msgs_yaml import types
+
+START_NS = 1_000_000_000
+TICK_NS = 50_000_000
+TICKS = 20
+FOUR = (1.0, 2.0, 3.0, 4.0)
+SLIPS = (0.1, -0.2, 0.3, -0.4)
+
+
+def every_message():
+    """One second of driving: {topic: [value, ...]}, no number equal to its neighbour."""
+    ticks = [START_NS + k * TICK_NS for k in range(TICKS)]
+    steps = [START_NS + k * 1_000_000 for k in range(TICKS * 50)]
+    t = np.arange(51) * 0.05
+    X = 20.0 * t
+    return {
+        '/scenario/reference': [types.Reference(START_NS, X, 0.1 * X, 0.01 * X, t)],
+        '/scenario/road_edges': [
+            types.RoadEdges(
+                START_NS, np.column_stack([X, X * 0 + 3.5]), np.column_stack([X, X * 0 - 2.5])
+            )
+        ],
+        '/scenario/obstacles': [
+            types.Obstacles(
+                ns,
+                (
+                    types.Obstacle(1, 40.0, 1.5, 1.0, 0.0, 0.0),
+                    types.Obstacle(2, 60.0 - k, 2.5, 0.5, -20.0, 0.0),
+                ),
+            )
+            for k, ns in enumerate(ticks)
+        ],
+        '/vehicle/odometry': [
+            # the heading passes pi: half of them come out negative
+            types.VehicleState(ns, 0.02 * k, -1.5 + 0.001 * k, 3.0 + 3e-4 * k, 20.0, 0.1, 1e-3 * k)
+            for k, ns in enumerate(steps)
+        ],
+        '/vehicle/actuators': [
+            types.Actuators(ns, 1e-4 * k, -0.1, -2.0 * k, -1.0 * k, FOUR)
+            for k, ns in enumerate(steps)
+        ],
+        '/vehicle/imu': [types.Imu(ns, 0.1 * k, -0.2 * k, 0.3) for k, ns in enumerate(steps[::10])],
+        '/vehicle/wheels': [
+            types.Wheels(ns, FOUR, FOUR, (4e3 + k, 3e3, 2e3, 1e3), SLIPS, FOUR, SLIPS[::-1], FOUR)
+            for k, ns in enumerate(steps[::10])
+        ],
+        '/controller/command': [
+            types.Command(ns, 0.01 * k, 0.2, -100.0 * k, -50.0) for k, ns in enumerate(ticks)
+        ],
+        '/controller/prediction': [
+            types.Prediction(ns, X + k, 0.5 * X, 0.02 * X, t) for k, ns in enumerate(ticks)
+        ],
+        '/controller/why': [
+            types.Why(ns, 0, 'solved', {'rung': 'solved', 'cost.con': 0.1 * k, 'iterations': k})
+            for k, ns in enumerate(ticks)
+        ],
+        '/diagnostics': [types.Health(START_NS, 'plant', 0, 'drives', {'ticks': TICKS})],
+        '/clock': ticks,
+    }
+
+
+def endless(values):
+    """The same values again and again, with stamps that go on."""
+    step_ns = values[1].stamp_ns - values[0].stamp_ns
+    for k, value in enumerate(itertools.cycle(values)):
+        yield value._replace(stamp_ns=values[0].stamp_ns + k * step_ns)
+
+
+def counts(folder):
+    """Return how many messages of each topic a bag holds, where there are any."""
+    return {n: len(r.payloads) for n, r in read.load(folder).recordings.items() if r.payloads}
+
+
+def expected(messages):
+    return {topic: len(sent) for topic, sent in messages.items()}

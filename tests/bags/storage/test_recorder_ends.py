@@ -1,0 +1,145 @@
+"""No end of a recorder costs more than a second, and one that cannot begin says so in one line."""
+
+import resource
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from one_second import counts, endless, expected
+
+from bags.errors import BagError, DamagedBagWarning
+from bags.storage import contents, read, repair
+
+pytestmark = pytest.mark.ros
+LOST_BY_A_KILL_S = 1.0
+
+
+def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_ring, messages):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    end = time.monotonic() + 2.0
+    sent = []
+    for value in endless(messages['/vehicle/odometry']):
+        ring.publish('/vehicle/odometry', value)
+        sent.append(time.monotonic())
+        time.sleep(0.001)
+        if sent[-1] > end:
+            break
+    recorder.end(signal.SIGKILL)
+    folder = tmp_path / 'bag'
+    assert not (folder / 'metadata.yaml').exists()
+    done = repair.repair(folder)
+    recovered = done.messages['/vehicle/odometry']
+    assert not done.intact
+    assert sent[-1] - sent[recovered - 1] < LOST_BY_A_KILL_S
+    assert contents.load(folder / 'bag_0.mcap').indexed
+    assert counts(folder) == {'/vehicle/odometry': recovered}
+
+
+def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
+    before = (bag_folder / 'mpcc_0.mcap').read_bytes()
+    code, said = start_recorder(bag_folder).wait()
+    assert code != 0
+    assert f'out: {bag_folder}: exists already' in said
+    assert 'Traceback' not in said
+    assert (bag_folder / 'mpcc_0.mcap').read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [('[1, 2]', 'must be one JSON object'), ('{', 'Expecting property name')],
+)
+def test_facts_that_are_no_json_object_are_refused(tmp_path, start_recorder, text, why):
+    (tmp_path / 'run.json').write_text(text)
+    code, said = start_recorder(tmp_path / 'bag', run_info=tmp_path / 'run.json').wait()
+    assert code != 0
+    assert why in said
+    assert 'Traceback' not in said
+
+
+def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    ring.publish('/clock', messages['/clock'][0])
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    end = time.monotonic() + 10.0
+    for value in endless(messages['/vehicle/odometry']):
+        ring.publish('/vehicle/odometry', value)
+        time.sleep(0.0005)
+        if recorder.process.poll() is not None or time.monotonic() > end:
+            break
+    code, said = recorder.wait()
+    assert code == 1, said
+    assert 'File too large' in said
+    assert '`bags repair' in said
+    assert repair.repair(tmp_path / 'bag').messages['/clock'] == 1
+
+
+def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    ring.publish_all(messages)
+    time.sleep(0.3)
+    ring.publish('/vehicle/odometry', messages['/vehicle/odometry'][0])
+    code, said = recorder.wait()
+    assert code == 1
+    assert '/vehicle/odometry: the clock jumped backwards from 1.999000000 s to 1.000' in said
+    assert 'Traceback' not in said
+    assert counts(tmp_path / 'bag') == expected(messages)
+    assert repair.repair(tmp_path / 'bag').intact
+
+
+def test_folder_that_cannot_be_written_is_refused_in_one_line(start_recorder):
+    # nobody may make a folder there, not even root
+    code, said = start_recorder(Path('/sys/bag')).wait()
+    assert code != 0
+    assert 'out: /sys/bag: cannot be created' in said
+    assert 'Traceback' not in said
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 300 kB."""
+    disk = tmp_path / 'disk'
+    disk.mkdir()
+    made = subprocess.run(
+        ['mount', '-t', 'tmpfs', '-o', 'size=300k', 'tmpfs', disk], capture_output=True
+    )
+    if made.returncode:
+        pytest.skip('no file system can be mounted here; a limit of file size is tested instead')
+    yield disk
+    subprocess.run(['umount', '-l', disk], check=True)
+
+
+def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered(
+    small_disk, tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(small_disk / 'bag', chunk_s=0.05), make_ring()
+    ring.wait_for_recorder()
+    end = time.monotonic() + 20.0
+    for value in endless(messages['/vehicle/odometry']):
+        ring.publish('/vehicle/odometry', value)
+        time.sleep(0.0003)
+        if recorder.process.poll() is not None or time.monotonic() > end:
+            break
+    code, said = recorder.wait()
+    assert code == 1, said
+    assert 'No space left on device' in said
+    assert 'Traceback' not in said
+    with pytest.warns(DamagedBagWarning):
+        state = read.load(small_disk / 'bag').recordings['/vehicle/odometry']
+    assert len(state.payloads) > 100
+    assert (np.diff(state.log_ns) == 1_000_000).all()
+    # there is no room to repair it there; elsewhere there is
+    with pytest.raises(BagError, match=r'cannot be repaired: .*No space left'):
+        repair.repair(small_disk / 'bag')
+    copy = shutil.copytree(small_disk / 'bag', tmp_path / 'bag')
+    assert repair.repair(copy).messages['/vehicle/odometry'] == len(state.payloads)
