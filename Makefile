@@ -74,7 +74,7 @@ SAFE := */gate.py,*/ladder.py,*/braking.py,*/guide.py,*/ages.py,*/wall.py,*/watc
 coverage: setup
 	$(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q \
 	  tests/mpcc_controller/driving/test_{gate,ladder,braking,watchdog,health}.py \
-	  tests/vehicle_plant/test_{gate,ring,plant_health}.py tests/msgs_yaml/test_{ages,wall}.py
+	  tests/vehicle_plant/test_{gate,gate_friction,ring,plant_health}.py tests/msgs_yaml/test_{ages,wall}.py
 	$(BIN)/python -m coverage report --fail-under=100
 
 check: lint test coverage

@@ -1,6 +1,7 @@
 """SIGINT and SIGTERM: while a node is made they interrupt, while it runs they ask it to end.
 
-An interrupt in the middle of a callback would leave half a message or half a record behind.
+An interrupt in the middle of a callback would leave half a message or half a record behind. One
+that comes when the node is closed must not turn its exit code into that of a kill.
 """
 
 import signal
@@ -12,18 +13,19 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def caught() -> Iterator[None]:
-    """Turn both signals into KeyboardInterrupt, and put the handlers back at the end.
+    """Turn both signals into KeyboardInterrupt, and ignore them at the end, as the process ends.
 
     A signal that is ignored stays ignored: so a shell protects its background jobs from Ctrl-C.
     """
-    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, _interrupt) for number in heard}
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            # None: a handler that C code had installed and Python cannot put back
-            signal.signal(number, handler or signal.SIG_DFL)
+        # the interpreter gives every handler of Python back to the system before it has ended
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def ask_instead(request: Callable[[], None]) -> None:

@@ -39,7 +39,8 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
     SIGINT and SIGTERM end it after the callback under way, with the node's `exit_code`, 0 unless
     set. Wrong parameters or a broken contract are one line of the log and EXIT_CONFIGURATION; an
     error in a callback is shown and ends the node with 1. Discovery stays on this machine unless
-    the environment says otherwise. To be called from the main thread.
+    the environment says otherwise. To be called from the main thread, as the last thing that a
+    process does: from then on both signals are ignored.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with signals.caught():

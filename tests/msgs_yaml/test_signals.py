@@ -9,6 +9,15 @@ from msgs_yaml import signals
 both = pytest.mark.parametrize('number', signals.SIGNALS)
 
 
+@pytest.fixture(autouse=True)
+def handlers_of_the_tests():
+    """This process goes on: it gets its handlers back."""
+    before = {number: signal.getsignal(number) for number in signals.SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @both
 def test_at_first_a_signal_interrupts(number):
     with signals.caught(), pytest.raises(KeyboardInterrupt):
@@ -26,11 +35,10 @@ def test_later_it_asks_as_often_as_it_comes(number):
 
 
 @both
-def test_the_handlers_from_before_come_back(number):
-    before = signal.getsignal(number)
+def test_afterwards_nothing_interrupts_the_end_of_the_process(number):
     with signals.caught():
-        assert signal.getsignal(number) is not before
-    assert signal.getsignal(number) is before
+        assert signal.getsignal(number) is not signal.SIG_IGN
+    assert signal.getsignal(number) is signal.SIG_IGN
 
 
 def test_a_node_may_have_its_own_handler():
@@ -44,11 +52,8 @@ def test_a_node_may_have_its_own_handler():
 
 
 def test_an_ignored_signal_stays_ignored():
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        with signals.caught():
-            signal.raise_signal(signal.SIGINT)
-            signals.ask_instead(lambda: pytest.fail('asked'))
-            signal.raise_signal(signal.SIGINT)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with signals.caught():
+        signal.raise_signal(signal.SIGINT)
+        signals.ask_instead(lambda: pytest.fail('asked'))
+        signal.raise_signal(signal.SIGINT)
