@@ -1,5 +1,6 @@
 """markers_node over real Fast DDS: it draws what it sees, and holds nobody up."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -39,48 +40,50 @@ def node():
     assert process.wait(SECONDS) == 0
 
 
-def test_it_draws_the_ring_with_its_own_parameters(node):
+def sent(k):
+    """Return what the ring says at its tick `k`."""
+    t, stages = S + 50_000_000 * k, np.arange(51) * 0.05
+    obstacle = Obstacle(3, 60.0, 0.0, 1.0, 0.0, 0.0)
+    ahead = Prediction(t, 20.0 * stages, 0.0 * stages, 0.0 * stages, stages)
+    return {
+        '/scenario/obstacles': encode.obstacles(Obstacles(t, (obstacle,))),
+        '/controller/why': encode.why(Why(t, 0, 'solved', {'friction.front': 0.5})),
+        '/controller/prediction': encode.prediction(ahead),
+        '/vehicle/odometry': encode.odometry(VehicleState(t, 1.0, 2.0, 0.0, 20.0, 0.0, 0.0)),
+    }
+
+
+def is_complete(received):
+    """Tell whether everything that the ring says has been drawn."""
+    kinds = {t: {one.ns for one in message.markers} for t, message in received.items()}
+    return kinds.keys() == set(DRAWN) and (
+        'unsafe' in kinds['/markers/safety'] and 'friction' in kinds['/markers/vehicle']
+    )
+
+
+def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(node):
     received = {}
     for topic in DRAWN:
-        ros.subscribe(node, topic, lambda message, t=topic: received.setdefault(t, message))
-    pubs = {
-        topic: ros.publisher(node, topic)
-        for topic in (
-            '/vehicle/odometry',
-            '/scenario/obstacles',
-            '/controller/why',
-            '/controller/prediction',
-        )
-    }
+        ros.subscribe(node, topic, lambda message, t=topic: received.update({t: message}))
+    pubs = {topic: ros.publisher(node, topic) for topic in sent(0)}
     executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
-    end = time.monotonic() + SECONDS
-    stages = np.arange(51) * 0.05
-    for k in range(10_000):
-        assert time.monotonic() < end, received.keys()
-        t = S + 50_000_000 * k
-        sent = {
-            '/scenario/obstacles': encode.obstacles(
-                Obstacles(t, (Obstacle(3, 60.0, 0.0, 1.0, 0.0, 0.0),))
-            ),
-            '/controller/why': encode.why(Why(t, 0, 'solved', {'friction.front': 0.5})),
-            '/controller/prediction': encode.prediction(
-                Prediction(t, 20.0 * stages, 0.0 * stages, 0.0 * stages, stages)
-            ),
-            '/vehicle/odometry': encode.odometry(VehicleState(t, 1.0, 2.0, 0.0, 20.0, 0.0, 0.0)),
-        }
-        for topic, message in sent.items():
-            # queues of one message: a bad one would take the place of a good one
-            pubs[topic].publish(CUT if k % 2 else message)
-        executor.spin_once(timeout_sec=0.05)
-        complete = len(received) == len(DRAWN)
-        names = {one.ns for one in getattr(received.get('/markers/safety'), 'markers', ())}
-        use = {one.ns for one in getattr(received.get('/markers/vehicle'), 'markers', ())}
-        if complete and 'unsafe' in names and 'friction' in use:
-            break
-        received.clear()
-        for _ in DRAWN:
-            executor.spin_once(timeout_sec=0.05)
+    end, ticks = time.monotonic() + SECONDS, itertools.count()
+
+    def publish_until(done, cut=False):
+        while not done():
+            assert time.monotonic() < end, received.keys()
+            for topic, message in sent(next(ticks)).items():
+                pubs[topic].publish(CUT if cut else message)
+            pause = time.monotonic() + 0.05
+            while time.monotonic() < pause:
+                executor.spin_once(timeout_sec=0.01)
+
+    publish_until(lambda: is_complete(received))
+    bad = iter(range(20))
+    publish_until(lambda: next(bad, None) is None, cut=True)
+    received.clear()
+    publish_until(lambda: is_complete(received))
     for topic, message in received.items():
         assert conformance.check(topic, message) == [], topic
     (body,) = (one for one in received['/markers/vehicle'].markers if one.ns == 'body')

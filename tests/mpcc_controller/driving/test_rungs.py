@@ -91,7 +91,11 @@ def test_the_second_solver_is_another_one_or_there_is_none(world):
 def test_both_solvers_together_have_the_time_of_the_fallback(world, monkeypatch):
     made = []
 
-    monkeypatch.setattr(horizon.solver, 'make', lambda problem, options: made.append(options))
+    def make(problem, options):
+        made.append(options)
+        return options  # has the name of the solver
+
+    monkeypatch.setattr(horizon.solver, 'make', make)
     params, vehicle = world.load(solver__name='ipopt')
     Controller(params, vehicle, limit_time=True)
     Controller(params, vehicle)
