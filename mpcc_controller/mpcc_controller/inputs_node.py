@@ -10,7 +10,7 @@ from mpcc_controller.driving.trigger import Lockstep, Realtime
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, Asleep, Awake
 from msgs_yaml import contract, decode, repeats, ros
 from msgs_yaml.newest_node import Newest
-from msgs_yaml.types import Actuators, Obstacles, Reference, VehicleState
+from msgs_yaml.types import Actuators, Obstacles, Reference, RoadEdges, VehicleState
 from msgs_yaml.wall import Wall
 
 ACTUATORS = '/vehicle/actuators'
@@ -21,6 +21,8 @@ TOPICS = {
     STATE: '/vehicle/odometry',
 }
 _THROTTLE_S = 1.0
+COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: how many there are
+MARKER_BYTES, POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
 
 
 class Inputs:
@@ -42,8 +44,8 @@ class Inputs:
         self.heard_ns = 0  # when the state was
         self.ignored = range(0)  # ns, stamps of states that nobody is to answer
         ros.subscribe(node, TOPICS[REFERENCE], self.on_reference, raw=True)
-        ros.subscribe(node, TOPICS[EDGES], self.on_edges)
-        ros.subscribe(node, TOPICS[OBSTACLES], self.on_obstacles)
+        ros.subscribe(node, TOPICS[EDGES], self.on_edges, raw=True)
+        ros.subscribe(node, TOPICS[OBSTACLES], self.on_obstacles, raw=True)
         self.actuators_inbox = Newest(node, ACTUATORS)
         self._state_sub = ros.subscribe(node, TOPICS[STATE], self.on_odometry, raw=True)
 
@@ -54,16 +56,16 @@ class Inputs:
             if fault:
                 self._turn_down(TOPICS[REFERENCE], fault)
             self._on_news()
-        elif self._take(REFERENCE, _path, raw, self._controller.set_reference):
+        elif self._take(REFERENCE, read_reference, raw, self._controller.set_reference):
             self._path = raw
 
-    def on_edges(self, msg) -> None:
+    def on_edges(self, raw: bytes) -> None:
         """Take the road edges."""
-        self._take(EDGES, decode.road_edges, msg, self._controller.set_edges)
+        self._take(EDGES, read_edges, raw, self._controller.set_edges)
 
-    def on_obstacles(self, msg) -> None:
+    def on_obstacles(self, raw: bytes) -> None:
         """Take the obstacles; in lockstep they complete a state."""
-        self._take(OBSTACLES, decode.obstacles, msg, self._set_obstacles)
+        self._take(OBSTACLES, read_obstacles, raw, self._set_obstacles)
 
     def on_odometry(self, raw: bytes) -> None:
         """Keep the state if it is one to answer."""
@@ -128,10 +130,10 @@ class Inputs:
         self._trigger.on_obstacles(obstacles.stamp_ns)
         return ''
 
-    def _take(self, name, decoder, msg, setter) -> bool:
+    def _take(self, name, decoder, raw, setter) -> bool:
         """Tell the controller; log what is wrong with a message, and go on with the one before."""
         try:
-            value = decoder(msg)
+            value = decoder(raw)
             fault = self._watchdog.offer(name, value.stamp_ns, self._wall.now_ns())
             if not fault:
                 fault = setter(value)
@@ -148,11 +150,39 @@ class Inputs:
         self._node.get_logger().error(told, throttle_duration_sec=_THROTTLE_S)
 
 
-def _path(raw: bytes) -> Reference:
-    """Return the path in a serialised message; one too long would take seconds to look at."""
+def read_reference(raw: bytes) -> Reference:
+    """Return the path in a serialised message.
+
+    Raises DecodeError, also and at once when it is too long: looking at it would take seconds, in
+    which no command is sent. So do the others here.
+    """
     topic = TOPICS[REFERENCE]
     most = contract.load().topics[topic].sizes['poses'].high
     if len(raw) > repeats.size(most):
         told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
         raise decode.DecodeError(told)
     return decode.reference(ros.message(topic, raw))
+
+
+def read_edges(raw: bytes) -> RoadEdges:
+    """Return the road edges in a serialised message; DecodeError."""
+    return decode.road_edges(_markers(TOPICS[EDGES], raw))
+
+
+def read_obstacles(raw: bytes) -> Obstacles:
+    """Return the obstacles in a serialised message; DecodeError."""
+    return decode.obstacles(_markers(TOPICS[OBSTACLES], raw))
+
+
+def _markers(topic, raw):
+    sizes = contract.load().topics[topic].sizes
+    most = sizes['markers'].high
+    points = max(allowed.high for key, allowed in sizes.items() if key.endswith('.points'))
+    largest = most * (MARKER_BYTES + POINT_BYTES * points)
+    is_little = raw[1:2] and raw[1] & 1
+    count = int.from_bytes(raw[COUNT], 'little' if is_little else 'big')
+    if count > most:
+        raise decode.DecodeError(f'{topic}: markers is {count} long; allowed {most} at most')
+    if len(raw) > largest:
+        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {largest}')
+    return ros.message(topic, raw)
