@@ -26,6 +26,7 @@ BEFORE_NS = 1_000_000_000
 LATEST_NS = 300_000_000  # age of the last word of the controller
 STANDSTILL_MPS = 0.3
 BRAKING_MPS2 = 2.0
+HEARTBEAT_NS = 3_000_000_000  # of Fast DDS
 OVER_NS = 100_000_000  # for the deceleration
 COMMAND, ACTUATORS = '/controller/command', '/vehicle/actuators'
 PLANNED = ('solved', 'stopped_early', 'second_solver')
@@ -51,18 +52,28 @@ class Motion(NamedTuple):
 
 
 def sound(bag: Bag, topic: str, decoder) -> list:
-    """Return (log_ns, value) of every message of a topic that can be read."""
+    """Return (instant [ns], value) of every message of a topic that can be read."""
     found = []
     recording = bag.recordings.get(topic)
     if recording is None:
         return found
-    for log_ns, payload in zip(recording.log_ns.tolist(), recording.payloads):
+    instants = map(_instant, recording.log_ns.tolist(), recording.publish_ns.tolist())
+    for instant_ns, payload in zip(instants, recording.payloads):
         try:
             message = cdr.decode(payload, recording.topic.schema, recording.topic.type)
-            found.append((log_ns, decoder(message)))
+            found.append((instant_ns, decoder(message)))
         except (BagError, decode.DecodeError):
             continue
     return found
+
+
+def _instant(log_ns, sent_ns):
+    """Return when a message was sent, where sender and recorder have one clock, else its log time.
+
+    A message that was lost on its way is sent again within a period of heartbeats: being told late
+    is no state of the car. In lockstep log times are simulated, and a clock may have jumped.
+    """
+    return sent_ns if 0 <= log_ns - sent_ns <= HEARTBEAT_NS else log_ns
 
 
 def motion(bag: Bag) -> Motion:

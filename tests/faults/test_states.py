@@ -68,3 +68,11 @@ def test_without_a_plant_the_last_word_counts(monkeypatch):
     rungs = ['solved'] * 35 + ['braking'] * 25
     ending = Recorded(monkeypatch, [15.0] * 1500, rungs).ending(1.5, plant_lives=False)
     assert ending.visited == ('OK', 'braking')
+
+
+def test_a_word_that_comes_late_counts_from_when_it_was_said():
+    heard_ns = 10**18
+    assert states._instant(heard_ns, heard_ns - 1_200 * MS) == heard_ns - 1_200 * MS
+    simulated_ns, another_clock_ns = 5 * S, heard_ns - 3_600 * S
+    assert states._instant(simulated_ns, heard_ns) == simulated_ns
+    assert states._instant(heard_ns, another_clock_ns) == heard_ns
