@@ -5,7 +5,7 @@ import sys
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros, share, spin_node
+from msgs_yaml import contract, decode, encode, ros, share, spin_node
 from msgs_yaml.wall import Wall
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
@@ -13,6 +13,7 @@ from scenario_publisher.timeline import NAME, Timeline
 
 LOOK_S = 0.02  # of wall time, between two looks at who is listening
 THROTTLE_S = 1.0
+VALUE_BYTES = 100  # of one value of a status, on the average, at most
 
 
 class ScenarioNode(Node):
@@ -36,7 +37,7 @@ class ScenarioNode(Node):
             self.publish_facts(scenario.START_NS)
         else:
             self.wall = Wall()
-            ros.subscribe(self, '/diagnostics', self.on_health)
+            ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer, clock=steady)
         self.get_logger().info(f'{scn.name}: {scn.description}')
@@ -64,12 +65,12 @@ class ScenarioNode(Node):
         """Publish at an instant of the wall clock."""
         self.publish(self.wall.now_ns())
 
-    def on_health(self, msg):
+    def on_health(self, raw):
         """Let obstacles move once the vehicle does: the plant says since when."""
         try:
-            self.timeline.hear(decode.health(msg))
+            self.timeline.hear(read_health(raw))
         except decode.DecodeError as error:
-            self.turn_down('/diagnostics', error)
+            self.turn_down(ros.HEALTH, error)
 
     def turn_down(self, topic, error):
         """Say why a message is not used."""
@@ -89,6 +90,18 @@ class ScenarioNode(Node):
         if self.timeline.facts.is_due(stamp_ns):
             self.reference_pub.publish(encode.reference(self.timeline.reference(stamp_ns)))
             self.edges_pub.publish(encode.road_edges(self.timeline.edges(stamp_ns)))
+
+
+def read_health(raw):
+    """Return the health in a serialised message.
+
+    Raises DecodeError, also and at once when it is too long: looking at it would take seconds, in
+    which no obstacle is sent.
+    """
+    largest = VALUE_BYTES * contract.load().topics[ros.HEALTH].sizes['status[*].values'].high
+    if len(raw) > largest:
+        raise decode.DecodeError(f'{ros.HEALTH}: {len(raw)} bytes; allowed {largest}')
+    return decode.health(ros.message(ros.HEALTH, raw))
 
 
 def main():

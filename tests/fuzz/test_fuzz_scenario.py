@@ -30,10 +30,10 @@ def scenario(request):
 
 
 def plant_began(text):
-    """Return the health of a plant that says when its run began."""
+    """Return the serialised health of a plant that says when its run began."""
     message = hostile.example(TELEMETRY)
     message.status[0].values.append(KeyValue(key='run_began_ns', value=text))
-    return message
+    return ros.serialized(message)
 
 
 def heard_after(scenario, speak):
