@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from bags import closed_loop
@@ -18,7 +19,8 @@ def of(
     """
     return {
         'command': command,
-        'roles': dict(roles),
+        # a file by its name alone: where it lay on this machine tells nobody anything
+        'roles': {role: Path(controller).name for role, controller in roles.items()},
         'commit': notes.commit(),
         'code_sha256': code_version.digest(),
         'scenario': scenario,

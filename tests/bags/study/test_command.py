@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bags import cli
-from bags.study import ablation, claims, distributions, ours, run_verdicts, tables
+from bags.study import ablation, claims, distributions, ours, provenance, run_verdicts, tables
 from bags.study.claim_rules import Shown
 from bags.study.variants import CONTROLLERS, SWITCHES, Switch
 
@@ -72,6 +72,12 @@ def test_the_files_name_the_command_that_made_them_and_who_was_driven(make_recor
     assert said['cause_runs'] == 2
     last = (tmp_path / 'claims.md').read_text().splitlines()[-1]
     assert last.startswith('`bags paper` with mpcc = mpcc_tuned, mpcc_no_ca = mpcc_no_ca_tuned')
+
+
+def test_where_a_controller_lay_on_a_machine_is_not_told():
+    driven = {'mpcc': 'mpcc', 'mine': '/home/somebody/mine.yaml'}
+    found = provenance.of('bags study limit', 'double_lane_change', 1, driven)
+    assert found['roles'] == {'mpcc': 'mpcc', 'mine': 'mine.yaml'}
 
 
 def test_a_number_that_most_runs_do_not_have_is_told_as_range_and_count(make_record):
