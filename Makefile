@@ -2,7 +2,7 @@
 # make test      every test
 # make check     everything the continuous integration runs: lint, tests (colcon build in them), coverage
 # make paper     every figure and claim of the paper, into paper/
-# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (an hour)
+# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (1 to 2 hours)
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock: is 20 Hz held? (9 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
