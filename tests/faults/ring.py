@@ -1,10 +1,8 @@
 """One fault on one ring: start the nodes, do the fault in time, stop, keep the bag."""
 
 import contextlib
-import os
 import resource
 import signal
-import threading
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +10,7 @@ from typing import NamedTuple
 import hooks
 import yaml
 from catalogue import ROLES, Fault
+from stalls import Stalls
 from states import BEFORE_NS
 
 from bags import closed_loop
@@ -20,7 +19,6 @@ from bags.experiments.processes import Process
 
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.005
-TURN_S = 0.01
 NICE = -15  # of the group of processes that is a session
 START_S = 40.0  # of wall time, until the fault's time has come
 DRIVE_S = 40.0  # of wall time, from then on
@@ -28,39 +26,6 @@ ALONE_S = 1.5  # how long the others are watched when the plant is gone
 SETTLE_S = 0.3
 END_S = 10.0  # to end after SIGINT; the recorder completes its bag
 TIMEOUT_S = 1.0  # without a command, in lockstep
-
-
-class Stalls:
-    """Watches over the machine: a thread that wants to wake up every 10 ms, and when it did not."""
-
-    def __init__(self):
-        self.found: list[tuple[int, float]] = []  # wall time [ns] of the end, length [s]
-        self.over = threading.Event()
-        self.thread = threading.Thread(target=self.watch, daemon=True)
-
-    def watch(self):
-        """Note every time without a turn."""
-        with contextlib.suppress(PermissionError):
-            # as punctual as the nodes; not for the programs that this one starts
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(threading.get_native_id(), policy, os.sched_param(hooks.PRIORITY))
-        last = time.monotonic()
-        while not self.over.wait(TURN_S):
-            now = time.monotonic()
-            self.found.append((time.time_ns(), now - last - TURN_S))
-            last = now
-
-    def longest_s(self, since_ns: int) -> float:
-        """Return the longest time without a turn that ended after an instant of the wall clock."""
-        return max((length_s for end_ns, length_s in self.found if end_ns >= since_ns), default=0.0)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *error):
-        self.over.set()
-        self.thread.join()
 
 
 def prefer(process: Process) -> None:

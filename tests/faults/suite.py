@@ -7,8 +7,9 @@
 
 Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
 before the fault, with a command that must not be, with a process that hung, or with a bag that
-cannot be read. A failed run is tried again, at most twice, when the machine was seen to stand still
-around the fault: this process, with real-time priority where the user may, got no turn for 0.1 s.
+cannot be read. A failed run is tried again, at most four times, when the machine was seen to stand
+still around the fault: a thread on one of its processors, with real-time priority where the user
+may, got no turn for 0.04 s. The next try waits until all had their turns for 2 s, a minute at most.
 After that it has failed. The nodes run with that priority too: a busy machine is another fault.
 
 With --out of an earlier run, what has a verdict on the same commit is not run again: an interrupted
@@ -27,6 +28,7 @@ from pathlib import Path
 
 import catalogue
 import ring
+import stalls
 import states
 import verdicts
 from catalogue import Fault
@@ -38,7 +40,7 @@ from bags.experiments import notes
 from bags.storage import read, repair
 
 DOMAIN = 70
-TRIES = 3  # of a run during which the machine stood still
+TRIES = 5  # of a run during which the machine stood still
 TOO_LATE = 'too late'
 NOT_CALM = 'not OK before the fault'
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
@@ -120,6 +122,8 @@ def row(verdict: Verdict) -> str:
 def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
     """Try a fault; again when it failed and the machine stood still meanwhile."""
     for tries in range(1, TRIES + 1):
+        if tries > 1:
+            stalls.wait_until_calm()
         folder = out / (fault.name if tries == 1 else f'{fault.name}.{tries}')
         shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
         around = verdicts.surroundings()

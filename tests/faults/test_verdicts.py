@@ -6,6 +6,7 @@ from pathlib import Path
 import catalogue
 import pytest
 import ring
+import stalls
 import states
 import suite
 import table
@@ -64,15 +65,20 @@ def test_a_table_takes_the_place_of_the_one_before():
 class Tried:
     """Faults that nothing is run for: what a ring would have left is given."""
 
-    def __init__(self, monkeypatch, ending=('OK', 0.0, ('OK',), True), stalls=(0.0,), **evidence):
-        self.runs, self.stalls, self.evidence = [], stalls, {'begins_ns': 1, **evidence}
+    def __init__(self, monkeypatch, ending=('OK', 0.0, ('OK',), True), stood=(0.0,), **evidence):
+        self.runs, self.stood, self.evidence = [], stood, {'begins_ns': 1, **evidence}
+        self.waits = 0
         monkeypatch.setattr(ring, 'drive', self.drive)
+        monkeypatch.setattr(stalls, 'wait_until_calm', self.wait)
         monkeypatch.setattr(suite, 'readable', lambda folder: None)
         monkeypatch.setattr(suite, 'harmful', lambda fault, bag: 0)
         monkeypatch.setattr(states, 'ending', lambda *given: states.Ending(*ending))
 
+    def wait(self):
+        self.waits += 1
+
     def drive(self, fault, folder, domain):
-        stall_s = self.stalls[min(len(self.runs), len(self.stalls) - 1)]
+        stall_s = self.stood[min(len(self.runs), len(self.stood) - 1)]
         self.runs.append(folder)
         folder.mkdir(parents=True)
         places = dict.fromkeys(('folder', 'bag', 'witness'), folder)
@@ -98,16 +104,17 @@ def test_a_car_that_was_not_ok_before_the_fault_has_failed_whatever_it_ended_in(
 def test_a_car_that_is_never_ok_before_the_fault_fails_on_a_machine_that_stalls(
     monkeypatch, tmp_path
 ):
-    tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), False), stalls=(0.3,))
+    tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), False), stood=(0.3,))
     verdict = suite.attempt(fault_of('realtime'), tmp_path, 0)
     assert (verdict.passed, verdict.tries, len(tried.runs)) == (False, suite.TRIES, suite.TRIES)
+    assert tried.waits == suite.TRIES - 1
 
 
 @pytest.mark.parametrize(
     ('mode', 'begins_ns', 'stall_s', 'tries'),
     [
-        ('realtime', 1, verdicts.STALL_S, 1),  # as long as a tick that comes late
-        ('realtime', 1, verdicts.STALL_S + 0.01, suite.TRIES),
+        ('realtime', 1, stalls.STALL_S, 1),  # as long as a tick that comes late
+        ('realtime', 1, stalls.STALL_S + 0.01, suite.TRIES),
         ('lockstep', 1, 1.0, 1),  # a drive in lockstep waits
         ('lockstep', None, 0.0, 1),
         ('lockstep', None, 1.0, suite.TRIES),
@@ -117,15 +124,9 @@ def test_only_a_measured_stall_that_matters_is_a_reason_to_try_again(
     monkeypatch, tmp_path, mode, begins_ns, stall_s, tries
 ):
     late = ('stopped', 0.0, ('OK', 'stopped'), True)
-    Tried(monkeypatch, ending=late, stalls=(stall_s,), begins_ns=begins_ns)
+    Tried(monkeypatch, ending=late, stood=(stall_s,), begins_ns=begins_ns)
     verdict = suite.attempt(fault_of(mode), tmp_path, 0)
     assert (verdict.passed, verdict.tries) == (False, tries)
-
-
-def test_a_stall_before_and_long_before_the_fault():
-    stalls = ring.Stalls()
-    stalls.found = [(10, 0.5), (20, 0.2), (30, 0.1)]
-    assert [stalls.longest_s(since_ns) for since_ns in (0, 20, 21, 31)] == [0.5, 0.2, 0.1, 0.0]
 
 
 def test_an_interrupted_suite_goes_on_with_what_has_no_verdict_on_this_commit(

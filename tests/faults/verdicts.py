@@ -6,9 +6,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
+from stalls import STALL_S
+
 from bags.experiments import notes
 
-STALL_S = 0.1  # two ticks of the controller: more than one late tick, which it must bear
 KEPT = 'verdicts.json'
 DIRTY = '-dirty'
 

@@ -6,11 +6,13 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import pytest
 import rclpy
+from rclpy.duration import Duration
 
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
@@ -57,9 +59,20 @@ class Ring:
         self.publishers[topic].publish(ENCODERS[topic](value))
 
     def publish_all(self, messages):
+        """Publish everything, and wait until it has arrived."""
         for topic, sent in messages.items():
             for value in sent:
                 self.publish(topic, value)
+        self.wait_until_received()
+
+    def wait_until_received(self):
+        """Wait until whatever is reliable was acknowledged.
+
+        That a publisher knows its recorder does not say that the recorder knows it yet.
+        """
+        for topic, publisher in self.publishers.items():
+            acked = publisher.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
+            assert acked, f'{topic}: not acknowledged'
 
     def close(self):
         self.node.destroy_node()
@@ -73,12 +86,12 @@ class Recorder:
         self.out = out
         given = {'out': out, **parameters}
         arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
+        self.log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as this
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'bags.recorder_node', '--ros-args', *arguments],
             env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
-            stderr=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+            stderr=self.log,
+            stdout=self.log,
         )
 
     def end(self, number=signal.SIGINT):
@@ -87,8 +100,17 @@ class Recorder:
         return self.wait()
 
     def wait(self):
-        said = self.process.communicate(timeout=TIMEOUT_S)
-        return self.process.returncode, ''.join(said)
+        code = self.process.wait(TIMEOUT_S)
+        return code, self.said()
+
+    def said(self):
+        """Return everything it said so far."""
+        size = os.fstat(self.log.fileno()).st_size
+        return os.pread(self.log.fileno(), size, 0).decode()
+
+    def hears(self, topic):
+        """Tell whether it has said that something of a topic has arrived."""
+        return re.search(rf'hears .*{topic}\b', self.said()) is not None
 
     def cpu_s(self):
         """User and system time so far, without the start of the interpreter's parents."""
@@ -115,6 +137,7 @@ def start_recorder():
         if recorder.process.poll() is None:
             recorder.process.kill()
             recorder.process.wait(TIMEOUT_S)
+        recorder.log.close()
 
 
 @pytest.fixture
@@ -152,6 +175,7 @@ def bag_folder(tmp_path_factory, messages):
         ring.close()
         if recorder.process.poll() is None:
             recorder.process.kill()
+        recorder.log.close()
     assert code == 0, said
     assert re.search(r'\d+ messages in', said), said
     return folder

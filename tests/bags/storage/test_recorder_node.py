@@ -8,7 +8,6 @@ import time
 
 import pytest
 from one_second import counts, endless, expected
-from rclpy.duration import Duration
 
 from bags.storage import read, repair
 from bags.verdict import timing
@@ -63,18 +62,22 @@ def test_publisher_is_counted_and_its_clock_is_kept(bag_folder):
 def test_realtime_files_messages_under_their_arrival(tmp_path, start_recorder, make_ring, messages):
     recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
     ring.wait_for_recorder()
-    before_ns = time.time_ns()
-    for value in messages['/vehicle/odometry'][:200]:
+    before_ns, end, wanted = time.time_ns(), time.monotonic() + TIMEOUT_S, None
+    for sent, value in enumerate(endless(messages['/vehicle/odometry']), start=1):
         ring.publish('/vehicle/odometry', value)
         time.sleep(0.001)
+        if wanted is None and recorder.hears('/vehicle/odometry'):
+            wanted = sent + 200
+        if sent == wanted or time.monotonic() > end:
+            break
     after_ns = time.time_ns()
     time.sleep(0.3)  # best effort: nothing tells when the last one has arrived
     assert recorder.end()[0] == 0
     state = read.load(tmp_path / 'bag').recordings['/vehicle/odometry']
     # best effort, five deep: it takes more than that at a time, and misses none once it listens
     first = int(state.sequence[0])
-    assert state.sequence.tolist() == list(range(first, 201))
-    assert first < 150
+    assert state.sequence.tolist() == list(range(first, wanted + 1))
+    assert first <= wanted - 200
     assert (state.publish_ns >= before_ns).all()
     assert (state.log_ns >= state.publish_ns).all()
     assert (state.log_ns <= after_ns + 10**8).all()
@@ -88,6 +91,8 @@ def test_several_publishers_of_one_topic_are_no_loss(tmp_path, start_recorder, m
     for publisher in (0, 0, 0, 1, 0):
         rings[publisher].publish('/diagnostics', health)
         time.sleep(0.1)
+    for ring in rings:
+        ring.wait_until_received()
     code, said = recorder.end()
     assert code == 0
     assert 'lost' not in said
@@ -108,6 +113,7 @@ def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(
                 ring.publish(topic, value)
                 sent += 1
         time.sleep(max(0.0, began + 0.05 * (tick + 1) - time.monotonic()))
+    ring.wait_until_received()
     cpu_s = recorder.cpu_s() - cpu_s
     assert recorder.end()[0] == 0
     assert sum(counts(tmp_path / 'bag').values()) == sent
@@ -171,7 +177,6 @@ def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
     recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
     ring.wait_for_recorder()
     ring.publish_all({'/scenario/reference': messages['/scenario/reference']})
-    assert ring.publishers['/scenario/reference'].wait_for_all_acked(Duration(seconds=TIMEOUT_S))
     assert recorder.end()[0] == 0
     known = read.run_info(tmp_path / 'bag')
     assert known['mode'] == 'realtime'

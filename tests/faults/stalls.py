@@ -1,0 +1,73 @@
+"""When the machine stood still: threads, one pinned to each processor, that got no turn.
+
+A virtual machine may lose one of its processors for a while and keep the others; a single watcher
+sees that only when it happens to run there.
+"""
+
+import contextlib
+import os
+import threading
+import time
+
+import hooks
+
+TURN_S = 0.01
+STALL_S = 0.04  # a tick of the controller has 0.05
+CALM_S = 2.0
+LONGEST_WAIT_S = 60.0
+
+
+class Stalls:
+    """Watches over the machine while it is entered."""
+
+    def __init__(self):
+        self.found: list[tuple[int, float]] = []  # wall time [ns] of the end, length [s]
+        self.over = threading.Event()
+        self.threads = [
+            threading.Thread(target=self.watch, args=(processor,), daemon=True)
+            for processor in sorted(os.sched_getaffinity(0))
+        ]
+
+    def watch(self, processor: int):
+        """Note every time without a turn on one processor."""
+        thread = threading.get_native_id()
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(thread, {processor})
+        with contextlib.suppress(PermissionError):
+            # as punctual as the nodes; not for the programs that this one starts
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(thread, policy, os.sched_param(hooks.PRIORITY))
+        last = time.monotonic()
+        while not self.over.wait(TURN_S):
+            now = time.monotonic()
+            self.found.append((time.time_ns(), now - last - TURN_S))
+            last = now
+
+    def longest_s(self, since_ns: int) -> float:
+        """Return the longest time without a turn that ended after an instant of the wall clock."""
+        # the watchers still append: a copy is taken in one step
+        return max(
+            (length_s for end_ns, length_s in self.found[:] if end_ns >= since_ns), default=0.0
+        )
+
+    def __enter__(self):
+        for thread in self.threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.over.set()
+        for thread in self.threads:
+            thread.join()
+
+
+def wait_until_calm() -> float:
+    """Wait for 2 s without a stall, a minute at the longest; return how long it was [s]."""
+    began = time.monotonic()
+    with Stalls() as stalls:
+        while time.monotonic() - began < LONGEST_WAIT_S:
+            since_ns = time.time_ns()
+            time.sleep(CALM_S)
+            if stalls.longest_s(since_ns) <= STALL_S:
+                break
+    return time.monotonic() - began

@@ -1,0 +1,74 @@
+"""What is seen of a machine that stands still."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+import stalls
+
+# takes one processor away from everything of lower priority
+OCCUPY = """
+import os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(90))
+end = time.monotonic() + 0.3
+while time.monotonic() < end:
+    pass
+"""
+
+
+@pytest.mark.parametrize('which', [0, -1])
+def test_a_processor_that_is_taken_away_is_noticed_whichever_it_is(which):
+    processor = sorted(os.sched_getaffinity(0))[which]
+    with stalls.Stalls() as found:
+        since_ns = time.time_ns()
+        command = [sys.executable, '-c', OCCUPY, str(processor)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if 'PermissionError' in done.stderr:
+            pytest.skip('only a user who may give real-time priority can take a processor away')
+        time.sleep(5 * stalls.TURN_S)
+    assert done.returncode == 0, done.stderr
+    assert found.longest_s(since_ns) > stalls.STALL_S
+
+
+def test_a_stall_before_and_long_before_the_fault():
+    found = stalls.Stalls()
+    found.found = [(10, 0.5), (20, 0.2), (30, 0.1)]
+    assert [found.longest_s(since_ns) for since_ns in (0, 20, 21, 31)] == [0.5, 0.2, 0.1, 0.0]
+
+
+class Machine:
+    """A machine of which every look is known, and its clock."""
+
+    def __init__(self, stood_s):
+        self.now, self.stood_s = 0.0, stood_s
+
+    def monotonic(self):
+        return self.now
+
+    def time_ns(self):
+        return round(self.now * 1e9)
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def longest_s(self, since_ns):
+        return self.stood_s.pop(0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+
+@pytest.mark.parametrize(
+    ('stood_s', 'waited_s'), [([0.0], 2.0), ([0.3, 0.05, 0.04], 6.0), ([0.3] * 100, 60.0)]
+)
+def test_waits_until_the_machine_is_calm_but_not_for_ever(monkeypatch, stood_s, waited_s):
+    machine = Machine(stood_s)
+    monkeypatch.setattr(stalls, 'time', machine)
+    monkeypatch.setattr(stalls, 'Stalls', lambda: machine)
+    assert stalls.wait_until_calm() == waited_s
