@@ -1,16 +1,18 @@
 """Is 20 Hz held on the wall clock, with all nodes and the recorder running on this machine?
 
     .venv/bin/python bench/realtime.py [--ticks 10000] [--controller mpcc] [--set NODE.param=value]
-                                       [--bag DIR] [--json bench/realtime.json]
+                                       [--bag DIR] [--json bench/realtime.json] [--fifo]
 
 Drives along a winding road, left and right by turns, past obstacles: 10,000 ticks take 500 s.
-Nothing else should run: every other process shows in the percentiles. Writes the JSON and a table
-beside it (.md). Exit code 1 when a target is missed.
+Nothing else should run: every other process shows in the percentiles. With --fifo it shows less:
+every node gets real-time priority, which the user must have the right to give. Writes the JSON and
+a table beside it (.md). Exit code 1 when a target is missed.
 """
 
 import argparse
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -32,6 +34,8 @@ TURN_M = math.pi / 2 * RADIUS_M  # a quarter of a circle, then one to the other 
 OBSTACLES_M = (100.0, 250.0)
 START_S, MARGIN_M = 60.0, 60.0
 MOST_S = 600.0  # that a scenario may take
+# SCHED_FIFO: who must answer in time before who only has to keep up
+FIFO = {'controller': 20, 'plant': 20, 'scenario': 10, 'recorder': 10}
 SCENARIO = """
 schema: 1
 name: winding
@@ -98,6 +102,17 @@ def scenario(ticks: int) -> str:
     )
 
 
+def fifo_settings() -> list[str]:
+    """Return the settings that give every node its priority; SystemExit where the user may not."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(FIFO.values())))
+    except PermissionError as error:
+        raise SystemExit(f'--fifo: {error}; docs/promises.md says how to allow it') from None
+    os.sched_setscheduler(0, *before)
+    return [f'{node}.realtime.priority={priority}' for node, priority in FIFO.items()]
+
+
 def drive(options: argparse.Namespace, folder: Path) -> Path:
     """Drive once; return the bag. Raises CalledProcessError when the run does not complete."""
     file = folder / 'winding.yaml'
@@ -160,9 +175,14 @@ def main() -> int:
     parser.add_argument('--controller', default='mpcc', help='a name, or a YAML file')
     parser.add_argument('--set', action='append', default=[], dest='settings', metavar='NODE.p=v')
     parser.add_argument('--bag', type=Path, help='look at this bag instead of driving')
-    default = Path(__file__).with_suffix('.json')
-    parser.add_argument('--json', type=Path, default=default, help='file to write')
+    parser.add_argument('--fifo', action='store_true', help='real-time priority for every node')
+    parser.add_argument('--json', type=Path, help='file to write (realtime[_fifo].json)')
     options = parser.parse_args()
+    file = options.json or Path(__file__).with_name(
+        'realtime_fifo.json' if options.fifo else 'realtime.json'
+    )
+    if options.fifo:
+        options.settings += fifo_settings()
     with tempfile.TemporaryDirectory() as folder:
         found = punctuality.report(read.load(options.bag or drive(options, Path(folder))))
     timing.show(found, Console())
@@ -172,8 +192,8 @@ def main() -> int:
     for target in judged:
         print(f'{target.name:<30}{target.told:>8}  at most {target.most:g}: {target.verdict}')
     noted = {'settings': options.settings, 'machine': machine.named()}
-    options.json.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
-    options.json.with_suffix('.md').write_text(page(found, judged, noted))
+    file.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
+    file.with_suffix('.md').write_text(page(found, judged, noted))
     return 0 if all(target.verdict == 'ok' for target in judged) else 1
 
 

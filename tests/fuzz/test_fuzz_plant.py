@@ -47,7 +47,7 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
             drive.on_step()
         for name in ('odometry', 'actuators', 'imu', 'wheels'):
             now = drive.ring.car.now
-            value = now.state(0) if name == 'odometry' else getattr(now, name)(0)
+            (value,) = now.states() if name == 'odometry' else getattr(now, name)()
             assert np.all(np.isfinite(np.hstack(value)))
 
     told()

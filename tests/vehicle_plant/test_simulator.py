@@ -98,10 +98,10 @@ def test_stamps_count_milliseconds_from_the_start():
     assert car.state == (START_NS, 3.0, 4.0, 0.5, 20.0, 0.0, 0.0)
     track = car.advance(None, 3)
     assert track.stamp_ns.tolist() == [START_NS + i * STEP_NS for i in (1, 2, 3)]
-    assert car.state == track.state(2)
-    assert car.wheels == track.wheels(2)
-    assert car.imu == track.imu(2)
-    assert car.actuators == track.actuators(2)
+    assert car.state == track.states()[2]
+    assert car.wheels == track.wheels()[2]
+    assert car.imu == track.imu()[2]
+    assert car.actuators == track.actuators()[2]
 
 
 def test_start_must_be_finite_and_friction_sensible():

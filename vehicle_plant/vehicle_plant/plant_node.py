@@ -109,13 +109,14 @@ class PlantNode(Node):
             self.drive.command(command)
 
     def send(self, track):
-        """Publish every row of a track."""
-        for row, stamp_ns in enumerate(track.stamp_ns.tolist()):
-            self.odometry_pub.publish(track.state(row))
-            self.actuators_pub.publish(track.actuators(row))
-            if stamp_ns % (self.params.imu_wheels_period_ms * STEP_NS) == 0:
-                self.imu_pub.publish(track.imu(row))
-                self.wheels_pub.publish(track.wheels(row))
+        """Publish every row of a track; on each topic in the order of time."""
+        for state, actuators in zip(track.states(), track.actuators()):
+            self.odometry_pub.publish(state)
+            self.actuators_pub.publish(actuators)
+        slow = track.where(track.stamp_ns % (self.params.imu_wheels_period_ms * STEP_NS) == 0)
+        for imu, wheels in zip(slow.imu(), slow.wheels()):
+            self.imu_pub.publish(imu)
+            self.wheels_pub.publish(wheels)
 
     def follow_up(self, ring, monitor, track):
         """Report health once a second, and how the run ended when it is over."""

@@ -75,22 +75,22 @@ class Simulator:
     @property
     def state(self) -> VehicleState:
         """The present planar motion."""
-        return self.now.state(0)
+        return self.now.states()[0]
 
     @property
     def actuators(self) -> Actuators:
         """The present position of the servos."""
-        return self.now.actuators(0)
+        return self.now.actuators()[0]
 
     @property
     def imu(self) -> Imu:
         """The present accelerations."""
-        return self.now.imu(0)
+        return self.now.imu()[0]
 
     @property
     def wheels(self) -> Wheels:
         """The present state of the wheels."""
-        return self.now.wheels(0)
+        return self.now.wheels()[0]
 
     def command(self, command: Command) -> Verdict:
         """Offer a command to the gate; one that passes is followed from now on."""

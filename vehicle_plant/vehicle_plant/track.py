@@ -11,40 +11,26 @@ from vehicle_plant.state import Readings, State
 _COLUMNS = {name: i for i, name in enumerate((*named.names(State), *named.names(Readings)))}
 
 
-def _of_wheels(group: str, field: str) -> list[int]:
-    return [_COLUMNS[f'{group}.{w}.{field}'] for w in WHEELS]
-
-
-class _Places(NamedTuple):
-    """Columns of each message."""
-
-    planar: list[int]
-    servos: list[int]
-    torque: list[int]
-    acceleration: list[int]
-    omega: list[int]
-    Fz: list[int]
-    kappa: list[int]
-    Fx: list[int]
-    tan_alpha: list[int]
-    Fy: list[int]
-
-
-_PLACES = _Places(
-    planar=[_COLUMNS[f'planar.{name}'] for name in ('X', 'Y', 'psi', 'vx', 'vy', 'r')],
-    servos=[
-        _COLUMNS[f'servos.{name}']
-        for name in ('steer.position', 'steer.rate', 'front.position', 'rear.position')
-    ],
-    torque=_of_wheels('loads', 'torque'),
-    acceleration=[_COLUMNS['acceleration.ax'], _COLUMNS['acceleration.ay']],
-    omega=_of_wheels('wheels', 'omega'),
-    Fz=_of_wheels('loads', 'Fz'),
-    kappa=_of_wheels('wheels', 'kappa'),
-    Fx=_of_wheels('loads', 'Fx'),
-    tan_alpha=_of_wheels('wheels', 'tan_alpha'),
-    Fy=_of_wheels('loads', 'Fy'),
-)
+_PLANAR = [_COLUMNS[f'planar.{name}'] for name in ('X', 'Y', 'psi', 'vx', 'vy', 'r')]
+_SERVOS = [
+    _COLUMNS[f'servos.{name}']
+    for name in ('steer.position', 'steer.rate', 'front.position', 'rear.position')
+]
+_TORQUES = [_COLUMNS[f'loads.{wheel}.torque'] for wheel in WHEELS]
+_IMU = [_COLUMNS[name] for name in ('acceleration.ax', 'acceleration.ay', 'planar.r')]
+# where a `Wheels` finds its fields, in their order; its slip angle is kept as a tangent
+_OF_WHEELS = {
+    'omega': 'wheels',
+    'torque': 'loads',
+    'Fz': 'loads',
+    'kappa': 'wheels',
+    'Fx': 'loads',
+    'tan_alpha': 'wheels',
+    'Fy': 'loads',
+}
+_WHEELS = [_COLUMNS[f'{group}.{w}.{name}'] for name, group in _OF_WHEELS.items() for w in WHEELS]
+_FIRSTS = range(0, len(_WHEELS), len(WHEELS))
+_SLIP_ANGLES = slice(_FIRSTS[5], _FIRSTS[6])
 
 
 class Track(NamedTuple):
@@ -57,35 +43,40 @@ class Track(NamedTuple):
         """Return a column, (n,): `planar.vx`, `ride.phi`, `wheels.fl.omega`, `loads.rr.Fz` ..."""
         return self.rows[:, _COLUMNS[name]]
 
-    def state(self, row: int) -> VehicleState:
-        """Return the planar motion at a row; the heading is wrapped to (-pi, pi]."""
-        X, Y, psi, *velocities = self.rows[row, _PLACES.planar].tolist()
-        return VehicleState(int(self.stamp_ns[row]), X, Y, wrapped(psi), *velocities)
+    def where(self, chosen: np.ndarray) -> 'Track':
+        """Return the rows that a mask (n,) chooses."""
+        return Track(self.stamp_ns[chosen], self.rows[chosen])
 
-    def actuators(self, row: int) -> Actuators:
-        """Return where the servos are at a row."""
-        delta, d_delta, Fxf, Fxr = self.rows[row, _PLACES.servos].tolist()
-        torque = tuple(self.rows[row, _PLACES.torque].tolist())
-        return Actuators(int(self.stamp_ns[row]), delta, d_delta, Fxf, Fxr, torque)
+    def states(self) -> list[VehicleState]:
+        """Return the planar motion at each row; the heading is wrapped to (-pi, pi]."""
+        return [
+            VehicleState(stamp_ns, X, Y, wrapped(psi), *velocities)
+            for stamp_ns, (X, Y, psi, *velocities) in self._stamped(_PLANAR)
+        ]
 
-    def imu(self, row: int) -> Imu:
-        """Return the accelerations of the CoG at a row."""
-        ax, ay = self.rows[row, _PLACES.acceleration].tolist()
-        return Imu(int(self.stamp_ns[row]), ax, ay, float(self.rows[row, _COLUMNS['planar.r']]))
+    def actuators(self) -> list[Actuators]:
+        """Return where the servos are at each row."""
+        torques = self.rows[:, _TORQUES].tolist()
+        return [
+            Actuators(stamp_ns, *servos, tuple(torque))
+            for (stamp_ns, servos), torque in zip(self._stamped(_SERVOS), torques)
+        ]
 
-    def wheels(self, row: int) -> Wheels:
-        """Return the wheels at a row; slips are the transient ones."""
-        values = self.rows[row]
-        return Wheels(
-            stamp_ns=int(self.stamp_ns[row]),
-            omega=tuple(values[_PLACES.omega].tolist()),
-            torque=tuple(values[_PLACES.torque].tolist()),
-            Fz=tuple(values[_PLACES.Fz].tolist()),
-            kappa=tuple(values[_PLACES.kappa].tolist()),
-            Fx=tuple(values[_PLACES.Fx].tolist()),
-            alpha=tuple(np.arctan(values[_PLACES.tan_alpha]).tolist()),
-            Fy=tuple(values[_PLACES.Fy].tolist()),
-        )
+    def imu(self) -> list[Imu]:
+        """Return the accelerations of the CoG at each row."""
+        return [Imu(stamp_ns, *values) for stamp_ns, values in self._stamped(_IMU)]
+
+    def wheels(self) -> list[Wheels]:
+        """Return the wheels at each row; slips are the transient ones."""
+        values = self.rows[:, _WHEELS]
+        values[:, _SLIP_ANGLES] = np.arctan(values[:, _SLIP_ANGLES])
+        return [
+            Wheels(stamp_ns, *(tuple(row[first : first + len(WHEELS)]) for first in _FIRSTS))
+            for stamp_ns, row in zip(self.stamp_ns.tolist(), values.tolist())
+        ]
+
+    def _stamped(self, places):
+        return zip(self.stamp_ns.tolist(), self.rows[:, places].tolist())
 
 
 def wrapped(psi: float) -> float:

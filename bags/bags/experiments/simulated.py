@@ -24,13 +24,12 @@ def of(
     values    values of `msgs_yaml.types` for every other topic, each with its stamp
     """
     zero_ns = int(track.stamp_ns[0])
-    every = range(len(track.stamp_ns))
-    slow = [i for i in every if track.stamp_ns[i] % SLOW_NS == 0]
+    slow = track.where(track.stamp_ns % SLOW_NS == 0)
     tables = {
-        '/vehicle/odometry': (columns.Odometry, [ring.odometry(track.state(i)) for i in every]),
-        '/vehicle/actuators': (columns.Actuators, [track.actuators(i) for i in every]),
-        '/vehicle/imu': (columns.Imu, [track.imu(i) for i in slow]),
-        '/vehicle/wheels': (columns.Wheels, [track.wheels(i) for i in slow]),
+        '/vehicle/odometry': (columns.Odometry, [ring.odometry(x) for x in track.states()]),
+        '/vehicle/actuators': (columns.Actuators, track.actuators()),
+        '/vehicle/imu': (columns.Imu, slow.imu()),
+        '/vehicle/wheels': (columns.Wheels, slow.wheels()),
         '/controller/command': (columns.Command, commands),
     }
     made = {topic: _table(form, rows, zero_ns) for topic, (form, rows) in tables.items()}

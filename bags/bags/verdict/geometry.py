@@ -4,12 +4,13 @@ Shares nothing with the controller's distances: here a polyline stays a polyline
 is also judged by its true outline, not only by the circle the controller sees.
 """
 
-from itertools import pairwise
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 TIE = 1e-9  # m, below which two distances count as equal
+NEAR = 1e-6  # m, more than rounding and a few ties
 BLOCK = 64  # points that are projected at a time
 
 
@@ -39,10 +40,45 @@ def distance_to_polyline(points, polyline):
     Positive left of the line and negative right of it, seen in the order of its vertices; beyond
     an end the side is the one of the end segment.
     """
-    points = np.asarray(points, dtype=float)
+    points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
+    near = partial(_near, segments=_Segments.of(polyline))
+    blocks = np.split(points, range(BLOCK, len(points), BLOCK))
+    return np.concatenate([_distance(block, polyline, near(block)) for block in blocks])
+
+
+class _Segments(NamedTuple):
+    """The segments of a polyline."""
+
+    tail: np.ndarray  # (n, 2) m
+    along: np.ndarray  # (n, 2) m, from tail to tip
+
+    @classmethod
+    def of(cls, polyline):
+        """Return those of a polyline."""
+        return cls(polyline[:-1], np.diff(polyline, axis=0))
+
+
+def _near(points, segments):
+    """Return the indices, in their order, of all segments that may be nearest to one of `points`.
+
+    Seen from the middle of points that lie within a radius of it, the segment nearest to one of
+    them is at most twice that radius farther than the segment nearest to the middle.
+    """
+    middle = points.mean(axis=0)
+    radius = np.hypot(*(points - middle).T).max()
+    relative = middle - segments.tail
+    length_2 = np.sum(segments.along**2, axis=1)
+    share = np.clip(np.sum(relative * segments.along, axis=1) / length_2, 0.0, 1.0)
+    gap = np.hypot(*(relative - share[:, None] * segments.along).T)
+    return np.flatnonzero(gap <= gap.min() + 2.0 * radius + NEAR)
+
+
+def _distance(points, polyline, chosen):
+    """Return `distance_to_polyline` to the chosen segments only."""
     best = np.full(len(points), np.inf)
     side = np.ones(len(points))
-    for tail, tip in pairwise(polyline):
+    for k in chosen:
+        tail, tip = polyline[k : k + 2]
         gap, offset = _to_segment(points, tail, tip)
         # at a shared vertex the segment that sees the point more squarely decides about the side
         tie = np.abs(gap - best) <= TIE

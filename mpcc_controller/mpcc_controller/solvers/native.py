@@ -4,10 +4,12 @@ The C source of the functions is the key of the cache (msgs_yaml.compiled), so n
 again until the problem itself changes: numbers such as weights and limits are arguments.
 """
 
+import functools
 import warnings
 
 import casadi as ca
 
+from mpcc_controller.solvers import reuse
 from msgs_yaml import compiled
 
 # no -ffast-math and no fused multiply-add, so that interpreter and machine code agree
@@ -34,7 +36,12 @@ def compile_all(
 
 def c_source(functions: dict[str, ca.Function], name: str) -> str:
     """Return one C file with all functions; code they share is in it once."""
+    return _c_source(tuple(functions.values()), name)
+
+
+@functools.lru_cache(reuse.MOST)  # of the same objects, not of equal ones
+def _c_source(functions, name):
     generator = ca.CodeGenerator(name)
-    for function in functions.values():
+    for function in functions:
         generator.add(function)
     return generator.dump()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mpcc_controller.solvers import stage_functions
+from mpcc_controller.solvers import reuse, stage_functions
 from mpcc_controller.solvers.shooting import StageProblem
 
 
@@ -29,6 +29,7 @@ class _Stages(NamedTuple):
     p_last: ca.MX  # (np,)
 
 
+@reuse.once
 def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
     """Return the functions that CasADi's nlpsol looks for, under the names it looks for.
 

@@ -2,7 +2,7 @@
 
 from importlib import resources
 
-from mpcc_controller.solvers import riccati_codegen, riccati_graph, riccati_model
+from mpcc_controller.solvers import reuse, riccati_codegen, riccati_graph, riccati_model
 from mpcc_controller.solvers.shooting import StageProblem
 
 PARTS = ('stages.h', 'barrier.h', 'riccati.h', 'search.h', 'call.h', 'solve.c')
@@ -20,6 +20,7 @@ FLAGS = (
 SYSTEM = '#include <stddef.h>\n#include <string.h>\n#include <time.h>\n'
 
 
+@reuse.once
 def source(problem: StageProblem) -> str:
     """Return one C file; it exports riccati_solve and the sizes of its two structures.
 
