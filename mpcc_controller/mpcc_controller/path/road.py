@@ -9,6 +9,7 @@ from mpcc_controller.path.distance import Edge, Edges
 from msgs_yaml.types import RoadEdges
 
 CONTINUATION = 1e3  # m; a polyline goes on straight for this length at both ends
+ROUNDING = 1e-6  # m, more than that of a distance on any road
 
 
 class EdgeError(ValueError):
@@ -20,6 +21,17 @@ class Polyline(NamedTuple):
 
     points: np.ndarray  # (n, 2) m, map
     s: np.ndarray  # (n,) m, length up to each corner
+    chords: 'Chords'  # without the continuations
+
+
+class Chords(NamedTuple):
+    """From each corner of an edge, as it was given, to the next."""
+
+    X: np.ndarray  # (m,) m, map, of the corner
+    Y: np.ndarray
+    dX: np.ndarray  # (m,) m, to the next
+    dY: np.ndarray
+    square: np.ndarray  # (m,) m^2, of the length
 
 
 class Road(NamedTuple):
@@ -58,7 +70,9 @@ def _polyline(side, points):
         )
     )
     s = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    return Polyline(points, s)
+    (X, Y), (dX, dY) = points[1:-2].T, np.diff(points[1:-1], axis=0).T
+    chords = Chords(*map(np.ascontiguousarray, (X, Y, dX, dY, dX**2 + dY**2)))
+    return Polyline(points, s, chords)
 
 
 def nearest(line: Polyline, X, Y) -> np.ndarray:
@@ -67,19 +81,39 @@ def nearest(line: Polyline, X, Y) -> np.ndarray:
     The continuations count only for points whose nearest corner is the end of the edge: those of
     a road that comes back to itself run across it.
     """
-    corners, s = line.points[1:-1], line.s[1:-1]
-    chords = np.diff(corners, axis=0)
-    aX = X[:, None] - corners[:-1, 0]
-    aY = Y[:, None] - corners[:-1, 1]
-    free = (aX * chords[:, 0] + aY * chords[:, 1]) / np.sum(chords**2, axis=1)
-    share = np.clip(free, 0, 1)
-    far = (aX - share * chords[:, 0]) ** 2 + (aY - share * chords[:, 1]) ** 2
+    first, chords = _near(line.chords, X, Y)
+    free, share, far = _feet(chords, X[:, None], Y[:, None])
     best = np.argmin(far, axis=1)
     rows = np.arange(len(best))
-    along = share[rows, best]
-    outside = ((best == 0) & (along == 0)) | ((best == len(chords) - 1) & (along == 1))
-    along = np.where(outside, free[rows, best], along)
-    return s[best] + along * np.diff(s)[best]
+    along, free = share[rows, best], free[rows, best]
+    best += first
+    last = len(line.chords.X) - 1
+    outside = ((best == 0) & (along == 0)) | ((best == last) & (along == 1))
+    along = np.where(outside, free, along)
+    s = line.s[1:-1]
+    return s[best] + along * (s[best + 1] - s[best])
+
+
+def _feet(chords, X, Y):
+    """Return the share of each chord up to the foot, the same within it, the square [m^2] to it."""
+    aX, aY = X - chords.X, Y - chords.Y
+    free = (aX * chords.dX + aY * chords.dY) / chords.square
+    share = np.clip(free, 0, 1)
+    return free, share, (aX - share * chords.dX) ** 2 + (aY - share * chords.dY) ** 2
+
+
+def _near(chords, X, Y):
+    """Return the first of the chords that may be next to a point, and these up to the last one.
+
+    Seen from the middle of points that lie within a radius of it, the chord nearest to one of them
+    is at most twice that radius farther than the chord nearest to the middle.
+    """
+    middle = X.mean(), Y.mean()
+    radius = np.sqrt(np.max((X - middle[0]) ** 2 + (Y - middle[1]) ** 2))
+    far = np.sqrt(_feet(chords, *middle)[2])
+    (near,) = np.nonzero(~(far > far.min() + 2 * radius + ROUNDING))  # NaN: all of them
+    first, last = near[0], near[-1] + 1
+    return first, Chords(*(column[first:last] for column in chords))
 
 
 def touching(line: Polyline, s, window: float) -> Edge:
