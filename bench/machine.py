@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 from pathlib import Path
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,30 @@ import numpy as np
 from msgs_yaml import compiled
 
 GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
+TIMES = Path('/proc/stat')
+IDLE, WAITING, STOLEN, GUESTS = 3, 4, 7, 8  # columns of TIMES
 UNKNOWN = 'not readable'
+
+
+class Spent(NamedTuple):
+    """What became of the time of all processors, since the start or between two looks."""
+
+    busy_s: float  # with any process of this machine
+    stolen_s: float  # a virtual machine wanted it and its host gave it to others
+
+    def since(self, before: 'Spent') -> 'Spent':
+        """Return what was spent after an earlier look."""
+        return Spent(*(now - then for now, then in zip(self, before)))
+
+
+def spent() -> Spent | None:
+    """Return how the processors have spent their time, None where Linux does not tell."""
+    fields = _text(TIMES).partition('\n')[0].split()[1:]
+    if len(fields) < GUESTS:
+        return None
+    seconds = [int(field) / os.sysconf('SC_CLK_TCK') for field in fields[:GUESTS]]
+    idle_s = seconds[IDLE] + seconds[WAITING]
+    return Spent(sum(seconds) - idle_s - seconds[STOLEN], seconds[STOLEN])
 
 
 def pin() -> str:

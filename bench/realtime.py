@@ -153,6 +153,7 @@ def page(found: dict, judged: list[Target], noted: dict) -> str:
         f'`python bench/realtime.py`, all nodes and the recorder on one machine ({about});',
         f'settings: {", ".join(noted["settings"]) or "none"}. {ticks["count"]} ticks, '
         f'{ticks["missed"]} missed, {ticks["blind"]} commands without a state.',
+        told_processors(noted['processors']),
         '',
         '| target | found | at most | |',
         '|---|---|---|---|',
@@ -166,6 +167,16 @@ def page(found: dict, judged: list[Target], noted: dict) -> str:
             f'| {row} | {" | ".join(number((values or {}).get(name), 2) for name in names)} |'
         )
     return '\n'.join(lines) + '\n'
+
+
+def told_processors(spent: dict | None) -> str:
+    """Say how busy the machine was, and what its host took of it, meanwhile."""
+    if spent is None:
+        return 'How busy the processors were is not known.'
+    return (
+        f'The processors were busy for {spent["busy_s"]:.0f} s meanwhile, everything counted; '
+        f'{spent["stolen_s"]:.1f} s more were wanted and not given by the host of this machine.'
+    )
 
 
 def main() -> int:
@@ -183,15 +194,19 @@ def main() -> int:
     )
     if options.fifo:
         options.settings += fifo_settings()
+    before = machine.spent()
     with tempfile.TemporaryDirectory() as folder:
-        found = punctuality.report(read.load(options.bag or drive(options, Path(folder))))
+        bag = options.bag or drive(options, Path(folder))
+        beside = None if options.bag or not before else machine.spent().since(before)._asdict()
+        found = punctuality.report(read.load(bag))
     timing.show(found, Console())
     if found['ticks']['count'] < LEAST * options.ticks and not options.bag:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')
     judged = targets(found)
     for target in judged:
         print(f'{target.name:<30}{target.told:>8}  at most {target.most:g}: {target.verdict}')
-    noted = {'settings': options.settings, 'machine': machine.named()}
+    noted = {'settings': options.settings, 'machine': machine.named(), 'processors': beside}
+    print(told_processors(beside))
     file.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
     file.with_suffix('.md').write_text(page(found, judged, noted))
     return 0 if all(target.verdict == 'ok' for target in judged) else 1

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import time
 
 import machine
 import pytest
@@ -24,6 +25,28 @@ def test_the_machine_is_named():
 def test_the_kernel_is_named_without_its_builder(monkeypatch):
     monkeypatch.setattr(platform, 'release', lambda: '6.1.44-somebody-2')
     assert machine.named()['system'].split() == [platform.system(), '6.1.44']
+
+
+def test_the_time_of_the_processors_adds_up():
+    before, began = machine.spent(), time.monotonic()
+    end = began + 0.3
+    while time.monotonic() < end:
+        pass
+    spent, passed_s = machine.spent().since(before), time.monotonic() - began
+    # jiffies of 10 ms, of each processor on its own
+    assert 0.0 <= spent.stolen_s <= os.cpu_count() * (passed_s + 0.05)
+    assert spent.busy_s + spent.stolen_s >= 0.2
+    assert spent.busy_s <= os.cpu_count() * (passed_s + 0.05)
+
+
+def test_stolen_time_is_not_busy_time(monkeypatch, tmp_path):
+    lines = tmp_path / 'stat'
+    lines.write_text('cpu  100 20 30 4000 50 6 7 8 9 10\ncpu0 1 2 3\n')
+    monkeypatch.setattr(machine, 'TIMES', lines)
+    tick_s = 1 / os.sysconf('SC_CLK_TCK')
+    assert machine.spent() == pytest.approx((163 * tick_s, 8 * tick_s))
+    lines.write_text('')
+    assert machine.spent() is None
 
 
 def test_pinning_leaves_one_core(cores):

@@ -37,6 +37,8 @@ def run(
         return distributions.run(drives, out, playing, count, speeds).files
     if part == 'limit':
         chosen = [*playing, *variants.others(roles, tuned)]
+        if not quick:
+            chosen += variants.switched(roles)
         return limit.run(drives, out, chosen, count).files
     if part == 'claims':
         return claims.run(drives, out, count, cause_runs, speeds, roles).files

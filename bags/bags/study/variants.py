@@ -70,6 +70,7 @@ def cast(roles: Mapping[str, str] = ROLES) -> list[Variant]:
 
 BASE = 'cartesian lag gaussian'  # is mpcc
 BASELINE = 'frenet'
+NO_PRIORITY = 'no priority'  # is mpcc_no_ca
 
 
 def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
@@ -87,12 +88,18 @@ def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list
         _row('cartesian lag step/4', mpcc, step | small_mpcc),
         _row('path no-lag step/4', mpcc, on_path | step | small_mpcc),
         _row('cartesian lag gaussian x4', mpcc, large_mpcc),
-        _row('no priority', playing['mpcc_no_ca'], {}),
+        _row(NO_PRIORITY, playing['mpcc_no_ca'], {}),
         _row(BASELINE, frenet, {}),
         _row('frenet gaussian', frenet, gaussian),
         _row('frenet step/4', frenet, _weighed(frenet, smaller, scenario)),
         _row('frenet fixed split', frenet, fixed),
     ]
+
+
+def switched(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+    """Return the rows of the ablation in which something is switched. Raises BagError."""
+    played = (BASE, BASELINE, NO_PRIORITY)
+    return [one for one in ablation(roles, scenario) if one.name not in played]
 
 
 def _on_mpcc(controller):
@@ -132,7 +139,7 @@ SWITCHES = (
     Switch('priority, equal P_k', BASE, 'cartesian lag step'),
     Switch('priority, equal penalty', BASE, 'cartesian lag step/4'),
     Switch('size of the priority', BASE, 'cartesian lag gaussian x4'),
-    Switch('priority at all', BASE, 'no priority'),
+    Switch('priority at all', BASE, NO_PRIORITY),
     Switch('priority back, equal P_k', BASELINE, 'frenet gaussian'),
     Switch('size back', BASELINE, 'frenet step/4'),
     Switch('states back to the map', BASELINE, 'path no-lag step'),

@@ -76,6 +76,28 @@ def test_many_points_at_once_have_the_feet_they_have_one_by_one(seed, bend, nois
     assert together.offset.tolist() == alone.offset.tolist()
 
 
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.02, 0.3, 2.0]),  # rad between two segments: gentle, a tangle, a heap
+    st.sampled_from([0.0, 1.0, 30.0]),  # m from the line to the points
+    st.booleans(),
+)
+def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, bend, rng.integers(1, 80)))
+    line = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * 2.0, axis=0)
+    line = np.vstack([line[0] - 1.0, line])
+    points = line[np.sort(rng.integers(len(line), size=200))]
+    points = points + rng.normal(0.0, 1.0, points.shape) * away
+    if on_grid:  # equal distances to several segments
+        points = np.round(points)
+    found = geometry.distance_to_polyline(points, line)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, '_near', lambda block, segments: range(len(segments.tail)))
+        assert found.tolist() == geometry.distance_to_polyline(points, line).tolist()
+
+
 @pytest.mark.parametrize(
     ('x', 'y', 'gap'),
     [

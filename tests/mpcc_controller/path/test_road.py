@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mpcc_controller.path import distance, road
 from mpcc_controller.path.arc import Arc
@@ -73,3 +75,38 @@ def test_an_edge_that_is_no_line_is_refused_by_side(left):
     right = np.array([[0.0, -3.0], [10.0, -3.0]])
     with pytest.raises(EdgeError, match='left edge'):
         road.build(RoadEdges(0, left, right))
+
+
+def tangled(rng, corners, bend):
+    """Return an edge of chords 2 m long that turns at random."""
+    turn = np.cumsum(rng.normal(0.0, bend, corners))
+    return np.cumsum(2.0 * np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 80),
+    st.sampled_from([0.02, 0.3, 2.0]),  # rad between two chords: gentle, a tangle, a heap
+    st.sampled_from([0.0, 1.0, 30.0]),  # m from the edge to the points
+)
+def test_the_nearest_point_of_the_edge_is_never_among_the_chords_left_out(
+    seed, corners, bend, away
+):
+    rng = np.random.default_rng(seed)
+    line = tangled(rng, corners, bend)
+    made = road.build(RoadEdges(0, line, line)).left
+    X, Y = (line[rng.integers(corners, size=50)] + away * rng.normal(size=(50, 2))).T
+    found = road.nearest(made, X, Y)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(road, '_near', lambda chords, X, Y: (0, chords))
+        assert found.tolist() == road.nearest(made, X, Y).tolist()
+
+
+def test_of_a_long_road_only_what_is_near_the_plan_is_looked_at():
+    x = np.arange(0.0, 5000.0, 5.0)
+    made = road.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
+    X = np.linspace(2400.0, 2450.0, 51)
+    first, chords = road._near(made.left.chords, X, 0 * X)
+    assert made.left.points[1 + first, 0] < 2400.0
+    assert len(chords.X) < 25
