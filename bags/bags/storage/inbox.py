@@ -60,17 +60,20 @@ class Filing:
         `source_ns` and `sequence` are the publisher's, 0 and None where the middleware knows none.
         Raises ClockError, and files nothing, when that time has fallen back.
         """
-        log_ns = received_ns
-        if self._stamp_ns is not None:
-            try:
-                log_ns = self._stamp_ns(data)
-            except DecodeError:
-                log_ns = self._last_log_ns
+        log_ns = received_ns if self._stamp_ns is None else self._stamped(data)
         if self._alone and log_ns < self._last_log_ns - SLACK_NS[self._mode]:
             raise self._fell_back(log_ns)
         self._last_log_ns = log_ns
         self.counter.add(sequence)
         self._write(log_ns, source_ns or log_ns, data, sequence or 0)
+
+    def _stamped(self, data):
+        """Return the stamp; the last one where there is none that a bag can hold."""
+        try:
+            stamp_ns = self._stamp_ns(data)
+        except DecodeError:
+            return self._last_log_ns
+        return stamp_ns if stamp_ns >= 0 else self._last_log_ns
 
     def _fell_back(self, log_ns):
         before, now = self._last_log_ns / NS_PER_S, log_ns / NS_PER_S

@@ -11,7 +11,7 @@ TOPIC = BagTopic('/t', 'nav_msgs/msg/Odometry', '', '', '')
 
 def message(stamp_ns):
     sec, nanosec = divmod(stamp_ns, 10**9)
-    return b'\0\1\0\0' + sec.to_bytes(4, 'little') + nanosec.to_bytes(4, 'little')
+    return b'\0\1\0\0' + sec.to_bytes(4, 'little', signed=True) + nanosec.to_bytes(4, 'little')
 
 
 @pytest.fixture
@@ -40,6 +40,13 @@ def test_stamp_that_falls_back_is_refused_and_not_filed(filing, filed):
     with pytest.raises(ClockError, match=r'/t: .* backwards from 6\.0+ s to 5\.9+ s: .*two\?'):
         topic.put(message(6 * 10**9 - 1), 0, 0, None)
     assert len(filed) == 3
+
+
+def test_what_has_no_stamp_that_a_bag_can_hold_is_filed_under_the_last_one(filing, filed):
+    topic = filing('lockstep')
+    for data in (message(-5), message(7), b'', message(-(10**9)), message(8)):
+        topic.put(data, 0, 0, None)
+    assert [log_ns for log_ns, *_ in filed] == [0, 7, 7, 7, 8]
 
 
 def test_wall_clock_that_is_set_back_is_refused_but_a_message_sent_again_is_not(filing, filed):
