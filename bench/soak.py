@@ -3,12 +3,13 @@
     .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
     .venv/bin/python bench/soak.py --mode realtime --minutes 10
 
-The nodes drive on a circle of 500 m radius, recorded, as fast as 9.4 km last that long, 15 m/s at
-most; after every ten minutes the bag goes on in another file. From the first command on, every node
-is looked at twice a second, in a short soak more often. After the first fifth nothing may grow: the
-program fails when a node holds more than 3 MB more memory in the end than then (2 MB in a minute or
-less; medians over a tenth of the run), or more files, threads or DDS segments. It stops by itself,
-also when the ring does: after ten times the time it simulates.
+The nodes drive round and round on a circle of 500 m radius, recorded, at 15 m/s, or as fast as 23
+km last that long; after every ten minutes the bag goes on in another file. From the first command
+on, every node is looked at twice a second, in a short soak more often. After the first fifth
+nothing may grow: the program fails when a node holds more than 3 MB more memory in the end than
+then (2 MB in a minute or less; medians over a tenth of the run), or more files, threads or DDS
+segments. It fails, too, when the drive ends early, and stops by itself when it takes ten times what
+it simulates.
 
 In the first minute the buffers of the recorder still fill: it grew by 0.5 to 1.4 MB between the two
 medians of 24 s, the other nodes by 0.2 MB at most. 2 MB are 120 bytes per message of 1 kHz in the
@@ -17,6 +18,8 @@ a tenth of a run must be a dozen looks or more, for its median not to see that.
 """
 
 import argparse
+import json
+import math
 import os
 import sys
 import tempfile
@@ -29,7 +32,11 @@ import numpy as np
 from bags import closed_loop
 from bags.experiments import domain, launch, processes
 
-DISTANCE_M, FASTEST_MPS = 9400.0, 15.0
+FARTHEST_M, FASTEST_MPS = 23000.0, 15.0  # a path has 5,000 points, 5 m apart, at most
+LONGEST_ARC_M, MARGIN_M = 9900.0, 100.0
+NEVER_M = 1e5
+SLOW_MPS = 5.0  # it may drive as slowly as that
+ENDED = 'not reached within'  # says the plant when the time is up
 SPLIT_S = 600.0  # an index of what is in a file grows with it
 WARM, END = 0.2, 0.9  # shares of the looks: growth is that from the one to the other
 LOOK_S = 0.5
@@ -44,18 +51,18 @@ name: soak
 description: A circle of 500 m radius, driven for so long.
 road:
   centre_line:
-    start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
-    segments: [{arc: {length_m: 9600.0, curvature_1pm: 0.002}}]
-  edges: {left: {offset_m: 4.0}, right: {offset_m: -4.0}}
+    start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
+    segments: {road}
+  edges: {{left: {{offset_m: 4.0}}, right: {{offset_m: -4.0}}}}
 path:
-  start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
-  segments: [{arc: {length_m: 9500.0, curvature_1pm: 0.002}}]
-speed: {constant_mps: %.3f}
+  start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
+  segments: {path}
+speed: {{constant_mps: {speed_mps:.3f}}}
 friction: 1.0
-start: {progress_m: 0.0}
-stop: {progress_m: 9400.0, time_s: 600.0}
+start: {{progress_m: 0.0}}
+stop: {{progress_m: 9000.0, time_s: 600.0}}
 obstacles: []
-sampling: {path_m: 5.0, edges_m: 5.0}
+sampling: {{path_m: 5.0, edges_m: 5.0}}
 """
 
 
@@ -111,10 +118,22 @@ def growth(node: str, looks: list[Look], minutes: float) -> Growth:
     return Growth(node, n, begin, end, SHORT_MB if minutes <= SHORT_MIN else MOST_MB)
 
 
+def scenario(minutes: float) -> str:
+    """Return a scenario whose path is as long as the drive, and a little more."""
+    speed_mps = min(FASTEST_MPS, FARTHEST_M / (60.0 * minutes))
+    length_m = max(speed_mps * 60.0 * minutes, LONGEST_ARC_M) + MARGIN_M
+
+    def arcs(length_m):
+        count = math.ceil(length_m / LONGEST_ARC_M)
+        return json.dumps([{'arc': {'length_m': length_m / count, 'curvature_1pm': 0.002}}] * count)
+
+    return ROAD.format(speed_mps=speed_mps, path=arcs(length_m), road=arcs(length_m + MARGIN_M))
+
+
 def soak(mode: str, minutes: float, folder: Path, number: int) -> list[Growth]:
     """Drive for so many minutes of simulated time; RuntimeError when a drive does not end."""
     road = folder / 'road.yaml'
-    road.write_text(ROAD % min(FASTEST_MPS, DISTANCE_M / (60.0 * minutes)))
+    road.write_text(scenario(minutes))
     facts = closed_loop.scenario_facts(str(road))
     nodes = launch.plain_ring(facts, mode, folder, {})
     environment = launch.environment(number, folder)
@@ -125,12 +144,16 @@ def soak(mode: str, minutes: float, folder: Path, number: int) -> list[Growth]:
         node = node._replace(parameters=node.parameters | parameters)
         running[node.role] = launch.start(node, folder, environment)
 
-    more = {'recorder': {'split_s': SPLIT_S}, 'plant': {'stop.time_s': 60.0 * minutes}}
+    end = {'stop.time_s': 60.0 * minutes, 'stop.armed_after_m': NEVER_M}  # not at the line
+    slow = {'limits.least_speed_mps': SLOW_MPS}
+    more = {'recorder': {'split_s': SPLIT_S}, 'controller': slow, 'plant': end}
     look_s = min(LOOK_S, 60.0 * minutes / LOOKS)
     try:
         for node in nodes:
             start(node, **more.get(node.role, {}))
         watch(running, looks, look_s, 60.0 * minutes * SLOWEST + 60.0)
+        if ENDED not in running['plant'].log.read_text(errors='replace'):
+            raise RuntimeError(processes.obituary(running['plant']))
     finally:
         processes.stop(list(running.values()), 30.0)
     return [growth(role, found, minutes) for role, found in looks.items()]
