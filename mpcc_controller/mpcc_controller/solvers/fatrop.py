@@ -1,12 +1,14 @@
 """fatrop (Vanroye et al. 2023): IPOPT's method with a Riccati recursion for the linear systems.
 
-Three of its habits need care:
+Four of its habits need care:
 
 - It has no time limit. Past the deadline the gradient of the cost, which it asks for once per
   accepted iterate, becomes NaN: it finds no search direction and hands back its last iterate. (The
   Hessian must stay finite: fatrop raises its inertia correction until the factorisation succeeds,
   and would not return. It is not stopped inside its restoration phase either; there the limit of
   iterations holds.)
+- In its restoration phase the same may happen with a finite Hessian; it gets none there
+  (`nlp_functions`).
 - It never forgets a NaN in its work arrays, where 0 NaN remains NaN.
 - When the pattern of the limits changes (which are infinite, which are equal), CasADi makes a new
   fatrop and forgets to give it the options.

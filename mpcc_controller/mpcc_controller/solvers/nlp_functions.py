@@ -48,6 +48,8 @@ def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
     g_again, jacobian = _jacobian(problem, stage, last, stages)
     multipliers = _split_multipliers(problem, symbols)
     slope, hessian = _hessian(problem, stage, last, stages, multipliers)
+    if solver == 'fatrop':
+        hessian = _without_cost(symbols, hessian)
     vp = [symbols.v, symbols.p]
     vpl = [*vp, symbols.lam_f, symbols.lam_g]
     triangle = solver == 'ipopt'
@@ -157,3 +159,12 @@ def _hessian(problem, stage, last, stages, multipliers):
     pattern = ca.diagcat(*[stage.hessian_pattern] * problem.horizon, last.hessian_pattern)
     nonzeros = ca.vertcat(ca.vec(H), h_last)
     return ca.vertcat(ca.vec(S), s_last), ca.sparsity_cast(nonzeros, pattern)
+
+
+def _without_cost(symbols, hessian):
+    """Return the Hessian for fatrop: none where the cost counts for nothing.
+
+    So it asks in its restoration phase, and adds a convex term of its own. Given the curvature of
+    the constraints there, it was seen to raise its inertia correction for ever, on finite numbers.
+    """
+    return hessian * (symbols.lam_f != 0)

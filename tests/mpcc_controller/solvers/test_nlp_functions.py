@@ -88,6 +88,26 @@ def test_slope_of_the_lagrangian_is_gradient_plus_multiplied_jacobian(point, fun
     assert np.allclose(flat(g), flat(functions['nlp_g'](v, p)), atol=1e-14)
 
 
+def test_fatrop_is_told_no_curvature_where_the_cost_counts_for_nothing(slalom, point):
+    _, _, P, v, lam_g = point
+    hessians = {
+        weight: {
+            solver: nlp_functions.build(slalom.problem, solver)['nlp_hess_l'](
+                v, P.ravel(), weight, lam_g
+            )
+            for solver in SOLVERS
+        }
+        for weight in (0.0, 1e-3)
+    }
+    slope, none = hessians[0.0]['fatrop']
+    assert not flat(none).any()
+    assert flat(slope).any()
+    assert flat(hessians[0.0]['ipopt']).any()
+    for weight, made in hessians.items():
+        if weight:
+            assert np.allclose(np.triu(made['fatrop'][1].full()), made['ipopt'].full())
+
+
 def test_patterns_hold_nothing_but_the_blocks_of_the_stages(slalom):
     functions = nlp_functions.build(slalom.problem, 'fatrop')
     expanded = functions['nlp'].expand()
