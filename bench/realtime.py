@@ -107,7 +107,7 @@ def fifo_settings() -> list[str]:
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(FIFO.values())))
-    except PermissionError as error:
+    except OSError as error:
         raise SystemExit(f'--fifo: {error}; docs/promises.md says how to allow it') from None
     os.sched_setscheduler(0, *before)
     return [f'{node}.realtime.priority={priority}' for node, priority in FIFO.items()]
@@ -150,7 +150,8 @@ def page(found: dict, judged: list[Target], noted: dict) -> str:
     lines = [
         '# 20 Hz on the wall clock',
         '',
-        f'`python bench/realtime.py`, all nodes and the recorder on one machine ({about});',
+        f'`python bench/realtime.py{noted["flag"]}`, all nodes and the recorder on one machine',
+        f'({about});',
         f'settings: {", ".join(noted["settings"]) or "none"}. {ticks["count"]} ticks, '
         f'{ticks["missed"]} missed, {ticks["blind"]} commands without a state.',
         told_processors(noted['processors']),
@@ -192,8 +193,10 @@ def main() -> int:
     file = options.json or Path(__file__).with_name(
         'realtime_fifo.json' if options.fifo else 'realtime.json'
     )
+    if options.fifo and options.bag:
+        parser.error('--fifo is about a drive, and --bag makes none')
     if options.fifo:
-        options.settings += fifo_settings()
+        options.settings = fifo_settings() + options.settings  # what is set by hand counts
     before = machine.spent()
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
@@ -205,7 +208,12 @@ def main() -> int:
     judged = targets(found)
     for target in judged:
         print(f'{target.name:<30}{target.told:>8}  at most {target.most:g}: {target.verdict}')
-    noted = {'settings': options.settings, 'machine': machine.named(), 'processors': beside}
+    noted = {
+        'flag': ' --fifo' if options.fifo else '',
+        'settings': options.settings,
+        'machine': machine.named(),
+        'processors': beside,
+    }
     print(told_processors(beside))
     file.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
     file.with_suffix('.md').write_text(page(found, judged, noted))

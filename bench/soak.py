@@ -36,6 +36,7 @@ FARTHEST_M, FASTEST_MPS = 23000.0, 15.0  # a path has 5,000 points, 5 m apart, a
 LONGEST_ARC_M, MARGIN_M = 9900.0, 100.0
 NEVER_M = 1e5
 SLOW_MPS = 5.0  # it may drive as slowly as that
+LONGEST_MIN = 60.0  # at less than 6.4 m/s a car that once brakes would not drive on
 ENDED = 'not reached within'  # says the plant when the time is up
 SPLIT_S = 600.0  # an index of what is in a file grows with it
 WARM, END = 0.2, 0.9  # shares of the looks: growth is that from the one to the other
@@ -131,7 +132,7 @@ def scenario(minutes: float) -> str:
 
 
 def soak(mode: str, minutes: float, folder: Path, number: int) -> list[Growth]:
-    """Drive for so many minutes of simulated time; RuntimeError when a drive does not end."""
+    """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
     road = folder / 'road.yaml'
     road.write_text(scenario(minutes))
     facts = closed_loop.scenario_facts(str(road))
@@ -186,6 +187,8 @@ def main() -> int:
     parser.add_argument('--mode', choices=('lockstep', 'realtime'), default='lockstep')
     parser.add_argument('--minutes', type=float, default=60.0, help='of simulated time')
     given = parser.parse_args()
+    if not 0.0 < given.minutes <= LONGEST_MIN:
+        parser.error(f'--minutes: {given.minutes:g} is not above 0 and at most {LONGEST_MIN:g}')
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, domain.reserved(os.environ) as number:
         found = soak(given.mode, given.minutes, Path(folder), number)

@@ -28,8 +28,8 @@ def test_the_kernel_is_named_without_its_builder(monkeypatch):
 
 
 def test_the_time_of_the_processors_adds_up():
-    before, began = machine.spent(), time.monotonic()
-    end = began + 0.3
+    began = time.monotonic()
+    before, end = machine.spent(), began + 0.3
     while time.monotonic() < end:
         pass
     spent, passed_s = machine.spent().since(before), time.monotonic() - began

@@ -5,8 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import soak
+
+from scenario_publisher import scenario
 
 BENCH = Path(__file__).parents[2] / 'bench'
 
@@ -40,6 +43,26 @@ def test_memory_that_is_held_for_a_moment_is_no_growth():
 def test_what_grows_while_it_starts_is_none():
     looks = [LOOK._replace(memory_mb=5.0 * k) for k in range(20)] + [LOOK] * 80
     assert soak.growth('plant', looks, HOUR).grew == []
+
+
+@pytest.mark.parametrize('minutes', [SHORT, 10.0, HOUR])
+def test_the_path_is_longer_than_the_drive_and_the_car_fast_enough_to_go_on(minutes, tmp_path):
+    road = tmp_path / 'road.yaml'
+    road.write_text(soak.scenario(minutes))
+    found = scenario.load(str(road)).reference
+    steps = np.hypot(np.diff(found.X), np.diff(found.Y))
+    speed = steps[0] / found.t[1]
+    assert speed > soak.SLOW_MPS + 1.0  # hysteresis
+    assert steps.sum() > speed * 60.0 * minutes
+    assert len(found.X) <= 5000
+
+
+@pytest.mark.parametrize('minutes', ['61', '0', 'nan'])
+def test_a_soak_that_cannot_be_driven_is_refused(minutes):
+    command = [sys.executable, BENCH / 'soak.py', '--minutes', minutes]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert 'at most 60' in done.stderr
 
 
 @pytest.mark.ros

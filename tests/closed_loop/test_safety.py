@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from bags import closed_loop
-from bags.study import case, measure, samples, variants
 from mpcc_controller.driving import guide
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.solvers.solver import FAILED
@@ -158,12 +157,3 @@ def test_knowing_how_late_its_commands_are_makes_a_late_controller_better(parts,
     assert effort(runs[True]) < 0.96 * effort(runs[False])
     assert runs[True].sideslip_deg.max() < runs[False].sideslip_deg.max()
     assert runs[True].gap.min() > 0.4
-
-
-def test_the_second_solver_comes_back_from_its_restoration_phase():
-    """At 135 km/h the car is lost, and fatrop looked for a feasible plan for ever."""
-    (draw,) = samples.draws(3, speed_kph=0.0)[2:]
-    on_path = variants.Variant('path', 'mpcc', (('formulation.distance', 'path'),))
-    found = measure.measured(case.of(on_path, 135.0, draw, DOUBLE))
-    assert found['solver']['failed'] > 0
-    assert not found['metrics']['min_v2e_m'] > 0.0

@@ -12,6 +12,8 @@ import time
 import hooks
 
 TURN_S = 0.01
+# above the nodes': what they compute is no stall of the machine, however long it takes
+PRIORITY = hooks.PRIORITY + 1
 STALL_S = 0.04  # a tick of the controller has 0.05
 CALM_S = 2.0
 LONGEST_WAIT_S = 60.0
@@ -33,10 +35,7 @@ class Stalls:
         thread = threading.get_native_id()
         with contextlib.suppress(OSError):
             os.sched_setaffinity(thread, {processor})
-        with contextlib.suppress(PermissionError):
-            # as punctual as the nodes; not for the programs that this one starts
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(thread, policy, os.sched_param(hooks.PRIORITY))
+        prefer(thread)
         last = time.monotonic()
         while not self.over.wait(TURN_S):
             now = time.monotonic()
@@ -51,18 +50,28 @@ class Stalls:
         )
 
     def __enter__(self):
+        self.before = os.sched_getscheduler(0), os.sched_getparam(0)
+        prefer(0)  # a thread that holds the lock of the interpreter must not wait for a node
         for thread in self.threads:
             thread.start()
         return self
 
     def __exit__(self, *error):
         self.over.set()
+        os.sched_setscheduler(0, *self.before)
         for thread in self.threads:
             thread.join()
 
 
-def wait_until_calm() -> float:
-    """Wait for 2 s without a stall, a minute at the longest; return how long it was [s]."""
+def prefer(thread: int) -> None:
+    """Give a thread of this process its priority, where the user may; what it starts gets none."""
+    with contextlib.suppress(PermissionError):
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(thread, policy, os.sched_param(PRIORITY))
+
+
+def wait_until_calm() -> None:
+    """Wait for 2 s without a stall, a minute at the longest."""
     began = time.monotonic()
     with Stalls() as stalls:
         while time.monotonic() - began < LONGEST_WAIT_S:
@@ -70,4 +79,3 @@ def wait_until_calm() -> float:
             time.sleep(CALM_S)
             if stalls.longest_s(since_ns) <= STALL_S:
                 break
-    return time.monotonic() - began

@@ -8,9 +8,10 @@
 Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
 before the fault, with a command that must not be, with a process that hung, or with a bag that
 cannot be read. A failed run is tried again, at most four times, when the machine was seen to stand
-still around the fault: a thread on one of its processors, with real-time priority where the user
-may, got no turn for 0.04 s. The next try waits until all had their turns for 2 s, a minute at most.
-After that it has failed. The nodes run with that priority too: a busy machine is another fault.
+still around the fault: a thread on one of its processors, with a priority above the nodes' where
+the user may, got no turn for 0.04 s. The next try waits until all had their turns for 2 s, a minute
+at most. After that it has failed. The nodes run with that priority too: a busy machine is another
+fault.
 
 With --out of an earlier run, what has a verdict on the same commit is not run again: an interrupted
 suite goes on where it was. Uncommitted changes are no commit; with them everything is run.

@@ -30,7 +30,7 @@ _OF_WHEELS = {
 }
 _WHEELS = [_COLUMNS[f'{group}.{w}.{name}'] for name, group in _OF_WHEELS.items() for w in WHEELS]
 _FIRSTS = range(0, len(_WHEELS), len(WHEELS))
-_SLIP_ANGLES = slice(_FIRSTS[5], _FIRSTS[6])
+_SLIP_ANGLES = slice(_FIRSTS[list(_OF_WHEELS).index('tan_alpha')], _FIRSTS[-1])
 
 
 class Track(NamedTuple):

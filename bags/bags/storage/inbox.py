@@ -68,12 +68,11 @@ class Filing:
         self._write(log_ns, source_ns or log_ns, data, sequence or 0)
 
     def _stamped(self, data):
-        """Return the stamp; the last one where there is none that a bag can hold."""
+        """Return the stamp, the last one where there is none; a bag holds nothing before 1970."""
         try:
-            stamp_ns = self._stamp_ns(data)
+            return max(self._stamp_ns(data), 0)
         except DecodeError:
             return self._last_log_ns
-        return stamp_ns if stamp_ns >= 0 else self._last_log_ns
 
     def _fell_back(self, log_ns):
         before, now = self._last_log_ns / NS_PER_S, log_ns / NS_PER_S

@@ -57,8 +57,11 @@ def run(
     draws = samples.draws(runs, seed, speed_kph=0.0)
     found = [of(drives, one, draws, scenario) for one in chosen]
     rows = [_row(one, runs) for one in found]
-    driven = {one.name: one.controller for one in chosen}
-    where = provenance.of('bags study limit', scenario, seed, driven, runs=runs, share=SHARE)
+    driven = {one.name: one.controller for one in chosen if not one.settings}
+    switched = {one.name: dict(one.settings) for one in chosen if one.settings}
+    where = provenance.of(
+        'bags study limit', scenario, seed, driven, runs=runs, share=SHARE, switched=switched
+    )
     files = tables.write(out, STEM, 'Limit speed', rows, _told(rows, runs), where)
     return Limits(found, files)
 

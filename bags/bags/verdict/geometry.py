@@ -41,6 +41,8 @@ def distance_to_polyline(points, polyline):
     an end the side is the one of the end segment.
     """
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
+    if not len(points):
+        return np.empty(0)
     near = partial(_near, segments=_Segments.of(polyline))
     blocks = np.split(points, range(BLOCK, len(points), BLOCK))
     return np.concatenate([_distance(block, polyline, near(block)) for block in blocks])
@@ -70,7 +72,8 @@ def _near(points, segments):
     length_2 = np.sum(segments.along**2, axis=1)
     share = np.clip(np.sum(relative * segments.along, axis=1) / length_2, 0.0, 1.0)
     gap = np.hypot(*(relative - share[:, None] * segments.along).T)
-    return np.flatnonzero(gap <= gap.min() + 2.0 * radius + NEAR)
+    # NaN, and only that, leaves all of them
+    return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
 
 
 def _distance(points, polyline, chosen):

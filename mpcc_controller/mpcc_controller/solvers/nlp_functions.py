@@ -36,6 +36,7 @@ def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
     solver is 'fatrop' or 'ipopt': they want the gradient and the Hessian in different forms.
     `nlp` is the problem itself, `nlp_grad` is (v, p, lam_f, lam_g) -> f, g, gradient of the
     Lagrangian; its fourth output, the gradient in p, is left empty because nobody asks for it.
+    fatrop's Hessian is 0 where the cost has no weight (`_without_cost`).
     """
     stage, last = stage_functions.stage(problem), stage_functions.last_stage(problem)
     symbols = _symbols(problem)
@@ -167,4 +168,4 @@ def _without_cost(symbols, hessian):
     So it asks in its restoration phase, and adds a convex term of its own. Given the curvature of
     the constraints there, it was seen to raise its inertia correction for ever, on finite numbers.
     """
-    return hessian * (symbols.lam_f != 0)
+    return ca.if_else(symbols.lam_f != 0, hessian, 0)

@@ -1,15 +1,17 @@
 """What is made of a problem is made once in a process, for every problem that is equal to it."""
 
+import dataclasses
 import functools
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
+import casadi as ca
+
 from mpcc_controller.solvers.shooting import StageProblem
 
 MOST = 8  # a process that drives many cars one after the other has a few problems in turn
-FUNCTIONS = ('dynamics', 'stage_cost', 'terminal_cost', 'constraints', 'terminal_constraints')
 
 
 def once(make: Callable[..., Any]) -> Callable[..., Any]:
@@ -34,14 +36,6 @@ def once(make: Callable[..., Any]) -> Callable[..., Any]:
 
 def content(problem: StageProblem) -> str:
     """Return a digest of all that a problem consists of."""
-    facts = (
-        problem.name,
-        problem.states,
-        problem.inputs,
-        problem.parameters,
-        problem.horizon,
-        problem.scale_x,
-        problem.scale_u,
-        *(getattr(problem, name).serialize() for name in FUNCTIONS),
-    )
-    return hashlib.sha256(repr(facts).encode()).hexdigest()
+    facts = [getattr(problem, field.name) for field in dataclasses.fields(problem)]
+    plain = [fact.serialize() if isinstance(fact, ca.Function) else fact for fact in facts]
+    return hashlib.sha256(repr(plain).encode()).hexdigest()

@@ -42,11 +42,20 @@ def test_stamp_that_falls_back_is_refused_and_not_filed(filing, filed):
     assert len(filed) == 3
 
 
-def test_what_has_no_stamp_that_a_bag_can_hold_is_filed_under_the_last_one(filing, filed):
+def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed):
     topic = filing('lockstep')
-    for data in (message(-5), message(7), b'', message(-(10**9)), message(8)):
+    for data in (b'', message(7), b'', message(8)):
         topic.put(data, 0, 0, None)
-    assert [log_ns for log_ns, *_ in filed] == [0, 7, 7, 7, 8]
+    assert [log_ns for log_ns, *_ in filed] == [0, 7, 7, 8]
+
+
+def test_a_stamp_before_1970_is_filed_under_0_and_is_no_way_back(filing, filed):
+    topic = filing('lockstep')
+    for data in (message(-5), message(-(10**9)), message(7)):
+        topic.put(data, 0, 0, None)
+    assert [log_ns for log_ns, *_ in filed] == [0, 0, 7]
+    with pytest.raises(ClockError):
+        topic.put(message(-5), 0, 0, None)
 
 
 def test_wall_clock_that_is_set_back_is_refused_but_a_message_sent_again_is_not(filing, filed):

@@ -1,10 +1,11 @@
 """Bisection finds a known cliff, and stops a probe as soon as it is decided."""
 
+import json
 import math
 
 import pytest
 
-from bags.study import limit, samples, variants
+from bags.study import limit, parts, samples, variants
 
 VARIANT = variants.Variant('mpcc', 'mpcc')
 
@@ -50,3 +51,21 @@ def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
 
     worst = {draw.tolerance for draw in draws()[-failures:]}
     assert limit.probe(Some(make_record, 0.0), VARIANT, 70.0, draws()).holds is holds
+
+
+@pytest.mark.parametrize(('quick', 'switched'), [(False, True), (True, False)])
+def test_every_switched_factor_has_its_limit_and_says_what_is_switched(
+    make_record, tmp_path, quick, switched
+):
+    drives = Cliff(make_record, 75.0)
+    parts.run('limit', drives, tmp_path, runs=2, quick=quick)
+    document = json.loads((tmp_path / 'limit.json').read_text())
+    names = [row['controller'] for row in document['rows']]
+    assert len(set(names)) == len(names)
+    assert set(variants.CONTROLLERS) <= set(names)
+    found = document['provenance']
+    assert bool(found['switched']) is switched
+    assert set(found['roles']) | set(found['switched']) == set(names)
+    if switched:
+        assert found['switched']['frenet gaussian'] == {'formulation.priority': 'gaussian'}
+        assert variants.BASE not in names, 'it is the MPCC'

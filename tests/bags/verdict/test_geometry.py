@@ -98,6 +98,22 @@ def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
         assert found.tolist() == geometry.distance_to_polyline(points, line).tolist()
 
 
+@pytest.mark.filterwarnings('ignore:invalid value:RuntimeWarning')
+@pytest.mark.parametrize('lost', [np.nan, np.inf])
+def test_a_point_that_is_not_finite_costs_no_other_its_distance(lost):
+    x = np.linspace(1.0, 9.0, 200)
+    points = np.column_stack([x, np.sin(x)])
+    whole = geometry.distance_to_polyline(points, CORNER)
+    points[100, 1] = lost
+    torn = geometry.distance_to_polyline(points, CORNER)
+    assert not np.isfinite(torn[100])
+    assert np.delete(torn, 100).tolist() == np.delete(whole, 100).tolist()
+
+
+def test_no_points_have_no_distances():
+    assert geometry.distance_to_polyline(np.empty((0, 2)), CORNER).shape == (0,)
+
+
 @pytest.mark.parametrize(
     ('x', 'y', 'gap'),
     [

@@ -1,0 +1,23 @@
+"""Solve a recorded problem of the MPCC with path distances by fatrop; print how it ended.
+
+python solve_again.py PROBLEM.npz
+"""
+
+import sys
+
+import numpy as np
+
+from mpcc_controller import car_file
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.solvers.shooting import Bounds, Plan
+from msgs_yaml import overrides, share
+
+GIVEN = {'formulation.distance': 'path', 'solver.name': 'fatrop', 'solver.fallback': 'none'}
+file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
+params, _ = overrides.resolve(ControllerParams, file, GIVEN)
+solver = Controller(params, car_file.load(params)).horizon.solver
+with np.load(sys.argv[1]) as kept:
+    bounds = Bounds(*(kept[name] for name in Bounds._fields))
+    found = solver.solve(kept['x0'], kept['P'], bounds, Plan(kept['X'], kept['U']))
+print(solver.name, found.status, found.iterations)
