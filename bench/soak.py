@@ -3,24 +3,23 @@
     .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
     .venv/bin/python bench/soak.py --mode realtime --minutes 10
 
-The nodes drive round and round on a circle of 500 m radius, recorded, at 15 m/s, or as fast as 23
-km last that long; after every ten minutes the bag goes on in another file. From the first command
-on, every node is looked at twice a second, in a short soak more often. After the first fifth
-nothing may grow: the program fails when a node holds more than 3 MB more memory in the end than
-then (2 MB in a minute or less; medians over a tenth of the run), or more files, threads or DDS
-segments. It fails, too, when the drive ends early, and stops by itself when it takes ten times what
-it simulates.
+The nodes drive on a circle of 500 m radius at 15 m/s, recorded. A drive lasts ten minutes at most;
+then all but the controller are started again, as a bag ends where its clock begins anew: an hour is
+one life of the controller and six of every other node. From the first command of a drive on, every
+node is looked at twice a second, in a short soak more often. After the first fifth of its life no
+node may grow: the program fails when it holds more than 3 MB more memory in the end than then (2 MB
+in a minute or less; medians over a tenth of the life), or more files, threads or DDS segments. It
+fails, too, when a drive ends early, and stops by itself when one takes ten times what it simulates.
 
 In the first minute the buffers of the recorder still fill: it grew by 0.5 to 1.4 MB between the two
-medians of 24 s, the other nodes by 0.2 MB at most. 2 MB are 120 bytes per message of 1 kHz in the
-17 s between them. The controller holds 5 MB more while it solves, in up to a quarter of the looks:
-a tenth of a run must be a dozen looks or more, for its median not to see that.
+medians of 24 s, the other nodes by 0.4 MB at most. 2 MB are 120 bytes per message of 1 kHz in the
+17 s between them.
 """
 
 import argparse
-import json
 import math
 import os
+import shutil
 import sys
 import tempfile
 import time
@@ -32,38 +31,36 @@ import numpy as np
 from bags import closed_loop
 from bags.experiments import domain, launch, processes
 
-FARTHEST_M, FASTEST_MPS = 23000.0, 15.0  # a path has 5,000 points, 5 m apart, at most
-LONGEST_ARC_M, MARGIN_M = 9900.0, 100.0
-NEVER_M = 1e5
-SLOW_MPS = 5.0  # it may drive as slowly as that
-LONGEST_MIN = 60.0  # at less than 6.4 m/s a car that once brakes would not drive on
+LONGEST_DRIVE_MIN = 10.0
+LEAST_MIN, MOST_MIN = 0.1, 600.0
 ENDED = 'not reached within'  # says the plant when the time is up
-SPLIT_S = 600.0  # an index of what is in a file grows with it
+SURVIVOR = 'controller'  # lives through all drives
 WARM, END = 0.2, 0.9  # shares of the looks: growth is that from the one to the other
 LOOK_S = 0.5
 LOOKS = 400  # at least, at the pace of the wall clock; lockstep is up to three times as fast
 MOST_MB = 3.0
 SHORT_MIN, SHORT_MB = 1.0, 2.0
 STARTED = 'started from the actuators'  # says the controller with the first command
+END_S = 30.0
 SLOWEST = 10.0  # wall time per simulated time, at most
 ROAD = """
 schema: 1
 name: soak
-description: A circle of 500 m radius, driven for so long.
+description: A circle of 500 m radius at 15 m/s, driven for ten minutes.
 road:
   centre_line:
-    start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
-    segments: {road}
-  edges: {{left: {{offset_m: 4.0}}, right: {{offset_m: -4.0}}}}
+    start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
+    segments: [{arc: {length_m: 9600.0, curvature_1pm: 0.002}}]
+  edges: {left: {offset_m: 4.0}, right: {offset_m: -4.0}}
 path:
-  start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
-  segments: {path}
-speed: {{constant_mps: {speed_mps:.3f}}}
+  start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
+  segments: [{arc: {length_m: 9500.0, curvature_1pm: 0.002}}]
+speed: {constant_mps: 15.0}
 friction: 1.0
-start: {{progress_m: 0.0}}
-stop: {{progress_m: 9000.0, time_s: 600.0}}
+start: {progress_m: 0.0}
+stop: {progress_m: 9400.0, time_s: 600.0}
 obstacles: []
-sampling: {{path_m: 5.0, edges_m: 5.0}}
+sampling: {path_m: 5.0, edges_m: 5.0}
 """
 
 
@@ -96,9 +93,9 @@ def look(pid: int) -> Look | None:
 
 
 class Growth(NamedTuple):
-    """How much more a node holds at the end."""
+    """How much more a node holds at the end of a life."""
 
-    node: str
+    node: str  # its role, and which life of several
     looks: int
     begin: Look
     end: Look
@@ -119,54 +116,52 @@ def growth(node: str, looks: list[Look], minutes: float) -> Growth:
     return Growth(node, n, begin, end, SHORT_MB if minutes <= SHORT_MIN else MOST_MB)
 
 
-def scenario(minutes: float) -> str:
-    """Return a scenario whose path is as long as the drive, and a little more."""
-    speed_mps = min(FASTEST_MPS, FARTHEST_M / (60.0 * minutes))
-    length_m = max(speed_mps * 60.0 * minutes, LONGEST_ARC_M) + MARGIN_M
-
-    def arcs(length_m):
-        count = math.ceil(length_m / LONGEST_ARC_M)
-        return json.dumps([{'arc': {'length_m': length_m / count, 'curvature_1pm': 0.002}}] * count)
-
-    return ROAD.format(speed_mps=speed_mps, path=arcs(length_m), road=arcs(length_m + MARGIN_M))
-
-
-def soak(mode: str, minutes: float, folder: Path, number: int) -> list[Growth]:
+def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth]:
     """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
     road = folder / 'road.yaml'
-    road.write_text(scenario(minutes))
+    road.write_text(ROAD)
     facts = closed_loop.scenario_facts(str(road))
-    nodes = launch.plain_ring(facts, mode, folder, {})
-    environment = launch.environment(number, folder)
+    nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, {})}
+    environment = launch.environment(domain_id, folder)
+    drives = math.ceil(minutes / LONGEST_DRIVE_MIN)
+    drive_s = 60.0 * minutes / drives
+    look_s = min(LOOK_S, drive_s / LOOKS)
     running: dict[str, processes.Process] = {}
-    looks: dict[str, list[Look]] = {node.role: [] for node in nodes}
+    lives: dict[str, list[Look]] = {}
 
-    def start(node, **parameters):
-        node = node._replace(parameters=node.parameters | parameters)
-        running[node.role] = launch.start(node, folder, environment)
+    def start(role, number, **parameters):
+        one_life = drives == 1 or role == SURVIVOR
+        life = role if one_life else f'{role}.{number}'
+        node = nodes[role]._replace(parameters=nodes[role].parameters | parameters)
+        running[role] = launch.start(node, folder, environment, log=f'{life}.log')
+        return lives.setdefault(life, [])
 
-    end = {'stop.time_s': 60.0 * minutes, 'stop.armed_after_m': NEVER_M}  # not at the line
-    slow = {'limits.least_speed_mps': SLOW_MPS}
-    more = {'recorder': {'split_s': SPLIT_S}, 'controller': slow, 'plant': end}
-    look_s = min(LOOK_S, 60.0 * minutes / LOOKS)
     try:
-        for node in nodes:
-            start(node, **more.get(node.role, {}))
-        watch(running, looks, look_s, 60.0 * minutes * SLOWEST + 60.0)
-        if ENDED not in running['plant'].log.read_text(errors='replace'):
-            raise RuntimeError(processes.obituary(running['plant']))
+        for number in range(1, drives + 1):
+            bag = folder / f'bag{number}'
+            looks = {
+                'recorder': start('recorder', number, out=str(bag)),
+                'scenario': start('scenario', number),
+                'controller': lives.get(SURVIVOR) or start(SURVIVOR, number),
+                'plant': start('plant', number, **{'stop.time_s': drive_s}),
+            }
+            watch(running, looks, number, look_s, drive_s * SLOWEST + 60.0)
+            if ENDED not in running['plant'].log.read_text(errors='replace'):
+                raise RuntimeError(processes.obituary(running['plant']))
+            processes.stop([running['scenario'], running['recorder']], END_S)
+            shutil.rmtree(bag)
     finally:
-        processes.stop(list(running.values()), 30.0)
-    return [growth(role, found, minutes) for role, found in looks.items()]
+        processes.stop(list(running.values()), END_S)
+    return [growth(life, found, minutes) for life, found in lives.items()]
 
 
-def watch(running, looks, look_s, seconds):
-    """Look at every node from the first command until the plant ends."""
+def watch(running, looks, drive, look_s, seconds):
+    """Look at every node from the first command of a drive, the first is 1, to the plant's end."""
     deadline = time.monotonic() + seconds
     while running['plant'].code is None:
         processes.check([one for role, one in running.items() if role != 'plant'])
-        drives = STARTED in running['controller'].log.read_text(errors='replace')
-        for role, process in running.items() if drives else ():
+        said = running['controller'].log.read_text(errors='replace')
+        for role, process in running.items() if said.count(STARTED) >= drive else ():
             found = look(process.popen.pid)
             looks[role] += [found] if found else []
         if time.monotonic() > deadline:
@@ -187,8 +182,9 @@ def main() -> int:
     parser.add_argument('--mode', choices=('lockstep', 'realtime'), default='lockstep')
     parser.add_argument('--minutes', type=float, default=60.0, help='of simulated time')
     given = parser.parse_args()
-    if not 0.0 < given.minutes <= LONGEST_MIN:
-        parser.error(f'--minutes: {given.minutes:g} is not above 0 and at most {LONGEST_MIN:g}')
+    if not LEAST_MIN <= given.minutes <= MOST_MIN:
+        allowed = f'{LEAST_MIN:g} to {MOST_MIN:g}'
+        parser.error(f'--minutes: {given.minutes:g} is not allowed, {allowed} is')
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, domain.reserved(os.environ) as number:
         found = soak(given.mode, given.minutes, Path(folder), number)

@@ -81,12 +81,13 @@ def nearest(line: Polyline, X, Y) -> np.ndarray:
     The continuations count only for points whose nearest corner is the end of the edge: those of
     a road that comes back to itself run across it.
     """
-    first, chords = _near(line.chords, X, Y)
+    near = _near(line.chords, X, Y)
+    chords = Chords(*(column[near] for column in line.chords))
     free, share, far = _feet(chords, X[:, None], Y[:, None])
     best = np.argmin(far, axis=1)
     rows = np.arange(len(best))
     along, free = share[rows, best], free[rows, best]
-    best += first
+    best = near[best]
     last = len(line.chords.X) - 1
     outside = ((best == 0) & (along == 0)) | ((best == last) & (along == 1))
     along = np.where(outside, free, along)
@@ -103,7 +104,7 @@ def _feet(chords, X, Y):
 
 
 def _near(chords, X, Y):
-    """Return the first of the chords that may be next to a point, and these up to the last one.
+    """Return the indices, in their order, of all chords that may be next to a point.
 
     Seen from the middle of points that lie within a radius of it, the chord nearest to one of them
     is at most twice that radius farther than the chord nearest to the middle.
@@ -111,9 +112,7 @@ def _near(chords, X, Y):
     middle = X.mean(), Y.mean()
     radius = np.sqrt(np.max((X - middle[0]) ** 2 + (Y - middle[1]) ** 2))
     far = np.sqrt(_feet(chords, *middle)[2])
-    (near,) = np.nonzero(~(far > far.min() + 2 * radius + ROUNDING))  # NaN: all of them
-    first, last = near[0], near[-1] + 1
-    return first, Chords(*(column[first:last] for column in chords))
+    return np.flatnonzero(~(far > far.min() + 2 * radius + ROUNDING))  # NaN: all of them
 
 
 def touching(line: Polyline, s, window: float) -> Edge:

@@ -99,7 +99,7 @@ def test_the_nearest_point_of_the_edge_is_never_among_the_chords_left_out(
     X, Y = (line[rng.integers(corners, size=50)] + away * rng.normal(size=(50, 2))).T
     found = road.nearest(made, X, Y)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(road, '_near', lambda chords, X, Y: (0, chords))
+        patch.setattr(road, '_near', lambda chords, X, Y: np.arange(len(chords.X)))
         assert found.tolist() == road.nearest(made, X, Y).tolist()
 
 
@@ -107,6 +107,15 @@ def test_of_a_long_road_only_what_is_near_the_plan_is_looked_at():
     x = np.arange(0.0, 5000.0, 5.0)
     made = road.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
     X = np.linspace(2400.0, 2450.0, 51)
-    first, chords = road._near(made.left.chords, X, 0 * X)
-    assert made.left.points[1 + first, 0] < 2400.0
-    assert len(chords.X) < 25
+    near = road._near(made.left.chords, X, 0 * X)
+    assert x[near[0]] < 2400.0
+    assert x[near[-1]] > 2450.0 - 5.0
+    assert len(near) < 25
+
+
+def test_of_a_circle_driven_for_laps_only_what_is_near_the_plan_is_looked_at():
+    laps = np.arange(0.0, 8 * np.pi * R, 1.0) / R
+    line = np.column_stack((R * np.sin(laps), R - R * np.cos(laps)))
+    made = road.build(RoadEdges(0, line, line))
+    X, Y = line[5:15].T
+    assert len(road._near(made.left.chords, X, Y)) < len(line) / 4
