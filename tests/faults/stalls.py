@@ -58,7 +58,11 @@ class Stalls:
 
     def __exit__(self, *error):
         self.over.set()
-        os.sched_setscheduler(0, *self.before)
+        policy, parameters = self.before
+        try:
+            os.sched_setscheduler(0, policy, parameters)
+        except PermissionError:  # who is not root cannot take back what it said about forks
+            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
         for thread in self.threads:
             thread.join()
 
