@@ -163,6 +163,10 @@ def test_lockstep_loses_nothing_and_facts_are_latched():
         assert latched == (topic.name in ('/scenario/reference', '/scenario/road_edges'))
         if not latched and topic.name != '/diagnostics' and not topic.on_request:
             assert lockstep.history == 'keep_all', topic.name
+        if (
+            latched
+        ):  # what is lost is sent again after 3 s at most; lockstep is up to 3.3 x real time
+            assert lockstep.depth >= 3.0 * 3.3 * topic.rate_hz['lockstep']
 
 
 def test_realtime_state_may_be_lost_but_a_command_may_not():
