@@ -23,12 +23,13 @@ PATIENCE_S = 30.0
 TICK_NS = 50_000_000
 LATELY = 8  # commands, of which one may be late where this machine is busy
 DRIVEN_S = 0.5  # before the kill, and after all are back
-# fast and long: a car that brakes meanwhile must not stand before the node is back
+# fast, long and slippery: a car that brakes meanwhile takes 11 s until it is too slow to drive on
 HIGHWAY = {
     'name: straight': 'name: straight\nsampling: {path_m: 5.0, edges_m: 5.0}',
     'length_m: 140.0': 'length_m: 4000.0',
     'length_m: 120.0': 'length_m: 3900.0',
     'constant_mps: 15.0': 'constant_mps: 40.0',
+    'friction: 1.0': 'friction: 0.3',
     'progress_m: 60.0, time_s: 10.0': 'progress_m: 3800.0, time_s: 600.0',
 }
 HOLDS = {'plant': {'command_age_s': 1.0, 'lockstep_timeout_s': 16.0}}
