@@ -38,6 +38,12 @@ def test_memory_that_is_held_for_a_moment_is_no_growth():
     assert soak.growth('plant', [LOOK, LOOK, LOOK, peak] * 40, SHORT).grew == []
 
 
+def test_a_short_soak_waits_until_the_histories_are_full():
+    filling = [LOOK._replace(memory_mb=float(min(k, 50))) for k in range(100)]
+    assert soak.growth('scenario', filling, SHORT).grew == []
+    assert soak.growth('scenario', filling, HOUR).grew == ['memory_mb']
+
+
 def test_what_grows_while_it_starts_is_none():
     looks = [LOOK._replace(memory_mb=5.0 * k) for k in range(20)] + [LOOK] * 80
     assert soak.growth('plant', looks, HOUR).grew == []
