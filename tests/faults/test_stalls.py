@@ -1,9 +1,11 @@
 """What is seen of a machine that stands still."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import hooks
 import pytest
@@ -36,6 +38,31 @@ def longest_s(processor, priority):
 @pytest.mark.parametrize('which', [0, -1])
 def test_a_processor_that_is_taken_away_is_noticed_whichever_it_is(which):
     assert longest_s(sorted(os.sched_getaffinity(0))[which], 90) > stalls.STALL_S
+
+
+def test_a_stop_is_noticed_without_any_right():
+    program = (
+        'import sys, time, stalls\n'
+        'with stalls.Stalls() as found:\n'
+        '    print("watches", flush=True)\n'
+        '    sys.stdin.readline()\n'
+        '    time.sleep(0.1)\n'
+        'print(found.longest_s(0))\n'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parent,
+    ) as watcher:
+        assert watcher.stdout.readline() == 'watches\n'
+        time.sleep(5 * stalls.TURN_S)
+        watcher.send_signal(signal.SIGSTOP)
+        time.sleep(0.3)
+        watcher.send_signal(signal.SIGCONT)
+        said, _ = watcher.communicate('go on\n', timeout=30)
+    assert float(said) > 0.2
 
 
 def test_a_node_that_computes_is_no_stall_of_the_machine():
