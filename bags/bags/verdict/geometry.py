@@ -4,7 +4,6 @@ Shares nothing with the controller's distances: here a polyline stays a polyline
 is also judged by its true outline, not only by the circle the controller sees.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -43,35 +42,26 @@ def distance_to_polyline(points, polyline):
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
     if not len(points):
         return np.empty(0)
-    near = partial(_near, segments=_Segments.of(polyline))
+    along = np.diff(polyline, axis=0)
     blocks = np.split(points, range(BLOCK, len(points), BLOCK))
-    return np.concatenate([_distance(block, polyline, near(block)) for block in blocks])
+    return np.concatenate(
+        [_distance(block, polyline, _near(block, polyline, along)) for block in blocks]
+    )
 
 
-class _Segments(NamedTuple):
-    """The segments of a polyline."""
-
-    tail: np.ndarray  # (n, 2) m
-    along: np.ndarray  # (n, 2) m, from tail to tip
-
-    @classmethod
-    def of(cls, polyline):
-        """Return those of a polyline."""
-        return cls(polyline[:-1], np.diff(polyline, axis=0))
-
-
-def _near(points, segments):
+def _near(points, polyline, along):
     """Return the indices, in their order, of all segments that may be nearest to one of `points`.
+
+    `along` (n - 1, 2) [m] leads from each vertex to the next.
 
     Seen from the middle of points that lie within a radius of it, the segment nearest to one of
     them is at most twice that radius farther than the segment nearest to the middle.
     """
     middle = points.mean(axis=0)
     radius = np.hypot(*(points - middle).T).max()
-    relative = middle - segments.tail
-    length_2 = np.sum(segments.along**2, axis=1)
-    share = np.clip(np.sum(relative * segments.along, axis=1) / length_2, 0.0, 1.0)
-    gap = np.hypot(*(relative - share[:, None] * segments.along).T)
+    relative = middle - polyline[:-1]
+    share = np.sum(relative * along, axis=1) / np.sum(along**2, axis=1)
+    gap = np.hypot(*(relative - np.clip(share, 0.0, 1.0)[:, None] * along).T)
     # NaN, and only that, leaves all of them
     return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
 
