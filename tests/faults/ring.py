@@ -44,7 +44,7 @@ class Evidence(NamedTuple):
     plant: int | None  # exit code of the plant, None when it had to be ended
     hung: tuple[str, ...]  # what did not come to an end
     ended: tuple[str, ...]  # nodes that ended by themselves and should not have
-    stall_s: float  # longest time that the machine gave this process no turn, around the fault
+    stall_s: float  # time for which the machine gave a thread no turn, around the fault
 
 
 class Ring:
@@ -207,5 +207,5 @@ def drive(fault: Fault, folder: Path, domain: int) -> Evidence:
         plant=code,
         hung=tuple(hung),
         ended=tuple(ended),
-        stall_s=stalls.longest_s(since_ns),
+        stall_s=stalls.lost_s(since_ns),
     )

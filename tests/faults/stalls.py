@@ -1,13 +1,15 @@
 """When the machine stood still: threads, one pinned to each processor, that got no turn.
 
 A virtual machine may lose one of its processors for a while and keep the others; a single watcher
-sees that only when it happens to run there.
+sees that only when it happens to run there. It may also lose it many times in a row, each time for
+less than a tick: what was lost within a tenth of a second counts together.
 """
 
 import contextlib
 import os
 import threading
 import time
+from collections import deque
 
 import hooks
 
@@ -15,6 +17,7 @@ TURN_S = 0.01
 # above the nodes': what they compute is no stall of the machine, however long it takes
 PRIORITY = hooks.PRIORITY + 1
 STALL_S = 0.04  # a tick of the controller has 0.05
+WINDOW_S = 0.1  # the limit of the age of states and of commands
 CALM_S = 2.0
 LONGEST_WAIT_S = 60.0
 
@@ -23,7 +26,7 @@ class Stalls:
     """Watches over the machine while it is entered."""
 
     def __init__(self):
-        self.found: list[tuple[int, float]] = []  # wall time [ns] of the end, length [s]
+        self.found: list[tuple[int, float]] = []  # wall time [ns], lost by then [s]
         self.over = threading.Event()
         self.threads = [
             threading.Thread(target=self.watch, args=(processor,), daemon=True)
@@ -31,23 +34,28 @@ class Stalls:
         ]
 
     def watch(self, processor: int):
-        """Note every time without a turn on one processor."""
+        """Note the time without a turn on one processor."""
         thread = threading.get_native_id()
         with contextlib.suppress(OSError):
             os.sched_setaffinity(thread, {processor})
         prefer(thread)
         last = time.monotonic()
+        recent = deque()  # turns within the window: when, time lost before it
         while not self.over.wait(TURN_S):
             now = time.monotonic()
-            self.found.append((time.time_ns(), now - last - TURN_S))
+            recent.append((now, now - last - TURN_S))
+            while recent[0][0] < now - WINDOW_S:
+                recent.popleft()
+            self.found.append((time.time_ns(), sum(lost_s for _, lost_s in recent)))
             last = now
 
-    def longest_s(self, since_ns: int) -> float:
-        """Return the longest time without a turn that ended after an instant of the wall clock."""
+    def lost_s(self, since_ns: int) -> float:
+        """Return the most time lost within a window that ended after an instant of the wall clock.
+
+        A single stall counts whole, however long.
+        """
         # the watchers still append: a copy is taken in one step
-        return max(
-            (length_s for end_ns, length_s in self.found[:] if end_ns >= since_ns), default=0.0
-        )
+        return max((lost_s for end_ns, lost_s in self.found[:] if end_ns >= since_ns), default=0.0)
 
     def __enter__(self):
         self.before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -81,5 +89,5 @@ def wait_until_calm() -> None:
         while time.monotonic() - began < LONGEST_WAIT_S:
             since_ns = time.time_ns()
             time.sleep(CALM_S)
-            if stalls.longest_s(since_ns) <= STALL_S:
+            if stalls.lost_s(since_ns) <= STALL_S:
                 break

@@ -40,7 +40,7 @@ class Ending(NamedTuple):
     state: str
     settled_s: float  # from the beginning of the fault until the state was kept
     visited: tuple[str, ...]  # the states in their order
-    calm: bool  # OK all the time in the second before the fault
+    before: str  # what was not OK in the second before the fault, '' when all was
 
 
 class Motion(NamedTuple):
@@ -92,6 +92,7 @@ def ending(bag: Bag, begins_ns: int, plant_lives: bool) -> Ending:
     car = motion(bag)
     words = sound(bag, '/controller/why', decode.why)
     said_ns = np.array([log for log, _ in words], dtype=np.int64)
+    told = [f'{why.values["rung"]}: {why.values["reason"]}' for _, why in words]
     rungs = [why.values['rung'] for _, why in words]
     end_ns = int(car.log_ns[-1] if plant_lives else said_ns[-1])
     if begins_ns > end_ns:
@@ -103,14 +104,21 @@ def ending(bag: Bag, begins_ns: int, plant_lives: bool) -> Ending:
 
     instants, states = between(begins_ns, end_ns)
     # what holds at the instant of the fault is the first thing that came of it
-    _, before = between(max(begins_ns - BEFORE_NS, int(said_ns[0])), begins_ns - 1)
+    earlier, before = between(max(begins_ns - BEFORE_NS, int(said_ns[0])), begins_ns - 1)
     kept = len(states) - 1
     while kept and states[kept - 1] == states[-1]:
         kept -= 1
     changes = [states[0], *(b for a, b in pairwise(states) if a != b)]
     settled_ns = instants[kept] - begins_ns if kept else 0
-    calm = set(before) <= {'OK'}
-    return Ending(states[-1], settled_ns / 1e9, tuple(changes), calm)
+    wrong = [_blame(*one, said_ns, told) for one in zip(earlier, before) if one[1] != 'OK']
+    return Ending(states[-1], settled_ns / 1e9, tuple(changes), '; '.join(dict.fromkeys(wrong)))
+
+
+def _blame(now_ns, state, said_ns, told):
+    """Return a state with what was said of it."""
+    last = np.searchsorted(said_ns, now_ns, side='right') - 1
+    is_said = now_ns - said_ns[last] <= LATEST_NS
+    return f'{state} ({told[last] if is_said else "not a word"})'
 
 
 def _at(now_ns, car, said_ns, rungs, plant_lives):

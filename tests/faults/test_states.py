@@ -17,7 +17,7 @@ class Recorded:
         car = states.Motion(at_ns, at_ns, np.array(speed, float))
         monkeypatch.setattr(states, 'motion', lambda bag: car)
         words = [
-            (S + 50 * MS * k, type('Why', (), {'values': {'rung': rung}}))
+            (S + 50 * MS * k, type('Why', (), {'values': {'rung': rung, 'reason': 'told'}}))
             for k, rung in enumerate(rungs)
         ]
         monkeypatch.setattr(states, 'sound', lambda bag, topic, decoder: words)
@@ -28,7 +28,7 @@ class Recorded:
 
 def test_a_car_that_drives_as_planned_is_ok(monkeypatch):
     bag = Recorded(monkeypatch, [15.0] * 3000, ['solved'] * 60)
-    assert bag.ending(1.5) == ('OK', 0.0, ('OK',), True)
+    assert bag.ending(1.5) == ('OK', 0.0, ('OK',), '')
 
 
 def test_a_state_counts_from_when_it_was_kept(monkeypatch):
@@ -38,6 +38,14 @@ def test_a_state_counts_from_when_it_was_kept(monkeypatch):
     assert ending.state == 'OK'
     assert ending.settled_s == pytest.approx(0.5, abs=0.06)
     assert ending.visited == ('degraded', 'braking', 'OK')
+
+
+def test_what_was_wrong_before_the_fault_is_told_once_with_its_reason(monkeypatch):
+    rungs = ['shifted', *['solved'] * 15, 'shifted', 'shifted', *['solved'] * 3]
+    bag = Recorded(monkeypatch, [15.0] * 3000, rungs + ['solved'] * 39)
+    assert bag.ending(1.0).before == 'degraded (shifted: told)'
+    silent = Recorded(monkeypatch, [15.0] * 3000, ['solved'] * 16)
+    assert silent.ending(1.5).before == 'degraded (not a word)'
 
 
 def test_a_car_that_loses_speed_brakes_whatever_is_said(monkeypatch):

@@ -65,7 +65,7 @@ def test_a_table_takes_the_place_of_the_one_before():
 class Tried:
     """Faults that nothing is run for: what a ring would have left is given."""
 
-    def __init__(self, monkeypatch, ending=('OK', 0.0, ('OK',), True), stood=(0.0,), **evidence):
+    def __init__(self, monkeypatch, ending=('OK', 0.0, ('OK',), ''), stood=(0.0,), **evidence):
         self.runs, self.stood, self.evidence = [], stood, {'begins_ns': 1, **evidence}
         self.waits = 0
         monkeypatch.setattr(ring, 'drive', self.drive)
@@ -90,24 +90,27 @@ def fault_of(mode, expect='OK'):
     return next(f for f in catalogue.load() if f.mode == mode and f.expect == expect)
 
 
-def test_a_car_that_was_not_ok_before_the_fault_has_failed_whatever_it_ended_in(
-    monkeypatch, tmp_path
+@pytest.mark.parametrize('mode', catalogue.MODES)
+def test_a_car_that_is_never_ok_before_the_fault_has_failed_whatever_it_ended_in(
+    monkeypatch, tmp_path, mode
 ):
-    for mode in catalogue.MODES:
-        tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), False))
-        verdict = suite.attempt(fault_of(mode), tmp_path, 0)
-        assert verdict.remarks == (suite.NOT_CALM,)
-        assert not verdict.passed
-        assert len(tried.runs) == 1, 'the machine was quiet: there is nothing to try again for'
-
-
-def test_a_car_that_is_never_ok_before_the_fault_fails_on_a_machine_that_stalls(
-    monkeypatch, tmp_path
-):
-    tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), False), stood=(0.3,))
-    verdict = suite.attempt(fault_of('realtime'), tmp_path, 0)
+    tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), 'degraded (shifted: late)'))
+    verdict = suite.attempt(fault_of(mode), tmp_path, 0)
+    assert verdict.remarks == (f'{suite.NOT_CALM}: degraded (shifted: late)',)
     assert (verdict.passed, verdict.tries, len(tried.runs)) == (False, suite.TRIES, suite.TRIES)
     assert tried.waits == suite.TRIES - 1
+
+
+def test_a_run_that_says_nothing_about_the_fault_is_followed_by_one_that_does(
+    monkeypatch, tmp_path
+):
+    Tried(monkeypatch)
+    before = iter(['degraded (not a word)', '', ''])
+    monkeypatch.setattr(
+        states, 'ending', lambda *given: states.Ending('stopped', 0.0, ('stopped',), next(before))
+    )
+    verdict = suite.attempt(fault_of('realtime'), tmp_path, 0)
+    assert (verdict.remarks, verdict.tries) == (('is stopped',), 2)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +126,7 @@ def test_a_car_that_is_never_ok_before_the_fault_fails_on_a_machine_that_stalls(
 def test_only_a_measured_stall_that_matters_is_a_reason_to_try_again(
     monkeypatch, tmp_path, mode, begins_ns, stall_s, tries
 ):
-    late = ('stopped', 0.0, ('OK', 'stopped'), True)
+    late = ('stopped', 0.0, ('OK', 'stopped'), '')
     Tried(monkeypatch, ending=late, stood=(stall_s,), begins_ns=begins_ns)
     verdict = suite.attempt(fault_of(mode), tmp_path, 0)
     assert (verdict.passed, verdict.tries) == (False, tries)

@@ -25,7 +25,8 @@ class Verdict(NamedTuple):
     visited: tuple[str, ...]
     nonsense: int  # commands that must not be
     remarks: tuple[str, ...]  # everything that went wrong
-    stall_s: float  # longest time that the machine stood still, around the fault
+    stall_s: float  # time for which the machine stood still, around the fault
+    calm: bool = True  # OK all the time in the second before the fault
     tries: int = 1
     commit: str = ''  # of the code, '' outside of its repository
     machine: str = ''
