@@ -23,6 +23,7 @@ VERSIONS = {
     'scipy': 'scipy',
 }
 PACKAGES = ('bags', 'mpcc_controller', 'msgs_yaml', 'scenario_publisher', 'vehicle_plant')
+RESULTS = ('paper',)  # tracked, made by commands of this project
 UNKNOWN = 'unknown'
 GIT_S = 5.0
 
@@ -104,13 +105,22 @@ def _processor():
 
 
 def commit() -> str:
-    """Return the commit of the working tree this code lies in, '' outside of one."""
+    """Return the commit of the working tree this code lies in, '' outside of one.
+
+    `-dirty` follows it where a tracked file was changed, but for results: they change while they
+    are made.
+    """
     here = Path(__file__).parent
     root = _git(here, 'rev-parse', '--show-toplevel')
     # an installation may lie inside somebody else's repository
     if not root or not Path(root, 'bags', 'package.xml').is_file():
         return ''
-    return _git(here, 'describe', '--always', '--dirty', '--abbrev=40', '--match=')
+    head = _git(here, 'rev-parse', 'HEAD')
+    besides = [f':(top,exclude){folder}' for folder in RESULTS]
+    changed = _git(here, 'status', '--porcelain', '--untracked-files=no', '--', ':(top)', *besides)
+    if not head or changed is None:
+        return ''
+    return head + ('-dirty' if changed else '')
 
 
 def _git(folder, *arguments):
@@ -119,5 +129,5 @@ def _git(folder, *arguments):
             ['git', '-C', folder, *arguments], capture_output=True, text=True, timeout=GIT_S
         )
     except (OSError, subprocess.TimeoutExpired):
-        return ''
-    return done.stdout.strip() if done.returncode == 0 else ''
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
