@@ -20,7 +20,7 @@ from msgs_yaml.strict_yaml import YamlError
 
 # also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
 _WAKE_S = 0.1  # longest time until a signal is noticed
-_FLUSH_S = 2.0
+_FLUSH_S = 5.0  # what was lost on its way is sent again with the next heartbeat, after 3 s
 EXIT_CONFIGURATION = os.EX_CONFIG
 _EXIT_ERROR = 1
 

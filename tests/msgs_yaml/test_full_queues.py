@@ -54,9 +54,11 @@ def sending(publish, last):
     )
 
 
-def test_what_a_node_sends_last_still_arrives(run, receive):
+# the second: longer than a wait of two seconds at the end, as a message that is lost on its way
+@pytest.mark.parametrize('stall_s', [1.0, 2.5])
+def test_what_a_node_sends_last_still_arrives(run, receive, stall_s):
     last = 7_000  # more than the receiver's queue holds: the rest waits in the sender
-    receiver = receive(last, stall_s=1.0)
+    receiver = receive(last, stall_s)
     sender = run(tick=sending('self.imu.publish(encode.imu(Imu(k, 0.0, 0.0, 0.0)))', last))
     assert receiver.until('in order') == 'in order True'
     assert (receiver.result()[0], sender.result()[0]) == (0, 0)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-INTERRUPT_S = 5.0  # how long a program may take to end after SIGINT
+INTERRUPT_S = 8.0  # to end after SIGINT; a node lets its last words arrive for 5 s
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AUTOGROUP = Path('/proc/self/autogroup')
 TAIL_LINES = 15
