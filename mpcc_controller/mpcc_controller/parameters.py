@@ -21,12 +21,13 @@ class Model:
 
 @dataclass(frozen=True)
 class Formulation:
-    """Which problem is solved; every choice but `lag` changes its functions."""
+    """Which problem is solved: its functions, and which weights are 0."""
 
     name: Annotated[str, Choice('mpcc', 'frenet')]  # states in the map, or along the path
     distance: Annotated[str, Choice('cartesian', 'path')]  # where D is measured; frenet: path
     priority: Annotated[str, Choice('gaussian', 'step')]  # how a distance counts
     lag: bool  # whether the lag error costs; frenet has none
+    heading: bool  # whether the heading error costs; in the paper only that of the baseline
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Tolerances:
 
     contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]
     lag_m: Annotated[float, Range(1e-3, 1e3, 'm')]
-    heading_rad: Annotated[float, Range(1e-3, 1e3, 'rad from the path, frenet only')]
+    heading_rad: Annotated[float, Range(1e-3, 1e3, 'rad from the path')]
     velocity_mps: Annotated[float, Range(1e-3, 1e3, 'm/s')]
     steer_rate_radps: Annotated[float, Range(1e-3, 1e3, 'rad/s')]
     force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]

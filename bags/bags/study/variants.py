@@ -81,6 +81,7 @@ def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list
     step = {'formulation.priority': 'step'}
     gaussian = {'formulation.priority': 'gaussian'}
     on_path = {'formulation.distance': 'path', 'formulation.lag': False}
+    headed, unheaded = {'formulation.heading': True}, {'formulation.heading': False}
     fixed = {f'limits.brake_front_share_{end}': FIXED_SPLIT for end in ('min', 'max')}
     small_mpcc, large_mpcc = (_weighed(mpcc, share, scenario) for share in (smaller, larger))
     return [
@@ -88,10 +89,13 @@ def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list
         _row('cartesian lag step/4', mpcc, step | small_mpcc),
         _row('path no-lag step/4', mpcc, on_path | step | small_mpcc),
         _row('cartesian lag gaussian x4', mpcc, large_mpcc),
+        _row('cartesian lag gaussian heading', mpcc, headed),
+        _row('path no-lag step heading', mpcc, on_path | step | headed),
         _row(NO_PRIORITY, playing['mpcc_no_ca'], {}),
         _row(BASELINE, frenet, {}),
         _row('frenet gaussian', frenet, gaussian),
         _row('frenet step/4', frenet, _weighed(frenet, smaller, scenario)),
+        _row('frenet no heading', frenet, unheaded),
         _row('frenet fixed split', frenet, fixed),
     ]
 
@@ -139,9 +143,11 @@ SWITCHES = (
     Switch('priority, equal P_k', BASE, 'cartesian lag step'),
     Switch('priority, equal penalty', BASE, 'cartesian lag step/4'),
     Switch('size of the priority', BASE, 'cartesian lag gaussian x4'),
+    Switch('heading error', BASE, 'cartesian lag gaussian heading'),
     Switch('priority at all', BASE, NO_PRIORITY),
     Switch('priority back, equal P_k', BASELINE, 'frenet gaussian'),
     Switch('size back', BASELINE, 'frenet step/4'),
-    Switch('states back to the map', BASELINE, 'path no-lag step'),
+    Switch('heading error dropped', BASELINE, 'frenet no heading'),
+    Switch('states back to the map', BASELINE, 'path no-lag step heading'),
     Switch('brake split fixed', BASELINE, 'frenet fixed split'),
 )

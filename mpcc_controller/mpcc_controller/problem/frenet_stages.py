@@ -20,7 +20,7 @@ def weights(params: ControllerParams) -> PathWeights:
     """Return 1 / tolerance^2 per error, and P_k for the distances: the MPCC's where it has them."""
     same = stages.weights(params)._asdict()
     shared = {name: same[name] for name in PathWeights._fields if name in same}
-    return PathWeights(e=same['con'], dpsi=params.tolerances.heading_rad**-2, **shared)
+    return PathWeights(**{'e': same['con'], 'dpsi': 0.0} | shared)
 
 
 def numbers(params: ControllerParams, vehicle: Car, scene: Scene, guess: np.ndarray) -> Numbers:

@@ -3,6 +3,7 @@
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
+from collections import namedtuple
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,11 +36,15 @@ class Weights(NamedTuple):
     slack: Any
 
 
+# with the factor of the heading error, which the paper's cost does not have
+HeadingWeights = namedtuple('HeadingWeights', (*Weights._fields, 'dpsi'))
+
+
 class Stage(NamedTuple):
     """Every number that one stage of the problem needs."""
 
     car: Car
-    weights: Weights
+    weights: Weights | HeadingWeights
     D_sft: Safety
     body: Body
     path: Arc
@@ -59,9 +64,10 @@ class Tracking(NamedTuple):
 
 def template(circles: int, obstacles: int, rules: Rules = PAPER) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
+    kind = HeadingWeights if rules.heading else Weights
     return Stage(
         car=Car(*Car._fields),
-        weights=Weights(*Weights._fields),
+        weights=kind(*kind._fields),
         D_sft=Safety(*Safety._fields),
         body=Body('radius', ('offset',) * circles),
         path=Arc(*Arc._fields),
@@ -89,7 +95,18 @@ def state_errors(x: State, p: Stage, rules: Rules = PAPER) -> dict:
     """Return the squared errors of the paper's eq. 4 that depend on the state."""
     e = tracking(x, p)
     found = {'con': e.con**2, 'lag': e.lag**2, 'vel': (x.vx - p.v_ref) ** 2}
+    if rules.heading:
+        found['dpsi'] = heading_error(x, p)
     return found | ocp.distance_errors(*distances(x, p, rules), p.D_sft, rules.priority)
+
+
+def heading_error(x: State, p: Stage):
+    """Return the squared error of the heading [rad^2], the same for whole turns more or less.
+
+    2 (1 - cos) is the square to 1 % at 20 deg. The heading of the path goes on counting over
+    laps, that of the car may not.
+    """
+    return 2 * (1 - ca.cos(x.psi - arc.at(p.path, x.theta).psi))
 
 
 def limited(x: State, u: Input, p: Stage) -> Limited:

@@ -49,6 +49,7 @@ class Rules(NamedTuple):
 
     measure: Measure  # of the distances
     priority: Callable[[Any, Any], Any]  # (D, D_sft) -> q / P_k
+    heading: bool = False  # whether the states of the map have a heading error
 
 
 PAPER = Rules(measure.CARTESIAN, distance.priority)

@@ -14,7 +14,7 @@ from mpcc_controller.path import distance, reference, road
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.problem import measure, mpcc_ocp, ocp
 from mpcc_controller.problem.measure import Measure
-from mpcc_controller.problem.mpcc_ocp import Stage, Weights
+from mpcc_controller.problem.mpcc_ocp import HeadingWeights, Stage, Weights
 from mpcc_controller.problem.ocp import Body, Rules, Safety
 from msgs_yaml.stamp import seconds
 from msgs_yaml.types import Obstacle, Obstacles
@@ -60,10 +60,10 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
     )
 
 
-def weights(params: ControllerParams) -> Weights:
+def weights(params: ControllerParams) -> Weights | HeadingWeights:
     """Return 1 / tolerance^2 per error, and P_k for the distances."""
     tolerances = params.tolerances
-    return Weights(
+    found = Weights(
         con=tolerances.contouring_m**-2,
         lag=tolerances.lag_m**-2 if params.formulation.lag else 0.0,
         vel=tolerances.velocity_mps**-2,
@@ -74,6 +74,9 @@ def weights(params: ControllerParams) -> Weights:
         v2e=params.priorities.edge,
         slack=tolerances.slack_m**-2,
     )
+    if not params.formulation.heading:
+        return found
+    return HeadingWeights(*found, dpsi=tolerances.heading_rad**-2)
 
 
 def safety(params: ControllerParams) -> Safety:
@@ -89,7 +92,7 @@ def body(params: ControllerParams) -> Body:
 def rules(params: ControllerParams) -> Rules:
     """Return how distances are measured and how they count."""
     chosen = params.formulation
-    return Rules(MEASURES[chosen.distance], ocp.PRIORITIES[chosen.priority])
+    return Rules(MEASURES[chosen.distance], ocp.PRIORITIES[chosen.priority], chosen.heading)
 
 
 def numbers(params: ControllerParams, vehicle: Car, scene: Scene, guess: np.ndarray) -> Numbers:

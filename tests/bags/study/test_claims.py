@@ -96,7 +96,7 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     rows['cartesian lag step'] = [sliding] * 20
     rows['path lag gaussian'] = [sliding] * 2 + [stable] * 18
     rows['frenet'] = [sliding] * 20
-    rows['path no-lag step'] = [sliding] * 20
+    rows['path no-lag step heading'] = [sliding] * 20
     cast = [alike(mpcc=stable, frenet=sliding)] * 20
     said, data = causes.of(BY_KEY['sideslip'], cast, rows, claim_rules.PARTLY)
     assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in said

@@ -15,9 +15,11 @@ FACTORS = {
     'priority, equal P_k': {'formulation.priority'},
     'priority, equal penalty': {'formulation.priority', 'priorities.obstacle', 'priorities.edge'},
     'size of the priority': {'priorities.obstacle', 'priorities.edge'},
+    'heading error': {'formulation.heading'},
     'priority at all': {'priorities.obstacle', 'priorities.edge'},
     'priority back, equal P_k': {'formulation.priority'},
     'size back': {'priorities.obstacle', 'priorities.edge'},
+    'heading error dropped': {'formulation.heading'},
     'states back to the map': {'formulation.name'},
     'brake split fixed': {'limits.brake_front_share_min', 'limits.brake_front_share_max'},
 }

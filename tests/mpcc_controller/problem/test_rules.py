@@ -7,7 +7,7 @@ import pytest
 from mpcc_controller.driving import guess
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import distance, reference, road
-from mpcc_controller.problem import ocp, stages
+from mpcc_controller.problem import formulation, ocp, stages
 from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.stages import Scene
 
@@ -15,17 +15,19 @@ D_SFT = 0.5
 N, DT = 50, 0.05
 
 
-def seen(world, situation, **changes):
+def seen(world, situation, controller='mpcc', **changes):
     """Return a plan along a path and what it costs under rules."""
-    params, vehicle = world.load(**{f'formulation__{name}': v for name, v in changes.items()})
+    changed = {f'formulation__{name}': value for name, value in changes.items()}
+    params, vehicle = world.load(controller, **changed)
     scene = Scene(
         reference.build(situation.reference), road.build(situation.edges), situation.obstacles
     )
     car = stages.car(params, vehicle)
     x0 = State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
     plan = guess.from_path(scene.path, x0, car, N, DT)
-    numbers = stages.numbers(params, car, scene, plan.X)
-    return Insight(stages.formula(params)).of(plan, numbers.P)
+    form = formulation.make(params, car)
+    numbers = form.numbers(scene, plan.X)
+    return Insight(form.formula).of(form.enter(plan, scene.path), numbers.P)
 
 
 def test_without_the_lag_error_only_its_cost_is_gone(world):
@@ -34,6 +36,46 @@ def test_without_the_lag_error_only_its_cost_is_gone(world):
     assert without.tracking.lag == pytest.approx(paper.tracking.lag)
     for name in set(paper.terms._fields) - {'lag'}:
         assert np.array_equal(getattr(paper.terms, name), getattr(without.terms, name)), name
+
+
+def test_with_the_heading_error_only_its_cost_is_added(world):
+    paper, more = (seen(world, world.lane_change(), heading=on) for on in (False, True))
+    assert set(more.terms._fields) - set(paper.terms._fields) == {'dpsi'}
+    assert more.terms.dpsi.sum() > 0
+    for name in paper.terms._fields:
+        assert np.array_equal(getattr(paper.terms, name), getattr(more.terms, name)), name
+
+
+def test_the_heading_error_costs_what_it_costs_the_baseline(world):
+    headed = seen(world, world.lane_change(), heading=True)
+    baseline = seen(world, world.lane_change(), heading=True, controller='frenet')
+    # the first point is beside the path: its foot is found anew there, here it is given
+    assert headed.terms.dpsi[1:] == pytest.approx(baseline.terms.dpsi[1:], rel=2e-3, abs=1e-6)
+
+
+def test_whole_turns_are_no_heading_error(world):
+    params, vehicle = world.load(formulation__heading=True)
+    situation = world.lane_change()
+    scene = Scene(
+        reference.build(situation.reference), road.build(situation.edges), situation.obstacles
+    )
+    car = stages.car(params, vehicle)
+    plan = guess.from_path(
+        scene.path, State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0), car, N, DT
+    )
+    insight, P = Insight(stages.formula(params)), stages.numbers(params, car, scene, plan.X).P
+    turned = plan._replace(X=plan.X + np.array(State(0, 0, -2 * np.pi, 0, 0, 0, 0, 0, 0)))
+    once, again = (insight.of(one, P).terms.dpsi for one in (plan, turned))
+    assert again == pytest.approx(once, rel=1e-9, abs=1e-12)
+
+
+def test_without_the_heading_error_the_baseline_loses_only_its_cost(world):
+    with_it, without = (
+        seen(world, world.lane_change(), heading=on, controller='frenet') for on in (True, False)
+    )
+    assert with_it.terms.dpsi.sum() > 0 == without.terms.dpsi.sum()
+    for name in set(with_it.terms._fields) - {'dpsi'}:
+        assert np.array_equal(getattr(with_it.terms, name), getattr(without.terms, name)), name
 
 
 def test_along_a_straight_path_distances_are_those_on_the_ground(world):
@@ -82,7 +124,12 @@ def test_an_intrusion_costs_the_step_at_least_what_it_costs_the_gaussian():
 
 @pytest.mark.parametrize(
     ('change', 'same'),
-    [({'distance': 'path'}, False), ({'priority': 'step'}, False), ({'lag': False}, True)],
+    [
+        ({'distance': 'path'}, False),
+        ({'priority': 'step'}, False),
+        ({'heading': True}, False),
+        ({'lag': False}, True),
+    ],
 )
 def test_a_rule_of_structure_is_another_problem_and_the_lag_is_a_number(world, change, same):
     def text(**changes):
