@@ -94,13 +94,18 @@ time_t time(time_t *now)
     return exact.tv_sec;
 }
 
-/* Return where to stop waiting next, in the time of the kernel; the last time with `is_last`. */
-static struct timespec next_ns(const struct timespec *until, int *is_last)
+/* Return where to stop waiting next, in the time of the kernel. */
+static struct timespec slice_end(const struct timespec *until)
 {
     int64_t end = to_ns(*until) - (ahead_ns ? *ahead_ns : 0);
     int64_t slice = kernel_ns() + SLICE_NS;
-    *is_last = end <= slice;
-    return from_ns(*is_last ? end : slice);
+    return from_ns(end < slice ? end : slice);
+}
+
+/* Tell whether an instant of the shifted clock has come: it may have jumped in the last slice, too. */
+static int has_come(const struct timespec *until)
+{
+    return kernel_ns() + (ahead_ns ? *ahead_ns : 0) >= to_ns(*until);
 }
 
 int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
@@ -109,10 +114,9 @@ int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
     if (to_ns(*until) < FIRST_OF_WALL_NS)
         return kernel_timedwait(condition, mutex, until);
     for (;;) {
-        int is_last;
-        struct timespec next = next_ns(until, &is_last);
+        struct timespec next = slice_end(until);
         int code = kernel_timedwait(condition, mutex, &next);
-        if (code != ETIMEDOUT || is_last)
+        if (code != ETIMEDOUT || has_come(until))
             return code;
     }
 }
@@ -128,10 +132,9 @@ int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, cl
 int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *until)
 {
     for (;;) {
-        int is_last;
-        struct timespec next = next_ns(until, &is_last);
+        struct timespec next = slice_end(until);
         int code = kernel_timedlock(mutex, &next);
-        if (code != ETIMEDOUT || is_last)
+        if (code != ETIMEDOUT || has_come(until))
             return code;
     }
 }
@@ -139,10 +142,9 @@ int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *until
 int sem_timedwait(sem_t *semaphore, const struct timespec *until)
 {
     for (;;) {
-        int is_last;
-        struct timespec next = next_ns(until, &is_last);
+        struct timespec next = slice_end(until);
         int code = kernel_sem_timedwait(semaphore, &next);
-        if (code == 0 || errno != ETIMEDOUT || is_last)
+        if (code == 0 || errno != ETIMEDOUT || has_come(until))
             return code;
     }
 }
