@@ -34,7 +34,7 @@ def test_a_comment_does_not_go_on_stating_the_old_value():
     lines = tuned_file.text(BASE.read_text(), changed, []).splitlines()
     (heading,) = (line for line in lines if 'heading_rad' in line)
     (rate,) = (line for line in lines if 'steer_rate_radps: 0.2' in line)
-    assert heading.endswith('# rad, from the path; frenet only')
+    assert heading.endswith('# rad, from the path')
     assert rate.endswith('# rad/s')
 
 
