@@ -8,6 +8,8 @@ from mpcc_controller.path import arc
 from mpcc_controller.path.arc import Arc
 from msgs_yaml.types import Reference
 
+# how much farther than another lap one may seem to be: the chords of laps do not coincide
+SAME_PLACE_M = 0.5
 NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
 
 
@@ -76,7 +78,8 @@ def project(path: Path, X: float, Y: float, near: float | None, reach: float) ->
     """Return theta [m] of the point of the path next to (X, Y).
 
     With `near` only the path within `reach` [m] of that theta counts, so that a path that comes
-    back to the same place is not short-cut; with None all of it.
+    back to the same place is not short-cut. With None all of it counts; where it passes several
+    times, as on laps, the first time within SAME_PLACE_M of the nearest.
     """
     arcs = path.arcs
     first, last = 1, arcs.theta.size - 1
@@ -85,12 +88,21 @@ def project(path: Path, X: float, Y: float, near: float | None, reach: float) ->
         last = np.clip(np.searchsorted(arcs.theta, near + reach) + 1, first + 1, last)
     nodes = slice(first, last + 1)
     share, inside, square = feet(Arc(*(column[nodes] for column in arcs)), X, Y)
-    best = np.argmin(square)
+    best = np.argmin(square) if near is not None else _first_pass(np.sqrt(square))
     # past either end of the path its straight continuation counts
     if best == 0 or best == len(share) - 1:
         inside[best] = share[best]
     theta = arcs.theta[first + best] + inside[best] * np.diff(arcs.theta[nodes])[best]
     return _refine(path, X, Y, float(theta))
+
+
+def _first_pass(away):
+    """Return the nearest segment of the first stretch of path that is about as near as any."""
+    close = away <= away.min() + SAME_PLACE_M
+    first = np.argmax(close)
+    left = np.argmin(close[first:])  # 0: never
+    stretch = away[first : first + left] if left else away[first:]
+    return first + np.argmin(stretch)
 
 
 def feet(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -90,6 +90,27 @@ def test_a_path_that_comes_back_is_not_short_cut(world):
     assert reference.project(path, 20.0, 4.0, None, 10.0) > 80
 
 
+@quick
+@given(st.floats(0, 150), st.floats(-3, 3), st.sampled_from([1.0, 2.7, 5.0]))
+def test_on_laps_the_foot_is_found_in_the_first_one(world, theta, left, step):
+    path = reference.build(circle(world, 1, step, length=500.0))  # three laps and some
+    X, Y = (R - left) * np.sin(theta / R), R - (R - left) * np.cos(theta / R)
+    assert reference.project(path, X, Y, None, 10.0) == pytest.approx(theta, abs=1e-3)
+
+
+def test_of_two_legs_the_first_counts_only_where_both_are_about_as_near(world):
+    X = np.concatenate((np.arange(60.0), 60 + 4 * np.sin(np.linspace(0, np.pi, 13)[1:-1])))
+    Y = np.concatenate((np.zeros(60), 4 - 4 * np.cos(np.linspace(0, np.pi, 13)[1:-1])))
+    hairpin = world.path(np.append(X, 60 - np.arange(61.0)), np.append(Y, np.full(61, 8.0)), 10.0)
+    path = reference.build(hairpin)
+
+    def foot(y):
+        return reference.project(path, 20.0, y, None, 10.0)
+
+    assert foot(3.9) == foot(4.2) == pytest.approx(20.0, abs=1e-6)
+    assert foot(4.4) == foot(6.0) == pytest.approx(path.length - 20.0, abs=1e-3)
+
+
 @pytest.mark.parametrize('turn', [1, -1])
 def test_errors_have_the_signs_of_the_paper(turn):
     pose = arc.Pose(0.0, 0.0, turn * np.pi / 2)
