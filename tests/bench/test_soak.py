@@ -83,3 +83,10 @@ def test_a_soak_of_several_drives_is_one_life_of_the_controller(monkeypatch, tmp
     looks = {one.node: one.looks for one in found}
     assert looks['controller'] > looks['plant.1'] + looks['plant.2'] - 4
     assert min(looks.values()) > 20
+
+
+@pytest.mark.ros
+def test_a_soak_on_the_wall_clock_drives_to_its_end(tmp_path):
+    found = soak.soak('realtime', 0.2, tmp_path, 79)
+    assert {one.node for one in found} == {'controller', *RESTARTED}
+    assert min(one.looks for one in found) > 20
