@@ -44,6 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='who plays mpcc, mpcc_no_ca or frenet: a name or a YAML file',
     )
     parser.add_argument(
+        '--row',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='limit: only this row; may be given several times (default: all)',
+    )
+    parser.add_argument(
         '--cache', type=Path, metavar='DIR', help='keeps drives (default: beside the solvers)'
     )
 
@@ -68,6 +75,7 @@ def run(chosen: argparse.Namespace) -> int:
             roles,
             chosen.cause_runs,
             chosen.sweep_runs,
+            chosen.row,
         )
     console.print(f'{drives.driven} drives made, the others were kept from before')
     for path in written:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from bags.errors import BagError
 from bags.study import ablation, claims, distributions, limit, variants
 from bags.study.drives import Drives
 
@@ -28,6 +29,7 @@ def run(
     roles: Mapping[str, str] = variants.ROLES,
     cause_runs: int | None = None,
     sweep_runs: int | None = None,
+    rows: Sequence[str] = (),
 ) -> list[Path]:
     """Make one part and return the files written; see `bags study --help`. Raises BagError."""
     count = (QUICK if quick else FULL)[part] if runs is None else runs
@@ -39,10 +41,20 @@ def run(
         chosen = [*playing, *variants.others(roles, tuned)]
         if not quick:
             chosen += variants.switched(roles)
-        return limit.run(drives, out, chosen, count).files
+        return limit.run(drives, out, _only(rows, chosen), count).files
     if part == 'claims':
         return claims.run(drives, out, count, cause_runs, speeds, roles).files
     sweep = {'sweep_runs': sweep_runs or (1 if quick else ablation.SWEEP_RUNS)}
     if quick:
         sweep |= {'speeds_kph': QUICK_SWEEP_KPH, 'clearances_m': QUICK_CLEARANCES_M}
     return ablation.run(drives, out, count, tuned=tuned, roles=roles, **sweep).files
+
+
+def _only(rows, chosen):
+    if not rows:
+        return chosen
+    known = {one.name: one for one in chosen}
+    unknown = [name for name in rows if name not in known]
+    if unknown:
+        raise BagError(f'no row {unknown[0]!r}; there are {", ".join(known)}')
+    return [known[name] for name in rows]

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from bags.errors import BagError
 from bags.study import limit, parts, samples, variants
 
 VARIANT = variants.Variant('mpcc', 'mpcc')
@@ -51,6 +52,18 @@ def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
 
     worst = {draw.tolerance for draw in draws()[-failures:]}
     assert limit.probe(Some(make_record, 0.0), VARIANT, 70.0, draws()).holds is holds
+
+
+def test_the_rows_that_are_asked_for_are_driven_and_no_others(make_record, tmp_path):
+    rows = ['frenet no heading', 'mpcc']
+    parts.run('limit', Cliff(make_record, 75.0), tmp_path, runs=2, rows=rows)
+    document = json.loads((tmp_path / 'limit.json').read_text())
+    assert [row['controller'] for row in document['rows']] == rows
+    assert document['provenance']['switched'] == {
+        'frenet no heading': {'formulation.heading': False}
+    }
+    with pytest.raises(BagError, match='no row .mpc.; there are mpcc, mpcc_no_ca'):
+        parts.run('limit', Cliff(make_record, 75.0), tmp_path, runs=2, rows=['mpc'])
 
 
 @pytest.mark.parametrize(('quick', 'switched'), [(False, True), (True, False)])
