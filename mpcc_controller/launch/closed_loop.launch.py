@@ -20,6 +20,7 @@ from launch import LaunchDescription
 from msgs_yaml import share
 from scenario_publisher import scenario
 
+END_S = '8'  # after SIGINT; a node lets its last words arrive for 5 s
 ARGUMENTS = (
     ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'),
     ('controller', 'mpcc', 'name of a file in mpcc_controller/config'),
@@ -59,6 +60,7 @@ def nodes(context):
         executable='plant_node',
         parameters=[mode, recorded, friction, patches, start, stop],
         output='screen',
+        sigterm_timeout=END_S,
     )
     return [
         Node(
@@ -66,18 +68,21 @@ def nodes(context):
             executable='recorder_node',
             parameters=[mode, {'out': str(out)}],
             output='screen',
+            sigterm_timeout=END_S,
         ),
         Node(
             package='scenario_publisher',
             executable='scenario_node',
             parameters=[mode, recorded, {'scenario': chosen['scenario']}],
             output='screen',
+            sigterm_timeout=END_S,
         ),
         Node(
             package='mpcc_controller',
             executable='frenet_node' if chosen['controller'].startswith('frenet') else 'mpcc_node',
             parameters=[str(config), mode, recorded, {'model.friction': driven.friction}],
             output='screen',
+            sigterm_timeout=END_S,
         ),
         plant,
         RegisterEventHandler(

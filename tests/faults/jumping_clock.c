@@ -113,12 +113,10 @@ int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
 {
     if (to_ns(*until) < FIRST_OF_WALL_NS)
         return kernel_timedwait(condition, mutex, until);
-    for (;;) {
-        struct timespec next = slice_end(until);
-        int code = kernel_timedwait(condition, mutex, &next);
-        if (code != ETIMEDOUT || has_come(until))
-            return code;
-    }
+    struct timespec next = slice_end(until);
+    int code = kernel_timedwait(condition, mutex, &next);
+    /* woken for nothing, as the standard allows: a signal that came between two slices is not lost */
+    return code == ETIMEDOUT && !has_come(until) ? 0 : code;
 }
 
 int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,

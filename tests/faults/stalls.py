@@ -14,6 +14,7 @@ from collections import deque
 import hooks
 
 TURN_S = 0.01
+LATE_S = 0.005  # what a scheduler may take is no loss
 # above the nodes': what they compute is no stall of the machine, however long it takes
 PRIORITY = hooks.PRIORITY + 1
 STALL_S = 0.04  # a tick of the controller has 0.05
@@ -43,7 +44,8 @@ class Stalls:
         recent = deque()  # turns within the window: when, time lost before it
         while not self.over.wait(TURN_S):
             now = time.monotonic()
-            recent.append((now, now - last - TURN_S))
+            late_s = now - last - TURN_S
+            recent.append((now, late_s if late_s > LATE_S else 0.0))
             while recent[0][0] < now - WINDOW_S:
                 recent.popleft()
             self.found.append((time.time_ns(), sum(lost_s for _, lost_s in recent)))
@@ -52,7 +54,7 @@ class Stalls:
     def lost_s(self, since_ns: int) -> float:
         """Return the most time lost within a window that ended after an instant of the wall clock.
 
-        A single stall counts whole, however long.
+        A stall counts whole, however long, even where only its end is in the window.
         """
         # the watchers still append: a copy is taken in one step
         return max((lost_s for end_ns, lost_s in self.found[:] if end_ns >= since_ns), default=0.0)

@@ -111,7 +111,7 @@ def row(verdict: Verdict) -> str:
     """Return one line of the table."""
     remarks = '; '.join(verdict.remarks) or ' -> '.join(verdict.visited)
     if verdict.tries > 1:
-        remarks += f' (try {verdict.tries})'
+        remarks += f' (try {verdict.tries}; before: {"; ".join(verdict.earlier)})'
     if verdict.disturbed:
         remarks += f' (the machine stood still for {verdict.stall_s:.2f} s)'
     return (
@@ -123,6 +123,7 @@ def row(verdict: Verdict) -> str:
 
 def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
     """Try a fault; again when the run failed and says nothing about it."""
+    earlier: list[str] = []
     for tries in range(1, TRIES + 1):
         if tries > 1:
             stalls.wait_until_calm()
@@ -130,9 +131,20 @@ def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
         shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
         around = verdicts.surroundings()
         verdict = judge(fault, ring.drive(fault, folder, domain))
-        if verdict.passed or (verdict.calm and not verdict.disturbed):
+        if verdict.passed or not excused(fault, verdict):
             break
-    return verdict._replace(tries=tries, **around)
+        earlier += verdict.remarks
+    told = tuple(dict.fromkeys(earlier)) if tries > 1 else ()
+    return verdict._replace(tries=tries, earlier=told, **around)
+
+
+def excused(fault: Fault, verdict: Verdict) -> bool:
+    """Tell whether a failed run says nothing about its fault.
+
+    A drive in lockstep is the same every time, and nothing excuses a command that must not be.
+    """
+    unfit = not verdict.calm and fault.mode == 'realtime'
+    return (unfit or verdict.disturbed) and not verdict.nonsense
 
 
 def run(faults: list[Fault], out: Path, domain: int) -> list[Verdict]:

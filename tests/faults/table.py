@@ -37,7 +37,7 @@ def row(fault: catalogue.Fault, verdict: Verdict | None, commit: str) -> str:
         raise TableError(f'{fault.name}: was run when {was} was expected')
     notes = list(verdict.remarks)
     if verdict.tries > 1:
-        notes.append(f'try {verdict.tries}')
+        notes.append(f'try {verdict.tries}; before: {"; ".join(verdict.earlier)}')
     if verdict.disturbed:
         notes.append(f'the machine stood still for {verdict.stall_s:.2f} s')
     if verdict.commit != commit:

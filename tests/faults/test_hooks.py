@@ -18,9 +18,9 @@ def jump():
     with open(page, 'r+b') as clock:
         clock.write(round(jump_s * 1e9).to_bytes(8, 'little', signed=True))
 
-threading.Timer(after_s, jump).start()
 began = time.monotonic()
 until = struct.pack('qq', *divmod(time.time_ns() + round(wait_s * 1e9), 10**9))
+threading.Timer(after_s, jump).start()
 assert libc.sem_timedwait(semaphore, until) == -1
 print(time.monotonic() - began)
 """

@@ -90,15 +90,22 @@ def fault_of(mode, expect='OK'):
     return next(f for f in catalogue.load() if f.mode == mode and f.expect == expect)
 
 
-@pytest.mark.parametrize('mode', catalogue.MODES)
+@pytest.mark.parametrize(('mode', 'tries'), [('realtime', suite.TRIES), ('lockstep', 1)])
 def test_a_car_that_is_never_ok_before_the_fault_has_failed_whatever_it_ended_in(
-    monkeypatch, tmp_path, mode
+    monkeypatch, tmp_path, mode, tries
 ):
     tried = Tried(monkeypatch, ending=('OK', 0.0, ('OK',), 'degraded (shifted: late)'))
     verdict = suite.attempt(fault_of(mode), tmp_path, 0)
     assert verdict.remarks == (f'{suite.NOT_CALM}: degraded (shifted: late)',)
-    assert (verdict.passed, verdict.tries, len(tried.runs)) == (False, suite.TRIES, suite.TRIES)
-    assert tried.waits == suite.TRIES - 1
+    assert (verdict.passed, verdict.tries, len(tried.runs)) == (False, tries, tries)
+    assert tried.waits == tries - 1
+
+
+def test_nothing_excuses_a_command_that_must_not_be(monkeypatch, tmp_path):
+    Tried(monkeypatch, ending=('OK', 0.0, ('OK',), 'degraded (shifted: late)'), stood=(0.3,))
+    monkeypatch.setattr(suite, 'harmful', lambda fault, bag: 1)
+    verdict = suite.attempt(fault_of('realtime'), tmp_path, 0)
+    assert (verdict.passed, verdict.tries) == (False, 1)
 
 
 def test_a_run_that_says_nothing_about_the_fault_is_followed_by_one_that_does(
@@ -111,6 +118,8 @@ def test_a_run_that_says_nothing_about_the_fault_is_followed_by_one_that_does(
     )
     verdict = suite.attempt(fault_of('realtime'), tmp_path, 0)
     assert (verdict.remarks, verdict.tries) == (('is stopped',), 2)
+    assert verdict.earlier == ('is stopped', f'{suite.NOT_CALM}: degraded (not a word)')
+    assert 'try 2; before: is stopped; not OK' in suite.row(verdict)
 
 
 @pytest.mark.parametrize(

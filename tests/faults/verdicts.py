@@ -28,6 +28,7 @@ class Verdict(NamedTuple):
     stall_s: float  # time for which the machine stood still, around the fault
     calm: bool = True  # OK all the time in the second before the fault
     tries: int = 1
+    earlier: tuple[str, ...] = ()  # what went wrong in the tries before
     commit: str = ''  # of the code, '' outside of its repository
     machine: str = ''
     load: float = 0.0  # of the machine, when the last try began

@@ -23,7 +23,8 @@ VERSIONS = {
     'scipy': 'scipy',
 }
 PACKAGES = ('bags', 'mpcc_controller', 'msgs_yaml', 'scenario_publisher', 'vehicle_plant')
-RESULTS = ('paper',)  # tracked, made by commands of this project
+# tracked, written by commands of this project while they measure
+RESULTS = ('paper', 'README.md', 'docs', 'bags/reference')
 UNKNOWN = 'unknown'
 GIT_S = 5.0
 
@@ -107,8 +108,8 @@ def _processor():
 def commit() -> str:
     """Return the commit of the working tree this code lies in, '' outside of one.
 
-    `-dirty` follows it where a tracked file was changed, but for results: they change while they
-    are made.
+    `-dirty` follows it where a tracked file was changed, but for results and pages: they change
+    while they are made.
     """
     here = Path(__file__).parent
     root = _git(here, 'rev-parse', '--show-toplevel')

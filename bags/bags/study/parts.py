@@ -34,6 +34,8 @@ def run(
     """Make one part and return the files written; see `bags study --help`. Raises BagError."""
     count = (QUICK if quick else FULL)[part] if runs is None else runs
     speeds = QUICK_SPEEDS_KPH if quick else distributions.SPEEDS_KPH
+    if rows and part != 'limit':
+        raise BagError(f'--row is for the limits only, not for {part}')
     playing = variants.cast(roles)
     if part == 'distributions':
         return distributions.run(drives, out, playing, count, speeds).files
@@ -57,4 +59,4 @@ def _only(rows, chosen):
     unknown = [name for name in rows if name not in known]
     if unknown:
         raise BagError(f'no row {unknown[0]!r}; there are {", ".join(known)}')
-    return [known[name] for name in rows]
+    return [known[name] for name in dict.fromkeys(rows)]

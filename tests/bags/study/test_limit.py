@@ -56,7 +56,7 @@ def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
 
 def test_the_rows_that_are_asked_for_are_driven_and_no_others(make_record, tmp_path):
     rows = ['frenet no heading', 'mpcc']
-    parts.run('limit', Cliff(make_record, 75.0), tmp_path, runs=2, rows=rows)
+    parts.run('limit', Cliff(make_record, 75.0), tmp_path, runs=2, rows=[*rows, 'mpcc'])
     document = json.loads((tmp_path / 'limit.json').read_text())
     assert [row['controller'] for row in document['rows']] == rows
     assert document['provenance']['switched'] == {
@@ -64,6 +64,8 @@ def test_the_rows_that_are_asked_for_are_driven_and_no_others(make_record, tmp_p
     }
     with pytest.raises(BagError, match=r"no row 'mpc'; there are mpcc,"):
         parts.run('limit', Cliff(make_record, 75.0), tmp_path, runs=2, rows=['mpc'])
+    with pytest.raises(BagError, match='--row is for the limits only, not for ablation'):
+        parts.run('ablation', Cliff(make_record, 75.0), tmp_path, runs=2, rows=['mpcc'])
 
 
 @pytest.mark.parametrize(('quick', 'switched'), [(False, True), (True, False)])
