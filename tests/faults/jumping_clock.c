@@ -113,10 +113,14 @@ int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
 {
     if (to_ns(*until) < FIRST_OF_WALL_NS)
         return kernel_timedwait(condition, mutex, until);
-    struct timespec next = slice_end(until);
-    int code = kernel_timedwait(condition, mutex, &next);
-    /* woken for nothing, as the standard allows: a signal that came between two slices is not lost */
-    return code == ETIMEDOUT && !has_come(until) ? 0 : code;
+    for (;;) {
+        struct timespec next = slice_end(until);
+        int code = kernel_timedwait(condition, mutex, &next);
+        /* no return for nothing between slices: who waits would take the new time, as it cannot from
+         * the kernel; a signal between two slices, within microseconds, is lost for that */
+        if (code != ETIMEDOUT || has_come(until))
+            return code;
+    }
 }
 
 int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,
