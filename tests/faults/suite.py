@@ -7,11 +7,11 @@
 
 Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
 before the fault, with a command that must not be, with a process that hung, or with a bag that
-cannot be read. A failed run is tried again, at most four times, when it says nothing about the
-fault: the car was not OK before it, or the machine was seen to stand still around it: a thread on
-one of its processors, with a priority above the nodes' where the user may, got no turn for 0.04 s
-of a tenth of a second. The next try waits until all had their turns for 2 s, a minute at most.
-After that it has failed. The nodes run with priority too: a busy machine is another fault.
+cannot be read. A failed run is tried again when it says nothing about the fault: once when the car
+was not OK before it, at most four times when the machine was seen to stand still around it: a
+thread on one of its processors, with a priority above the nodes' where the user may, got no turn
+for 0.04 s of a tenth of a second. The next try waits until all had their turns for 2 s, a minute at
+most. After that it has failed. The nodes run with priority too: a busy machine is another fault.
 
 With --out of an earlier run, what has a verdict on the same commit is not run again: an interrupted
 suite goes on where it was. Uncommitted changes are no commit; with them everything is run.
@@ -131,19 +131,20 @@ def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
         shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
         around = verdicts.surroundings()
         verdict = judge(fault, ring.drive(fault, folder, domain))
-        if verdict.passed or not excused(fault, verdict):
+        if verdict.passed or not excused(fault, verdict, tries):
             break
         earlier += verdict.remarks
     told = tuple(dict.fromkeys(earlier)) if tries > 1 else ()
     return verdict._replace(tries=tries, earlier=told, **around)
 
 
-def excused(fault: Fault, verdict: Verdict) -> bool:
-    """Tell whether a failed run says nothing about its fault.
+def excused(fault: Fault, verdict: Verdict, tries: int) -> bool:
+    """Tell whether a failed run, the first is 1, says nothing about its fault.
 
-    A drive in lockstep is the same every time, and nothing excuses a command that must not be.
+    A car that was not OK before it is an excuse once only, and none in lockstep, where a drive is
+    the same every time; nothing excuses a command that must not be.
     """
-    unfit = not verdict.calm and fault.mode == 'realtime'
+    unfit = not verdict.calm and fault.mode == 'realtime' and tries == 1
     return (unfit or verdict.disturbed) and not verdict.nonsense
 
 
