@@ -29,13 +29,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import realtime
 
 from bags import closed_loop
 from bags.experiments import domain, launch, processes
 
 LONGEST_DRIVE_MIN = 10.0
-ROLES = ('scenario', 'controller', 'plant', 'recorder')
-PRIORITY = 20  # of SCHED_FIFO, on the wall clock, where the user may give it
 LEAST_MIN, MOST_MIN = 0.1, 600.0
 ENDED = 'not reached within'  # says the plant when the time is up
 SURVIVOR = 'controller'  # lives through all drives
@@ -128,7 +127,8 @@ def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth
     road.write_text(ROAD)
     facts = closed_loop.scenario_facts(str(road))
     # other programs may not stop the car: what is asked is what ten minutes leave behind
-    given = {role: {'realtime.priority': PRIORITY} for role in ROLES if mode == 'realtime'}
+    wanted = realtime.FIFO if mode == 'realtime' else {}
+    given = {role: {'realtime.priority': priority} for role, priority in wanted.items()}
     nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, given)}
     environment = launch.environment(domain_id, folder)
     drives = math.ceil(minutes / LONGEST_DRIVE_MIN)

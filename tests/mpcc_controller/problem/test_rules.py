@@ -15,8 +15,8 @@ D_SFT = 0.5
 N, DT = 50, 0.05
 
 
-def seen(world, situation, controller='mpcc', **changes):
-    """Return a plan along a path and what it costs under rules."""
+def posed(world, situation, controller='mpcc', **changes):
+    """Return what evaluates plans under rules, one along a path, and its numbers."""
     changed = {f'formulation__{name}': value for name, value in changes.items()}
     params, vehicle = world.load(controller, **changed)
     scene = Scene(
@@ -27,7 +27,13 @@ def seen(world, situation, controller='mpcc', **changes):
     plan = guess.from_path(scene.path, x0, car, N, DT)
     form = formulation.make(params, car)
     numbers = form.numbers(scene, plan.X)
-    return Insight(form.formula).of(form.enter(plan, scene.path), numbers.P)
+    return Insight(form.formula), form.enter(plan, scene.path), numbers.P
+
+
+def seen(*given, **changes):
+    """Return what a plan along a path costs under rules; see `posed`."""
+    insight, plan, P = posed(*given, **changes)
+    return insight.of(plan, P)
 
 
 def test_without_the_lag_error_only_its_cost_is_gone(world):
@@ -48,22 +54,13 @@ def test_with_the_heading_error_only_its_cost_is_added(world):
 
 def test_the_heading_error_costs_what_it_costs_the_baseline(world):
     headed = seen(world, world.lane_change(), heading=True)
-    baseline = seen(world, world.lane_change(), heading=True, controller='frenet')
+    baseline = seen(world, world.lane_change(), controller='frenet', heading=True)
     # the first point is beside the path: its foot is found anew there, here it is given
     assert headed.terms.dpsi[1:] == pytest.approx(baseline.terms.dpsi[1:], rel=2e-3, abs=1e-6)
 
 
 def test_whole_turns_are_no_heading_error(world):
-    params, vehicle = world.load(formulation__heading=True)
-    situation = world.lane_change()
-    scene = Scene(
-        reference.build(situation.reference), road.build(situation.edges), situation.obstacles
-    )
-    car = stages.car(params, vehicle)
-    plan = guess.from_path(
-        scene.path, State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0), car, N, DT
-    )
-    insight, P = Insight(stages.formula(params)), stages.numbers(params, car, scene, plan.X).P
+    insight, plan, P = posed(world, world.lane_change(), heading=True)
     turned = plan._replace(X=plan.X + np.array(State(0, 0, -2 * np.pi, 0, 0, 0, 0, 0, 0)))
     once, again = (insight.of(one, P).terms.dpsi for one in (plan, turned))
     assert again == pytest.approx(once, rel=1e-9, abs=1e-12)
@@ -71,7 +68,7 @@ def test_whole_turns_are_no_heading_error(world):
 
 def test_without_the_heading_error_the_baseline_loses_only_its_cost(world):
     with_it, without = (
-        seen(world, world.lane_change(), heading=on, controller='frenet') for on in (True, False)
+        seen(world, world.lane_change(), controller='frenet', heading=on) for on in (True, False)
     )
     assert with_it.terms.dpsi.sum() > 0 == without.terms.dpsi.sum()
     for name in set(with_it.terms._fields) - {'dpsi'}:
