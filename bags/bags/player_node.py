@@ -178,13 +178,12 @@ class PlayerNode(Node):
         if self.bag.damage:
             self.get_logger().warning(self.bag.damage)
 
-    def destroy_node(self):
+    def close(self):
         """Stop sending, give the terminal back."""
         self.finished = True  # nothing waits for a reader any more
         self.keys.put(QUIT)
         self.thread.join()
         self.keyboard.close()
-        super().destroy_node()
 
 
 def profile(text: str) -> QoSProfile:

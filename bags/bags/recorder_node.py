@@ -157,7 +157,7 @@ class RecorderNode(Node):
         now_ns = self.get_clock().now().nanoseconds
         self.health_pub.publish(encode.health(self.monitor.health(now_ns, self.counted())))
 
-    def destroy_node(self):
+    def close(self):
         """Write what is still under way, complete the bag."""
         if self.bag is not None:
             try:
@@ -171,6 +171,9 @@ class RecorderNode(Node):
                 self._complete()
             except BagError as error:
                 self._fail(error)
+
+    def destroy_node(self):
+        """Leave the graph with what the node does not own."""
         self.inbox.destroy_node()
         super().destroy_node()
 

@@ -58,10 +58,9 @@ class ViewNode(Node):
             self.server.tell_time(self.now_ns)
         self.projector.show(topic.name, topic.type, self.schemas[topic.type], raw, self.now_ns)
 
-    def destroy_node(self):
-        """End the server, too."""
+    def close(self):
+        """End the server."""
         self.server.close()
-        super().destroy_node()
 
 
 def main() -> int:

@@ -14,13 +14,14 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from msgs_yaml import overrides, parameters, realtime, ros, signals
+from msgs_yaml import leaving, overrides, parameters, realtime, ros, signals
 from msgs_yaml.parameters import ParameterError
 from msgs_yaml.strict_yaml import YamlError
 
 # also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
 _WAKE_S = 0.1  # longest time until a signal is noticed
 _FLUSH_S = 5.0  # what was lost on its way is sent again with the next heartbeat, after 3 s
+_LEAVE_S = 3.0  # takes a tenth of a second
 EXIT_CONFIGURATION = os.EX_CONFIG
 _EXIT_ERROR = 1
 
@@ -38,9 +39,11 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
 
     SIGINT and SIGTERM end it after the callback under way, with the node's `exit_code`, 0 unless
     set. Wrong parameters or a broken contract are one line of the log and EXIT_CONFIGURATION; an
-    error in a callback is shown and ends the node with 1. Discovery stays on this machine unless
-    the environment says otherwise. To be called from the main thread, as the last thing that a
-    process does: from then on both signals are ignored.
+    error in a callback is shown and ends the node with 1. In the end `node.close()` is called, if
+    there is one, which may take its time; then the node is destroyed, and if the middleware does
+    not let it go the process ends with the exit code after 3 s, saying so. Discovery stays on this
+    machine unless the environment says otherwise. To be called from the main thread, as the last
+    thing that a process does: from then on both signals are ignored.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with signals.caught():
@@ -48,26 +51,39 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
 
 
 def _spin(make_node, args):
-    node = None
+    node, failure = None, _EXIT_ERROR
     try:
         _start(args)
         node = make_node()
         _be_punctual(node)
         _run(node)
+        failure = 0
     except (ParameterError, YamlError) as error:
         rclpy.logging.get_logger('start').fatal(str(error))
-        return EXIT_CONFIGURATION
+        failure = EXIT_CONFIGURATION
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        failure = 0
     except Exception:
         traceback.print_exc()
-        return _EXIT_ERROR
     finally:
         signals.ask_instead(lambda: None)  # nothing interrupts the closing
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return _exit_code(node)
+        code = _close(node, failure)
+    return code
+
+
+def _close(node, failure):
+    """Let a node complete what it has, and destroy it; return the exit code."""
+    try:
+        if hasattr(node, 'close'):
+            node.close()
+    finally:
+        code = failure or _exit_code(node)
+        with leaving.within(_LEAVE_S, code):
+            leaving.deafen()
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+    return code
 
 
 def _exit_code(node):

@@ -16,6 +16,7 @@ from states import BEFORE_NS
 from bags import closed_loop
 from bags.experiments import launch, processes
 from bags.experiments.processes import Process
+from msgs_yaml import leaving
 
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.005
@@ -24,7 +25,7 @@ START_S = 40.0  # of wall time, until the fault's time has come
 DRIVE_S = 40.0  # of wall time, from then on
 ALONE_S = 1.5  # how long the others are watched when the plant is gone
 SETTLE_S = 0.3
-END_S = 10.0  # to end after SIGINT; the recorder completes its bag
+END_S = 12.0  # to end after SIGINT; the recorder completes its bag
 TIMEOUT_S = 1.0  # without a command, in lockstep
 
 
@@ -161,13 +162,19 @@ class Ring:
             self.begins_ns = START_NS + round(fault.to * 1e9)
 
     def stop(self):
-        """End every process; return the names of those that had to be killed."""
+        """End every process; return the names of those that did not end by themselves."""
         frozen = [p for p in self.spared if p.code is None and self.fault.does == 'freeze']
         for process in frozen:
             processes.kill(process)
         processes.stop(list(self.running.values()), END_S)
-        killed = self.running.values()
-        return [p.name for p in killed if p.code == -signal.SIGKILL and p not in self.spared]
+        ended = [process for process in self.running.values() if process not in self.spared]
+        return [process.name for process in ended if was_held(process)]
+
+
+def was_held(process: Process) -> bool:
+    """Tell whether a process had to be ended, by the suite or by its own timer."""
+    said = process.log.read_text(errors='replace')
+    return process.code == -signal.SIGKILL or leaving.HELD in said
 
 
 def undergo(fault: Fault, ring: Ring) -> list[str]:

@@ -40,6 +40,14 @@ class TestNode(Node):
         print('tick', flush=True)
         {tick}
 
+    def close(self):
+        print('close', flush=True)
+        {close}
+
+    def destroy_node(self):
+        {destroy}
+        super().destroy_node()
+
 sys.exit(spin_node.spin(TestNode))
 """
 
@@ -91,13 +99,14 @@ def start_process():
 
 @pytest.fixture
 def run(tmp_path, start_process):
-    """Return run(*arguments, start=, tick=): a node with code of its own, in a process."""
+    """Return run(*arguments, start=, tick=, close=, destroy=): a node with code of its own."""
 
-    def start_node(*arguments, start='', tick='', **environment):
+    def start_node(*arguments, start='', tick='', close='', destroy='', **environment):
         defaults = tmp_path / 'node.yaml'
         defaults.write_text('/**:\n  ros__parameters:\n    gain: 2.0  # N\n')
         script = tmp_path / 'node.py'
-        script.write_text(NODE.format(defaults=str(defaults), start=start, tick=tick))
+        own = {'start': start, 'tick': tick, 'close': close, 'destroy': destroy}
+        script.write_text(NODE.format(defaults=str(defaults), **own))
         return start_process(script, *arguments, **environment)
 
     return start_node

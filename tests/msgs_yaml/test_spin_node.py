@@ -6,6 +6,8 @@ import time
 
 import pytest
 
+from msgs_yaml import leaving
+
 pytestmark = pytest.mark.ros
 
 
@@ -67,6 +69,72 @@ def test_an_error_in_a_callback_ends_the_node_and_is_shown(run):
     code, _, err = run(tick='1 / 0').result()
     assert code == 1
     assert 'ZeroDivisionError' in err
+
+
+HELD = "__import__('ctypes').PyDLL(None).sleep(60)"
+
+
+@pytest.mark.parametrize(
+    ('tick', 'code'), [('spin_node.finish(self, 3)', 3), ('1 / 0', 1), ('self.exit_code = 5', 5)]
+)
+def test_a_node_that_the_middleware_holds_ends_all_the_same_with_its_code(run, tick, code):
+    node = run(tick=tick, destroy=HELD)
+    node.until('tick')
+    begin = time.monotonic()
+    node.popen.send_signal(signal.SIGINT)
+    found, out, err = node.result()
+    assert found == code
+    assert 'close' in out
+    assert leaving.HELD in err
+    assert 'in destroy_node' in err
+    assert time.monotonic() - begin < 10.0
+
+
+def test_a_node_completes_what_it_has_before_it_leaves_and_may_take_its_time(run):
+    node = run(close="__import__('time').sleep(4.0); self.exit_code = 6")
+    node.until('tick')
+    node.popen.send_signal(signal.SIGINT)
+    code, out, err = node.result()
+    assert (code, err) == (6, '')
+    assert out.count('close') == 1
+
+
+def test_a_node_that_cannot_complete_what_it_has_still_leaves(run):
+    node = run(close='1 / 0', destroy="print('gone', flush=True)")
+    node.until('tick')
+    node.popen.send_signal(signal.SIGINT)
+    code, out, err = node.result()
+    assert code == 1
+    assert 'ZeroDivisionError' in err
+    assert 'gone' in out
+
+
+EARS = """
+import os, socket
+filters = []
+for name in os.listdir('/proc/self/fd'):
+    try:
+        ear = socket.socket(fileno=int(name))
+    except OSError:
+        continue
+    if ear.type == socket.SOCK_DGRAM and ear.family == socket.AF_INET:
+        filters.append(len(ear.getsockopt(socket.SOL_SOCKET, 26, 64)))  # how many instructions
+    ear.detach()
+print('filters', *filters, flush=True)
+"""
+
+
+def test_a_node_hears_of_nobody_while_it_leaves(run, tmp_path):
+    """Fast DDS may wait for ever for the end of what it hears meanwhile."""
+    (tmp_path / 'ears.py').write_text(EARS)
+    node = run(tick='import ears', destroy='import importlib, ears; importlib.reload(ears)')
+    hears = node.until('filters').split()[1:]
+    node.popen.send_signal(signal.SIGINT)
+    code, out, err = node.result()
+    assert (code, err) == (0, '')
+    assert len(hears) >= 3  # multicast, unicast, user data
+    assert set(hears) == {'0'}
+    assert out.split('filters')[1].split() == ['1'] * len(hears)
 
 
 @pytest.mark.parametrize(

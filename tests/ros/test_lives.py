@@ -24,7 +24,7 @@ from rings import ROLES, Ring
 
 pytestmark = pytest.mark.ros
 DOMAIN = 75
-END_S = 8.0  # a node may take to end
+END_S = 12.0  # a node may take to end
 GAP_S = 0.3  # between two starts
 # the checks take a seeded few, ALL_ORDERS=1 takes every one
 ORDERS = list(itertools.permutations(ROLES))

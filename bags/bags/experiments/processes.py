@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-INTERRUPT_S = 8.0  # to end after SIGINT; a node lets its last words arrive for 5 s
+INTERRUPT_S = 12.0  # to end after SIGINT: last words arrive within 5 s, then a node leaves in 3
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AUTOGROUP = Path('/proc/self/autogroup')
 TAIL_LINES = 15

@@ -82,13 +82,13 @@ class Ring:
 class Recorder:
     """A recorder_node in a process of its own."""
 
-    def __init__(self, out: Path, **parameters):
+    def __init__(self, out: Path, program=('-m', 'bags.recorder_node'), **parameters):
         self.out = out
         given = {'out': out, **parameters}
         arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
         self.log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as this
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'bags.recorder_node', '--ros-args', *arguments],
+            [sys.executable, *program, '--ros-args', *arguments],
             env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
             stderr=self.log,
             stdout=self.log,

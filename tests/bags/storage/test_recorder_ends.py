@@ -13,6 +13,7 @@ from one_second import counts, endless, expected
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import contents, read, repair
+from msgs_yaml import leaving
 
 pytestmark = pytest.mark.ros
 LOST_BY_A_KILL_S = 1.0
@@ -38,6 +39,28 @@ def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_rin
     assert sent[-1] - sent[recovered - 1] < LOST_BY_A_KILL_S
     assert contents.load(folder / 'bag_0.mcap').indexed
     assert counts(folder) == {'/vehicle/odometry': recovered}
+
+
+HELD = """
+import ctypes, sys
+from rclpy.node import Node
+from bags import recorder_node
+Node.destroy_node = lambda node: ctypes.PyDLL(None).sleep(60)
+sys.exit(recorder_node.main())
+"""
+
+
+def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag', program=('-c', HELD)), make_ring()
+    ring.wait_for_recorder()
+    ring.publish_all(messages)
+    code, said = recorder.end()
+    assert code == 0, said
+    assert leaving.HELD in said
+    assert counts(tmp_path / 'bag') == expected(messages)
+    assert repair.repair(tmp_path / 'bag').intact
 
 
 def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
