@@ -23,7 +23,7 @@ from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros
+from msgs_yaml import decode, encode, ros, spin_node
 from msgs_yaml.types import Command
 
 NS_PER_MS = 1e6
@@ -107,9 +107,8 @@ def drive(seconds: float, domain: int) -> dict:
         finally:
             if plant.poll() is None:
                 plant.terminate()
-            plant.wait(timeout=10)
-            node.destroy_node()
-            rclpy.shutdown(context=context)
+            plant.wait(timeout=LATEST_S)
+            spin_node.leave(node, context=context)
         return json.loads(out.read_text())
 
 

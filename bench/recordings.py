@@ -27,7 +27,7 @@ from bags.storage import read
 from bags.storage.inbox import bag_topics
 from bags.storage.losses import RECORD
 from bags.storage.rosbag2_writer import BagWriter
-from msgs_yaml import contract, ros
+from msgs_yaml import contract, ros, spin_node
 
 CHUNK_MS = 400
 MINUTE_MS = 60_000
@@ -110,8 +110,7 @@ class Recording:
                 self.process.wait(TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 self.process.kill()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        spin_node.leave(self.node, context=self.context)
 
 
 def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:

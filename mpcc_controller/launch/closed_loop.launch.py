@@ -20,7 +20,7 @@ from launch import LaunchDescription
 from msgs_yaml import share
 from scenario_publisher import scenario
 
-END_S = '12'  # after SIGINT: last words arrive within 5 s, then a node leaves in 3
+END_S = '12'  # after SIGINT: last words take 5 s at most, leaving 4
 ARGUMENTS = (
     ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'),
     ('controller', 'mpcc', 'name of a file in mpcc_controller/config'),

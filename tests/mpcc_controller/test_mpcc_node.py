@@ -12,7 +12,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, overrides, ros
+from msgs_yaml import decode, encode, overrides, ros, spin_node
 from msgs_yaml.types import Actuators, VehicleState
 
 pytestmark = pytest.mark.ros
@@ -86,8 +86,7 @@ def ring():
     rclpy.init(context=context, domain_id=DOMAIN)
     node = Ring(context)
     yield node
-    node.destroy_node()
-    rclpy.try_shutdown(context=context)
+    spin_node.leave(node, context=context)
     for name, value in old.items():
         if value is None:
             del os.environ[name]

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from msgs_yaml import contract, decode, encode, fast, ros, types
+from msgs_yaml import contract, decode, encode, fast, ros, spin_node, types
 from msgs_yaml.parameters import ParameterError, Range
 
 pytestmark = pytest.mark.ros
@@ -89,9 +89,7 @@ class Pair:
         return pub, received
 
     def close(self):
-        for node in self.nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        spin_node.leave(*self.nodes, context=self.context)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 from bags import closed_loop
 from bags.experiments import launch, processes
 from bags.storage import read, repair
+from msgs_yaml import leaving
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 LOOK_S = 0.01
@@ -31,7 +32,10 @@ class Ring:
         return self
 
     def __exit__(self, *error):
-        processes.stop(list(self.running.values()), 10.0)
+        processes.stop(list(self.running.values()))
+        if error == (None, None, None):
+            for role in self.running:
+                assert leaving.HELD not in self.said(role), self.said(role)
 
     def start(self, role: str) -> processes.Process:
         """Start a node."""

@@ -11,6 +11,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from msgs_yaml import spin_node
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 from rings import ROLES, Ring
@@ -53,8 +55,7 @@ def asked(tmp_path_factory):
             ring.start(role)
         ring.wait_for('controller', 'ready')
         yield ask
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    spin_node.leave(node, context=context)
 
 
 def names(ask, role):

@@ -11,7 +11,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from msgs_yaml import contract, decode, encode, qos, ros
+from msgs_yaml import contract, decode, encode, qos, ros, spin_node
 from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
@@ -30,8 +30,9 @@ def listener():
             patch.setenv(name, setting)
         context = rclpy.Context()
         rclpy.init(context=context)
-        yield Listener(rclpy.create_node('listener', context=context))
-        rclpy.try_shutdown(context=context)
+        node = rclpy.create_node('listener', context=context)
+        yield Listener(node)
+        spin_node.leave(node, context=context)
 
 
 class Listener:

@@ -14,7 +14,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from msgs_yaml import decode, encode, ros
+from msgs_yaml import decode, encode, ros, spin_node
 from msgs_yaml.types import Command
 from vehicle_plant.simulator import START_NS, TICK_NS
 
@@ -91,13 +91,12 @@ def run(domain, answer, mode='lockstep', before=None, **settings):
         while plant.poll() is None and time.monotonic() < deadline:
             executor.spin_until_future_complete(Future(), timeout_sec=0.1)
         plant.terminate()
-        _, log = plant.communicate(timeout=10)
+        _, log = plant.communicate(timeout=SLOWEST_S)
         return Run(plant.returncode, controller, log)
     finally:
         plant.kill()
         executor.remove_node(controller)
-        controller.destroy_node()
-        rclpy.shutdown(context=context)
+        spin_node.leave(controller, context=context)
 
 
 def weave(stamp_ns):

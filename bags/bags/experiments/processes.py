@@ -11,7 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-INTERRUPT_S = 12.0  # to end after SIGINT: last words arrive within 5 s, then a node leaves in 3
+from msgs_yaml import leaving
+
+INTERRUPT_S = 12.0  # to end after SIGINT: last words take 5 s at most, leaving 4
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AUTOGROUP = Path('/proc/self/autogroup')
 TAIL_LINES = 15
@@ -130,10 +132,14 @@ def obituary(process: Process) -> str:
 
 
 def last_line(log: Path) -> str:
-    """Return the last whole line of a log, '' without one; reads its end only."""
+    """Return the last whole line of a log, '' without one; reads its end only.
+
+    Of a node that was held when it left, what it said before counts.
+    """
     with log.open('rb') as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - TAIL_BYTES))
-        lines = file.read().decode(errors='replace').split('\n')
+        text = file.read().decode(errors='replace').partition(f'\n{leaving.HELD}')
     # what follows the last line feed is still being written
-    return next((line for line in reversed(lines[:-1]) if line.strip()), '')
+    lines = (text[0] + text[1]).split('\n')[:-1]
+    return next((line for line in reversed(lines) if line.strip()), '')

@@ -86,6 +86,16 @@ def test_a_crash_is_named_by_its_signal(shell):
     assert 'by SIGSEGV without a word' in processes.obituary(process)
 
 
+def test_what_a_node_said_before_it_was_held_is_what_it_said_last(tmp_path):
+    log = tmp_path / 'held.log'
+    held = "import time\nfrom msgs_yaml import leaving\nprint('over')\n"
+    held += 'with leaving.within(0.5, 3):\n    time.sleep(60)'
+    process = processes.start('node', [sys.executable, '-c', held], log, os.environ)
+    assert process.popen.wait(20) == 3
+    assert 'line 5 in <module>' in log.read_text()
+    assert processes.last_line(log) == 'over'
+
+
 def test_the_last_line_is_the_last_whole_one(tmp_path):
     log = tmp_path / 'log'
     for text, last in (('', ''), ('half', ''), ('a\nb\nhalf', 'b'), ('x' * 5000 + '\nb\n\n', 'b')):

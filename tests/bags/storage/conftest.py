@@ -16,7 +16,7 @@ from rclpy.duration import Duration
 
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
-from msgs_yaml import contract, encode, ros
+from msgs_yaml import contract, encode, ros, spin_node
 
 sys.path.insert(0, str(Path(__file__).parent))
 from one_second import every_message
@@ -75,8 +75,7 @@ class Ring:
             assert acked, f'{topic}: not acknowledged'
 
     def close(self):
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        spin_node.leave(self.node, context=self.context)
 
 
 class Recorder:

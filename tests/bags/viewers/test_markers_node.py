@@ -12,7 +12,7 @@ import pytest
 import rclpy
 
 from bags.experiments import experiment
-from msgs_yaml import conformance, contract, encode, parameters, ros, share
+from msgs_yaml import conformance, contract, encode, parameters, ros, share, spin_node
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 
 DOMAIN = 50
@@ -34,8 +34,7 @@ def node():
     made = rclpy.create_node('ring', context=context)
     made.declare_parameter('mode', 'lockstep')
     yield made
-    made.destroy_node()
-    rclpy.shutdown(context=context)
+    spin_node.leave(made, context=context)
     process.send_signal(signal.SIGTERM)
     assert process.wait(SECONDS) == 0
 

@@ -196,8 +196,7 @@ def test_the_running_ring_is_seen_with_its_shapes(view):
     try:
         client = look(url, visit)
     finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+        spin_node.leave(node, context=context)
     schemas = {topic: client.channels[topic]['schemaName'] for topic in DRAWN}
     assert schemas['/markers/vehicle'] == 'foxglove.SceneUpdate'
     assert schemas['/tf'] == 'foxglove.FrameTransforms'

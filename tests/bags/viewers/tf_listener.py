@@ -7,6 +7,8 @@ import rclpy
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from msgs_yaml import spin_node
+
 DEPTH = 100  # what tf2 listeners use
 
 
@@ -29,8 +31,7 @@ def main() -> None:
             'turn': [turn.x, turn.y, turn.z, turn.w],
         }
         print(json.dumps(told))
-    node.destroy_node()
-    rclpy.shutdown()
+    spin_node.leave(node)
 
 
 if __name__ == '__main__':
