@@ -44,6 +44,7 @@ class Watch:
         self._worst_ns = 0
         self._was_stale = False
         self.held = STALE
+        self._cause_ns = (0, 0)  # of `held`: the last age of that level, and when it was so
         self._levels = Held()
 
     def offer(self, stamp_ns: int, now_ns: int) -> str:
@@ -87,6 +88,8 @@ class Watch:
         self.stale += level == ERROR and not self._was_stale
         self._was_stale = level == ERROR
         self.held = self._levels.take(level, now_ns)
+        if level == self.held != STALE:
+            self._cause_ns = (self.age_ns(now_ns), now_ns)
         return level
 
     def told(self, now_ns: int) -> str:
@@ -95,6 +98,15 @@ class Watch:
         if age_ns is None:
             return f'{self.name} has never come'
         return f'{self.name} is {age_ns / NS_PER_MS:.0f} ms old, limit {limit_ms:g} ms'
+
+    def cause(self, now_ns: int) -> str:
+        """Return in words what `held` comes from, also when it is over."""
+        if self.held == STALE or self.level(now_ns) >= self.held:
+            return self.told(now_ns)
+        age_ns, seen_ns = self._cause_ns
+        ago_s, limit_ms = (now_ns - seen_ns) / NS_PER_S, self.limit_ns / NS_PER_MS
+        was = f'{self.name} was {age_ns / NS_PER_MS:.0f} ms old {ago_s:.1f} s ago'
+        return f'{was}, limit {limit_ms:g} ms'
 
     def values(self, now_ns: int) -> dict[str, float | int | str]:
         """Return what a person can act on; the worst age is that since the last call."""

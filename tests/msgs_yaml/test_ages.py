@@ -69,6 +69,24 @@ def test_a_stamp_on_the_limit_is_taken(watch, off_ns):
     assert watch.values(2 * S)['age.state_refused'] == 0
 
 
+def test_a_level_that_is_held_names_what_it_comes_from(watch):
+    assert watch.cause(S) == 'state is 0 ms old, limit 100 ms'  # nobody has looked yet
+    for age_ms in (60, 110, 130):
+        watch.look(S + age_ms * MS)
+    assert watch.cause(S + 131 * MS) == 'state is 131 ms old, limit 100 ms'
+    watch.take(S + 130 * MS)
+    watch.look(S + 130 * MS)
+    assert watch.held == ERROR
+    watch.look(S + 210 * MS)  # a warning does not hide it
+    assert watch.cause(S + 630 * MS) == 'state is 500 ms old, limit 100 ms'
+    watch.take(S + 630 * MS)
+    assert watch.cause(S + 630 * MS) == 'state was 130 ms old 0.5 s ago, limit 100 ms'
+    watch.take(4 * S)
+    watch.look(4 * S)
+    assert watch.held == OK
+    assert watch.cause(4 * S) == 'state is 0 ms old, limit 100 ms'
+
+
 def test_each_time_that_the_limit_is_passed_counts_once(watch):
     for now_ns in (S + 150 * MS, S + 160 * MS):
         watch.look(now_ns)

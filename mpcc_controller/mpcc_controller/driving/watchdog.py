@@ -109,7 +109,7 @@ class Awake:
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:
-            message = '; '.join(watch.told(now_ns) for watch in watches if watch.held == level)
+            message = '; '.join(watch.cause(now_ns) for watch in watches if watch.held == level)
         ages = {k: v for watch in watches for k, v in watch.values(now_ns).items()}
         return self._monitor.report(now_ns, level, message, ages)
 

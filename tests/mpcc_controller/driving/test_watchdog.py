@@ -78,8 +78,10 @@ def test_health_names_what_is_old_and_counts_the_rungs(awake):
     assert health.values['gate.rejections'] == 3
     assert health.values['age.obstacles_ms'] == 150.0
     keep(awake, 2 * S + 150 * MS)
-    # the warning is held; the cause is gone, so the steps have the word
-    assert awake.on_beat(2 * S + 150 * MS, '').level == WARN
+    # the warning is held; its cause is gone
+    held = awake.on_beat(2 * S + 150 * MS, '')
+    assert held.level == WARN
+    assert held.message == 'obstacles was 150 ms old 1.0 s ago, limit 200 ms'
     keep(awake, 4 * S)
     well = awake.on_beat(4 * S, '')
     assert (well.level, well.message) == (OK, TOLD[OK])
