@@ -3,9 +3,10 @@
     python relay.py --mode realtime --do nan --from-s 1.5 --for-s 0.5 SOURCE TARGET TOPIC [...]
 
 Each topic of the contract is heard under SOURCE and spoken under TARGET. Time begins with the first
-message of /controller/why; in lockstep it is that of the stamps. When the time of the harm has come
-it prints `begins` and the instant [ns], under which a recorder files what happens then. Without a
-topic that is all it does.
+command; in lockstep it is that of the stamps. When the time of the harm has come it prints `begins`
+and the instant [ns], under which a recorder files what happens then. Without a topic that is all it
+does. It hears everything that a controller says, and so counts as one recorder more: a controller
+that waits for it gives no command that it does not hear.
 """
 
 import argparse
@@ -24,7 +25,8 @@ from bags.storage import stamps
 from msgs_yaml import contract, qos, realtime, ros, spin_node
 from msgs_yaml.decode import DecodeError
 
-BEGIN = '/controller/why'
+BEGIN = '/controller/command'
+MORE = ('/controller/prediction', '/controller/why')
 LOOK_S = 0.002  # between two looks at what was held back
 HUGE_EVERY_S = 0.05
 
@@ -49,10 +51,10 @@ class Relay(Node):
             pub = self.create_publisher(kind, given.target + name, profile)
             send = partial(self.pass_on, name, kind, pub)
             self.create_subscription(kind, given.source + name, send, profile, raw=True)
-        # where telemetry is harmed it is spoken under the name of its source
-        begin = (given.source if BEGIN in given.topics else '') + BEGIN
-        profile = qos.profile(topics[BEGIN].qos[given.mode])
-        self.create_subscription(ros.message_type(BEGIN), begin, self.on_tick, profile, raw=True)
+        hears = {BEGIN: self.on_tick} | dict.fromkeys(MORE, self.on_more)
+        for name, hear in hears.items():
+            profile = qos.profile(topics[name].qos[given.mode])
+            self.create_subscription(ros.message_type(name), name, hear, profile, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.release, clock=steady)
 
@@ -71,6 +73,9 @@ class Relay(Node):
         if self.began is None:
             self.began = now
         self.tell(now)
+
+    def on_more(self, raw):
+        """Hear it, for the controller's sake."""
 
     def tell(self, now):
         """Print when the time of the harm has come."""

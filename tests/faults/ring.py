@@ -65,6 +65,7 @@ class Ring:
             given['recorders'] = 2
         overrides = {role: dict(given) for role in ROLES}
         overrides['recorder'].pop('recorders', None)
+        overrides['controller']['recorders'] = given.get('recorders', 1) + 1  # and the relay
         overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
         found = launch.plain_ring(facts, fault.mode, folder, overrides)
         self.nodes = {node.role: node for node in found}
@@ -86,6 +87,10 @@ class Ring:
             self.begin('witness')
         for role in ('scenario', 'controller', 'plant'):
             self.begin(role)
+        self.begin_relay()
+
+    def begin_relay(self):
+        """Start the relay, which every drive waits for."""
         log = self.folder / 'relay.log'
         relay = processes.start('relay', hooks.relay(self.fault), log, self.environment)
         self.running['relay'] = relay
