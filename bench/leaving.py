@@ -10,6 +10,7 @@ the rounds are left as rclpy does, hearing of the others, half as `spin_node.lea
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import time
@@ -26,12 +27,13 @@ TOPICS = 8
 LEAST_S = 0.6  # to make a node and be found
 PERIOD_S = 1.6  # between two common instants
 LOOK_S = 0.1
+LEFT = 'left'  # how a line begins that says so; Fast DDS may write between them
 
 
 def leave_again_and_again(number: int, times: int, hears: bool) -> None:
     """Make a node and leave, so often, at common instants."""
     for left in range(times):
-        print(times - left, flush=True)
+        print(LEFT, times - left, flush=True)
         context = Context()
         rclpy.init(context=context)
         node = rclpy.create_node(f'node_{number}', context=context)
@@ -67,7 +69,7 @@ def held(processes: int, times: int, hears: bool, environment: dict[str, str]) -
             for number, process in list(running.items()):
                 if process.poll() is None:
                     continue
-                left = int(process.stdout.read().split()[-1]) - 1
+                left = int(re.findall(rf'^{LEFT} (\d+)$', process.stdout.read(), re.M)[-1]) - 1
                 if process.returncode not in (0, HELD):
                     raise RuntimeError(f'a process ended with {process.returncode}')
                 count += process.returncode == HELD
