@@ -57,9 +57,7 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
 def leave(*nodes: Node, context: Context | None = None) -> None:
     """Destroy nodes and shut down their context; this process hears nothing of others any more."""
     _hear_nothing()
-    for node in nodes:
-        node.destroy_node()
-    rclpy.try_shutdown(context=context)
+    _destroy(nodes, context)
 
 
 def _spin(make_node, args):
@@ -78,7 +76,7 @@ def _spin(make_node, args):
     with leaving.within(_LEAVE_S, code):
         _hear_nothing()
         _forget(error)
-        leave(*[node] if node else [])
+        _destroy([node] if node else [], None)
     return code
 
 
@@ -113,6 +111,12 @@ def _close(node):
         traceback.print_exc()
         return _EXIT_ERROR
     return 0
+
+
+def _destroy(nodes, context):
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown(context=context)
 
 
 def _forget(error):
