@@ -1,6 +1,6 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
-# make test      every test
-# make check     everything the continuous integration runs: lint, tests (colcon build in them), coverage
+# make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
+# make check     what the continuous integration runs: lint, every test, coverage of the safety modules
 # make paper     every figure and claim of the paper, into paper/
 # make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (1 to 2 hours)
 # make bench     benchmarks as tables
@@ -37,6 +37,15 @@ help:
 
 setup: $(VENV)/.packages
 
+# what pip says, for awk: on a terminal one line that changes, in a log a line per 20 packages
+define SHOW_PROGRESS
+/^Collecting/ && terminal { printf "\r      %3d of %d  %-50.50s", ++n, all, $$2; fflush() } \
+/^Collecting/ && !terminal && ++n % 20 == 0 { printf "      %3d of %d\n", n, all; fflush() } \
+/^Installing/ && terminal { printf "\r      unpacking %-60s", ""; fflush() } \
+/^Installing/ && !terminal { print "      unpacking"; fflush() } \
+END { if (terminal) print "" }
+endef
+
 $(VENV)/.requirements: requirements.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 14) else \
 	  "Python 3.10 to 3.14 is needed (the ROS 2 wheels exist for these); this is " \
@@ -45,9 +54,9 @@ $(VENV)/.requirements: requirements.txt
 	  echo "Python's venv module is missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
 	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest (once; about a minute)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(PIP) install --use-pep517 --progress-bar off -r requirements.txt | awk -v all="$$(wc -l < requirements.txt)" \
-	  '/^Collecting/ { printf "\r      %3d of %d  %-50.50s", ++n, all, $$2; fflush() } \
-	   /^Installing/ { printf "\r      unpacking %-60s", ""; fflush() } END { print "" }'
+	@terminal=0; test -t 1 && terminal=1; \
+	  $(PIP) install --use-pep517 --progress-bar off -r requirements.txt | awk -v terminal=$$terminal \
+	  -v all="$$(wc -l < requirements.txt)" '$(SHOW_PROGRESS)'
 	@touch $@
 
 # --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
@@ -62,8 +71,17 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 demo: setup
 	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
+# one worker per core; worksteal keeps the tests of a folder, which share what is costly, together
+WORKERS ?= auto
+PYTEST := $(BIN)/python -m pytest
+PARALLEL := $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --durations 20
+
+# a ring, a restart, and a recording that is played and recorded again
+SMOKE := tests/ros tests/bags/storage
+
 test: setup
-	$(BIN)/python -m pytest
+	$(PARALLEL) -m 'not (ros or slow or alone)'
+	$(PYTEST) -m 'smoke and not alone' $(SMOKE)
 
 lint: $(VENV)/.requirements
 	$(BIN)/ruff check .
@@ -72,11 +90,13 @@ lint: $(VENV)/.requirements
 # the last lines of defence: every line of them is run by their own tests
 SAFE := */gate.py,*/ladder.py,*/braking.py,*/guide.py,*/ages.py,*/wall.py,*/watchdog.py,*/driving/health.py,$\
   */vehicle_plant/health.py,*/vehicle_plant/ring.py
+SAFE_TESTS := $(foreach name,gate ladder braking watchdog health,tests/mpcc_controller/driving/test_$(name).py) \
+  $(foreach name,gate gate_friction ring plant_health,tests/vehicle_plant/test_$(name).py) \
+  tests/msgs_yaml/test_ages.py tests/msgs_yaml/test_wall.py
+COVER_SAFE := $(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
+  $(BIN)/python -m coverage report --fail-under=100
 coverage: setup
-	$(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q \
-	  tests/mpcc_controller/driving/test_{gate,ladder,braking,watchdog,health}.py \
-	  tests/vehicle_plant/test_{gate,gate_friction,ring,plant_health}.py tests/msgs_yaml/test_{ages,wall}.py
-	$(BIN)/python -m coverage report --fail-under=100
+	$(COVER_SAFE)
 
 # of all packages, nodes included; what a SIGKILL ends is not counted. Traced nodes are slow: a test
 # on the wall clock may fail for that alone
@@ -87,7 +107,14 @@ coverage_whole: setup
 	  $(BIN)/python -m coverage combine -q build/coverage; \
 	  $(BIN)/python -m coverage report --fail-under=90 || failed=1; exit $$failed
 
-check: lint test coverage
+# Every test in one of three parts: those of the safety modules, traced; those that must have the
+# machine for themselves; all others. Each part runs, whatever failed before it.
+check: setup lint
+	failed=0; \
+	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
+	  { $(COVER_SAFE); } || failed=1; \
+	  $(PYTEST) -m alone --durations 10 || failed=1; \
+	  exit $$failed
 
 bench: setup
 	$(BIN)/python bench/solver.py

@@ -21,6 +21,7 @@ setup(
         'bokeh',
         'foxglove-sdk',
         'jinja2',
+        'lz4',
         'matplotlib',
         'mcap',
         'numpy',
@@ -36,6 +37,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/viewers', glob('viewers/*')),
         # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
         (f'lib/{NAME}', glob('scripts/*')),

@@ -23,7 +23,6 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
-        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
         (f'lib/{NAME}', glob('scripts/*')),
     ],

@@ -33,11 +33,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return chosen.command(chosen)
     except (BagError, ParameterError, OSError) as error:
-        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'error: {" ".join(_message(error).split())}', file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print(': '.join(('interrupted', *map(str, interrupt.args))), file=sys.stderr)
-        return INTERRUPTED
+        return getattr(interrupt, 'exit_code', INTERRUPTED)
+
+
+def _message(error):
+    """Return an error in words: the file first, without the number of the system's error."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f'{error.filename}: {error.strerror}'
+    return str(error)
 
 
 def _parser():

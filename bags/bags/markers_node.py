@@ -1,15 +1,17 @@
 """Draws the ring for RViz and Foxglove: car, circles, unsafe areas, plan; and /tf where it can.
 
-It watches with queues of one message that may be lost, so that it never slows what it watches.
+Topics and tf are in its namespace: the frames of every car have the same names. It watches with
+queues of one message that may be lost, so that it never slows what it watches.
 """
 
 import sys
 from functools import partial
+from typing import Any
 
 from rclpy.node import Node
 
 from bags.viewers import encode, shapes, stage
-from msgs_yaml import contract, decode, qos, ros, share, spin_node
+from msgs_yaml import contract, decode, facts_node, qos, ros, share, spin_node
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -19,10 +21,12 @@ except ImportError:  # there is no wheel of it
 DECODERS = {
     stage.STATE: decode.odometry,
     stage.PLAN: decode.prediction,
-    stage.REFERENCE: decode.reference,
-    stage.EDGES: decode.road_edges,
-    stage.OBSTACLES: decode.obstacles,
     stage.WHY: decode.why,
+}
+READERS = {  # of serialised messages
+    stage.REFERENCE: facts_node.read_reference,
+    stage.EDGES: facts_node.read_edges,
+    stage.OBSTACLES: facts_node.read_obstacles,
 }
 THROTTLE_S = 1.0
 TF_DEPTH = 100  # what tf2 listeners use
@@ -37,20 +41,22 @@ class MarkersNode(Node):
         self.stage = stage.Stage(ros.declare(self, shapes.ShapeParams, defaults))
         drawn = (stage.VEHICLE, stage.SAFETY, stage.PREDICTION)
         self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
-        self.tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH) if TFMessage else None
+        self.tf = self.create_publisher(TFMessage, 'tf', TF_DEPTH) if TFMessage else None
         if self.tf is None:
             self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
         for topic in stage.WATCHED:
             offered = contract.load().topics[topic].qos[ros.mode(self)]
             callback, kind = partial(self.on_message, topic), ros.message_type(topic)
-            self.create_subscription(kind, topic, callback, qos.watching(offered), raw=True)
+            self.create_subscription(
+                kind, ros.relative(topic), callback, qos.watching(offered), raw=True
+            )
 
     def on_message(self, topic, raw):
         """Draw what a message changes, and nothing of one that breaks the contract."""
         try:
             if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
                 return
-            value = DECODERS[topic](ros.message(topic, raw))
+            value = read(topic, raw)
         except decode.DecodeError as error:
             told = f'nothing is drawn of this: {error}'
             self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
@@ -59,6 +65,13 @@ class MarkersNode(Node):
             self.pubs[picture.topic].publish(encode.markers(*picture))
         if topic == stage.STATE and self.tf:
             self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
+
+
+def read(topic: str, raw: bytes) -> Any:
+    """Return the value of a serialised message of a topic of WATCHED; DecodeError."""
+    if topic in READERS:
+        return READERS[topic](raw)
+    return DECODERS[topic](ros.message(topic, raw))
 
 
 def main() -> int:

@@ -1,6 +1,7 @@
 """Plays a bag: sends what was recorded, as it came over the wire, when it came over the wire.
 
-While it plays, the keyboard of a terminal pauses it (space), steps (s) and ends it (q).
+Its topics are those of the bag, in the namespace of the node. While it plays, the keyboard of a
+terminal pauses it (space), steps (s) and ends it (q).
 """
 
 import sys
@@ -96,7 +97,9 @@ class PlayerNode(Node):
         except (ImportError, AttributeError):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
-        return ros.Sender(self, self.create_publisher(kind, topic.name, profile(topic.qos)))
+        return ros.Sender(
+            self, self.create_publisher(kind, ros.relative(topic.name), profile(topic.qos))
+        )
 
     def _play_guarded(self):
         try:

@@ -1,5 +1,7 @@
 """Records every topic of the contract, as it comes over the wire, into a rosbag2 folder.
 
+It hears the topics of its namespace and files them under the names of the contract.
+
 Messages are not handed to callbacks: a callback of rclpy costs about 90 us, asking for raw bytes
 every few milliseconds about 25 us. The middleware notes when each message was sent and received.
 """
@@ -8,12 +10,11 @@ import json
 import signal
 import sys
 import time
-from dataclasses import dataclass
+from collections import deque
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
@@ -21,30 +22,22 @@ from rclpy.qos import HistoryPolicy
 from bags.errors import BagError
 from bags.experiments import notes
 from bags.storage import losses
-from bags.storage.inbox import LOCKSTEP, ClockError, Filing, bag_topics
+from bags.storage.inbox import CLOCK, LOCKSTEP, ClockError, Filing, bag_topics
+from bags.storage.recorder_params import RecorderParams
 from bags.storage.recording_health import Monitor
 from bags.storage.rosbag2_writer import BagWriter, Split
-from msgs_yaml import contract, encode, qos, ros, share, spin_node
-from msgs_yaml.parameters import ParameterError, Range
+from bags.storage.simulated_time import SimulatedTime
+from msgs_yaml import contract, decode, encode, qos, ros, share, spin_node
+from msgs_yaml.checked import DecodeError
+from msgs_yaml.parameters import ParameterError
 from msgs_yaml.stamp import NS_PER_S
 
 LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
+NAMESPACE = 'namespace'  # in the notes of the run; the bag has the names of the contract
 ANY = 'any'  # the publisher, in the contract, of a topic that several nodes publish
 QUIET_S = 0.05  # at the end: nothing has arrived for so long
 LONGEST_END_S = 1.0
 MB = 1e6
-
-
-@dataclass(frozen=True)
-class RecorderParams:
-    """Parameters of the recorder, see config/recorder.yaml."""
-
-    out: str
-    run_info: str
-    chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
-    poll_s: Annotated[float, Range(0.001, 0.1, 's')]
-    split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
-    split_s: Annotated[float, Range(0.0, 1e6, 's')]
 
 
 class RecorderNode(Node):
@@ -54,16 +47,13 @@ class RecorderNode(Node):
         super().__init__('recorder')
         defaults = share.path('bags', 'config', 'recorder.yaml')
         self.params = ros.declare(self, RecorderParams, defaults)
+        self.time = SimulatedTime(self._listen_to_clock)
         self.bag, self.filings = self._open(ros.mode(self))
         # a node of its own, which no executor knows: nothing but `drain` takes its messages
-        self.inbox = rclpy.create_node(
-            'recorder_inbox',
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
-        self.inlets = [self._subscribe(name) for name in contract.load().topics]
-        self.heard = set()
+        self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
+        self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
+        self.clock_ahead = deque()  # messages of /clock that were taken before their turn
+        self.heard, self.warned = set(), set()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if ros.mode(self) != LOCKSTEP:  # there a bag does not depend on how fast this machine is
             self.monitor = Monitor(ros.mode(self))
@@ -84,12 +74,15 @@ class RecorderNode(Node):
         topics = bag_topics(contract.load(), mode)
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         try:
-            records = {'run': run_info(self.params.run_info, mode)}
+            noted = run_info(self.params.run_info, mode)
+            records = {'run': {**noted, NAMESPACE: self.get_namespace()}}
             bag = BagWriter(self.params.out, topics, records, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         filings = [
-            Filing(topic, mode, partial(bag.write, index), _is_alone(topic.name))
+            Filing(
+                topic, mode, partial(bag.write, index), time=self.time, **_publishing(topic.name)
+            )
             for index, topic in enumerate(topics)
         ]
         return bag, filings
@@ -99,7 +92,9 @@ class RecorderNode(Node):
         profile = qos.profile(contract.load().topics[name].qos[ros.mode(self)])
         profile.history = HistoryPolicy.KEEP_ALL
         kind = ros.message_type(name)
-        return self.inbox.create_subscription(kind, name, lambda data: None, profile, raw=True)
+        return self.inbox.create_subscription(
+            kind, ros.full_name(self, name), lambda data: None, profile, raw=True
+        )
 
     def _stop(self, number, frame):
         self.stopping = True
@@ -109,6 +104,7 @@ class RecorderNode(Node):
         try:
             if self.drain():
                 self.say_what_is_heard()
+                self.warn_of_stamps()
             if time.monotonic() >= self.next_chunk:
                 self.bag.flush()
                 self.next_chunk = time.monotonic() + self.params.chunk_s
@@ -122,27 +118,28 @@ class RecorderNode(Node):
     def drain(self) -> int:
         """File every message that has arrived; return how many there were."""
         taken = 0
-        for subscription, filing in zip(self.inlets, self.filings):
-            handle, kind = subscription.handle, subscription.msg_type
-            with handle:
-                for _ in range(LARGEST_TAKE):
-                    message = handle.take_message(kind, True)
-                    if message is None:
-                        break
-                    data, info = message
-                    filing.put(
-                        data,
-                        info['source_timestamp'],
-                        info['received_timestamp'],
-                        info['publication_sequence_number'],
-                    )
-                    taken += 1
+        for (topic, subscription), filing in zip(self.inlets.items(), self.filings):
+            early = self.clock_ahead if topic == CLOCK else ()
+            while early:
+                filing.put(*early.popleft())
+                taken += 1
+            for message in _arrived(subscription):
+                filing.put(*message)
+                taken += 1
         return taken
+
+    def _listen_to_clock(self):
+        """Tell the time on /clock by now; its messages are filed when it is their turn."""
+        for message in _arrived(self.inlets[CLOCK]):
+            self.clock_ahead.append(message)
+            with suppress(DecodeError):
+                self.time.hear(decode.stamp_ns_of(message[0]))
 
     def counted(self):
         """Return what is known of the losses of each topic."""
         return {
-            inlet.topic: filing.counter.losses for inlet, filing in zip(self.inlets, self.filings)
+            name: filing.counter.losses
+            for name, filing in zip(contract.load().topics, self.filings)
         }
 
     def say_what_is_heard(self):
@@ -151,6 +148,18 @@ class RecorderNode(Node):
         if heard > self.heard:
             self.get_logger().info(f'hears {", ".join(sorted(heard - self.heard))}')
             self.heard = heard
+
+    def warn_of_stamps(self):
+        """Warn once per topic of a message that is filed under another time than its stamp."""
+        for topic, filing in zip(self.inlets, self.filings):
+            if filing.misdated and topic not in self.warned:
+                self.warned.add(topic)
+                stamp_ns, log_ns = filing.first_misdated
+                self.get_logger().warning(
+                    f'{topic}: a message has the stamp {stamp_ns / NS_PER_S:.9f} s and is filed '
+                    f'under {log_ns / NS_PER_S:.9f} s of the simulated time: either its node was '
+                    'started again, or another program publishes this topic'
+                )
 
     def tell_health(self):
         """Publish the health, under the time of the machine."""
@@ -186,6 +195,9 @@ class RecorderNode(Node):
             time.sleep(self.params.poll_s)
 
     def _complete(self):
+        if not self.exit_code:
+            self.time.end()
+            self.warn_of_stamps()
         counted = self.counted()
         span = self.bag.close({losses.RECORD: losses.record(counted)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
@@ -193,6 +205,12 @@ class RecorderNode(Node):
             if found.lost:
                 self.get_logger().warning(
                     f'{topic}: {found.lost} messages lost in {found.gaps} places'
+                )
+        for topic, filing in zip(self.inlets, self.filings):
+            if filing.misdated:
+                self.get_logger().warning(
+                    f'{topic}: {filing.misdated} messages are filed under another time than their '
+                    'stamp'
                 )
 
     def _refuse(self, error):
@@ -205,9 +223,28 @@ class RecorderNode(Node):
         self.bag, self.stopping, self.exit_code = None, True, 1
 
 
-def _is_alone(topic):
-    """Tell whether the contract names the one publisher of a topic."""
-    return contract.load().topics[topic].publisher != ANY
+def _arrived(subscription):
+    """Yield what has arrived, as `Filing.put` takes it."""
+    handle, kind = subscription.handle, subscription.msg_type
+    with handle:
+        for _ in range(LARGEST_TAKE):
+            message = handle.take_message(kind, True)
+            if message is None:
+                break
+            data, info = message
+            yield (
+                data,
+                info['source_timestamp'],
+                info['received_timestamp'],
+                info['publication_sequence_number'],
+            )
+
+
+def _publishing(topic):
+    """Tell whether the contract names the one publisher of a topic, and if that owns the clock."""
+    topics = contract.load().topics
+    publisher = topics[topic].publisher
+    return {'alone': publisher != ANY, 'owns_time': publisher == topics[CLOCK].publisher}
 
 
 def run_info(path: str, mode: str) -> dict[str, str]:

@@ -39,7 +39,9 @@ class ViewNode(Node):
         for topic in heard:
             offered = topic.qos['realtime']
             callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
-            self.create_subscription(kind, topic.name, callback, qos.watching(offered), raw=True)
+            self.create_subscription(
+                kind, ros.relative(topic.name), callback, qos.watching(offered), raw=True
+            )
         print(invitation(self.server.url), flush=True)
 
     def _served(self, topic):

@@ -1,17 +1,22 @@
 """Where the numbers of the car come from."""
 
-from pathlib import Path
+from collections.abc import Mapping
 
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import parameters, share
+from msgs_yaml import named_file, parameters
+from msgs_yaml.overrides import NO_SOURCES
 
 
-def load(params: ControllerParams) -> CarParams:
-    """Read the file that the controller's parameters name: one of config/, or any path.
+def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
+    """Read the file that `car_file` names; see `read`."""
+    return read(params.car_file, sources)
 
-    Raises ParameterError for a wrong value, FileNotFoundError for a file that is nowhere.
+
+def read(name: str, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
+    """Read a car; see `share.config` for names and paths.
+
+    Raises ParameterError for a wrong value and for a file that does not exist; `sources` says by
+    parameter where its name comes from.
     """
-    named = Path(params.car_file)
-    in_config = named.parent == Path()
-    path = share.path('mpcc_controller', 'config', named.name) if in_config else named
+    path = named_file.find('mpcc_controller', 'car_file', name, 'car.mass_kg', sources)
     return parameters.load(CarParams, path)

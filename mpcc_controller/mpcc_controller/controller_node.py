@@ -6,9 +6,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from mpcc_controller import car_file
+from mpcc_controller import car_file, limits_in_force
 from mpcc_controller.driving import trigger, watchdog
-from mpcc_controller.driving.controller import Controller, unknown_state
+from mpcc_controller.driving.controller import TOO_SLOW, Controller, unknown_state
 from mpcc_controller.driving.explain import OK, Arrival
 from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import STATE_STALE
@@ -32,15 +32,17 @@ class ControllerNode(Node):
             self, ControllerParams, share.path('mpcc_controller', 'config', config)
         )
         self.params = params
+        vehicle = car_file.load(params)
+        self.log_cut_limits(vehicle)
         mode = ros.mode(self)
         self.get_logger().info('preparing the solver')
         self.wall = Wall()
-        self.controller = Controller(params, car_file.load(params), mode == 'realtime')
+        self.controller = Controller(params, vehicle, mode == 'realtime')
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, Monitor(NAME), params.ages)
         self.answer = None  # the messages sent last
         self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
-        self.waited, self.stale = Spoken(), Spoken()
+        self.waited, self.stale, self.stopping = Spoken(), Spoken(), Spoken()
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
@@ -53,6 +55,15 @@ class ControllerNode(Node):
         self.create_timer(LOOK_S, self.on_look, clock=steady)
         self.waited.is_news(self.waiting())
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
+
+    def log_cut_limits(self, vehicle):
+        """Log each limit that is cut to what the actuators of the car can do."""
+        for name in limits_in_force.exceeded(self.params, vehicle.actuators):
+            wanted, possible = getattr(self.params.limits, name), getattr(vehicle.actuators, name)
+            self.get_logger().info(
+                f'limits.{name} is {wanted:g}, cut to {possible:g}: the car of '
+                f'{self.params.car_file} does no more'
+            )
 
     def advance(self):
         """Answer the state if everything that the answer needs is there."""
@@ -124,13 +135,24 @@ class ControllerNode(Node):
         self.why_pub.publish(encode.why(why))
         self.controller.prepare()
         self.tell(self.watchdog.on_step(why))
+        too_slow = why.values['reason'] == TOO_SLOW
+        if self.stopping.is_news(too_slow) and too_slow:
+            self.get_logger().warning(self.told_too_slow())
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
+
+    def told_too_slow(self):
+        """Return why the car brakes to a stop."""
+        limits = self.params.limits
+        return (
+            f'braking to a stop: slower than limits.least_speed_mps, {limits.least_speed_mps:g} '
+            f'm/s; driven on only from {limits.least_speed_mps + limits.speed_hysteresis_mps:g} m/s'
+        )
 
     def tell(self, health):
         """Publish the health when it is to be told."""
         if health:
-            self.health_pub.publish(encode.health(health))
+            self.health_pub.publish(encode.health(self.inputs.publishers.added_to(health)))
 
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""

@@ -3,14 +3,18 @@
 import time
 from collections.abc import Callable
 
+import numpy as np
 from rclpy.node import Node
 
+from mpcc_controller import least_speed
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.trigger import Lockstep, Realtime
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, Asleep, Awake
-from msgs_yaml import contract, decode, repeats, ros
+from msgs_yaml import decode, facts_node, repeats, ros
 from msgs_yaml.newest_node import Newest
-from msgs_yaml.types import Actuators, Obstacles, Reference, RoadEdges, VehicleState
+from msgs_yaml.publishers_node import Publishers
+from msgs_yaml.refusals import Refusals
+from msgs_yaml.types import Actuators, Obstacles, VehicleState
 from msgs_yaml.wall import Wall
 
 ACTUATORS = '/vehicle/actuators'
@@ -20,9 +24,8 @@ TOPICS = {
     OBSTACLES: '/scenario/obstacles',
     STATE: '/vehicle/odometry',
 }
-_THROTTLE_S = 1.0
-COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: how many there are
-MARKER_BYTES, POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
+# kinds of messages that are not used: by form or range, by stamp, by what they mean
+UNREADABLE, UNTIMELY, UNUSABLE = 'unreadable', 'untimely', 'unusable'
 
 
 class Inputs:
@@ -43,41 +46,52 @@ class Inputs:
         self.state = self.actuators = self._path = None
         self.heard_ns = 0  # when the state was
         self.ignored = range(0)  # ns, stamps of states that nobody is to answer
-        ros.subscribe(node, TOPICS[REFERENCE], self.on_reference, raw=True)
-        ros.subscribe(node, TOPICS[EDGES], self.on_edges, raw=True)
-        ros.subscribe(node, TOPICS[OBSTACLES], self.on_obstacles, raw=True)
+        callbacks = {
+            REFERENCE: self.on_reference,
+            EDGES: self.on_edges,
+            OBSTACLES: self.on_obstacles,
+            STATE: self.on_odometry,
+        }
+        subscriptions = {
+            TOPICS[name]: ros.subscribe(node, TOPICS[name], callback, raw=True)
+            for name, callback in callbacks.items()
+        }
         self.actuators_inbox = Newest(node, ACTUATORS)
-        self._state_sub = ros.subscribe(node, TOPICS[STATE], self.on_odometry, raw=True)
+        self._state_sub = subscriptions[TOPICS[STATE]]
+        self.publishers = Publishers(node, subscriptions)
+        self._refusals = {topic: Refusals(topic) for topic in (*TOPICS.values(), ACTUATORS)}
 
     def on_reference(self, raw: bytes) -> None:
-        """Take the path; one that is only repeated is not decoded, which would take too long."""
+        """Take the path; one that is only repeated is not built again."""
         if repeats.is_repeat(raw, self._path):
             fault = self._watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self._wall.now_ns())
             if fault:
-                self._turn_down(TOPICS[REFERENCE], fault)
+                self._turn_down(TOPICS[REFERENCE], UNTIMELY, fault)
             self._on_news()
-        elif self._take(REFERENCE, read_reference, raw, self._controller.set_reference):
+        elif self._take(REFERENCE, facts_node.read_reference, raw, self._controller.set_reference):
             self._path = raw
+            self._warn_of_slow_path()
 
     def on_edges(self, raw: bytes) -> None:
         """Take the road edges."""
-        self._take(EDGES, read_edges, raw, self._controller.set_edges)
+        self._take(EDGES, facts_node.read_edges, raw, self._controller.set_edges)
 
     def on_obstacles(self, raw: bytes) -> None:
         """Take the obstacles; in lockstep they complete a state."""
-        self._take(OBSTACLES, read_obstacles, raw, self._set_obstacles)
+        self._take(OBSTACLES, facts_node.read_obstacles, raw, self._set_obstacles)
 
     def on_odometry(self, raw: bytes) -> None:
         """Keep the state if it is one to answer."""
+        kind = UNTIMELY
         try:
             stamp_ns = decode.stamp_ns_of(raw)
             if stamp_ns in self.ignored:
                 return
             fault = self._watchdog.offer(STATE, stamp_ns, self._wall.now_ns())
         except decode.DecodeError as error:
-            fault = self._watchdog.refuse(STATE, str(error))
+            kind, fault = UNREADABLE, self._watchdog.refuse(STATE, str(error))
         if fault:
-            self._turn_down(TOPICS[STATE], fault)
+            self._turn_down(TOPICS[STATE], kind, fault)
         elif self._trigger.on_state(stamp_ns):
             self.state, self.heard_ns = raw, time.time_ns()
             self._on_news()
@@ -99,7 +113,8 @@ class Inputs:
         try:
             return decode.odometry(ros.message(TOPICS[STATE], self.state))
         except decode.DecodeError as error:
-            self._turn_down(TOPICS[STATE], self._watchdog.refuse(STATE, str(error)))
+            fault = self._watchdog.refuse(STATE, str(error))
+            self._turn_down(TOPICS[STATE], UNREADABLE, fault)
             return unknown_state(decode.stamp_ns_of(self.state))
 
     def decoded_actuators(self) -> Actuators | None:
@@ -107,7 +122,7 @@ class Inputs:
         try:
             return decode.actuators(ros.message(ACTUATORS, self.actuators))
         except decode.DecodeError as error:
-            self._turn_down(ACTUATORS, f'{error}; waiting for valid ones to start from')
+            self._turn_down(ACTUATORS, UNREADABLE, f'{error}; waiting for valid ones to start from')
             self.actuators = None
             return None
 
@@ -130,59 +145,34 @@ class Inputs:
         self._trigger.on_obstacles(obstacles.stamp_ns)
         return ''
 
+    def _warn_of_slow_path(self):
+        """Warn of desired speeds at which the controller does not drive."""
+        least = self._controller.params.limits.least_speed_mps
+        slowest = float(np.min(self._controller.scene.path.v))
+        relation = least_speed.relation(slowest, least, least_speed.DESIRED_MARGIN_MPS)
+        if relation:
+            self._node.get_logger().warning(
+                f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
+                f'limits.least_speed_mps, {least:g} m/s: below that the car brakes to a stop'
+            )
+
     def _take(self, name, decoder, raw, setter) -> bool:
         """Tell the controller; log what is wrong with a message, and go on with the one before."""
+        kind = UNTIMELY
         try:
             value = decoder(raw)
             fault = self._watchdog.offer(name, value.stamp_ns, self._wall.now_ns())
             if not fault:
-                fault = setter(value)
+                kind, fault = UNUSABLE, setter(value)
         except decode.DecodeError as error:
-            fault = self._watchdog.refuse(name, str(error))
+            kind, fault = UNREADABLE, self._watchdog.refuse(name, str(error))
         if fault:
-            self._turn_down(TOPICS[name], fault)
+            self._turn_down(TOPICS[name], kind, fault)
         self._on_news()
         return not fault
 
-    def _turn_down(self, topic, fault):
-        """Say why a message is not used."""
-        told = f'{topic} turned down: {fault}'
-        self._node.get_logger().error(told, throttle_duration_sec=_THROTTLE_S)
-
-
-def read_reference(raw: bytes) -> Reference:
-    """Return the path in a serialised message.
-
-    Raises DecodeError, also and at once when it is too long: looking at it would take seconds, in
-    which no command is sent. So do the others here.
-    """
-    topic = TOPICS[REFERENCE]
-    most = contract.load().topics[topic].sizes['poses'].high
-    if len(raw) > repeats.size(most):
-        told = f'{topic}: {len(raw)} bytes; allowed {repeats.size(most)}, those of {most} poses'
-        raise decode.DecodeError(told)
-    return decode.reference(ros.message(topic, raw))
-
-
-def read_edges(raw: bytes) -> RoadEdges:
-    """Return the road edges in a serialised message; DecodeError."""
-    return decode.road_edges(_markers(TOPICS[EDGES], raw))
-
-
-def read_obstacles(raw: bytes) -> Obstacles:
-    """Return the obstacles in a serialised message; DecodeError."""
-    return decode.obstacles(_markers(TOPICS[OBSTACLES], raw))
-
-
-def _markers(topic, raw):
-    sizes = contract.load().topics[topic].sizes
-    most = sizes['markers'].high
-    points = max(allowed.high for key, allowed in sizes.items() if key.endswith('.points'))
-    largest = most * (MARKER_BYTES + POINT_BYTES * points)
-    is_little = raw[1:2] and raw[1] & 1
-    count = int.from_bytes(raw[COUNT], 'little' if is_little else 'big')
-    if count > most:
-        raise decode.DecodeError(f'{topic}: markers is {count} long; allowed {most} at most')
-    if len(raw) > largest:
-        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {largest}')
-    return ros.message(topic, raw)
+    def _turn_down(self, topic, kind, fault):
+        """Log why a message is not used: the first of each kind, then counts."""
+        line = self._refusals[topic].line(kind, fault, time.monotonic_ns())
+        if line:
+            self._node.get_logger().warning(line)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from msgs_yaml import ranges
 from msgs_yaml.parameters import Choice, Range
 
 
@@ -15,8 +16,9 @@ class Model:
     tyre_switch: Annotated[float, Range(0.5, 1.0, 'share of the slip of full sliding')]
     least_slip_speed_mps: Annotated[float, Range(1.0, 10.0, 'm/s')]
     force_blend_n: Annotated[float, Range(1.0, 1e4, 'N, from braking to driving')]
-    friction: Annotated[float, Range(0.1, 1.5, 'believed road friction, 1 = as identified')]
-    drive_front_share: Annotated[float, Range(0.0, 1.0, '-')]
+    friction: Annotated[float, ranges.ROAD_FRICTION]  # believed, 1 = as identified
+    # in place of the car's; 0 is rear-wheel drive
+    drive_front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class SafetyDistances:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the car and its actuators can do, and the share of the friction that may be used."""
+    """What the controller may ask for at most; `limits_in_force` cuts it to what the car can do."""
 
     steer_rad: Annotated[float, Range(0.01, 1.0, 'rad at the road wheel, either way')]
     steer_rate_radps: Annotated[float, Range(0.01, 10.0, 'rad/s')]
@@ -200,8 +202,21 @@ class Tyre:
 
 
 @dataclass(frozen=True)
+class CarActuators:
+    """How the car is driven, and the most that its actuators do."""
+
+    drive_front_share: Annotated[float, Range(0.0, 1.0, '-, 0 = rear-wheel drive')]
+    steer_rad: Annotated[float, Range(0.01, 2.0, 'rad at the road wheel, either way')]
+    steer_rate_radps: Annotated[float, Range(0.01, 20.0, 'rad/s')]
+    brake_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
+    drive_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+
+
+@dataclass(frozen=True)
 class CarParams:
-    """The car as the prediction model sees it."""
+    """The car as the controller sees it; `identify` of vehicle_plant writes the file."""
 
     car: CarBody
     tyre: Tyre
+    actuators: CarActuators

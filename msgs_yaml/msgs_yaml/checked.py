@@ -4,7 +4,7 @@ from typing import Any
 
 from msgs_yaml import conformance, yaw
 
-_UNIT_TOLERANCE = 1e-3
+UNIT_TOLERANCE = 1e-3
 
 
 class DecodeError(ValueError):
@@ -28,6 +28,6 @@ def check_form(topic: str, msg: Any) -> None:
 def heading(topic: str, q: Any) -> float:
     """Return the heading of a turn about z [rad]; DecodeError when q is no unit quaternion."""
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+    if abs(norm - 1.0) > UNIT_TOLERANCE:
         raise DecodeError(f'{topic}: orientation has the squared length {norm:g}; allowed 1')
     return yaw.from_quaternion(float(q.z), float(q.w))

@@ -4,7 +4,6 @@ A callback costs about 50 us of Python; at 1 kHz that is a twentieth of a core f
 are needed once, at the start.
 """
 
-import rclpy
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
@@ -15,18 +14,13 @@ class Newest:
     """Keeps one message, raw. Its node is of the same context, and no executor knows it."""
 
     def __init__(self, node: Node, topic: str):
-        """`node` has declared its parameters; its remappings hold here too."""
-        self._node = rclpy.create_node(
-            f'{node.get_name()}_inbox',
-            context=node.context,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        """`node` has declared its parameters; its namespace and remappings hold here too."""
+        self._node = ros.polled_node(node, f'{node.get_name()}_inbox')
         profile = ros.profile(node, topic)
         profile.history, profile.depth = HistoryPolicy.KEEP_LAST, 1
         kind = ros.message_type(topic)
         self._subscription = self._node.create_subscription(
-            kind, topic, lambda raw: None, profile, raw=True
+            kind, ros.full_name(node, topic), lambda raw: None, profile, raw=True
         )
 
     def take(self) -> bytes | None:

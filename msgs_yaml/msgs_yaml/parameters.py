@@ -4,9 +4,12 @@
     class Brakes:
         max_force_n: Annotated[float, Range(0.0, 30000.0, 'N')]
         kind: Annotated[str, Choice('disc', 'drum')]
+        front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
 
-Dataclasses nest; `tuple[float, ...]` takes a list, the range holds for each element. There are no
-defaults: a missing or misspelt parameter stops the program at its start.
+Dataclasses nest; `tuple[float, ...]` takes a list, the range holds for each element. A parameter
+`| None` may be left out and is None then. Dataclasses hold no other defaults: `build` and `load`
+refuse a missing parameter. A node started with a partial file takes what is missing from the file
+of its package (`overrides.resolve`) and logs what it took. A misspelt parameter is always refused.
 """
 
 import dataclasses
@@ -22,6 +25,7 @@ from msgs_yaml.strict_yaml import YamlError, closest, read
 
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
+_UNIONS = (typing.Union, types.UnionType)
 
 
 class ParameterError(ValueError):
@@ -53,6 +57,7 @@ class Leaf(NamedTuple):
     kind: type  # bool, int, float or str
     many: bool  # tuple of them
     rule: Range | Choice | None
+    optional: bool = False  # None when it is left out
 
     @property
     def allowed(self) -> str:
@@ -79,6 +84,9 @@ def leaves(cls: type) -> dict[str, Leaf]:
 
 
 def _leaf(where, hint):
+    alternatives = typing.get_args(hint) if typing.get_origin(hint) in _UNIONS else ()
+    if len(alternatives) == 2 and alternatives[1] is types.NoneType:
+        return _leaf(where, alternatives[0])._replace(optional=True)
     rules = typing.get_args(hint)[1:] if typing.get_origin(hint) is typing.Annotated else ()
     base = typing.get_args(hint)[0] if rules else hint
     many = typing.get_origin(base) is tuple and typing.get_args(base)[1:] == (Ellipsis,)
@@ -106,9 +114,9 @@ def build_from(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str],
         if key not in known:
             raise ParameterError(f'{source(key)}: {key}: unknown parameter{closest(key, known)}')
     for key, leaf in known.items():
-        if key not in given:
+        if key not in given and not leaf.optional:
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
-    values = {key: check(leaf, given[key], key, source) for key, leaf in known.items()}
+    values = {key: check(leaf, given.get(key), key, source) for key, leaf in known.items()}
     return _assemble(cls, values, '')
 
 
@@ -123,6 +131,8 @@ def _assemble(cls, values, prefix):
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:
     """Return a value as its parameter's type; raise ParameterError when it may not be that."""
+    if value is None and leaf.optional:
+        return None
 
     def refuse(what):
         return ParameterError(f'{source(key)}: {key}: {what}; allowed {leaf.allowed}')

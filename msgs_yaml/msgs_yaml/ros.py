@@ -1,6 +1,8 @@
 """The ROS side of every node: parameters, publishers, subscriptions.
 
-Types and QoS come from the contract, so a node cannot misstate them.
+Types and QoS come from the contract, so a node cannot misstate them. The contract's names are
+relative to the namespace of a node: `/vehicle/odometry` of a node in `/car1` is
+`/car1/vehicle/odometry`, so rings in different namespaces do not hear each other.
 """
 
 import time
@@ -9,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
+import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -35,7 +38,8 @@ def declare(node: Node, cls: type[T], defaults: Path) -> T:
     """Declare a parameter dataclass as read-only ROS parameters, and `mode` and `recorders`.
 
     Defaults come from the YAML file, overrides from the command line and parameter files. Raises
-    ParameterError for values that break their range, and for overrides that nobody declares.
+    ParameterError for values that break their range, and for overrides that nobody declares. Logs
+    how many values come from the YAML file.
     """
     # rclpy shows overrides only to those who know the names; unknown ones would pass in silence
     given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
@@ -44,11 +48,15 @@ def declare(node: Node, cls: type[T], defaults: Path) -> T:
     for one in declarations:
         # values are checked: ROS must neither override them again nor insist on 1.0 for 1
         node.declare_parameter(one.name, one.value, _descriptor(one), ignore_override=True)
+    node.get_logger().info(overrides.told_defaults(cls, given, Path(defaults)))
     return made
 
 
 def _descriptor(one):
-    descriptor = ParameterDescriptor(description=one.description, read_only=True)
+    # without a value it has no type either, unless that may change
+    descriptor = ParameterDescriptor(
+        description=one.description, read_only=True, dynamic_typing=one.value is None
+    )
     rule, kind = one.leaf.rule, one.leaf.kind
     if isinstance(rule, Range) and kind is float:
         ends = {'from_value': float(rule.low), 'to_value': float(rule.high)}
@@ -61,9 +69,35 @@ def _descriptor(one):
     return descriptor
 
 
+def relative(topic: str) -> str:
+    """Return a name of the contract or of a bag as one relative to the namespace of a node."""
+    return topic.lstrip('/')
+
+
+def full_name(node: Node, topic: str) -> str:
+    """Return the name of a topic of the contract in the graph: namespace and remappings applied."""
+    return node.resolve_topic_name(relative(topic))
+
+
+def polled_node(node: Node, name: str) -> Node:
+    """Return a second node in the namespace and context of `node`, which no executor spins.
+
+    Its subscriptions are asked for messages, they have no callbacks. Create them with `full_name`
+    of `node`: arguments of the process, remappings included, do not apply to this node.
+    """
+    return rclpy.create_node(
+        name,
+        context=node.context,
+        namespace=node.get_namespace(),
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+
+
 def publisher(node: Node, topic: str) -> Publisher:
     """Return a publisher with type and QoS of the contract; it takes messages."""
-    return node.create_publisher(message_type(topic), topic, profile(node, topic))
+    return node.create_publisher(message_type(topic), relative(topic), profile(node, topic))
 
 
 def subscribe(
@@ -71,23 +105,26 @@ def subscribe(
 ) -> Subscription:
     """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
     kind, wanted = message_type(topic), profile(node, topic)
-    return node.create_subscription(kind, topic, callback, wanted, raw=raw)
+    return node.create_subscription(kind, relative(topic), callback, wanted, raw=raw)
 
 
 def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
     """Return what the publishers of a node still have to be matched with, in words.
 
     Each topic of the contract needs as many subscriptions as the parameter `recorders` says, and
-    `listeners` more. Who starts earlier loses messages: DDS sends volatile ones only to readers
-    that it has matched.
+    `listeners` more. One that was remapped needs the listeners only: no recorder is told to listen
+    there. Who starts earlier loses messages: DDS sends volatile ones only to readers that it has
+    matched.
     """
-    topics = contract.load().topics.keys() - {HEALTH}
+    topics = {full_name(node, topic): topic for topic in contract.load().topics if topic != HEALTH}
     recorders = node.get_parameter(overrides.RECORDERS).value
     waiting = []
     for pub in node.publishers:
-        wanted = recorders + listeners.get(pub.topic_name, 0)
+        topic = topics.get(pub.topic_name)
+        is_recorded = pub.topic_name == f'{node.get_namespace().rstrip("/")}{topic}'
+        wanted = recorders * is_recorded + listeners.get(topic, 0)
         matched = pub.get_subscription_count()
-        if pub.topic_name in topics and matched < wanted:
+        if topic and matched < wanted:
             waiting.append(f'{wanted} subscriptions to {pub.topic_name} (has {matched})')
     return waiting
 

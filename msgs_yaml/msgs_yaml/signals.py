@@ -15,11 +15,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 def caught() -> Iterator[None]:
     """Turn both signals into KeyboardInterrupt, and ignore them at the end, as the process ends.
 
-    A signal that is ignored stays ignored: so a shell protects its background jobs from Ctrl-C.
+    Also a signal that was ignored at the start, as shells do for background jobs: whoever starts
+    nodes from a script ends them with SIGINT.
     """
     for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
+        signal.signal(number, _interrupt)
     try:
         yield
     finally:

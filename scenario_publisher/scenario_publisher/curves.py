@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 # rad; a lane change that turns further ahead than this would come close to driving across
 STEEPEST = 1.2
@@ -59,7 +59,9 @@ def lane_change(advance: float, offset: float) -> Curve:
             f'moves {offset:g} m aside within {advance:g} m; '
             f'allowed at most {steepest * advance:.3g} m for this length'
         )
-    psi_max = brentq(lambda psi: _offset_per_advance(psi) - ratio, -STEEPEST, STEEPEST, xtol=1e-15)
+    psi_max = scipy.optimize.brentq(
+        lambda psi: _offset_per_advance(psi) - ratio, -STEEPEST, STEEPEST, xtol=1e-15
+    )
     length = advance / _mean(np.cos, psi_max)
     return Curve(
         length,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+import scipy  # a submodule loads when it is first used: an unknown name waits for none
 
 from scenario_publisher.curves import Curve
 
@@ -69,7 +69,7 @@ def through_points(points: np.ndarray, spacing: float) -> Line:
     Heading and curvature are continuous. The points must not repeat.
     """
     chord = np.hypot(*np.diff(points, axis=0).T)
-    spline = CubicSpline(_running_sum(chord), points)
+    spline = scipy.interpolate.CubicSpline(_running_sum(chord), points)
     parts = _running_sum(np.ceil(FINER * chord / spacing))
     fine = np.interp(np.arange(parts[-1] + 1), parts, spline.x)
     half = np.diff(fine) / 2
@@ -77,7 +77,7 @@ def through_points(points: np.ndarray, spacing: float) -> Line:
     speed = np.hypot(*np.moveaxis(spline(inside, 1), -1, 0))
     station = _running_sum(half * (speed @ WEIGHTS))
     s = _divide(station[-1], spacing)
-    u = CubicSpline(station, fine)(s)
+    u = scipy.interpolate.CubicSpline(station, fine)(s)
     (X, Y), (dX, dY), (ddX, ddY) = (spline(u, order).T for order in range(3))
     psi = np.unwrap(np.arctan2(dY, dX))
     return Line(s, X, Y, psi, (dX * ddY - dY * ddX) / np.hypot(dX, dY) ** 3)
@@ -85,8 +85,8 @@ def through_points(points: np.ndarray, spacing: float) -> Line:
 
 def at(line: Line, s: float) -> Frame:
     """Return the pose at stations [m] between 0 and the length of the line."""
-    X = CubicHermiteSpline(line.s, line.X, np.cos(line.psi))(s)
-    Y = CubicHermiteSpline(line.s, line.Y, np.sin(line.psi))(s)
+    X = scipy.interpolate.CubicHermiteSpline(line.s, line.X, np.cos(line.psi))(s)
+    Y = scipy.interpolate.CubicHermiteSpline(line.s, line.Y, np.sin(line.psi))(s)
     return Frame(X, Y, np.interp(s, line.s, line.psi))
 
 

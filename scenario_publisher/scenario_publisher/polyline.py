@@ -1,7 +1,7 @@
 """Polylines, straight between their points: where a point lies beside one. Metres, frame map."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 TIE = 1e-9  # m, below which two distances count as equal
 
@@ -33,7 +33,7 @@ def left_of(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     together than the distances asked for.
     """
     points = np.column_stack([np.atleast_1d(X), np.atleast_1d(Y)])
-    nearest = cKDTree(line).query(points)[1]
+    nearest = scipy.spatial.cKDTree(line).query(points)[1]
     before, before_side = _beside(line, np.maximum(nearest - 1, 0), points)
     after, after_side = _beside(line, np.minimum(nearest, len(line) - 2), points)
     # at a shared vertex the segment that sees the point more squarely knows the side
@@ -46,7 +46,7 @@ def left_of(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
 def overrun(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     """Return how far [m] points lie behind the start or ahead of the end of a polyline, else 0."""
     points = np.column_stack([np.atleast_1d(X), np.atleast_1d(Y)])
-    nearest = cKDTree(line).query(points)[1]
+    nearest = scipy.spatial.cKDTree(line).query(points)[1]
     first, last = line[0] - line[1], line[-1] - line[-2]
     behind = (points - line[0]) @ first / np.hypot(*first)
     ahead = (points - line[-1]) @ last / np.hypot(*last)

@@ -52,6 +52,13 @@ class Stop(NamedTuple):
     time: float  # s
 
 
+class GivenSpeed(NamedTuple):
+    """A speed of the start or of the path, and where the file gives it."""
+
+    key: str  # 'start.speed_mps', 'speed.constant_mps' or 'speed.speeds_mps[<i>]'
+    speed: float  # m/s
+
+
 class Scenario(NamedTuple):
     """A scenario, checked; stamps are those of the start of a lockstep run."""
 
@@ -66,6 +73,7 @@ class Scenario(NamedTuple):
     text: str  # the YAML it was made from
     actors: tuple[Actor, ...]  # obstacles over time
     patches: Patches = Patches()  # where the friction is another
+    speeds: tuple[GivenSpeed, ...] = ()  # the start's, if it is given, then the desired ones
 
 
 def available() -> tuple[str, ...]:
@@ -136,8 +144,18 @@ def _make(given, text, fail):
         text=text,
         actors=crowd,
         patches=friction.make(given.friction_patches, where.centre, fail),
+        speeds=_given_speeds(given),
     )
     return made._replace(obstacles=obstacles_at(made, 0.0, START_NS))
+
+
+def _given_speeds(given):
+    start = given.start.speed_mps
+    found = [] if start is None else [GivenSpeed('start.speed_mps', start)]
+    if isinstance(given.speed, schema.ConstantSpeed):
+        return (*found, GivenSpeed('speed.constant_mps', given.speed.constant_mps))
+    listed = enumerate(given.speed.speeds_mps)
+    return (*found, *(GivenSpeed(f'speed.speeds_mps[{i}]', speed) for i, speed in listed))
 
 
 def _speed_table(given, fail):

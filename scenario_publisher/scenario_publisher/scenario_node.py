@@ -5,7 +5,7 @@ import sys
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import contract, decode, encode, ros, share, spin_node
+from msgs_yaml import contract, decode, encode, raw_edges, raw_path, ros, share, spin_node
 from msgs_yaml.wall import Wall
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
@@ -29,6 +29,9 @@ class ScenarioNode(Node):
         self.edges_pub = ros.publisher(self, '/scenario/road_edges')
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
+        # serialised: making the messages anew takes longer than the time between two obstacles
+        self.path = ros.serialized(encode.reference(self.timeline.reference(scenario.START_NS)))
+        self.edges = ros.serialized(encode.road_edges(self.timeline.edges(scenario.START_NS)))
         self.instant = None  # of simulated time, not answered yet
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
@@ -88,8 +91,8 @@ class ScenarioNode(Node):
     def publish_facts(self, stamp_ns):
         """Publish path and edges when they are due."""
         if self.timeline.facts.is_due(stamp_ns):
-            self.reference_pub.publish(encode.reference(self.timeline.reference(stamp_ns)))
-            self.edges_pub.publish(encode.road_edges(self.timeline.edges(stamp_ns)))
+            self.reference_pub.publish(raw_path.restamped(self.path, stamp_ns))
+            self.edges_pub.publish(raw_edges.restamped(self.edges, stamp_ns))
 
 
 def read_health(raw):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Literal
 
+from msgs_yaml import ranges
 from msgs_yaml.parameters import Range
 from scenario_publisher.quantities import (
     Coordinate,
@@ -168,7 +169,7 @@ class Stop:
     """What ends the run, whichever comes first."""
 
     progress_m: Annotated[float, Range(1.0, 10000.0, 'm')]
-    time_s: Annotated[float, Range(0.5, 600.0, 's')]
+    time_s: Annotated[float, ranges.RUN_TIME]
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,16 @@
 """The benchmark's modules, and small problems for them: nothing here needs a compiler."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import casadi as ca
+import loops
 import numpy as np
+import problems
 import pytest
+from loops import Loop
 
-BENCH = Path(__file__).parents[2] / 'bench'
-sys.path.insert(0, str(BENCH))
-
-import loops  # noqa: E402
-import problems  # noqa: E402
-from loops import Loop  # noqa: E402
-
-from mpcc_controller.problem import mpcc_ocp  # noqa: E402
-from mpcc_controller.solvers.shooting import Bounds, StageProblem  # noqa: E402
+from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.solvers.shooting import Bounds, StageProblem
 
 HORIZON = 10
 LOOPS = (

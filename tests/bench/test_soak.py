@@ -1,6 +1,5 @@
 """A short soak; the documented run is `python bench/soak.py`."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -57,11 +56,10 @@ def test_a_soak_that_cannot_be_driven_is_refused(minutes):
     assert '0.1 to 600' in done.stderr
 
 
-@pytest.mark.ros
+@pytest.mark.usefixtures('dds')
 def test_a_short_drive_does_not_make_the_nodes_grow():
     done = subprocess.run(
         [sys.executable, BENCH / 'soak.py', '--minutes', '0.4'],
-        env={**os.environ, 'ROS_DOMAIN_ID': '79'},
         capture_output=True,
         text=True,
         timeout=200,
@@ -72,11 +70,9 @@ def test_a_short_drive_does_not_make_the_nodes_grow():
     assert min(looks) >= 120, 'a tenth of the run is a dozen looks: fewer do not make a median'
 
 
-@pytest.mark.ros
-def test_a_soak_of_several_drives_is_one_life_of_the_controller(monkeypatch, tmp_path):
+def test_a_soak_of_several_drives_is_one_life_of_the_controller(monkeypatch, tmp_path, domain):
     monkeypatch.setattr(soak, 'LONGEST_DRIVE_MIN', 0.1)
-    monkeypatch.setenv('ROS_DOMAIN_ID', '79')
-    found = soak.soak('lockstep', 0.2, tmp_path, 79)
+    found = soak.soak('lockstep', 0.2, tmp_path, domain)
     lives = [one.node for one in found]
     restarted = [f'{role}.{number}' for number in (1, 2) for role in RESTARTED]
     assert sorted(lives) == sorted([*restarted, 'controller'])
@@ -85,8 +81,8 @@ def test_a_soak_of_several_drives_is_one_life_of_the_controller(monkeypatch, tmp
     assert min(looks.values()) > 20
 
 
-@pytest.mark.ros
-def test_a_soak_on_the_wall_clock_drives_to_its_end(tmp_path):
-    found = soak.soak('realtime', 0.2, tmp_path, 79)
+@pytest.mark.alone
+def test_a_soak_on_the_wall_clock_drives_to_its_end(tmp_path, domain):
+    found = soak.soak('realtime', 0.2, tmp_path, domain)
     assert {one.node for one in found} == {'controller', *RESTARTED}
     assert min(one.looks for one in found) > 20

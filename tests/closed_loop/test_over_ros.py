@@ -1,11 +1,8 @@
 """The ring in process against the ring of nodes over Fast DDS."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
+from driven import drive
 
 from bags.storage import read
 from bags.storage.columns import Values
@@ -19,24 +16,13 @@ REPEATED = ('/scenario/reference', '/scenario/road_edges')
 
 
 @pytest.fixture(scope='module')
-def bags(tmp_path_factory):
-    """Drive the scenarios through the nodes."""
-    return {name: drive(tmp_path_factory.mktemp(name), name) for name in SCENARIOS}
+def bags(rings, tmp_path_factory):
+    """Return the bags of the scenarios, driven through the nodes by the MPCC."""
+    out = tmp_path_factory.mktemp('split_mu')
+    drive(out, 'split_mu', 'mpcc')
+    return {SCENARIO: read.load(rings.bag('mpcc')), 'split_mu': read.load(out / 'split_mu/mpcc')}
 
 
-def drive(out, name):
-    done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', 'run', name, '--out', out],
-        env={**os.environ, 'ROS_DOMAIN_ID': '58'},
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return read.load(out / name / 'mpcc')
-
-
-@pytest.mark.ros
 @pytest.mark.parametrize('name', SCENARIOS)
 def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bags, name):
     made, _ = ring.drive(name, 'mpcc')
@@ -49,7 +35,6 @@ def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bags, nam
     assert made['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
 
 
-@pytest.mark.ros
 def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(ring, bags):
     _, driven = ring.drive(SCENARIO, 'mpcc')
     assert recorded.of_bag(bags[SCENARIO]).facts == driven.facts

@@ -50,12 +50,15 @@ def remaps(fault: Fault, role: str) -> list[str]:
     return [part for rule in heard + said + kept for part in ('-r', rule)]
 
 
-def relay(fault: Fault) -> list[str]:
-    """Return the command of the relay; it also tells when the time of other faults has come."""
+def relay(fault: Fault, go: Path) -> list[str]:
+    """Return the command of the relay; it also tells when the time of other faults has come.
+
+    It begins when the file `go` is there.
+    """
     topics = fault.to if fault.does == 'relay' else ()
     source, target = (SOUND, '') if SPEAKS.keys() & set(topics) else ('', HARMED)
     command = [sys.executable, str(HERE / 'relay.py'), source, target, *topics]
-    given = {'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S, 'priority': PRIORITY}
+    given = {'go': go, 'mode': fault.mode, 'from_s': FROM_S, 'for_s': FOR_S, 'priority': PRIORITY}
     for name, value in (given | (fault.settings if topics else {})).items():
         command.append(f'--{name.replace("_", "-")}={value}')
     return command

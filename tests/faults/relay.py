@@ -1,12 +1,14 @@
 """A process between publisher and subscriber that harms the messages for a while.
 
-    python relay.py --mode realtime --do nan --from-s 1.5 --for-s 0.5 SOURCE TARGET TOPIC [...]
+    python relay.py --mode realtime --go FILE --do nan --from-s 1.5 --for-s 0.5 SOURCE TARGET \
+        TOPIC [...]
 
 Each topic of the contract is heard under SOURCE and spoken under TARGET. Time begins with the first
 command; in lockstep it is that of the stamps. When the time of the harm has come it prints `begins`
 and the instant [ns], under which a recorder files what happens then. Without a topic that is all it
 does. It hears everything that a controller says, and so counts as one recorder more: a controller
-that waits for it gives no command that it does not hear.
+that waits for it gives no command that it does not hear. It hears nobody before the file FILE is
+there: so the program is loaded, and the drive that waits for it begins when it is let go.
 """
 
 import argparse
@@ -15,6 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import damage
 from rclpy.clock import Clock, ClockType
@@ -29,12 +32,15 @@ BEGIN = '/controller/command'
 MORE = ('/controller/prediction', '/controller/why')
 LOOK_S = 0.002  # between two looks at what was held back
 HUGE_EVERY_S = 0.05
+GO_S = 0.01  # between two looks at whether to begin
 
 
 class Relay(Node):
     """Passes raw messages on, in the order in which they came but for the harm."""
 
     def __init__(self, given: argparse.Namespace):
+        while not given.go.exists():
+            time.sleep(GO_S)
         super().__init__('relay')
         if given.mode == 'realtime':  # as the nodes beside it
             realtime.apply(replace(realtime.DEFAULTS, priority=given.priority))
@@ -225,6 +231,7 @@ def main() -> int:
     parser.add_argument('source', help='put before the name of a topic')
     parser.add_argument('target', help='put before the name of a topic')
     parser.add_argument('topics', nargs='*')
+    parser.add_argument('--go', type=Path, required=True, help='file whose existence lets it begin')
     parser.add_argument('--mode', required=True, choices=('lockstep', 'realtime'))
     parser.add_argument('--do', default='drop', choices=DEEDS)
     parser.add_argument('--from-s', type=float, required=True)

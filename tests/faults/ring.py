@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hooks
+import slot
 import yaml
 from catalogue import ROLES, Fault
 from stalls import Stalls
@@ -19,7 +20,7 @@ from bags.experiments.processes import Process
 from msgs_yaml import leaving
 
 START_NS = 1_000_000_000  # of simulated time
-LOOK_S = 0.005
+LOOK_S = 0.01
 NICE = -15  # of the group of processes that is a session
 START_S = 40.0  # of wall time, until the fault's time has come
 DRIVE_S = 40.0  # of wall time, from then on
@@ -58,6 +59,7 @@ class Ring:
         scenario.write_text(yaml.safe_dump(fault.scenario))
         facts = closed_loop.scenario_facts(str(scenario))
         self.bag = self.witness = folder / launch.BAG
+        self.go = folder / 'go'
         given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}
         self.doubted = fault.does == 'disk_bytes' or fault.to == 'recorder'
         if self.doubted:  # its bag is no evidence: a second recorder watches
@@ -78,23 +80,30 @@ class Ring:
         self.begins_ns = None
 
     def start(self):
-        """Start every node, the recorders first."""
+        """Start every node but the plant, the recorders first.
+
+        A plant that waits for its drive sends states at 1 kHz with the priority of one that drives.
+        """
         self.begin('recorder')
         if self.doubted:
             node = self.nodes['recorder']
             given = node.parameters | {'out': str(self.witness)}
             self.nodes['witness'] = node._replace(role='witness', parameters=given)
             self.begin('witness')
-        for role in ('scenario', 'controller', 'plant'):
+        for role in ('scenario', 'controller'):
             self.begin(role)
         self.begin_relay()
 
     def begin_relay(self):
-        """Start the relay, which every drive waits for."""
-        log = self.folder / 'relay.log'
-        relay = processes.start('relay', hooks.relay(self.fault), log, self.environment)
+        """Start the relay, which every drive waits for; it waits to be let go."""
+        log, command = self.folder / 'relay.log', hooks.relay(self.fault, self.go)
+        relay = processes.start('relay', command, log, self.environment)
         self.running['relay'] = relay
         prefer(relay)
+
+    def let_go(self):
+        """Let the drive begin as soon as every node is ready."""
+        self.go.touch()
 
     def begin(self, role):
         """Start one node; a second time under another log."""
@@ -185,14 +194,18 @@ def was_held(process: Process) -> bool:
 def undergo(fault: Fault, ring: Ring) -> list[str]:
     """Start a ring and see its fault through; return what took too long."""
     ring.start()
-    came = ring.wait(START_S, lambda: ring.has_begun() or ring.has_ended())
-    if ring.begins_ns is None and fault.does != 'at_s':
-        return [] if came else ['start']
-    ring.harm()
-    if fault.does in ('kill', 'freeze') and fault.to == 'plant' and 'for_s' not in fault.settings:
-        time.sleep(ALONE_S)
-    elif not ring.wait(DRIVE_S, ring.is_over):
-        return ['drive']
+    with slot.drive(fault.mode):
+        ring.begin('plant')
+        ring.let_go()
+        came = ring.wait(START_S, lambda: ring.has_begun() or ring.has_ended())
+        if ring.begins_ns is None and fault.does != 'at_s':
+            return [] if came else ['start']
+        ring.harm()
+        never_ends = fault.does in ('kill', 'freeze') and fault.to == 'plant'
+        if never_ends and 'for_s' not in fault.settings:
+            time.sleep(ALONE_S)
+        elif not ring.wait(DRIVE_S, ring.is_over):
+            return ['drive']
     return []
 
 

@@ -3,6 +3,10 @@
 A virtual machine may lose one of its processors for a while and keep the others; a single watcher
 sees that only when it happens to run there. It may also lose it many times in a row, each time for
 less than a tick: what was lost within a tenth of a second counts together.
+
+Only a thread with a priority above the nodes' can tell a machine that stands still from nodes that
+compute. Where the user may not give it, nobody watches, no stall is found, and nothing is excused;
+threads of ordinary priority would only take their turns from the nodes.
 """
 
 import contextlib
@@ -29,9 +33,10 @@ class Stalls:
     def __init__(self):
         self.found: list[tuple[int, float]] = []  # wall time [ns], lost by then [s]
         self.over = threading.Event()
+        processors = sorted(os.sched_getaffinity(0)) if may_prefer() else []
         self.threads = [
             threading.Thread(target=self.watch, args=(processor,), daemon=True)
-            for processor in sorted(os.sched_getaffinity(0))
+            for processor in processors
         ]
 
     def watch(self, processor: int):
@@ -61,27 +66,43 @@ class Stalls:
 
     def __enter__(self):
         self.before = os.sched_getscheduler(0), os.sched_getparam(0)
-        prefer(0)  # a thread that holds the lock of the interpreter must not wait for a node
+        if self.threads:  # who holds the lock of the interpreter must not wait for a node
+            prefer(0)
         for thread in self.threads:
             thread.start()
         return self
 
     def __exit__(self, *error):
         self.over.set()
-        policy, parameters = self.before
-        try:
-            os.sched_setscheduler(0, policy, parameters)
-        except PermissionError:  # who is not root cannot take back what it said about forks
-            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+        if self.threads:
+            give_back(*self.before)
         for thread in self.threads:
             thread.join()
 
 
 def prefer(thread: int) -> None:
-    """Give a thread of this process its priority, where the user may; what it starts gets none."""
-    with contextlib.suppress(PermissionError):
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(thread, policy, os.sched_param(PRIORITY))
+    """Give a thread of this process its priority; what it starts gets none. PermissionError."""
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    os.sched_setscheduler(thread, policy, os.sched_param(PRIORITY))
+
+
+def give_back(policy: int, parameters: os.sched_param) -> None:
+    """Give this thread the priority that it had."""
+    try:
+        os.sched_setscheduler(0, policy, parameters)
+    except PermissionError:  # who is not root cannot take back what it said about forks
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+
+
+def may_prefer() -> bool:
+    """Tell whether the user may give real-time priority."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        prefer(0)
+    except PermissionError:
+        return False
+    give_back(*before)
+    return True
 
 
 def wait_until_calm() -> None:

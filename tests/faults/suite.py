@@ -7,11 +7,14 @@
 
 Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
 before the fault, with a command that must not be, with a process that hung, or with a bag that
-cannot be read. A failed run is tried again when it says nothing about the fault: once when the car
-was not OK before it, at most four times when the machine was seen to stand still around it: a
-thread on one of its processors, with a priority above the nodes' where the user may, got no turn
-for 0.04 s of a tenth of a second. The next try waits until all had their turns for 2 s, a minute at
-most. After that it has failed. The nodes run with priority too: a busy machine is another fault.
+cannot be read. A run is tried again, once, when it was late and nothing else, and the machine was
+seen to stand still around its fault: a thread on one of its processors, with a priority above the
+nodes', got no turn for 0.04 s of a tenth of a second. Of all faults together two may be tried
+again; the next one that is late has failed. The second try waits until all threads had their turns
+for 2 s, a minute at most. The nodes run with priority too: a busy machine is another fault.
+
+Rings start, end and are judged beside each other, in two lanes where the user may give real-time
+priority; one drive on the wall clock takes place at a time.
 
 With --out of an earlier run, what has a verdict on the same commit is not run again: an interrupted
 suite goes on where it was. Uncommitted changes are no commit; with them everything is run.
@@ -25,25 +28,24 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import catalogue
+import lanes
 import ring
 import stalls
 import states
 import verdicts
 from catalogue import Fault
 from ring import Evidence
-from verdicts import Verdict
+from verdicts import NOT_CALM, TOO_LATE, Verdict
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.experiments import notes
+from bags.experiments import domain, notes
 from bags.storage import read, repair
 
-DOMAIN = 70
-TRIES = 5  # of a run that says nothing about its fault
-TOO_LATE = 'too late'
-NOT_CALM = 'not OK before the fault'
+RETRIES = 2  # of all faults together
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
 
 
@@ -80,18 +82,9 @@ def judge(fault: Fault, evidence: Evidence) -> Verdict:
         visited=visited,
         nonsense=bad,
         remarks=tuple(remarks),
-        stall_s=counting_stall(fault, evidence),
-        calm=not before,
+        # a drive in lockstep waits
+        stall_s=0.0 if fault.mode == 'lockstep' else evidence.stall_s,
     )
-
-
-def counting_stall(fault: Fault, evidence: Evidence) -> float:
-    """Return how long the machine stood still where it matters [s].
-
-    A drive in lockstep waits; only its start has limits on the wall clock.
-    """
-    waits = fault.mode == 'lockstep' and evidence.begins_ns is not None
-    return 0.0 if waits else evidence.stall_s
 
 
 def harmful(fault: Fault, bag: read.Bag) -> int:
@@ -121,44 +114,70 @@ def row(verdict: Verdict) -> str:
     )
 
 
-def attempt(fault: Fault, out: Path, domain: int) -> Verdict:
-    """Try a fault; again when the run failed and says nothing about it."""
-    earlier: list[str] = []
-    for tries in range(1, TRIES + 1):
-        if tries > 1:
-            stalls.wait_until_calm()
-        folder = out / (fault.name if tries == 1 else f'{fault.name}.{tries}')
-        shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
-        around = verdicts.surroundings()
-        verdict = judge(fault, ring.drive(fault, folder, domain))
-        if verdict.passed or not excused(fault, verdict, tries):
-            break
-        earlier += verdict.remarks
-    told = tuple(dict.fromkeys(earlier)) if tries > 1 else ()
-    return verdict._replace(tries=tries, earlier=told, **around)
+class Retries:
+    """How many runs that were late may still be tried again: one number for a whole suite."""
+
+    def __init__(self, used: int = 0):
+        self.left = RETRIES - used
+
+    def grant(self, verdict: Verdict) -> bool:
+        """Tell whether a run is tried again, and count it."""
+        granted = self.left > 0 and verdict.tries == 1 and verdict.late and verdict.disturbed
+        self.left -= granted
+        return granted
 
 
-def excused(fault: Fault, verdict: Verdict, tries: int) -> bool:
-    """Tell whether a failed run, the first is 1, says nothing about its fault.
+def try_once(fault: Fault, out: Path, before: Verdict | None) -> Verdict:
+    """Run a fault in a ROS domain of its own; `before` is what came of the first try."""
+    tries = 1 if before is None else before.tries + 1
+    folder = out / (fault.name if before is None else f'{fault.name}.{tries}')
+    if before:
+        stalls.wait_until_calm()
+    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted or earlier run
+    around = verdicts.surroundings()
+    with domain.reserved({}) as number:
+        evidence = ring.drive(fault, folder, number)
+    earlier = ()
+    if before:
+        earlier = (*before.remarks, f'the machine stood still for {before.stall_s:.2f} s')
+    return judge(fault, evidence)._replace(tries=tries, earlier=earlier, **around)
 
-    A car that was not OK before it is an excuse once only, and none in lockstep, where a drive is
-    the same every time; nothing excuses a command that must not be.
-    """
-    unfit = not verdict.calm and fault.mode == 'realtime' and tries == 1
-    return (unfit or verdict.disturbed) and not verdict.nonsense
+
+def outcomes(
+    faults: Iterable[Fault], out: Path, retries: Retries, count: int = 1
+) -> Iterator[Verdict]:
+    """Try faults in `count` lanes; yield the last verdict on each as soon as there is one."""
+    to_do = [(fault, out, None) for fault in faults]
+    with lanes.Lanes(count) as several:
+        for (fault, *_), verdict in several.results(try_once, to_do):
+            if retries.grant(verdict):
+                to_do.insert(0, (fault, out, verdict))
+            else:
+                yield verdict
 
 
-def run(faults: list[Fault], out: Path, domain: int) -> list[Verdict]:
-    """Try what was not tried on this commit, one after the other; print a line about each."""
+def attempt(fault: Fault, out: Path, retries: Retries) -> Verdict:
+    """Try one fault, again when it was late, and return what came of it."""
+    (verdict,) = outcomes([fault], out, retries)
+    return verdict
+
+
+def run(faults: list[Fault], out: Path, count: int = 1) -> list[Verdict]:
+    """Try what was not tried on this commit, in `count` lanes; print a line about each."""
     print(HEAD, flush=True)
     kept, commit = out / verdicts.KEPT, notes.commit()
     found = verdicts.load(kept) if kept.is_file() else {}
+    known = {name: one for name, one in found.items() if verdicts.is_known(one, commit)}
     for fault in faults:
-        if not verdicts.is_known(found.get(fault.name), commit):
-            found.pop(fault.name, None)  # the file is in the order of the runs
-            found[fault.name] = attempt(fault, out, domain)
-            verdicts.save(kept, found)
-        print(row(found[fault.name]), flush=True)
+        if fault.name in known:
+            print(row(known[fault.name]), flush=True)
+    to_do = [fault for fault in faults if fault.name not in known]
+    retries = Retries(used=sum(one.tries - 1 for one in known.values()))
+    for verdict in outcomes(to_do, out, retries, count):
+        found.pop(verdict.name, None)  # the file is in the order of the runs
+        found[verdict.name] = verdict
+        verdicts.save(kept, found)
+        print(row(verdict), flush=True)
     return [found[fault.name] for fault in faults]
 
 
@@ -184,19 +203,18 @@ def main() -> int:
     parser.add_argument('--some', type=int, help='so many of them, chosen by --seed')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--out', type=Path, help='folder for bags, logs and verdicts.json')
-    parser.add_argument('--domain', type=int, default=DOMAIN, help='ROS_DOMAIN_ID')
+    parser.add_argument(
+        '--lanes', type=int, default=lanes.default(), help='rings at a time; default: %(default)s'
+    )
     given = parser.parse_args()
     known = [f for f in catalogue.load() if given.mode in (None, f.mode)]
     faults = chosen(known, given.names, given.some, given.seed)
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
-        found = run(faults, (given.out or Path(scratch)).absolute(), given.domain)
-    passed = sum(verdict.passed for verdict in found)
+        found = run(faults, (given.out or Path(scratch)).absolute(), given.lanes)
     minutes = (time.monotonic() - began) / 60
-    bad = sum(verdict.nonsense for verdict in found)
-    print(f'{passed} of {len(found)} as expected, {bad} commands that must not be, ', end='')
-    print(f'{minutes:.1f} min')
-    return 0 if passed == len(found) else 1
+    print(f'{verdicts.total(found)} {minutes:.1f} min.')
+    return 0 if all(verdict.passed for verdict in found) else 1
 
 
 if __name__ == '__main__':

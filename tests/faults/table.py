@@ -19,8 +19,8 @@ from verdicts import Verdict
 PAGE = catalogue.HERE.parents[1] / 'docs' / 'faults.md'
 BEGIN, END = '<!-- faults: made by tests/faults/table.py -->', '<!-- end of faults -->'
 SHORT = 10  # digits of a commit
-HEAD = """| fault | mode | expected | within [s] | found | after [s] | notes |
-|---|---|---|---|---|---|---|"""
+HEAD = """| fault | mode | expected | within [s] | found | after [s] | tries | notes |
+|---|---|---|---|---|---|---|---|"""
 
 
 class TableError(ValueError):
@@ -31,20 +31,21 @@ def row(fault: catalogue.Fault, verdict: Verdict | None, commit: str) -> str:
     """Return the row of a fault; `commit` is the one measured."""
     said = [f'`{fault.name}`', fault.mode, fault.expect, f'{fault.within_s:g}']
     if verdict is None:
-        return '| ' + ' | '.join([*said, 'not run', '', '']) + ' |'
+        return '| ' + ' | '.join([*said, 'not run', '', '', '']) + ' |'
     if (verdict.expected, verdict.within_s) != (fault.expect, fault.within_s):
         was = f'{verdict.expected} within {verdict.within_s:g} s'
         raise TableError(f'{fault.name}: was run when {was} was expected')
     notes = list(verdict.remarks)
     if verdict.tries > 1:
-        notes.append(f'try {verdict.tries}; before: {"; ".join(verdict.earlier)}')
+        notes.append(f'first try: {"; ".join(verdict.earlier)}')
     if verdict.disturbed:
         notes.append(f'the machine stood still for {verdict.stall_s:.2f} s')
     if verdict.commit != commit:
         notes.append(f'on {named(verdict.commit)}')
     found = verdict.found + ('' if verdict.passed else ' **no**')
     after = f'{verdict.settled_s:.2f}'
-    return '| ' + ' | '.join([*said, found, after, '; '.join(notes)]) + ' |'
+    tries = str(verdict.tries)
+    return '| ' + ' | '.join([*said, found, after, tries, '; '.join(notes)]) + ' |'
 
 
 def named(commit: str) -> str:
@@ -62,13 +63,8 @@ def block(faults: list[catalogue.Fault], found: dict[str, Verdict]) -> str:
     if unknown:
         raise TableError(f'no such fault: {", ".join(sorted(unknown))}')
     commit = max(found.values(), key=lambda verdict: verdict.at).commit
-    passed = sum(verdict.passed for verdict in found.values())
-    bad = sum(verdict.nonsense for verdict in found.values())
     rows = [row(fault, found.get(fault.name), commit) for fault in faults]
-    total = (
-        f'{passed} of {len(found)} as expected, {len(faults) - len(found)} not run, '
-        f'{bad} commands that must not be.'
-    )
+    total = f'{verdicts.total(found.values())} {len(faults) - len(found)} not run.'
     return '\n'.join([total, '', measured(found, commit), '', HEAD, *rows])
 
 

@@ -6,16 +6,20 @@ import catalogue
 import pytest
 from ring import Ring
 
+from bags.experiments import domain
+
 pytestmark = pytest.mark.ros
-DOMAIN = 79
 PATIENCE_S = 40.0
 
 
 def test_no_drive_begins_before_the_relay_hears_the_controller(tmp_path):
     """A late one would miss the time of its fault: a drive in lockstep may take a second."""
     (fault,) = [one for one in catalogue.load() if one.name == 'controller_killed_lockstep']
-    ring = Ring(fault, tmp_path / 'ring', DOMAIN)
+    with domain.reserved({}) as number:
+        see_it_begin(Ring(fault, tmp_path / 'ring', number))
 
+
+def see_it_begin(ring):
     def said(role):
         return ring.running[role].log.read_text()
 
@@ -33,6 +37,7 @@ def test_no_drive_begins_before_the_relay_hears_the_controller(tmp_path):
         time.sleep(1.0)
         assert 'started from the actuators' not in said('controller')
         ring.begin_relay()
+        ring.let_go()
         assert ring.wait(PATIENCE_S, ring.has_begun), said('controller')
         assert 'started from the actuators' in said('controller')
     finally:

@@ -127,12 +127,12 @@ def test_the_relay_is_between_one_publisher_and_one_subscriber():
         '/vehicle/odometry:=/harmed/vehicle/odometry',
     ]
     assert hooks.remaps(fault, 'plant') == []
-    assert Path(hooks.relay(fault)[1]).name == 'relay.py'
+    assert Path(hooks.relay(fault, Path('go'))[1]).name == 'relay.py'
 
 
 def test_harmed_health_is_heard_by_the_scenario():
     fault = next(f for f in catalogue.load() if f.name == 'diagnostics_word')
-    _, _, source, target, topic, *_ = hooks.relay(fault)
+    _, _, source, target, topic, *_ = hooks.relay(fault, Path('go'))
     harmed = target + topic
     heard = {
         role: dict(rule.split(':=') for rule in hooks.remaps(fault, role)[1::2])

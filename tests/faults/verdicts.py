@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Collection
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,8 @@ from stalls import STALL_S
 from bags.experiments import notes
 
 KEPT = 'verdicts.json'
+TOO_LATE = 'too late'
+NOT_CALM = 'not OK before the fault'
 DIRTY = '-dirty'
 
 
@@ -26,9 +29,8 @@ class Verdict(NamedTuple):
     nonsense: int  # commands that must not be
     remarks: tuple[str, ...]  # everything that went wrong
     stall_s: float  # time for which the machine stood still, around the fault
-    calm: bool = True  # OK all the time in the second before the fault
     tries: int = 1
-    earlier: tuple[str, ...] = ()  # what went wrong in the tries before
+    earlier: tuple[str, ...] = ()  # what went wrong in the try before
     commit: str = ''  # of the code, '' outside of its repository
     machine: str = ''
     load: float = 0.0  # of the machine, when the last try began
@@ -40,8 +42,18 @@ class Verdict(NamedTuple):
         return not self.remarks
 
     @property
+    def late(self) -> bool:
+        """Whether something went wrong, and nothing but that something was late.
+
+        A machine that stands still explains that, but no other final state, no process that hung
+        or ended, no bag that cannot be read and no command that must not be.
+        """
+        lateness = [r == TOO_LATE or r.startswith(f'{NOT_CALM}: ') for r in self.remarks]
+        return bool(lateness) and all(lateness)
+
+    @property
     def disturbed(self) -> bool:
-        """Whether the machine stood still: a reason to try again, never to pass."""
+        """Whether the machine stood still for longer than the nodes can make up for."""
         return self.stall_s > STALL_S
 
 
@@ -57,8 +69,15 @@ def surroundings() -> dict[str, str | float]:
 
 
 def load(path: Path) -> dict[str, Verdict]:
-    """Return the verdicts of a file by the names of their faults, in the order of the runs."""
-    return {one['name']: Verdict(**one) for one in json.loads(path.read_text())}
+    """Return the verdicts of a file by the names of their faults, in the order of the runs.
+
+    What an older version noted besides is left out.
+    """
+    found = {}
+    for noted in json.loads(path.read_text()):
+        known = {name: value for name, value in noted.items() if name in Verdict._fields}
+        found[noted['name']] = Verdict(**known)
+    return found
 
 
 def save(path: Path, verdicts: dict[str, Verdict]) -> None:
@@ -66,6 +85,17 @@ def save(path: Path, verdicts: dict[str, Verdict]) -> None:
     new = path.with_suffix('.new')
     new.write_text(json.dumps([verdict._asdict() for verdict in verdicts.values()], indent=1))
     new.replace(path)
+
+
+def total(verdicts: Collection[Verdict]) -> str:
+    """Return the sum of several verdicts as a sentence."""
+    passed = sum(verdict.passed for verdict in verdicts)
+    again = sum(verdict.tries - 1 for verdict in verdicts)
+    bad = sum(verdict.nonsense for verdict in verdicts)
+    return (
+        f'{passed} of {len(verdicts)} as expected, {again} tried again, '
+        f'{bad} commands that must not be.'
+    )
 
 
 def is_known(verdict: Verdict | None, commit: str) -> bool:

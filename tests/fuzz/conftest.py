@@ -1,13 +1,11 @@
 """How much is fuzzed: FUZZ_EXAMPLES per test, a seeded few unless set. See docs/faults.md."""
 
 import os
-import sys
-from pathlib import Path
+from collections import Counter
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-sys.path.insert(0, str(Path(__file__).parent))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 EXAMPLES = int(os.environ.get('FUZZ_EXAMPLES', '8'))
 settings.register_profile(
@@ -19,15 +17,19 @@ settings.register_profile(
     phases=(Phase.generate,),  # a failure is told at once: to shrink batches takes minutes
     suppress_health_check=list(HealthCheck),
 )
-COUNTED = {}
+READ = 'read or refused by a reader, the plant or the scenario'
+COUNTED = Counter()  # by (test, outcome)
 
 
 @pytest.fixture(scope='session')
 def count():
-    """Return a function that counts inputs; the sum is printed at the end."""
+    """Return a function that counts inputs of a test by outcome; the sums are printed at the end.
 
-    def one(test, inputs=1):
-        COUNTED[test] = COUNTED.get(test, 0) + inputs
+    The outcome of what only a reader or another node than the controller was told is `read`.
+    """
+
+    def one(test, inputs=1, outcome=READ):
+        COUNTED[test, outcome] += inputs
 
     return one
 
@@ -35,3 +37,8 @@ def count():
 def pytest_terminal_summary(terminalreporter):
     if COUNTED:
         terminalreporter.write_line(f'fuzzed inputs: {sum(COUNTED.values())}')
+        sums = Counter()
+        for (_, outcome), inputs in COUNTED.items():
+            sums[outcome] += inputs
+        for outcome, inputs in sorted(sums.items()):
+            terminalreporter.write_line(f'  {inputs} {outcome}')

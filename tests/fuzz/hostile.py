@@ -101,17 +101,40 @@ def harms() -> st.SearchStrategy:
     return st.lists(st.tuples(number, number), min_size=1, max_size=4)
 
 
+Change = list | tuple | bytes
+
+
+def changes() -> st.SearchStrategy[Change]:
+    """Return a strategy of what to do to any message: see `changed`."""
+    number = st.integers(0, 99999)
+    bends = st.tuples(number, number, number)
+    return st.one_of(harms(), bends, st.binary(max_size=64))
+
+
+def changed(message: Any, change: Change) -> bytes:
+    """Return the bytes of a message after a change; the message itself stays.
+
+    A list names fields and what is put there, a tuple what is bent of the bytes; bytes come instead
+    of the message.
+    """
+    if isinstance(change, bytes):
+        return change
+    if isinstance(change, tuple):
+        return bent(ros.serialized(message), *change)
+    return ros.serialized(_harmed(message, change))
+
+
 def messages(topic: str) -> st.SearchStrategy:
     """Return a strategy of hostile messages of a topic."""
     sound = example(topic)
+    return harms().map(lambda several: _harmed(sound, several))
 
-    def made(several):
-        message = copy.deepcopy(sound)
-        for place, choice in several:
-            harm(message, place, choice)
-        return message
 
-    return harms().map(made)
+def _harmed(sound, several):
+    message = copy.deepcopy(sound)
+    for place, choice in several:
+        harm(message, place, choice)
+    return message
 
 
 def raws(topic: str) -> st.SearchStrategy:

@@ -10,6 +10,7 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
+from bags.experiments import domain
 from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
 from msgs_yaml import contract, encode, overrides, ros
@@ -38,7 +39,7 @@ X = np.linspace(0.0, 900.0, 10)
 class Inbox:
     """What a controller takes its actuators from, filled without the middleware."""
 
-    topic, raw = '/vehicle/actuators', True
+    topic_name, raw = '/vehicle/actuators', True
 
     def __init__(self, node: ControllerNode):
         node.inputs.destroy()
@@ -83,58 +84,71 @@ class Bench:
         for inlet in self.inlets:
             with inlet.handle:
                 while taken := inlet.handle.take_message(inlet.msg_type, False):
-                    said.append((inlet.topic, taken[0]))
+                    said.append((inlet.topic_name, taken[0]))
         return said
 
 
 @contextmanager
-def running(name: str, mode: str, domain: int) -> Iterator[Bench]:
-    """Make a node, and destroy it in the end."""
-    rclpy.init(args=['--ros-args', '-p', f'mode:={mode}'], domain_id=domain)
-    try:
-        listener = rclpy.create_node('listener', start_parameter_services=False)
-        listener.declare_parameter(overrides.MODE, mode)
-        said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
-        inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
-        bench = Bench(name, mode, NODES[name](), listener, inlets)
-        if name == 'controller':
-            bench.node.inputs.actuators_inbox = Inbox(bench.node)
-        yield bench
-        bench.node.destroy_node()
-        listener.destroy_node()
-    finally:
-        rclpy.shutdown()
+def running(name: str, mode: str) -> Iterator[Bench]:
+    """Make a node in a ROS domain of its own, and destroy it in the end."""
+    with domain.reserved({}) as number:
+        rclpy.init(args=['--ros-args', '-p', f'mode:={mode}'], domain_id=number)
+        try:
+            yield from _made(name, mode)
+        finally:
+            rclpy.shutdown()
+
+
+def _made(name, mode):
+    listener = rclpy.create_node('listener', start_parameter_services=False)
+    listener.declare_parameter(overrides.MODE, mode)
+    said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
+    inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
+    bench = Bench(name, mode, NODES[name](), listener, inlets)
+    if name == 'controller':
+        bench.node.inputs.actuators_inbox = Inbox(bench.node)
+    yield bench
+    bench.node.destroy_node()
+    listener.destroy_node()
 
 
 def ears(node: Node) -> list:
     """Return by what a node hears the topics of the contract."""
     topics = contract.load().topics
-    heard = [one for one in node.subscriptions if one.topic in topics]
+    heard = [one for one in node.subscriptions if one.topic_name in topics]
     inputs = getattr(node, 'inputs', None)
     return heard if inputs is None else [*heard, inputs.actuators_inbox]
 
 
-def tell_facts(node: Node, stamp_ns: int) -> None:
-    """Tell a node path and edges, what of it it hears."""
+def sound(stamp_ns: int) -> dict[str, Any]:
+    """Return a valid message of every input of a controller by topic, the state last."""
     path = Reference(stamp_ns, X, 0 * X, 0 * X, X / 20.0)
-    tell(node, '/scenario/reference', encode.reference(path))
-    tell(node, '/scenario/road_edges', encode.road_edges(RoadEdges(stamp_ns, LINE, -LINE)))
-
-
-def tell_tick(node: ControllerNode, stamp_ns: int) -> None:
-    """Tell a controller everything that it needs to answer a state."""
     obstacle = Obstacle(1, 60.0, 3.0, 0.5, 0.0, 0.0)
-    tell(node, '/vehicle/actuators', encode.actuators(Actuators(stamp_ns, 0, 0, 0, 0, (0.0,) * 4)))
     state = VehicleState(stamp_ns, 5.0, 0.0, 0.0, 20.0, 0.0, 0.0)
-    tell(node, '/vehicle/odometry', encode.odometry(state))
-    tell(node, '/scenario/obstacles', encode.obstacles(Obstacles(stamp_ns, (obstacle,))))
+    return {
+        '/scenario/reference': encode.reference(path),
+        '/scenario/road_edges': encode.road_edges(RoadEdges(stamp_ns, LINE, -LINE)),
+        '/vehicle/actuators': encode.actuators(Actuators(stamp_ns, 0, 0, 0, 0, (0.0,) * 4)),
+        '/scenario/obstacles': encode.obstacles(Obstacles(stamp_ns, (obstacle,))),
+        '/vehicle/odometry': encode.odometry(state),
+    }
+
+
+def tell_path(node: Node, stamp_ns: int) -> None:
+    """Tell a node a valid path."""
+    tell(node, '/scenario/reference', sound(stamp_ns)['/scenario/reference'])
+
+
+def hearing(node: Node, topic: str) -> Any:
+    """Return by what a node hears a topic."""
+    (heard,) = (one for one in ears(node) if one.topic_name == topic)
+    return heard
 
 
 def tell(node: Node, topic: str, message: Any) -> None:
     """Call the callback of a node's subscription, with bytes where it takes bytes."""
-    for heard in ears(node):
-        if heard.topic == topic:
-            heard.callback(ros.serialized(message) if heard.raw else message)
+    heard = hearing(node, topic)
+    heard.callback(ros.serialized(message) if heard.raw else message)
 
 
 def command(stamp_ns: int) -> Any:

@@ -1,6 +1,7 @@
 """Telling a node many hostile messages in a row."""
 
 import hostile
+import nodes
 from hypothesis import strategies as st
 
 from msgs_yaml import ros
@@ -19,7 +20,7 @@ def batches(topic):
 def tell_all(bench, topic, batch, count):
     """Tell a node every message of a batch; bytes that are no message never reach a typed one."""
     messages, raws = batch
-    (heard,) = (one for one in bench.ears() if one.topic == topic)
+    heard = nodes.hearing(bench.node, topic)
     for message in messages:
         heard.callback(ros.serialized(message) if heard.raw else message)
         count(topic)

@@ -4,19 +4,25 @@ import nodes
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from telling import batches, tell_all
+from hypothesis import strategies as st
+from telling import BATCH, batches, tell_all
 
-from msgs_yaml import decode, stamp
+from msgs_yaml import decode, encode, stamp
+from msgs_yaml.types import Command
+from vehicle_plant.gate import Gate
 
 pytestmark = pytest.mark.ros
-DOMAIN = 82
 START_NS = 1_000_000_000
+# what every car might follow; this one follows less
+WITHIN_THE_CONTRACT = st.tuples(
+    st.floats(-1.2, 1.2), st.floats(-60_000.0, 60_000.0), st.floats(-60_000.0, 60_000.0)
+) | st.tuples(st.floats(-0.1, 0.1), st.floats(-800.0, 0.0), st.floats(-800.0, 0.0))
 FUZZ = settings.get_profile('fuzz')
 
 
 @pytest.fixture(params=['lockstep', 'realtime'])
 def plant(request):
-    with nodes.running('plant', request.param, DOMAIN) as bench:
+    with nodes.running('plant', request.param) as bench:
         yield bench
 
 
@@ -24,18 +30,34 @@ def begin(bench):
     """Start a run of a plant, which drives once; on the wall clock a command must let it go."""
     if bench.node.drive.ring is not None:
         bench.renew()
-    nodes.tell_facts(bench.node, START_NS)
+    nodes.tell_path(bench.node, START_NS)
     bench.node.drive.begin()
     if bench.mode == 'realtime':
         bench.node.drive.let_go(decode.command(nodes.command(START_NS)))
 
 
-def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant, count):
+@pytest.fixture
+def followed(monkeypatch):
+    """Every command that passed the gate of the plant."""
+    passed, check = [], Gate.check
+
+    def checked(gate, command, *now):
+        verdict = check(gate, command, *now)
+        if verdict.accepted:
+            passed.append(command)
+        return verdict
+
+    monkeypatch.setattr(Gate, 'check', checked)
+    return passed
+
+
+def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant, followed, count):
     topic = '/controller/command'
+    taken, refused = [], []  # how many, batch by batch
 
     @FUZZ
-    @given(batches(topic))
-    def told(batch):
+    @given(batches(topic), st.lists(WITHIN_THE_CONTRACT, min_size=BATCH, max_size=BATCH))
+    def told(batch, sound):
         if plant.node.drive.ring is None or plant.node.drive.ring.outcome:
             begin(plant)
         drive = plant.node.drive
@@ -43,19 +65,38 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
             sec, nanosec = stamp.split(drive.ring.car.stamp_ns)
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
         tell_all(plant, topic, batch, count)
+        for delta, Fxf, Fxr in sound:
+            now_ns = drive.ring.car.stamp_ns
+            message = encode.command(Command(now_ns, delta, 0.0, Fxf, Fxr))
+            nodes.tell(plant.node, topic, message)
+            count(topic)
         if plant.mode == 'realtime':
             drive.on_step()
         for name in ('odometry', 'actuators', 'imu', 'wheels'):
             now = drive.ring.car.now
             (value,) = now.states() if name == 'odometry' else getattr(now, name)()
             assert np.all(np.isfinite(np.hstack(value)))
+        car = plant.node.plant.car
+        refused.append(drive.ring.car.gate.rejected)
+        taken.append(len(followed))
+        assert abs(drive.ring.car.actuators.delta) <= car.steering.limit_rad + 1e-9
+        while followed:
+            one = followed.pop()
+            assert np.all(np.isfinite(one))
+            assert one.stamp_ns <= drive.ring.car.stamp_ns
+            assert abs(one.delta) <= car.steering.limit_rad + car.gate.steer_tolerance_rad
+            for force, axle in ((one.Fxf, car.force.front), (one.Fxr, car.force.rear)):
+                most = car.gate.force_tolerance_n
+                assert -axle.brake_n - most <= force <= axle.drive_n + most
 
     told()
+    assert sum(taken) > 0
+    assert max(refused) > 0
 
 
 def test_the_plant_outlives_every_path_and_starts_on_none_that_is_absurd(plant, count):
     topic = '/scenario/reference'
-    nodes.tell_facts(plant.node, START_NS)
+    nodes.tell_path(plant.node, START_NS)
     kept = [plant.node.reference]
 
     @FUZZ

@@ -13,7 +13,6 @@ from telling import BATCH, batches, tell_all
 from msgs_yaml import conformance, ros
 
 pytestmark = pytest.mark.ros
-DOMAIN = 83
 FUZZ = settings.get_profile('fuzz')
 PATIENCE_S = 10.0
 OBSTACLES, TELEMETRY = '/scenario/obstacles', '/diagnostics'
@@ -25,7 +24,7 @@ instants = st.one_of(
 
 @pytest.fixture
 def scenario(request):
-    with nodes.running('scenario', request.param, DOMAIN) as bench:
+    with nodes.running('scenario', request.param) as bench:
         yield bench
 
 
@@ -59,10 +58,10 @@ def test_the_scenario_outlives_every_clock(scenario, count):
     (heard,) = scenario.ears()
 
     @FUZZ
-    @given(batches(heard.topic))
+    @given(batches(heard.topic_name))
     def told(batch):
-        tell_all(scenario, heard.topic, batch, count)
-        sound = hostile.example(heard.topic)
+        tell_all(scenario, heard.topic_name, batch, count)
+        sound = hostile.example(heard.topic_name)
         check(heard_after(scenario, lambda: heard.callback(sound)))
 
     told()
@@ -71,7 +70,7 @@ def test_the_scenario_outlives_every_clock(scenario, count):
 @pytest.mark.parametrize('scenario', ['realtime'], indirect=True)
 def test_the_scenario_outlives_all_telemetry(scenario, count):
     (heard,) = scenario.ears()
-    assert heard.topic == TELEMETRY
+    assert heard.topic_name == TELEMETRY
     heard.callback(plant_began('1'))  # from now on there is something to say
 
     @FUZZ

@@ -1,8 +1,6 @@
 """A controller, roads to drive on, and the prediction model itself as the car."""
 
 import dataclasses
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
@@ -12,17 +10,17 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.parameters import CarBody, CarParams, ControllerParams, Tyre
+from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
 from msgs_yaml import parameters, share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
-
-sys.path.insert(0, str(Path(__file__).parent))  # for small_problems.py
 
 TICK_S = 0.05
 FINE_STEPS = 10  # of the car per tick
 # a car of its own, so that a new identification of the plant changes no test here
 CAR = CarParams(
-    CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0), Tyre(144e3, 198e3, 0.88, 0.92)
+    CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
+    Tyre(144e3, 198e3, 0.88, 0.92),
+    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3),
 )
 REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 
@@ -159,6 +157,13 @@ class Clock:
 
     def __call__(self):
         return self.now
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    """Return an empty compile cache, for tests of what is compiled and when."""
+    monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'cache'))
+    return tmp_path / 'cache'
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,6 @@ import pytest
 
 from msgs_yaml.decode import DecodeError
 
-DOMAIN = '2'
 SLOWEST_S = 20.0
 
 NODE = """
@@ -56,9 +55,9 @@ class Process:
     """A node in a process of its own."""
 
     def __init__(self, script, *arguments, **environment):
-        env = {**os.environ, 'ROS_DOMAIN_ID': DOMAIN, **environment}
-        env.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
-        env.update(environment)
+        env = {**os.environ, **environment}
+        if 'ROS_AUTOMATIC_DISCOVERY_RANGE' not in environment:
+            del env['ROS_AUTOMATIC_DISCOVERY_RANGE']
         command = [sys.executable, str(script), *arguments]
         pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
         self.popen = subprocess.Popen(command, env=env, text=True, **pipes)
@@ -74,8 +73,12 @@ class Process:
         raise AssertionError(f'ended without {word!r}: {self.popen.stderr.read()}')
 
     def result(self):
-        out, err = self.popen.communicate(timeout=SLOWEST_S)
-        return self.popen.returncode, out, err
+        # not `communicate`: it does not return what `until` has read ahead; the watchdog ends both
+        out, err = self.popen.stdout.read(), self.popen.stderr.read()
+        self.popen.wait()
+        # where parameters come from is information
+        errors = [line for line in err.splitlines(True) if not line.startswith('[INFO]')]
+        return self.popen.returncode, out, ''.join(errors)
 
     def close(self):
         self.watchdog.cancel()
@@ -84,7 +87,7 @@ class Process:
 
 
 @pytest.fixture
-def start_process():
+def start_process(domain):
     """Factory of node processes; whatever still runs at the end of the test is ended."""
     started = []
 

@@ -12,7 +12,7 @@ from msgs_yaml import compiled
 
 SOURCE = 'double twice(double x) { return 2.0 * x; }'
 FLAGS = ('-O2',)
-needs_compiler = pytest.mark.skipif(compiled.find_compiler() is None, reason='no C compiler')
+needs_compiler = pytest.mark.needs('compiler')
 
 
 @pytest.fixture(autouse=True)

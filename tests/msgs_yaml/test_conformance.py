@@ -47,7 +47,7 @@ def test_a_good_message_has_no_violation():
 
 
 def test_every_breach_is_listed_not_only_the_first():
-    message = encode.odometry(VehicleState(S, math.nan, 2e4, 0.3, 20.0, -0.1, 99.0))
+    message = encode.odometry(VehicleState(S, math.nan, 2e5, 0.3, 20.0, -0.1, 99.0))
     found = [violation.field for violation in conformance.check('/vehicle/odometry', message)]
     assert found == [
         'pose.pose.position.x (X)',

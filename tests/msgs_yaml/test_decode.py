@@ -21,11 +21,11 @@ WHEELS = Wheels(S, FOUR, FOUR, FOUR, FOUR, FOUR, (0.1, 0.2, 0.3, 0.4), FOUR)
 @pytest.mark.parametrize(
     ('path', 'allowed'),
     [
-        ('pose.pose.position.x', r'-10000 to 10000 m'),
-        ('pose.pose.position.y', r'-10000 to 10000 m'),
-        ('twist.twist.linear.x', r'-20 to 120 m/s'),
-        ('twist.twist.linear.y', r'-60 to 60 m/s'),
-        ('twist.twist.angular.z', r'-10 to 10 rad/s'),
+        ('pose.pose.position.x', r'-100000 to 100000 m'),
+        ('pose.pose.position.y', r'-100000 to 100000 m'),
+        ('twist.twist.linear.x', r'-120 to 120 m/s'),
+        ('twist.twist.linear.y', r'-120 to 120 m/s'),
+        ('twist.twist.angular.z', r'-20 to 20 rad/s'),
         ('pose.pose.orientation.z', r'-1 to 1 -'),
     ],
 )

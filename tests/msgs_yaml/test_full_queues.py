@@ -5,8 +5,6 @@ import time
 
 import pytest
 
-pytestmark = pytest.mark.ros
-
 RECEIVER = """
 import sys, time
 from rclpy.node import Node
@@ -87,4 +85,4 @@ def test_a_signal_ends_a_node_that_waits_for_a_full_queue(run, receive):
     begin = time.monotonic()
     sender.popen.send_signal(signal.SIGTERM)
     assert sender.result()[0] == 0
-    assert time.monotonic() - begin < 8.0
+    assert time.monotonic() - begin < 12.0  # what docs/promises.md gives a node to end

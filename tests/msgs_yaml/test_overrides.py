@@ -106,3 +106,19 @@ def test_the_file_may_give_the_mode_of_any_node(defaults):
     made, declared = overrides.resolve(Params, defaults, {})
     assert made == Params(2.0, (1.0,))
     assert {one.name: one.value for one in declared}['mode'] == 'realtime'
+
+
+def test_an_error_cites_where_an_override_comes_from(defaults):
+    sources = {'gain': 'scenario ice.yaml: friction'}
+    with pytest.raises(ParameterError, match=r'^scenario ice.yaml: friction: gain: .* 0 to 9 N'):
+        overrides.resolve(Params, defaults, {'gain': -1.0}, sources)
+    with pytest.raises(ParameterError, match=r'^command line or parameter file: widths: '):
+        overrides.resolve(Params, defaults, {'widths': [-1.0]}, sources)
+
+
+def test_the_parameters_that_were_not_given_are_counted_and_named_with_their_file(defaults):
+    told = overrides.told_defaults(Params, {'gain': 3.0, 'mode': 'realtime'}, defaults)
+    assert told == f'1 of 2 parameters are not given and come from {defaults}: widths'
+    every = overrides.told_defaults(Params, {}, defaults)
+    assert every == f'2 of 2 parameters are not given and come from {defaults}'
+    assert overrides.told_defaults(Params, {'gain': 1.0, 'widths': ()}, defaults).startswith('0 of')

@@ -189,3 +189,19 @@ def test_what_yaml_cannot_make_a_value_of_is_refused_with_its_line(tmp_path, val
     path.write_text(f'/**:\n  ros__parameters:\n    stiffness: {value}\n    driven: true\n')
     with pytest.raises(ParameterError, match=r'car\.yaml:3: .*stiffness: '):
         parameters.load(Axle, path)
+
+
+@dataclass(frozen=True)
+class Drive:
+    share: Annotated[float, Range(0.0, 1.0, '-')] | None
+    name: str
+
+
+def test_an_optional_parameter_may_be_left_out_and_is_checked_when_it_is_not():
+    assert parameters.build(Drive, {'name': 'a'}, 'here') == Drive(None, 'a')
+    assert parameters.build(Drive, {'name': 'a', 'share': None}, 'here') == Drive(None, 'a')
+    assert parameters.build(Drive, {'name': 'a', 'share': 1}, 'here') == Drive(1.0, 'a')
+    with pytest.raises(ParameterError, match='here: share: is out of range with 2; allowed 0 to 1'):
+        parameters.build(Drive, {'name': 'a', 'share': 2}, 'here')
+    with pytest.raises(ParameterError, match='name: is missing'):
+        parameters.build(Drive, {'share': 1.0}, 'here')

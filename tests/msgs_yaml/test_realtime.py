@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from require import ORDINARY_USER
 
 LOOK = """
 import gc, json, os, sys, threading
@@ -25,15 +26,6 @@ print(json.dumps({
 }))
 """
 PLAIN = {'priority': 0, 'core': -1, 'lock_memory': False, 'collect_garbage': True}
-# as an ordinary user: without the capabilities, and with nothing allowed
-ORDINARY = [
-    'setpriv',
-    '--bounding-set=-all',
-    '--inh-caps=-all',
-    'prlimit',
-    '--rtprio=0',
-    '--memlock=0',
-]
 
 
 def look(prefix=(), **options):
@@ -88,16 +80,9 @@ def test_priority_and_memory_are_had_by_every_thread_or_refused_with_a_remedy():
         assert found['locked_kb'] > 1000
 
 
-def may_drop_rights():
-    try:
-        return subprocess.run([*ORDINARY, 'true'], capture_output=True, timeout=10).returncode == 0
-    except OSError:
-        return False
-
-
-@pytest.mark.skipif(not may_drop_rights(), reason='rights can be dropped by root only')
+@pytest.mark.needs('ordinary_user')
 def test_who_may_not_have_them_runs_without_and_is_told():
-    found = look(ORDINARY, priority=7, lock_memory=True)
+    found = look(ORDINARY_USER, priority=7, lock_memory=True)
     memory, priority = found['refused']
     assert memory.startswith('realtime.lock_memory: ')
     assert priority.startswith('realtime.priority=7: ')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from msgs_yaml import encode, repeats, ros
+from msgs_yaml import encode, raw_path, ros
 from msgs_yaml.repeats import is_repeat
 from msgs_yaml.types import Reference
 
@@ -64,4 +64,4 @@ def test_what_is_cut_or_the_first_is_none():
 def test_the_size_of_a_path_is_told_without_making_one(poses):
     X = np.arange(float(poses))
     made = encode.reference(Reference(1, X, 0 * X, 0 * X, X))
-    assert len(ros.serialized(made)) == repeats.size(poses)
+    assert len(ros.serialized(made)) == raw_path.size(poses)

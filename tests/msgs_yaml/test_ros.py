@@ -1,6 +1,5 @@
 """Nodes that take everything from the contract hear each other over real Fast DDS."""
 
-import time
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -12,14 +11,16 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from until import until
 
 from msgs_yaml import contract, decode, encode, fast, ros, spin_node, types
+from msgs_yaml.newest_node import Newest
 from msgs_yaml.parameters import ParameterError, Range
 
-pytestmark = pytest.mark.ros
-DOMAIN = 1
-TIMEOUT_S = 10.0
+pytestmark = pytest.mark.usefixtures('domain')
+TIMEOUT_S = 60.0
 S = 1_000_000_000
+STATE_TOPIC = '/vehicle/odometry'
 FOUR = (0.1, 0.2, 0.3, 0.4)
 LINE = np.array([[0.0, 3.5], [9.0, 3.5]])
 STATE = types.VehicleState(S, 1.0, 2.0, 0.3, 20.0, -0.1, 0.2)
@@ -62,23 +63,29 @@ class Pair:
 
     def __init__(self, mode, defaults):
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=DOMAIN)
+        rclpy.init(context=self.context)
         self.executor = EventsExecutor(context=self.context)
         self.nodes = [self.make(name, {'mode': mode}, defaults) for name in ('sender', 'receiver')]
         self.sender, self.receiver = self.nodes
 
-    def make(self, name, given, defaults, cls=Params):
+    def make(self, name, given, defaults, cls=Params, namespace='', arguments=None):
         chosen = [Parameter(key, value=value) for key, value in given.items()]
-        node = Node(name, context=self.context, parameter_overrides=chosen)
+        node = Node(
+            name,
+            context=self.context,
+            namespace=namespace,
+            cli_args=arguments,
+            parameter_overrides=chosen,
+        )
         node.made = ros.declare(node, cls, defaults)
         self.executor.add_node(node)
         return node
 
     def until(self, true):
-        never, end = Future(), time.monotonic() + TIMEOUT_S
-        while not true() and time.monotonic() < end:
-            self.executor.spin_until_future_complete(never, timeout_sec=0.02)
-        assert true()
+        def work():
+            self.executor.spin_until_future_complete(Future(), timeout_sec=0.02)
+
+        until(true, TIMEOUT_S, 'the two nodes did not get there', pause=work)
 
     def connect(self, topic, raw=False):
         """Return a publisher and the list that its subscriber fills."""
@@ -93,8 +100,7 @@ class Pair:
 
 
 @pytest.fixture
-def pair(request, defaults, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def pair(request, domain, defaults):
     made = Pair(getattr(request, 'param', 'lockstep'), defaults)
     yield made
     made.close()
@@ -209,3 +215,64 @@ def test_a_sender_is_unheard_until_its_listeners_and_recorders_are_there(pair, d
     assert ros.unheard(recorded, ring) == ['2 subscriptions to /scenario/obstacles (has 1)']
     ros.subscribe(pair.receiver, '/scenario/obstacles', lambda msg: None)
     pair.until(lambda: not ros.unheard(recorded, ring))
+
+
+@pytest.fixture
+def cars(pair, defaults):
+    """Return three more nodes, two of them in the same namespace."""
+    placed = [('sender', '/car1'), ('receiver', '/car1'), ('other', '/car2')]
+    made = [pair.make(name, {}, defaults, namespace=namespace) for name, namespace in placed]
+    pair.nodes += made
+    return made
+
+
+@pytest.mark.parametrize('topic', sorted(contract.load().topics))
+def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars, topic):
+    sender, receiver, other = cars
+    pub = ros.publisher(sender, topic)
+    assert pub.topic_name == ros.full_name(sender, topic) == f'/car1{topic}'
+    subs = [ros.subscribe(node, topic, lambda msg: None) for node in (receiver, other)]
+    subs.append(ros.subscribe(pair.receiver, topic, lambda msg: None))
+    pair.until(lambda: pub.get_subscription_count() == 1)
+    assert [sub.topic_name for sub in subs] == [f'/car1{topic}', f'/car2{topic}', topic]
+    # whoever is matched is matched for good: the others have not been in the same time
+    assert [sub.get_publisher_count() for sub in subs[1:]] == [0, 0]
+
+
+def test_listeners_in_another_namespace_do_not_count(pair, cars):
+    sender, receiver, other = cars
+    ros.publisher(sender, '/scenario/obstacles')
+    ring = {'/scenario/obstacles': 1}
+    for stranger in (other, pair.receiver):
+        ros.subscribe(stranger, '/scenario/obstacles', lambda msg: None)
+    assert ros.unheard(sender, ring) == ['1 subscriptions to /car1/scenario/obstacles (has 0)']
+    ros.subscribe(receiver, '/scenario/obstacles', lambda msg: None)
+    pair.until(lambda: not ros.unheard(sender, ring))
+
+
+def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, defaults):
+    arguments = ['--ros-args', '-r', '/vehicle/odometry:=/raw/odometry']
+    node = pair.make('remapped', {'recorders': 1}, defaults, arguments=arguments)
+    pair.nodes.append(node)
+    pub = ros.publisher(node, '/vehicle/odometry')
+    ring = {'/vehicle/odometry': 1}
+    assert ros.unheard(node, ring) == ['1 subscriptions to /raw/odometry (has 0)']
+    kind, profile = ros.message_type(STATE_TOPIC), ros.profile(node, STATE_TOPIC)
+    pair.sender.create_subscription(kind, '/raw/odometry', lambda msg: None, profile)
+    pair.until(lambda: pub.get_subscription_count() == 1)
+    assert not ros.unheard(node, ring)
+
+
+def test_the_newest_message_is_that_of_the_namespace(pair, cars):
+    sender, receiver, other = cars
+    newest = Newest(receiver, STATE_TOPIC)
+    try:
+        pubs = {node: ros.fast_publisher(node, STATE_TOPIC) for node in (sender, other)}
+        pair.until(lambda: pubs[sender].publisher.get_subscription_count() == 1)
+        pubs[other].publish(STATE._replace(stamp_ns=9 * S))
+        pubs[sender].publish(STATE)
+        found = []
+        pair.until(lambda: any(found) or found.append(newest.take()))
+        assert decode.stamp_ns_of(found[-1]) == S
+    finally:
+        newest.destroy()

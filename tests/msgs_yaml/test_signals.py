@@ -51,9 +51,13 @@ def test_a_node_may_have_its_own_handler():
     assert (heard, asked) == (['own'], ['asked'])
 
 
-def test_an_ignored_signal_stays_ignored():
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@both
+def test_a_signal_that_the_parent_ignores_is_handled(number):
+    asked = []
+    signal.signal(number, signal.SIG_IGN)
     with signals.caught():
-        signal.raise_signal(signal.SIGINT)
-        signals.ask_instead(lambda: pytest.fail('asked'))
-        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+        signals.ask_instead(lambda: asked.append(number))
+        signal.raise_signal(number)
+    assert asked == [number]

@@ -8,8 +8,6 @@ import pytest
 
 from msgs_yaml import leaving
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_node_cleanly(run, number):

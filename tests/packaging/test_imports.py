@@ -1,9 +1,8 @@
 """Who may import whom: the packages depend on each other in one direction only."""
 
 import ast
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[2]
 OURS = ('msgs_yaml', 'scenario_publisher', 'mpcc_controller', 'vehicle_plant', 'bags')
@@ -27,6 +26,7 @@ CLOSED_LOOP = sorted((ROOT / 'bags/bags/closed_loop').glob('*.py'))
 MODULES = [path for name in OURS for path in sorted((ROOT / name / name).rglob('*.py'))]
 
 
+@cache
 def imported(path):
     """Return every absolute module name that a file imports, wherever in the file."""
     found = set()
@@ -50,47 +50,53 @@ def relative(path):
     return str(path.relative_to(ROOT))
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_packages_meet_only_in_the_contract(path):
-    package = package_of(path)
-    allowed = {package} if package == 'msgs_yaml' else {package, 'msgs_yaml'}
-    if path in CLOSED_LOOP:
-        allowed |= {'scenario_publisher', 'mpcc_controller', 'vehicle_plant'}
-    assert tops(path) & set(OURS) <= allowed
+def offences(paths, forbidden):
+    """Return {file: sorted names} of what `forbidden(path)` finds in the imports of each file."""
+    found = {relative(path): sorted(forbidden(path)) for path in paths}
+    return {file: names for file, names in found.items() if names}
 
 
-@pytest.mark.parametrize('path', CLOSED_LOOP, ids=relative)
-def test_the_closed_loop_uses_cores_and_no_node(path):
-    assert not [name for name in imported(path) if 'node' in name]
+def test_packages_meet_only_in_the_contract():
+    def forbidden(path):
+        allowed = {package_of(path), 'msgs_yaml'}
+        if path in CLOSED_LOOP:
+            allowed |= {'scenario_publisher', 'mpcc_controller', 'vehicle_plant'}
+        return tops(path) & set(OURS) - allowed
+
+    assert offences(MODULES, forbidden) == {}
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_ros_stays_in_nodes_and_glue(path):
-    glue = path.name.endswith('_node.py') or path.name in ('ros.py', 'qos.py', 'encode.py')
-    assert glue or not tops(path) & set(ROS)
+def test_the_closed_loop_uses_cores_and_no_node():
+    assert CLOSED_LOOP
+    found = offences(CLOSED_LOOP, lambda path: {n for n in imported(path) if 'node' in n})
+    assert found == {}
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_casadi_stays_with_the_models(path):
-    at_home = package_of(path) in ('mpcc_controller', 'vehicle_plant')
-    assert at_home or 'casadi' not in tops(path)
+def test_ros_stays_in_nodes_and_glue():
+    def is_glue(path):
+        return path.name.endswith('_node.py') or path.name in ('ros.py', 'qos.py', 'encode.py')
+
+    core = [path for path in MODULES if not is_glue(path)]
+    assert offences(core, lambda path: tops(path) & set(ROS)) == {}
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_no_core_imports_its_node(path):
-    nodes = [name for name in imported(path) if name.endswith('_node')]
-    assert path.name.endswith('_node.py') or not nodes
+def test_casadi_stays_with_the_models():
+    others = [p for p in MODULES if package_of(p) not in ('mpcc_controller', 'vehicle_plant')]
+    assert offences(others, lambda path: tops(path) & {'casadi'}) == {}
+
+
+def test_no_core_imports_its_node():
+    core = [path for path in MODULES if not path.name.endswith('_node.py')]
+    assert offences(core, lambda path: {n for n in imported(path) if n.endswith('_node')}) == {}
 
 
 def test_who_stores_does_not_judge():
     storing = [path for path in MODULES if path.parent.name == 'storage']
     assert storing
-    assert not [
-        f'{relative(path)}: {name}'
-        for path in storing
-        for name in imported(path)
-        if name.startswith('bags.verdict')
-    ]
+    judging = offences(
+        storing, lambda path: {n for n in imported(path) if n.startswith('bags.verdict')}
+    )
+    assert judging == {}
 
 
 def test_the_walk_sees_every_package():

@@ -26,27 +26,6 @@ SHARED = {
 PAIRS = [(package, name) for package, names in EXECUTABLES.items() for name in names]
 
 
-@pytest.fixture(scope='module')
-def colcon(tmp_path_factory):
-    """Build the five packages with colcon; return the environment `install/setup.bash` makes."""
-    base = tmp_path_factory.mktemp('colcon')
-    colcon = [str(Path(sys.prefix, 'bin/colcon')), '--log-base', str(base / 'log')]
-    build = ['build', '--build-base', str(base / 'build'), '--install-base', str(base / 'install')]
-    packages = ['--base-paths', *(str(ROOT / name) for name in EXECUTABLES)]
-    done = subprocess.run(
-        [*colcon, *build, *packages], cwd=base, capture_output=True, text=True, timeout=240
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    printed = subprocess.run(
-        ['bash', '-c', f'source {base}/install/setup.bash && env -0'],
-        capture_output=True,
-        timeout=60,
-        check=True,
-    )
-    pairs = (entry.split('=', 1) for entry in printed.stdout.decode().split('\0') if '=' in entry)
-    return dict(pairs)
-
-
 def find_executable(prefixes, package, name):
     """Resolve as `ros2 run` does: lib/<package>/<name> below the prefix that holds the package."""
     for prefix in map(Path, prefixes):
@@ -55,11 +34,11 @@ def find_executable(prefixes, package, name):
     raise LookupError(package)
 
 
-def prints_its_module(executable, environment):
+def prints_its_module(executable, environment, domain):
     """Ask the executable where its code lies: an unknown option makes argparse or rclpy answer."""
     done = subprocess.run(
         [executable, '--ros-args', '-p', 'no_such_parameter:=1'],
-        env={**environment, 'ROS_DOMAIN_ID': '90'},
+        env={**environment, 'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
         text=True,
         timeout=60,
@@ -67,6 +46,7 @@ def prints_its_module(executable, environment):
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('package', 'name'), PAIRS)
 def test_colcon_installs_every_executable(colcon, package, name):
     prefixes = colcon['AMENT_PREFIX_PATH'].split(os.pathsep)
@@ -79,17 +59,18 @@ def test_pip_installs_every_executable(package, name):
     assert os.access(find_executable([sys.prefix], package, name), os.X_OK)
 
 
-@pytest.mark.ros
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['pip', 'colcon'])
-def test_an_installed_node_refuses_an_unknown_parameter_by_name(colcon, name):
+def test_an_installed_node_refuses_an_unknown_parameter_by_name(colcon, domain, name):
     environment = colcon if name == 'colcon' else dict(os.environ)
     prefixes = colcon['AMENT_PREFIX_PATH'].split(os.pathsep) if name == 'colcon' else [sys.prefix]
     executable = find_executable(prefixes, 'scenario_publisher', 'scenario_node')
-    code, said = prints_its_module(executable, environment)
+    code, said = prints_its_module(executable, environment, domain)
     assert code != 0
     assert 'no_such_parameter' in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('package', EXECUTABLES)
 def test_share_data_is_installed_both_ways(colcon, package):
     for prefix in (*colcon['AMENT_PREFIX_PATH'].split(os.pathsep), sys.prefix):

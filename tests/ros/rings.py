@@ -1,16 +1,22 @@
 """The nodes of a ring, one process each, for tests that start and end them one by one."""
 
 import contextlib
-import time
+from collections.abc import Callable
 from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.task import Future
+from until import until
 
 from bags import closed_loop
 from bags.experiments import launch, processes
 from bags.storage import read, repair
-from msgs_yaml import leaving
+from msgs_yaml import decode, leaving, ros, spin_node
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
-LOOK_S = 0.01
+LINES = 8  # of a log
 NICE = -10  # on the wall clock, where the user may: other processes are not what is tested
 
 
@@ -24,6 +30,7 @@ class Ring:
         facts = closed_loop.scenario_facts(scenario)
         self.nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, settings)}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
+        self.namespace = ''  # of every node, '' for the root
         # whatever the shell says
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         self.environment = launch.environment(domain, folder) | here
@@ -33,6 +40,7 @@ class Ring:
 
     def __exit__(self, *error):
         processes.stop(list(self.running.values()))
+        print(f'logs and bag: {self.folder}')  # shown by pytest when the test fails
         if error == (None, None, None):
             for role in self.running:
                 assert leaving.HELD not in self.said(role), self.said(role)
@@ -41,7 +49,10 @@ class Ring:
         """Start a node."""
         node = self.nodes[role]
         program = self.prefix.get(role, []) + processes.resolve(node.package, node.executable)
-        self.running[role] = launch.start(node, self.folder, self.environment, program=program)
+        more = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
+        self.running[role] = launch.start(
+            node, self.folder, self.environment, program=program, more=more
+        )
         if self.mode == 'realtime':
             group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
             with contextlib.suppress(OSError):  # each session is a group of its own
@@ -54,10 +65,36 @@ class Ring:
 
     def wait_for(self, role: str, text: str, seconds: float = 60.0) -> None:
         """Wait until a node has said something."""
-        end = time.monotonic() + seconds
-        while text not in self.said(role):
-            assert time.monotonic() < end, f'{role} never said {text!r}:\n{self.said(role)}'
-            time.sleep(LOOK_S)
+        until(
+            lambda: text in self.said(role),
+            seconds,
+            lambda: f'{role} never said {text!r}:\n{self.said(role)}',
+        )
+
+    def hear(self, topic: str, enough: Callable[[list], bool], seconds: float = 60.0) -> None:
+        """Listen to a topic of the ring from now on, until the decoded messages are enough."""
+        context = Context()
+        rclpy.init(context=context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
+        node = rclpy.create_node('listener', context=context, start_parameter_services=False)
+        node.declare_parameter('mode', self.mode)
+        heard, read_one = [], getattr(decode, topic.rpartition('/')[2])
+        ros.subscribe(node, topic, lambda message: heard.append(read_one(message)))
+        executor = EventsExecutor(context=context)
+        executor.add_node(node)
+        try:
+            until(
+                lambda: enough(heard),
+                seconds,
+                lambda: f'{len(heard)} messages of {topic} are not enough:\n{self.ends()}',
+                pause=lambda: executor.spin_until_future_complete(Future(), timeout_sec=0.02),
+            )
+        finally:
+            executor.remove_node(node)
+            spin_node.leave(node, context=context)
+
+    def ends(self) -> str:
+        """Return the last lines of every log."""
+        return '\n'.join('\n'.join(self.said(role).splitlines()[-LINES:]) for role in self.running)
 
     def said(self, role: str) -> str:
         """Return the log of a node."""

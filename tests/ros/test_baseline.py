@@ -1,7 +1,6 @@
 """The baseline through the node graph, and the paper's first experiment from a recorded drive."""
 
 import json
-import os
 import subprocess
 import sys
 
@@ -10,15 +9,13 @@ import pytest
 from bags.storage import cdr, read
 from msgs_yaml import conformance
 
-pytestmark = pytest.mark.ros
-DOMAIN = '57'
+pytestmark = pytest.mark.usefixtures('dds')
 
 
 def bags(*arguments):
     """Call `bags` as a user would; return what it printed."""
     done = subprocess.run(
         [sys.executable, '-m', 'bags.cli', *map(str, arguments)],
-        env={**os.environ, 'ROS_DOMAIN_ID': DOMAIN},
         capture_output=True,
         text=True,
         timeout=240,
@@ -27,14 +24,12 @@ def bags(*arguments):
     return done.stdout
 
 
-def test_the_baseline_drives_the_double_lane_change_through_its_own_node(tmp_path):
-    bags('run', 'double_lane_change', '--controller', 'frenet', '--out', tmp_path)
-    folder = tmp_path / 'double_lane_change'
-    found = json.loads((folder / 'comparison.json').read_text())['runs']['frenet']
+def test_the_baseline_drives_the_double_lane_change_through_its_own_node(rings):
+    found = rings.comparison['runs']['frenet']
     assert found['completed']
     assert not found['collided']
     assert found['fallbacks'] == found['deadline_misses'] == 0
-    bag = read.load(folder / 'frenet')
+    bag = read.load(rings.bag('frenet'))
     controller = json.loads(bag.run_info['parameters'])['controller']
     assert controller['formulation.name'] == 'frenet'
     for name in ('/controller/why', '/controller/prediction', '/controller/command'):

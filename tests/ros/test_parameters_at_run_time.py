@@ -1,8 +1,6 @@
 """Every parameter of every node is described, and a change at run time is refused with a reason."""
 
-import sys
 from itertools import cycle
-from pathlib import Path
 
 import pytest
 import rclpy
@@ -10,24 +8,21 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-
-from msgs_yaml import spin_node
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from rings import ROLES, Ring
 
-pytestmark = pytest.mark.ros
-DOMAIN = 77
+from msgs_yaml import spin_node
+from msgs_yaml.ranges import RUN_TIME
+
+pytestmark = pytest.mark.usefixtures('domain')
 OF_ROS = ('use_sim_time', 'start_type_description_service')
 PATIENCE_S = 30.0
 
 
 @pytest.fixture(scope='module')
-def asked(tmp_path_factory):
+def asked(domain, tmp_path_factory):
     """Return ask(role, service type, request) of a running ring."""
     context = Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
+    rclpy.init(context=context)
     node = rclpy.create_node('asking', context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
@@ -49,8 +44,8 @@ def asked(tmp_path_factory):
         node.destroy_client(client)
         return future.result()
 
-    slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': 3600.0}}
-    with Ring(tmp_path_factory.mktemp('ring'), DOMAIN, mode='realtime', **slow) as ring:
+    slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': RUN_TIME.high}}
+    with Ring(tmp_path_factory.mktemp('ring'), domain, mode='realtime', **slow) as ring:
         for role in ROLES:
             ring.start(role)
         ring.wait_for('controller', 'ready')

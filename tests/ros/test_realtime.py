@@ -1,6 +1,6 @@
 """A run on the wall clock: it begins when all are ready, and every tick is accounted for."""
 
-import os
+import itertools
 import subprocess
 import sys
 
@@ -11,10 +11,10 @@ from bags.storage import read
 from bags.verdict import punctuality
 from msgs_yaml import decode
 
-pytestmark = pytest.mark.ros
-DOMAIN = '65'
-SECONDS = 120
-STATE, COMMAND = '/vehicle/odometry', '/controller/command'
+pytestmark = [pytest.mark.alone, pytest.mark.usefixtures('dds')]
+SECONDS = 240  # of wall time; the comparison takes most of it
+STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
+OWN = ('wait', 'prepare', 'solve')  # what the controller says of its times
 TICK_NS = 50_000_000
 
 
@@ -24,9 +24,16 @@ def bag(tmp_path_factory):
     out = tmp_path_factory.mktemp('realtime')
     command = [sys.executable, '-m', 'bags.cli', 'run', 'double_lane_change']
     command += ['--mode', 'realtime', '--out', out, '--set', 'plant.stop.time_s=4.0']
-    subprocess.run(
-        command, env={**os.environ, 'ROS_DOMAIN_ID': DOMAIN}, capture_output=True, timeout=SECONDS
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
     )
+    said = done.stdout + done.stderr
+    # it is cut short before the finish line, and says so; nothing else may end it
+    assert done.returncode == 1, said
+    assert 'finish line not reached within 4 s' in said, said
     return read.load(out / 'double_lane_change' / 'mpcc')
 
 
@@ -48,14 +55,43 @@ def test_every_tick_of_the_bag_is_accounted_for(bag):
     """How many are missed depends on what else this machine does: bench/realtime.py tells."""
     found = punctuality.report(bag)
     assert found['mode'] == 'realtime'
-    ticks, parts = found['ticks'], punctuality.parts(bag)
-    drive_ns = stamps(bag, STATE)[-1] - stamps(bag, COMMAND)[0]
-    assert ticks['count'] >= drive_ns // TICK_NS - 1
-    assert drive_ns > 2e9  # a car that was told nothing for too long stands before its time is over
-    assert 0 < len(parts.total) <= ticks['count'] + 1 - ticks['unanswered']
-    assert np.min(parts.transport) > 0.0
-    assert np.min(parts.rest) >= 0.0
-    assert sum(parts[1:]) == pytest.approx(parts.total)
+    # counted anew: a tick is 50 ms of stamps; the last one's answer may come after the end
+    blind = {why.stamp_ns for why in read.values(bag, WHY) if why.values['reason'] == 'state_stale'}
+    answered = {stamp // TICK_NS for stamp in set(stamps(bag, COMMAND).tolist()) - blind}
+    last_state_ns = int(stamps(bag, STATE)[-1])
+    driven = set(range(min(answered), -(-last_state_ns // TICK_NS)))
+    ticks = found['ticks']
+    assert ticks['count'] == len(driven) > 40
+    assert ticks['unanswered'] == len(driven - answered)
+
+
+def test_the_parts_of_a_tick_lie_between_its_state_and_its_command(bag):
+    state_ns, command_ns = (
+        dict(zip(stamps(bag, topic).tolist(), bag.recordings[topic].publish_ns.tolist()))
+        for topic in (STATE, COMMAND)
+    )
+    expected = []
+    for why, after in itertools.pairwise(read.values(bag, WHY)):
+        stamp, values = why.stamp_ns, why.values
+        known = 'time.solve_ms' in values and 'time.heard_ns' in values
+        if (
+            known
+            and 'time.publish_ms' in after.values
+            and stamp in state_ns
+            and stamp in command_ns
+        ):
+            sent_ns, own = state_ns[stamp], [values[f'time.{name}_ms'] for name in OWN]
+            heard_ms = (values['time.heard_ns'] - sent_ns) / 1e6
+            expected.append(((command_ns[stamp] - sent_ns) / 1e6, heard_ms, *own))
+    assert expected
+    parts = punctuality.parts(bag)
+    # a double resolves times since 1970 to 256 ns
+    assert np.column_stack(parts[:5]) == pytest.approx(np.array(expected), rel=1e-6, abs=3e-4)
+    assert parts.publish + parts.rest == pytest.approx(parts.total - sum(parts[1:5]))
+    for part in (parts.transport, parts.wait, parts.prepare, parts.solve):
+        assert (part > 0.0).all()
+    for part in (parts.publish, parts.rest):
+        assert (part >= 0.0).all()
 
 
 def test_health_goes_from_waiting_to_well_and_names_ages(bag):

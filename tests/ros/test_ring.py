@@ -9,7 +9,7 @@ import pytest
 from bags.storage import cdr, read
 from msgs_yaml import conformance, contract
 
-pytestmark = pytest.mark.ros
+pytestmark = pytest.mark.smoke
 GRAVITY = 9.81
 CONTROLLERS = ('mpcc', 'mpcc_no_ca')
 NUMERIC = (

@@ -9,7 +9,7 @@ from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Health
 from scenario_publisher import scenario_node
 
-LONG_S = 0.02  # less than half a tick
+LONG_S = 0.02  # of processor time; less than half a tick
 
 
 def serialized(values):
@@ -28,10 +28,10 @@ def test_absurdly_much_health_is_refused_before_it_is_looked_at():
     message = encode.health(Health(10**18, 'plant', 0, 'running', {'run_began_ns': 10**18}))
     message.status[0].values = list(message.status[0].values) * 20_000
     raw = ros.serialized(message)
-    began = time.perf_counter()
+    began = time.thread_time()
     with pytest.raises(DecodeError, match=r'/diagnostics: .* bytes; allowed 40000'):
         scenario_node.read_health(raw)
-    assert time.perf_counter() - began < LONG_S
+    assert time.thread_time() - began < LONG_S
 
 
 def test_health_that_is_cut_off_is_refused():

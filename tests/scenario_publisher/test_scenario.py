@@ -143,3 +143,14 @@ def test_same_file_gives_the_same_bytes():
     one, other = scenario.load('double_lane_change'), scenario.load('double_lane_change')
     for a, b in zip((*one.reference, *one.edges), (*other.reference, *other.edges)):
         assert np.array_equal(a, b)
+
+
+def test_every_speed_is_known_by_its_key(make, tree):
+    tree['speed'] = {'stations_m': [0.0, 40.0], 'speeds_mps': [10.0, 6.0]}
+    tree['start'] = {'progress_m': 0.0}
+    desired = (('speed.speeds_mps[0]', 10.0), ('speed.speeds_mps[1]', 6.0))
+    assert make(tree).speeds == desired
+    tree['start'] = {'progress_m': 0.0, 'speed_mps': 5.0}
+    assert make(tree).speeds == (('start.speed_mps', 5.0), *desired)
+    tree['speed'] = {'constant_mps': 4.0}
+    assert make(tree).speeds == (('start.speed_mps', 5.0), ('speed.constant_mps', 4.0))

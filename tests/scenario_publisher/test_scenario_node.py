@@ -1,38 +1,33 @@
 """The node as a process of its own, heard over Fast DDS."""
 
-import os
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from until import until
 
 from msgs_yaml import contract, decode, encode, qos, ros, spin_node
 from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
 
-pytestmark = pytest.mark.ros
-ISOLATED = {'ROS_DOMAIN_ID': '10', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-PATIENCE_S = 15.0
+pytestmark = pytest.mark.usefixtures('domain')
+PATIENCE_S = 60.0
 TICK_NS = 50_000_000
 
 
 @pytest.fixture(scope='module')
-def listener():
+def listener(domain):
     """A node of this process, alone in its domain with what the tests start."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, setting in ISOLATED.items():
-            patch.setenv(name, setting)
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node('listener', context=context)
-        yield Listener(node)
-        spin_node.leave(node, context=context)
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node('listener', context=context)
+    yield Listener(node)
+    spin_node.leave(node, context=context)
 
 
 class Listener:
@@ -57,10 +52,12 @@ class Listener:
 
     def until(self, done):
         """Listen until a condition holds; fail when it takes too long."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, 'nothing heard in time'
-            self.executor.spin_once(timeout_sec=0.05)
+        until(
+            done,
+            PATIENCE_S,
+            'nothing heard in time',
+            pause=lambda: self.executor.spin_once(timeout_sec=0.05),
+        )
 
     def tick_until_heard(self, clock, heard):
         """Repeat the first instant until it is answered: both directions are connected then."""
@@ -70,8 +67,7 @@ class Listener:
 
 def start(*arguments):
     command = [sys.executable, '-m', 'scenario_publisher.scenario_node', '--ros-args', *arguments]
-    environment = {**os.environ, **ISOLATED}
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
 def stop(process):

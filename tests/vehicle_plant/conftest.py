@@ -1,6 +1,4 @@
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +7,6 @@ from msgs_yaml.types import Command
 from vehicle_plant import parameters
 from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
 from vehicle_plant.track import join
-
-sys.path.insert(0, str(Path(__file__).parent))  # for plant_process.py
 
 
 @pytest.fixture(scope='session')

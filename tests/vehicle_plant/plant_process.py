@@ -1,24 +1,23 @@
 """The node of the plant in a process of its own, and a test controller that answers it."""
 
 import math
-import os
 import subprocess
 import sys
 import time
 from typing import NamedTuple
-from unittest import mock
 
 import rclpy
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from until import until
 
 from msgs_yaml import decode, encode, ros, spin_node
 from msgs_yaml.types import Command
 from vehicle_plant.simulator import START_NS, TICK_NS
 
-SLOWEST_S = 30.0
+SLOWEST_S = 120.0
 
 
 class Controller(Node):
@@ -29,6 +28,7 @@ class Controller(Node):
         self.declare_parameter('mode', mode)
         self.answer = answer
         self.received = {name: [] for name in ('odometry', 'actuators', 'imu', 'wheels')}
+        self.arrived_ns = []  # wall time of every odometry
         self.clocks, self.healths = [], []
         self.answered_ns = 0
         self.command_pub = ros.publisher(self, '/controller/command')
@@ -41,6 +41,7 @@ class Controller(Node):
         def on_message(raw):
             self.received[name].append(bytes(raw))
             if name == 'odometry':
+                self.arrived_ns.append(time.time_ns())
                 self.on_state(decode.stamp_ns_of(raw))
 
         return on_message
@@ -68,11 +69,13 @@ class Run(NamedTuple):
     log: str
 
 
-@mock.patch.dict(os.environ, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
-def run(domain, answer, mode='lockstep', before=None, **settings):
-    """Drive until the plant ends; settings are its parameters, `answer(stamp_ns)` the commands."""
+def run(answer, mode='lockstep', before=None, **settings):
+    """Drive until the plant ends; settings are its parameters, `answer(stamp_ns)` the commands.
+
+    Both nodes are in the domain of the environment: the test uses the fixture `domain`.
+    """
     context = Context()
-    rclpy.init(context=context, domain_id=domain)
+    rclpy.init(context=context)
     controller = Controller(context, mode, answer)
     if before:
         before(controller)
@@ -82,15 +85,16 @@ def run(domain, answer, mode='lockstep', before=None, **settings):
     arguments = [part for k, v in values.items() for part in ('-p', f'{k}:={v}')]
     plant = subprocess.Popen(
         [sys.executable, '-m', 'vehicle_plant.plant_node', '--ros-args', *arguments],
-        env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
         stderr=subprocess.PIPE,
         text=True,
     )
     try:
-        deadline = time.monotonic() + SLOWEST_S
-        while plant.poll() is None and time.monotonic() < deadline:
-            executor.spin_until_future_complete(Future(), timeout_sec=0.1)
-        plant.terminate()
+        until(
+            lambda: plant.poll() is not None,
+            SLOWEST_S,
+            'the plant goes on',
+            pause=lambda: executor.spin_until_future_complete(Future(), timeout_sec=0.1),
+        )
         _, log = plant.communicate(timeout=SLOWEST_S)
         return Run(plant.returncode, controller, log)
     finally:

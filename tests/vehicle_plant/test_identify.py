@@ -123,6 +123,30 @@ def test_files_note_how_they_were_made(tmp_path):
     assert 'systematic' in text
 
 
+@pytest.mark.parametrize(
+    ('car', 'share_', 'steer_rate'), [('vw_gti.yaml', 1.0, 0.349), ('bmw_545i.yaml', 0.0, 0.8)]
+)
+def test_the_file_says_which_axle_is_driven_and_what_the_actuators_can_do(
+    tmp_path, car, share_, steer_rate
+):
+    out = tmp_path / 'car.yaml'
+    assert identify.main(['--out', str(out), '--car', car]) == 0
+    found, _ = yaml_parameters.read_file(out)
+    force = parameters.load(parameters.config(car)).car.force
+    assert found['actuators.drive_front_share'] == share_
+    assert found['actuators.steer_rate_radps'] == steer_rate
+    assert found['actuators.brake_n'] == force.front.brake_n + force.rear.brake_n
+    assert found['actuators.drive_n'] == force.front.drive_n + force.rear.drive_n
+
+
+@pytest.mark.parametrize('friction', ['0', '0.01', '2', 'nan'])
+def test_a_friction_that_no_road_has_is_refused_with_the_range(tmp_path, capsys, friction):
+    with pytest.raises(SystemExit) as exit_:
+        identify.main(['--out', str(tmp_path / 'car.yaml'), '--friction', friction])
+    assert exit_.value.code == 2
+    assert '--friction: is ' in capsys.readouterr().err
+
+
 def test_car_that_is_not_there_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit) as exit_:
         identify.main(['--out', str(tmp_path / 'car.yaml'), '--car', 'nobody.yaml'])

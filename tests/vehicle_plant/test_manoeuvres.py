@@ -139,11 +139,36 @@ def test_car_is_agile_enough_and_stable_up_to_five_times_the_unit(results):
     assert displaced == sorted(displaced)
 
 
-@pytest.mark.parametrize('name', MANOEUVRES)
-def test_ice_can_be_driven_on(name):
+@pytest.mark.parametrize(
+    ('name', 'limited'),
+    {
+        'steady_circle': 'greatest_ay',
+        'step_steer': 'ay_steady',
+        'sine_sweep': 'greatest_ay',
+        'straight_braking': 'mean_full_deceleration',
+        'turn_braking': 'mean_deceleration_at_6',
+        'sine_with_dwell': 'displacement_at_4',
+    }.items(),
+)
+def test_ice_can_be_driven_on(results, name, limited):
     case = course.Case(parameters.load(), 0.2, settings.load())
-    numbers, _ = manoeuvre.perform(name, case)
+    runs = MANOEUVRES[name].runs(case)
+    tracks = [course.drive(run, case) for run in runs]
+    numbers = MANOEUVRES[name].numbers(case, runs, tracks)
+    assert numbers.keys() == results[name][0].keys()
     assert all(np.isfinite(number.value) for number in numbers.values())
+    # what friction limits falls with it, a little less: lightly loaded tyres grip better
+    assert 0.19 < numbers[limited].value / value(results, name, limited) < 0.24
+    # and no moment of a drive has more of it than the tyres hold, at the lightest load
+    tyre, scaling = case.plant.tyre, case.plant.car.scaling
+    most = 1.05 * case.friction * abs(tyre.lateral.PDY1) * scaling.front.LMUY * 9.81
+    for track in tracks:
+        assert max(np.hypot(imu.ax, imu.ay) for imu in track.imu()) < most
+
+
+def test_every_manoeuvre_is_driven_on_ice():
+    (marked,) = test_ice_can_be_driven_on.pytestmark
+    assert [name for name, _ in marked.args[1]] == list(MANOEUVRES)
 
 
 def test_phasor_finds_amplitude_and_phase_beside_a_drift():

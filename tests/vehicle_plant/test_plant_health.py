@@ -89,6 +89,29 @@ def test_a_refusal_is_a_warning_for_two_seconds_and_counted_for_ever(ring):
     assert (last.level, last.values['commands_rejected']) == (OK, 2)
 
 
+def test_a_refusal_is_named_beside_steps_that_came_late_after_it(ring):
+    monitor = health.Monitor(ring)
+    ring.command(coast(START_NS))
+    ring.refuse('name is wheel')
+    ring.advance_to(START_NS + STEP_NS)
+    monitor.health(ring.car.stamp_ns)
+    ring.advance_to(START_NS + 5 * STEP_NS)
+    found = monitor.health(ring.car.stamp_ns)
+    late = 'steps came late and were caught up'
+    assert (found.level, found.message) == (WARN, f'commands refused: name is wheel; {late}')
+
+
+def test_silence_comes_before_the_refusals_that_led_to_it(ring):
+    monitor = health.Monitor(ring)
+    advance(ring, 1)
+    for _ in range(4):
+        ring.refuse('name is wheel')
+        advance(ring, 1, commanded=False)
+    found = monitor.health(ring.car.stamp_ns)
+    silent = 'no command comes, braking straight'
+    assert (found.level, found.message) == (ERROR, f'{silent}; commands refused: name is wheel')
+
+
 def test_steps_that_came_late_are_a_warning(ring):
     monitor = health.Monitor(ring)
     ring.command(coast(START_NS))

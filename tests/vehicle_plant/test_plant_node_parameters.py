@@ -11,7 +11,7 @@ from msgs_yaml.types import Command, Reference
 from vehicle_plant import parameters, road
 from vehicle_plant.simulator import START_NS, TICK_NS, Simulator, Start
 
-pytestmark = pytest.mark.ros
+pytestmark = pytest.mark.usefixtures('domain')
 
 
 def test_car_starts_at_the_first_pose_of_the_path():
@@ -27,14 +27,14 @@ def test_car_starts_at_the_first_pose_of_the_path():
         controller.reference_pub = ros.publisher(controller, '/scenario/reference')
         controller.reference_pub.publish(encode.reference(path))
 
-    settings = {'start.from': 'reference', 'stop.time_s': 0.3}
-    done = run(26, weave, before=with_path, **settings)
+    settings = {'start.from': 'reference', 'stop.time_s': 0.5}
+    done = run(weave, before=with_path, **settings)
     first = done.controller.state(0)
     assert first == (START_NS, 3.0, -2.0, 0.0, 10.0, 0.0, 0.0)
 
 
 def test_misspelt_parameter_stops_the_node():
-    done = run(27, weave, **{'stop.xm': 3.0})
+    done = run(weave, **{'stop.xm': 3.0})
     assert done.exit_code == spin_node.EXIT_CONFIGURATION
     assert 'stop.xm' in done.log
 
@@ -53,7 +53,7 @@ def test_another_car_on_another_tyre_and_a_road_with_ice(tmp_path):
     def brake(stamp_ns):
         return encode.command(Command(stamp_ns, 0.0, 0.0, -4000.0, -1500.0))
 
-    done = run(24, brake, plant_params='vw_gti.yaml', tyre_set=str(tyre_file), **settings)
+    done = run(brake, plant_params='vw_gti.yaml', tyre_set=str(tyre_file), **settings)
     assert done.exit_code == 0, done.log
     plant = parameters.load(parameters.config('vw_gti.yaml'))
     plant = replace(plant, tyre=parameters.tyre(str(tyre_file)))
@@ -76,14 +76,14 @@ def test_another_car_on_another_tyre_and_a_road_with_ice(tmp_path):
     ],
 )
 def test_car_tyre_or_road_that_is_not_there_stops_the_node(settings):
-    done = run(23, weave, **settings)
+    done = run(weave, **settings)
     assert done.exit_code == spin_node.EXIT_CONFIGURATION
     (name,) = settings
     assert name.partition('.')[0] in done.log or str(settings[name]) in done.log
 
 
 def test_on_request_imu_and_wheels_come_with_every_step():
-    done = run(23, weave, **{'stop.x_m': 5.0, 'imu_wheels_period_ms': 1})
+    done = run(weave, **{'stop.x_m': 5.0, 'imu_wheels_period_ms': 1})
     odometry = done.controller.stamps('odometry')
     assert len(odometry) > 200
     assert done.controller.stamps('imu') == done.controller.stamps('wheels') == odometry

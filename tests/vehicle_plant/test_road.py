@@ -151,9 +151,8 @@ def test_inside_is_what_the_angles_around_a_point_say(angles, X, Y, clockwise):
     assert float(road.grip(X, Y, 1.0, some)) == (0.3 if inside else 1.0)
 
 
+@pytest.mark.needs('compiler')
 def test_compiled_and_interpreted_read_the_same_map(params):
-    if stepper.library() is None:
-        pytest.skip('no C compiler')
     some = road.patches(LEFT_HALF + [4 + c for c in SQUARE], [0.3, 0.6])
     x = trimmed(params, Start(3.0, 0.5, 0.1, 20.0))
     set_points = np.tile([0.02, -4000.0, -2000.0], (201, 1))

@@ -51,9 +51,8 @@ def test_a_millisecond_is_converged_at_the_limit(params):
     assert np.abs(coarse - fine)[2:].max() < 1e-3
 
 
+@pytest.mark.needs('compiler')
 def test_interpreted_equals_compiled(params, rng):
-    if stepper.library() is None:
-        pytest.skip('no C compiler')
     p = graph.parameter_vector(params, 0.8)
     x = trimmed(params, Start(1.0, 2.0, 0.5, 22.0))
     set_points = np.cumsum(rng.normal(size=(301, 3)) * [0.005, 300, 300], axis=0)

@@ -49,7 +49,7 @@ class Gate:
         self._last = last
         self._stamp_ns = stamp_ns
         self.rejections = Counter()  # by the code of the objection
-        self.last_reason = ''
+        self.last_code = self.last_reason = ''
 
     @property
     def rejected(self) -> int:
@@ -72,7 +72,7 @@ class Gate:
     def refuse(self, reason: str, code: str = UNREADABLE) -> Verdict:
         """Count a command as refused."""
         self.rejections[code] += 1
-        self.last_reason = reason
+        self.last_code, self.last_reason = code, reason
         return Verdict(False, reason)
 
     def _objections(self, command: Command, now_ns: int, tick_ns: int) -> Iterator[Objection]:

@@ -7,24 +7,39 @@ from msgs_yaml.types import Health
 from vehicle_plant.ring import Lockstep, Realtime
 
 NODE = 'plant'
+RUNNING = 'running'
 AGED = {WARN: 'commands come late', ERROR: 'no command came for a while, the car braked straight'}
 BEGAN = 'run_began_ns'  # the instant at which the car was let go; the scenario reads it
 
 
+class Cause:
+    """A fault of one level that is held for a while after it was seen (`ages.Held`)."""
+
+    def __init__(self, level: int):
+        self._level = level
+        self._held = Held()
+        self.held = OK
+        self.message = ''  # of when it was seen last
+
+    def take(self, seen: bool, message: str, now_ns: int) -> None:
+        """Take whether it is there now, and what it says."""
+        if seen:
+            self.message = message
+        self.held = self._held.take(self._level if seen else OK, now_ns)
+
+
 class Monitor:
-    """Tells the health of a run; what has happened counts for a while (`ages.Held`)."""
+    """Tells the health of a run: everything that is or was lately wrong, refusals first."""
 
     def __init__(self, ring: Lockstep | Realtime):
         self._ring = ring
         self._rejected = self._missed = 0  # when it was told last
-        self._held = Held()
-        self._message = {OK: 'running'}
+        self._causes = tuple(Cause(level) for level in (ERROR, WARN, WARN))
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of a running plant at a stamp."""
         ring, gate = self._ring, self._ring.car.gate
-        # in this order: what is said last is what counts most
-        level = max(self._aged(stamp_ns), self._held.take(self._level(), stamp_ns))
+        level, message = self._verdict(stamp_ns)
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
@@ -34,32 +49,33 @@ class Monitor:
             'controller_gone': ring.gone,
             **self._ages(stamp_ns),
         }
-        return Health(stamp_ns, NODE, level, self._message[level], values)
+        return Health(stamp_ns, NODE, level, message, values)
+
+    def _verdict(self, stamp_ns):
+        """Return the level, and every cause that is held, the heaviest first."""
+        gone, refused, late = self._causes
+        ring, gate = self._ring, self._ring.car.gate
+        gone.take(ring.gone, 'no command comes, braking straight', stamp_ns)
+        refused.take(
+            gate.rejected > self._rejected, f'commands refused: {gate.last_reason}', stamp_ns
+        )
+        late.take(ring.missed_steps > self._missed, 'steps came late and were caught up', stamp_ns)
+        self._rejected, self._missed = gate.rejected, ring.missed_steps
+        aged = self._aged(stamp_ns)
+        held = [(cause.held, cause.message) for cause in self._causes if cause.held != OK]
+        if aged in AGED and gone.held == OK:  # which says the same, and what follows
+            held.append((aged, AGED[aged]))
+        # within a level in the order above
+        held.sort(key=lambda found: -found[0])
+        level = max([aged, *(level for level, _ in held)])
+        return level, '; '.join(message for _, message in held) or RUNNING
 
     def _aged(self, stamp_ns):
-        """Return the level of the last command's age, and remember why."""
+        """Return the level of the last command's age."""
         if not isinstance(self._ring, Realtime):
             return OK
         self._ring.watch.look(stamp_ns)
-        level = self._ring.watch.held
-        if level in AGED:
-            self._message[level] = AGED[level]
-        return level
-
-    def _level(self):
-        """Return the level of this instant, and remember why."""
-        ring, gate = self._ring, self._ring.car.gate
-        refused, self._rejected = gate.rejected > self._rejected, gate.rejected
-        missed, self._missed = ring.missed_steps > self._missed, ring.missed_steps
-        for level, found, message in (
-            (ERROR, ring.gone, 'no command comes, braking straight'),
-            (WARN, refused, f'commands refused: {gate.last_reason}'),
-            (WARN, missed, 'steps came late and were caught up'),
-        ):
-            if found:
-                self._message[level] = message
-                return level
-        return OK
+        return self._ring.watch.held
 
     def _ages(self, stamp_ns) -> dict[str, Any]:
         if not isinstance(self._ring, Realtime):

@@ -1,10 +1,11 @@
-"""The controller's tyre from the plant: Fiala parameters by quasi-steady circular driving.
+"""What the controllers know of the car, from the plant; tyres by quasi-steady circular driving.
 
-    identify --out car.yaml [--car bmw_330i.yaml] [--tyre my_tyre.tir] [--friction 0.6]
+    identify --out car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
 
-The same plant gives the same file, byte by byte. Cars and tyres are files in config/, or paths with
-a folder.
+The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout and
+limits of the actuators. The same plant gives the same file, byte by byte. A bare name of a car or
+tyre is a file of config/; a name with a path separator is a path, relative to where you are.
 """
 
 import argparse
@@ -17,13 +18,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from msgs_yaml import parameters as yaml_parameters
-from vehicle_plant import circle, fiala_fit, parameters
+from msgs_yaml.ranges import ROAD_FRICTION
+from vehicle_plant import capability, circle, fiala_fit, parameters
 from vehicle_plant.circle import AxlePoints, Circle, CircleError
 from vehicle_plant.fiala_fit import Fit
 from vehicle_plant.parameters import PlantParams
 
 _FILE = """\
-# Car and tyre of the prediction model, identified from the plant by quasi-steady circular driving:
+# Car, tyre and actuators as the controllers know them. Tyres by quasi-steady circular driving:
 # {how}, {points} points up to {ay:.3f} m/s^2.
 # Do not edit; made by
 #   python -m vehicle_plant.identify{options} --out <this file>
@@ -49,6 +51,13 @@ residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
       rear_cornering_npr: {fit_r.cornering:.1f}  # N/rad per axle
       front_friction: {fit_f.friction:.5f}  # -
       rear_friction: {fit_r.friction:.5f}  # -
+    actuators:  # the controller's limits are cut to these
+      drive_front_share: {act.drive_front_share!r}  # -, 0 = rear-wheel drive
+      steer_rad: {act.steer_rad!r}  # rad at the road wheel, either way
+      steer_rate_radps: {act.steer_rate_radps!r}  # rad/s
+      brake_n: {act.brake_n!r}  # N, both axles
+      drive_n: {act.drive_n!r}  # N, both axles
+      force_rate_nps: {act.force_rate_nps!r}  # N/s, of the slower axle
 """
 
 
@@ -82,6 +91,7 @@ def identify(
         body=body,
         drag=body.air_density_kgpm3 / 2 * body.drag_area_m2,
         rolling=plant.car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2,
+        act=capability.of(plant.car),
     )
     return text, draw(points, fits)
 
@@ -118,6 +128,13 @@ def _degrees(axle: AxlePoints):
     return -axle.alpha * 180 / np.pi
 
 
+def _friction(text: str) -> float:
+    allowed, value = ROAD_FRICTION, float(text)
+    if not allowed.low <= value <= allowed.high:
+        raise argparse.ArgumentTypeError(f'is {text}; allowed {allowed.low:g} to {allowed.high:g}')
+    return value
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser(prog='identify', description=__doc__.splitlines()[0])
@@ -125,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--car', help='car file instead of the default car')
     parser.add_argument('--tyre', help='.tir or YAML file instead of the tyre of the car')
     parser.add_argument('--manoeuvre', choices=list(_WORDS), help='instead of constant_speed')
-    parser.add_argument('--friction', type=float, default=1.0, help='road friction scale')
+    parser.add_argument('--friction', type=_friction, default=1.0, help='road friction scale')
     parser.add_argument('--figure', type=Path, help='PNG to write, beside the YAML by default')
     options = parser.parse_args(arguments)
     chosen = {name: getattr(options, name) for name in ('car', 'tyre', 'manoeuvre')}

@@ -1,17 +1,19 @@
 """The plant as a node, and where its files are: a car with its run, and the tyre it stands on."""
 
-import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from msgs_yaml import parameters, share
-from msgs_yaml.parameters import ParameterError, Range
+from msgs_yaml import named_file, parameters, ranges, share
+from msgs_yaml.overrides import NO_SOURCES
+from msgs_yaml.parameters import Choice, ParameterError, Range
 from vehicle_plant import tir
 from vehicle_plant.car import Car, PlantParams
 from vehicle_plant.tyre_set import TyreSet
 
 DEFAULT_CAR = 'bmw_545i.yaml'
+START_FROM = Choice('reference', 'parameters')  # what start.from may be; the first is the default
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class StartParams:
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
-    speed_mps: Annotated[float, Range(0.0, 80.0, 'm/s')]
+    # it may stand, too
+    speed_mps: Annotated[float, Range(0.0, ranges.SPEED.high, ranges.SPEED.unit)]
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class StopParams:
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
     armed_after_m: Annotated[float, Range(0.0, 1e5, 'm')]
-    time_s: Annotated[float, Range(0.05, 1e5, 's')]
+    time_s: Annotated[float, ranges.RUN_TIME]
 
 
 @dataclass(frozen=True)
@@ -40,14 +43,14 @@ class PatchParams:
     """Where the road has another friction: see `road`."""
 
     corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
-    friction: Annotated[tuple[float, ...], Range(0.05, 2.0, '-')]
+    friction: Annotated[tuple[float, ...], ranges.ROAD_FRICTION]
 
 
 @dataclass(frozen=True)
 class NodeParams:
     """The plant as a node: config/bmw_545i.yaml."""
 
-    friction: Annotated[float, Range(0.05, 2.0, '-')]
+    friction: Annotated[float, ranges.ROAD_FRICTION]
     patches: PatchParams
     tyre_set: str
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
@@ -59,28 +62,35 @@ class NodeParams:
 
 
 def config(name: str) -> Path:
-    """Return the path of a file: in config/, or, with a folder in its name, anywhere.
-
-    Raises ParameterError when there is none.
-    """
+    """Return the path of a file as `share.config` finds it; ParameterError when there is none."""
     try:
-        path = Path(name) if os.sep in name else share.path('vehicle_plant', 'config', name)
+        return share.config('vehicle_plant', name)
     except FileNotFoundError as error:
-        raise ParameterError(f'{name}: {error}') from None
-    if not path.is_file():
-        raise ParameterError(f'{name}: there is no such file')
-    return path
+        raise ParameterError(str(error)) from None
+
+
+def car_file(name: str) -> Path:
+    """Return the path of the car that `plant_params` names. Raises ParameterError."""
+    return named_file.find('vehicle_plant', 'plant_params', name, 'tyre_set')
 
 
 def tyre(name: str) -> TyreSet:
     """Read a tyre from a .tir or YAML file found by `config`. Raises ParameterError."""
-    path = config(name)
+    return _tyre(config(name))
+
+
+def _tyre(path):
     return tir.load(path) if path.suffix.lower() == '.tir' else parameters.load(TyreSet, path)
 
 
-def plant(node: NodeParams) -> PlantParams:
-    """Return the car with the tyre that it names. Raises ParameterError."""
-    return PlantParams(node.car, tyre(node.tyre_set))
+def plant(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
+    """Return the car with the tyre that it names.
+
+    Raises ParameterError; `sources` says by parameter where its value comes from.
+    """
+    holds = 'reference.FNOMIN'
+    path = named_file.find('vehicle_plant', 'tyre_set', node.tyre_set, holds, sources)
+    return PlantParams(node.car, _tyre(path))
 
 
 def load(path: Path | None = None) -> PlantParams:

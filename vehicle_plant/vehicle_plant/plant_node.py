@@ -1,21 +1,26 @@
 """The plant on ROS 2: commands in; odometry, actuators, imu, wheels and the clock out."""
 
 import sys
+import time
 from pathlib import Path
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros, spin_node, stamp
+from msgs_yaml import decode, encode, facts_node, ros, spin_node, stamp
 from msgs_yaml.checked import DecodeError
 from msgs_yaml.parameters import ParameterError
+from msgs_yaml.publishers_node import Publishers
+from msgs_yaml.refusals import Refusals
 from msgs_yaml.wall import Spoken
 from vehicle_plant import health, parameters, road, starts, stepper
+from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.lockstep_node import LockstepDrive
 from vehicle_plant.realtime_node import RealtimeDrive
 from vehicle_plant.simulator import STEP_NS, Simulator
 
+COMMAND = '/controller/command'
 LOOK_S = 0.1  # how often the start is tried
 THROTTLE_S = 1.0
 HEALTH_NS = 1_000_000_000
@@ -40,15 +45,17 @@ class PlantNode(Node):
         self.reference = None
         self.waited = Spoken()
         if self.at_reference:
-            ros.subscribe(self, '/scenario/reference', self.on_reference)
+            ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
         self.drive = {'lockstep': LockstepDrive, 'realtime': RealtimeDrive}[ros.mode(self)](self)
-        self.command_sub = ros.subscribe(self, '/controller/command', self.on_command)
+        self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
+        self.command_publishers = Publishers(self, {COMMAND: self.command_sub})
+        self.refusals = Refusals(COMMAND)
         self.starting = self.every(LOOK_S, self.on_look)
 
     def _declare_start(self) -> bool:
-        choices = ('reference', 'parameters')
+        choices = parameters.START_FROM.words
         about = ParameterDescriptor(description=' or '.join(choices), read_only=True)
-        chosen = self.declare_parameter('start.from', 'reference', about).value
+        chosen = self.declare_parameter('start.from', choices[0], about).value
         if chosen not in choices:
             raise ParameterError(f'start.from is {chosen!r}; allowed {" or ".join(choices)}')
         return chosen == 'reference'
@@ -58,16 +65,18 @@ class PlantNode(Node):
             description='file of the car: in config/, or a path', read_only=True
         )
         name = self.declare_parameter('plant_params', parameters.DEFAULT_CAR, about).value
-        return parameters.config(name)
+        return parameters.car_file(name)
 
     def every(self, seconds, callback):
         """Return a timer on the wall clock."""
         return self.create_timer(seconds, callback, clock=self.wall)
 
-    def on_reference(self, msg):
+    def on_reference(self, raw):
         """Keep the path for the start."""
+        if self.drive.ring:  # repeats: there is a step to take every millisecond
+            return
         try:
-            self.reference = decode.reference(msg)
+            self.reference = facts_node.read_reference(raw)
         except DecodeError as error:
             told = f'/scenario/reference turned down: {error}'
             self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
@@ -88,7 +97,7 @@ class PlantNode(Node):
         """Return what the start still waits for."""
         checks = (
             ('/scenario/reference', self.at_reference and self.reference is None),
-            ('a publisher of /controller/command', not self.command_sub.get_publisher_count()),
+            (f'a publisher of {COMMAND}', not self.command_sub.get_publisher_count()),
         )
         missing = [what for what, is_missing in checks if is_missing]
         return missing + ros.unheard(self, {'/vehicle/odometry': 1})
@@ -105,8 +114,19 @@ class PlantNode(Node):
             command = decode.command(msg)
         except DecodeError as error:
             self.drive.unreadable(stamp.to_ns(msg.header.stamp), str(error))
+            self.say_refused(UNREADABLE, str(error))
         else:
+            refused = self.drive.ring.car.gate.rejected if self.drive.ring else 0
             self.drive.command(command)
+            gate = self.drive.ring.car.gate if self.drive.ring else None
+            if gate and gate.rejected > refused:
+                self.say_refused(gate.last_code, gate.last_reason)
+
+    def say_refused(self, kind, reason):
+        """Log the first refused command of each kind, then counts."""
+        line = self.refusals.line(kind, reason, time.monotonic_ns())
+        if line:
+            self.get_logger().warning(line)
 
     def send(self, track):
         """Publish every row of a track; on each topic in the order of time."""
@@ -128,7 +148,7 @@ class PlantNode(Node):
 
     def tell(self, found):
         """Publish a health."""
-        self.health_pub.publish(encode.health(found))
+        self.health_pub.publish(encode.health(self.command_publishers.added_to(found)))
 
 
 def main() -> int:

@@ -5,31 +5,29 @@ The only package that may import those cores. `ring` closes the ring in process,
 metrics.of(closed_loop.drive(closed_loop.setup('double_lane_change', 'mpcc', speed_mps=21.0)))
 
 `again` gives a recorded controller's ticks to today's controller, `posed` takes one of its
-problems apart.
+problems apart. `inputs` checks scenario and parameters.
+
+A module is loaded when a name of it is first used: `inputs` needs no solver, so an error in what a
+user gave is found without waiting for one.
 """
 
-from bags.closed_loop.ring import (
-    NO_SETTINGS,
-    Setup,
-    check_parameters,
-    drive,
-    load_scenario,
-    run,
-    run_info,
-    scenario_facts,
-    setup,
-    stop_params,
-)
+from importlib import import_module
+from typing import Any
 
-__all__ = [
-    'NO_SETTINGS',
-    'Setup',
+_INPUTS = (
     'check_parameters',
-    'drive',
+    'file_values',
     'load_scenario',
-    'run',
-    'run_info',
     'scenario_facts',
-    'setup',
     'stop_params',
-]
+    'warnings_of',
+)
+_RING = ('Setup', 'drive', 'run', 'run_info', 'setup')
+_MODULE_OF = {**dict.fromkeys(_INPUTS, 'inputs'), **dict.fromkeys(_RING, 'ring')}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name from the module that defines it."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{_MODULE_OF[name]}'), name)

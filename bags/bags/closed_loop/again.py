@@ -8,13 +8,16 @@ from typing import Any
 from bags.errors import BagError, OlderRunWarning
 from bags.replay import feed
 from bags.replay.feed import Told
+from mpcc_controller import car_file, limits_in_force
 from mpcc_controller.driving import controller
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
 from msgs_yaml import overrides, parameters, ring, share
+from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Prediction, Why
 
 ROLE = 'controller'
+ACTUATORS, LAYOUT, CAR_FILE = 'actuators', 'model.drive_front_share', 'car_file'
 FORMULATION, DEFAULT = 'formulation.name', 'mpcc'  # and the file of its defaults
 
 
@@ -66,8 +69,9 @@ def params(
 ) -> tuple[ControllerParams, CarParams]:
     """Return the parameters of a recorded controller, changed by `settings`; see `of_notes`.
 
-    A parameter that did not exist yet when the run was made takes today's default, with an
-    OlderRunWarning that names it.
+    A `car_file` in the settings replaces the car of the run by the one in that file; settings of
+    single parameters of the car win over it. A parameter that did not exist yet when the run was
+    made takes today's default, with an OlderRunWarning that names it.
     """
     try:
         noted = json.loads(run_info['parameters'])[ROLE]
@@ -80,8 +84,8 @@ def params(
     def source(key):
         return '--set' if key in settings else f'{name}: parameters of the controller'
 
-    given = {key: value for key, value in noted.items() if key not in overrides.COMMON} | settings
-    given = _defaults(noted, name) | given
+    given = {key: value for key, value in noted.items() if key not in overrides.COMMON}
+    given = _defaults(noted, name) | _actuators(noted) | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)
     known = [parameters.leaves(cls) for cls in classes]
     try:
@@ -89,12 +93,55 @@ def params(
             parameters.build_from(cls, {k: v for k, v in given.items() if k in own}, source)
             for cls, own in zip(classes, known)
         ]
-        strange = [key for key in given if not any(key in own for own in known)]
-        if strange:
-            raise parameters.ParameterError(f'{source(strange[0])}: {strange[0]}: unknown')
+        _refuse_unknown(given, known, source)
+        _refuse_impossible(*made, settings)
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
     return tuple(made)
+
+
+def _other_car(settings):
+    """Return the parameters in the car file that is set, none where none is."""
+    name = settings.get(CAR_FILE)
+    if not isinstance(name, str):
+        return {}  # what is no text is refused with the other parameters
+    try:
+        return parameters.flatten(car_file.read(name))
+    except (parameters.ParameterError, OSError) as error:
+        raise BagError(f'--set {CAR_FILE}={name}: {error}') from None
+
+
+def _refuse_unknown(given, known, source):
+    names = [name for own in known for name in own]
+    for key in given:
+        if key not in names:
+            hint = closest(key, names)
+            raise parameters.ParameterError(
+                f'{source(key)}: {key}: the controller has no such parameter{hint}'
+            )
+
+
+def _refuse_impossible(made, vehicle, settings):
+    """Refuse a limit that was asked for and that the car would cut."""
+    for name in limits_in_force.exceeded(made, vehicle.actuators):
+        if f'limits.{name}' in settings:
+            most = getattr(vehicle.actuators, name)
+            raise parameters.ParameterError(
+                f'--set: limits.{name}: is {settings[f"limits.{name}"]:g}; allowed up to '
+                f'{most:g}, which the car can do (actuators.{name})'
+            )
+
+
+def _actuators(noted):
+    """Return the car's actuators where the notes are older than these parameters.
+
+    The controller knew the drive layout under another name, and its limits were not cut.
+    """
+    leaves = parameters.leaves(CarActuators)
+    if f'{ACTUATORS}.drive_front_share' in noted or LAYOUT not in noted:
+        return {}
+    unbounded = {f'{ACTUATORS}.{name}': leaves[name].rule.high for name in limits_in_force.SHARED}
+    return {f'{ACTUATORS}.drive_front_share': noted[LAYOUT], **unbounded}
 
 
 def _defaults(noted, name):

@@ -20,6 +20,7 @@ from mpcc_controller.problem import stages
 from mpcc_controller.problem.ocp import Limited
 from mpcc_controller.solvers.shooting import Plan
 from mpcc_controller.solvers.solver import Solution
+from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Obstacle
 
 
@@ -109,7 +110,10 @@ class Problem:
         known = self.weights
         for name, factor in factors.items():
             if name not in known:
-                raise BagError(f'weights.{name}: no such weight; there are {", ".join(known)}')
+                hint = closest(name, known)
+                raise BagError(
+                    f'weights.{name}: no such weight; there are {", ".join(known)}{hint}'
+                )
             if not 0.0 <= factor < np.inf:
                 raise BagError(f'weights.{name}: {factor!r} is out of range; allowed from 0')
         numbers = self.posed.numbers

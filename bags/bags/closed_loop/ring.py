@@ -1,43 +1,28 @@
 """The ring in process, without ROS: the same steps in the same order as the nodes in lockstep."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-import yaml
-
+from bags.closed_loop import inputs
 from bags.errors import BagError
 from bags.experiments import experiment, notes, simulated
-from bags.experiments.experiment import Node, ScenarioFacts
 from bags.storage.columns import Columns
-from bags.verdict import metrics, recorded
+from bags.verdict import recorded
 from bags.verdict.drive import Drive
-from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import overrides, parameters, ring
+from msgs_yaml import parameters, ring
 from msgs_yaml.stamp import NS_PER_S
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
-from vehicle_plant import parameters as plant_parameters
 from vehicle_plant import road, track
-from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
+from vehicle_plant.parameters import PlantParams
 from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import Simulator, Start
 
-# what a node reads, and the files that this names
-READ = {
-    'mpcc_node': (ControllerParams, car_file.load),
-    'frenet_node': (ControllerParams, car_file.load),
-    'plant_node': (NodeParams, plant_parameters.plant),
-}
-# no parameter is set beside the files
-NO_SETTINGS: Mapping[str, Mapping[str, Any]] = {}
-# what the plant declares beside them
-BY_HAND = ('start.from', experiment.DEFAULTS_NAMED)
 # of the plant's parameters, what a drive in process follows; start, end and patches are the
 # scenario's, the others are about messages and wall time
 HONOURED = ('friction', 'tyre_set', experiment.DEFAULTS_NAMED)
@@ -58,7 +43,7 @@ class Setup(NamedTuple):
 def setup(
     scenario_name: str,
     controller: str,
-    settings: Mapping[str, Mapping[str, Any]] = NO_SETTINGS,
+    settings: Mapping[str, Mapping[str, Any]] = experiment.NO_OVERRIDES,
     speed_mps: float | None = None,
 ) -> Setup:
     """Return a drive as `bags run` would make it.
@@ -73,12 +58,12 @@ def setup(
             allowed = f'{", ".join(HONOURED)} and {HONOURED_GROUP}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = experiment.controller(controller)
-    scn = load_scenario(scenario_name, speed_mps)
+    scn = inputs.load_scenario(scenario_name, speed_mps)
     nowhere = Path()
     ring = experiment.nodes(
-        _facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
+        inputs.facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
     )
-    read = {node.role: _read(node) for node in ring if node.executable in READ}
+    read = inputs.check_parameters(ring)
     params, vehicle = read['controller']
     node, plant = read['plant']
     return Setup(chosen.name, scn, params, vehicle, plant, node.friction)
@@ -110,7 +95,7 @@ def run(
         Start(*scn.start),
         patches=road.patches(*scn.patches),
     )
-    plant_side = Lockstep(car, RunEnd(stop_params(scn), car.now))
+    plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = Controller(params, vehicle)
     controller.reset(car.actuators)
     controller.set_reference(ring.reference(scn.reference))
@@ -147,7 +132,7 @@ def run_info(
     friction: float | None = None,
 ) -> dict[str, str]:
     """Return the notes that `bags run` would write for the same run."""
-    stop = parameters.flatten(stop_params(scn))
+    stop = parameters.flatten(inputs.stop_params(scn))
     noted = {
         'controller': parameters.flatten(vehicle) | parameters.flatten(params),
         'plant': {f'car.{name}': value for name, value in parameters.flatten(plant.car).items()}
@@ -162,63 +147,3 @@ def run_info(
         'mode': 'in process',
         'parameters': json.dumps(noted, sort_keys=True),
     }
-
-
-def stop_params(scn: Scenario) -> StopParams:
-    """Return the end of a scenario as the plant takes it."""
-    x, y, yaw, armed_after, time = scn.stop
-    return StopParams(x_m=x, y_m=y, yaw_rad=yaw, armed_after_m=armed_after, time_s=time)
-
-
-def load_scenario(name_or_path: str, speed_mps: float | None = None) -> Scenario:
-    """Return a scenario, at another constant desired speed where given. Raises BagError."""
-    try:
-        scn = scenario.load(name_or_path)
-        if speed_mps is None:
-            return scn
-        document = yaml.safe_load(scn.text)
-        document['speed'] = {'constant_mps': float(speed_mps)}
-        return scenario.parse(yaml.safe_dump(document), f'{name_or_path} at {speed_mps:.2f} m/s')
-    except scenario.ScenarioError as error:
-        raise BagError(str(error)) from None
-
-
-def scenario_facts(name_or_path: str) -> ScenarioFacts:
-    """Return what the nodes are told about a scenario. Raises BagError when it cannot be used."""
-    return _facts(load_scenario(name_or_path), name_or_path)
-
-
-def _facts(scn, source):
-    x, y, yaw, speed = scn.start
-    path = np.column_stack([scn.reference.X, scn.reference.Y])
-    return ScenarioFacts(
-        name=scn.name,
-        text=scn.text,
-        source=source,
-        friction=scn.friction,
-        start={'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed},
-        stop=parameters.flatten(stop_params(scn)),
-        patches=scn.patches._asdict(),
-        path=path,
-        length_m=metrics.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
-    )
-
-
-def check_parameters(nodes: Sequence[Node]) -> None:
-    """Read the parameters of controller and plant as they will; BagError for what they refuse."""
-    for node in nodes:
-        if node.executable in READ:
-            _read(node)
-
-
-def _read(node):
-    """Return the parameters of a node, and the files that they name."""
-    cls, load = READ[node.executable]
-    try:
-        given = experiment.given(node)
-        given = {name: value for name, value in given.items() if name not in BY_HAND}
-        made, _ = overrides.resolve(cls, experiment.defaults(node), given)
-        return made, load(made)
-    except (parameters.ParameterError, OSError) as error:
-        files = ''.join(f' ({file})' for file in node.files)
-        raise BagError(f'the {node.role}{files} would not start: {error}') from None

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         dest='settings',
-        metavar='controller.param=value',
+        metavar='param=value',
         help='change a parameter of the recorded controller: the check then shows its effect',
     )
 

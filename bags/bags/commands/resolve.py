@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         dest='settings',
         metavar='NAME=VALUE',
-        help='what if: controller.<parameter>=<value>, or weights.<term>=<factor>',
+        help='what if: <parameter of the controller>=<value>, or weights.<term>=<factor>',
     )
     parser.add_argument(
         '--sensitivities',

@@ -7,8 +7,8 @@ from rich.console import Console
 
 from bags.errors import BagError
 
-HELP = 'distributions, ablation, limit speeds and claims of the paper'
-PARTS = ('distributions', 'ablation', 'limit', 'claims')
+HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
+PARTS = ('distributions', 'ablation', 'limit', 'claims', 'demand')
 OUT = Path('paper', 'study')
 
 

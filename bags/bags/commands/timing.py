@@ -41,7 +41,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 def show(found: dict[str, Any], console: Console) -> None:
     """Print a report for a person; a dash for what its bag does not tell."""
-    from bags.storage import info
+    from bags.storage import info, sift
     from bags.verdict.punctuality import QUANTILES
 
     table = Table(box=None, header_style='bold', pad_edge=False)
@@ -51,6 +51,8 @@ def show(found: dict[str, Any], console: Console) -> None:
     for title, values in _rows(found):
         table.add_row(title, *(_number((values or {}).get(name), 2) for name in QUANTILES))
     console.print(table)
+    for line in sift.lines(found):
+        console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(info.told(found['ticks']), highlight=False)
     console.print(f'mean interval {_number(found["interval_ms"]["mean"], 3)} ms', highlight=False)
 

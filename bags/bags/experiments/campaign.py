@@ -8,16 +8,17 @@ from typing import NamedTuple
 from rich.console import Console
 
 from bags import closed_loop
+from bags.errors import BagError
 from bags.experiments import domain, experiment, folders, run
-from bags.experiments.interrupt import Interrupt
+from bags.experiments.interrupt import Interrupt, Interrupted
 from bags.experiments.progress import Progress
-from bags.verdict import compare
 from msgs_yaml import compiled
 
 NO_COMPILER = (
     '[yellow]no C compiler found:[/] plant and controller run interpreted, several times slower; '
     'what they compute stays the same. On Debian and Ubuntu: apt install gcc'
 )
+WARNING = '[yellow]warning, {}:[/] '
 
 
 class Plan(NamedTuple):
@@ -33,28 +34,65 @@ class Plan(NamedTuple):
 
 
 def run_all(plan: Plan, console: Console) -> int:
-    """Make the runs, compare those that left a bag; return 0 when every run completed.
+    """Make the runs, compare those that left a bag; return 0 when all were completed.
 
-    Raises BagError for a scenario, controller or setting that cannot be used, before anything is
-    started, and KeyboardInterrupt, which says what was kept, when a signal came; no process is
-    left behind in any case.
+    A car that crosses the finish line beside the road has not completed: a line says so.
+    Raises BagError for a scenario, controller, setting or folder that cannot be used, before
+    anything is started, and Interrupted, which says what was kept, when a signal came; no process
+    is left behind in any case.
     """
     folder, outcomes = run_nodes(plan, console)
     made = _made(outcomes)
+    completed = [outcome.completed for outcome in outcomes]
     if made:
-        compare.show(compare.bags(made, folder), console)
-    return 0 if all(outcome.completed for outcome in outcomes) else 1
+        # figures and report take seconds to import: an error in the input must not wait for them
+        from bags.verdict import compare
+
+        try:
+            compared = compare.bags(made, folder)
+        except Exception as error:
+            kept = ' '.join(os.path.relpath(bag) for bag in made)
+            raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
+        compare.show(compared, console)
+        runs = compared.values['runs']
+        completed += [found['completed'] for found in runs.values()]
+        _show_disagreement(outcomes, runs, console)
+    return 0 if all(completed) else 1
+
+
+def _show_disagreement(outcomes, runs, console):
+    """Say of which run only the comparison knows that it was not completed: the exit code is 1."""
+    for outcome in outcomes:
+        found = runs.get(outcome.controller)
+        if outcome.completed and found and not found['completed']:
+            console.print(
+                f'{outcome.controller}: not completed, although the plant reports '
+                f'"{outcome.message}": {found["verdict"]}; the exit code is 1',
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
 
 
 def run_nodes(plan: Plan, console: Console) -> tuple[Path, list[run.Outcome]]:
     """Make the runs as `run_all` does; return the folder of the scenario and how each ended."""
-    facts = closed_loop.scenario_facts(plan.scenario)
     chosen = experiment.controllers(plan.controllers)
     overrides = experiment.overrides(plan.settings)
+    facts = closed_loop.scenario_facts(plan.scenario)
     folder = plan.out / facts.name
+    file_values = {}
     for controller in chosen:
         ring = experiment.nodes(facts, controller, plan.mode, folder, folder, overrides)
-        closed_loop.check_parameters(ring)
+        read = closed_loop.check_parameters(ring)
+        file_values[controller.name] = closed_loop.file_values(read)
+        for text in closed_loop.warnings_of(facts, read):
+            console.print(WARNING.format(controller.name), end='')
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    with folders.created(folder, f'--out {plan.out}'):
+        return folder, _run_each(plan, facts, chosen, file_values, overrides, folder, console)
+
+
+def _run_each(plan, facts, chosen, file_values, overrides, folder, console):
     for line in folders.recover(folder):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if compiled.find_compiler() is None:
@@ -76,13 +114,22 @@ def run_nodes(plan: Plan, console: Console) -> tuple[Path, list[run.Outcome]]:
             )
             for controller in chosen:
                 progress.begin(controller.name, facts.length_m)
-                outcome = run.one(facts, controller, settings, interrupt, progress)
+                outcome = run.one(
+                    facts,
+                    controller,
+                    file_values[controller.name],
+                    settings,
+                    interrupt,
+                    progress,
+                )
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)
-    except KeyboardInterrupt:
-        kept = ', '.join(os.path.relpath(bag) for bag in _made(outcomes)) or 'nothing'
-        raise KeyboardInterrupt(f'every node was stopped; kept: {kept}') from None
-    return folder, outcomes
+    except Interrupted as interrupted:
+        bags = _made(outcomes) + [bag for bag in (interrupted.kept,) if bag]
+        kept = ', '.join(map(os.path.relpath, bags)) or 'nothing'
+        message = f'every node was stopped; kept: {kept}'
+        raise Interrupted(interrupted.number, message) from None
+    return outcomes
 
 
 def _made(outcomes):

@@ -2,27 +2,42 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from bags.errors import BagError
-from msgs_yaml import parameters, share, strict_yaml
+from msgs_yaml import named_file, parameters, share, strict_yaml
+from msgs_yaml.overrides import NO_SOURCES
 
+NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
-# for the notes of a run: the defaults that a node reads by itself, and which of its parameters
-# name further files, in its package's config/ or anywhere
+# for the notes of a run: the defaults that a node reads by itself
 DEFAULTS = {
     'recorder_node': ('bags', 'recorder.yaml'),
     'frenet_node': ('mpcc_controller', 'frenet.yaml'),
     'mpcc_node': ('mpcc_controller', 'mpcc.yaml'),
     'plant_node': ('vehicle_plant', 'bmw_545i.yaml'),
+    'scenario_node': ('scenario_publisher', 'scenario_node.yaml'),
+}
+SHIPPED = {
+    'controller': DEFAULTS['mpcc_node'],
+    'plant': DEFAULTS['plant_node'],
+    'recorder': DEFAULTS['recorder_node'],
+    'scenario': DEFAULTS['scenario_node'],
 }
 DEFAULTS_NAMED = 'plant_params'  # the parameter that names another file of defaults
-NAMED_FILES = {
-    'controller': ('mpcc_controller', 'car_file'),
-    'plant': ('vehicle_plant', 'tyre_set'),
+# which key of the scenario file gives a parameter, or the parameters below a name
+SCENARIO_KEYS = {
+    'controller': {'model.friction': 'friction'},
+    'plant': {
+        'friction': 'friction',
+        'start': 'start',
+        'stop': 'stop',
+        'patches': 'friction_patches',
+    },
 }
 
 
@@ -38,6 +53,7 @@ class ScenarioFacts(NamedTuple):
     patches: Mapping[str, tuple[float, ...]]  # corners_m, friction; empty where there are none
     path: np.ndarray  # (n, 2) m, the coarse path
     length_m: float  # along it to the stop
+    speeds: Sequence[tuple[str, float]] = ()  # key in the scenario file and m/s: start, desired
 
 
 class Controller(NamedTuple):
@@ -56,6 +72,7 @@ class Node(NamedTuple):
     executable: str
     files: tuple[Path, ...]  # parameter files, the later ones win
     parameters: dict[str, Any]  # dotted; they win over the files
+    origins: Mapping[str, str] = NO_SOURCES  # where some of `parameters` come from, for errors
 
 
 def controller(name_or_path: str) -> Controller:
@@ -92,9 +109,8 @@ def controllers(names_or_paths: Sequence[str]) -> list[Controller]:
 
 def _known_controllers():
     """Return the files in config/ by name; one that names no car is none of a controller."""
-    package, car = NAMED_FILES['controller']
-    files = sorted(share.path(package, 'config').glob('*.yaml'))
-    return {file.stem: file for file in files if car in parameters.read_file(file)[0]}
+    files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
+    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file)[0]}
 
 
 def nodes(
@@ -133,15 +149,26 @@ def nodes(
                 'recorders': int(node.role != 'recorder'),
                 **node.parameters,
                 **overrides.get(node.role, {}),
-            }
+            },
+            origins=_origins(node, facts, overrides.get(node.role, {})),
         )
         for node in ring
     ]
 
 
+def _origins(node, facts, settings):
+    keys = SCENARIO_KEYS.get(node.role, {})
+    found = {}
+    for name in node.parameters:
+        key = keys.get(name) or keys.get(name.partition('.')[0])
+        if key:
+            found[name] = f'scenario {facts.source}: {key}'
+    return found | {name: f'--set {node.role}.{name}' for name in settings}
+
+
 def markers(ring: Sequence[Node]) -> Node:
     """Return the node that draws a ring for 3D viewers, told what car drives and how far off."""
-    values = noted(ring)
+    values = {node.role: _values(node) for node in ring}
     plant, told = values['plant'], values['controller']
     drawn = {
         'outline.front_m': plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
@@ -156,31 +183,31 @@ def markers(ring: Sequence[Node]) -> Node:
     return Node('markers', 'bags', 'markers_node', (), {'mode': plant['mode'], **drawn})
 
 
-def noted(ring: Sequence[Node]) -> dict[str, dict[str, Any]]:
-    """Return every parameter of every node by role: files, then what was set."""
-    return {node.role: _values(node) for node in ring}
+def noted(
+    ring: Sequence[Node], file_values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return every parameter of every node by role: files, then what was set.
+
+    `file_values` are the dotted parameters in the files that a node's parameters name (car, tyre),
+    by role, from `closed_loop.file_values`: only the package of a node can read every form of them.
+    """
+    return {node.role: {**file_values.get(node.role, {}), **_values(node)} for node in ring}
 
 
 def _values(node):
     values = given(node)
     if node.executable in DEFAULTS:
         values = parameters.read_file(defaults(node))[0] | values
-    if node.role in NAMED_FILES:
-        package, parameter = NAMED_FILES[node.role]
-        values = parameters.read_file(_in_config(package, values[parameter]))[0] | values
     return values
 
 
 def defaults(node: Node) -> Path:
     """Return the parameter file that a node of DEFAULTS reads by itself."""
     package, name = DEFAULTS[node.executable]
-    return _in_config(package, str(node.parameters.get(DEFAULTS_NAMED, name)))
-
-
-def _in_config(package, name):
-    """Return a path, which may be a bare name in a package's config/."""
-    inside = Path(name).parent == Path()
-    return share.path(package, 'config', name) if inside else Path(name)
+    if node.role == 'plant':
+        chosen = str(node.parameters.get(DEFAULTS_NAMED, name))
+        return named_file.find(package, DEFAULTS_NAMED, chosen, 'tyre_set', sources(node))
+    return share.config(package, name)
 
 
 def given(node: Node) -> dict[str, Any]:
@@ -191,15 +218,31 @@ def given(node: Node) -> dict[str, Any]:
     return values | node.parameters
 
 
-def _value(text, value):
-    """A value as ROS reads it: 1e-1 is a number."""
-    node = yaml.compose(value, Loader=yaml.SafeLoader)
-    return None if node is None else strict_yaml.Item(Path('--set'), text, node).value()
+def sources(node: Node) -> dict[str, str]:
+    """Return where what a node is told comes from: file and line, scenario key, or --set."""
+    found = {}
+    for file in node.files:
+        found |= {name: f'{file}:{line}' for name, line in parameters.read_file(file)[1].items()}
+    return found | dict(node.origins)
 
 
-def write_parameters(node: Node, path: Path) -> None:
-    """Write what is set for a node as a ROS parameter file."""
+def value(setting: str, written: str) -> Any:
+    """Return what is written in a setting as ROS reads it: 1e-1 is a number.
+
+    Raises BagError for what is no YAML value.
+    """
+    try:
+        node = yaml.compose(written, Loader=yaml.SafeLoader)
+        return None if node is None else strict_yaml.Item(Path('--set'), setting, node).value()
+    except (yaml.YAMLError, strict_yaml.YamlError):
+        raise BagError(f'--set {setting}: {written!r} is no value') from None
+
+
+def write_parameters(node: Node, folder: Path) -> Path:
+    """Write what is set for a node as the ROS parameter file `<role>.yaml`; return its path."""
+    path = folder / f'{node.role}.yaml'
     path.write_text(yaml.safe_dump({'/**': {'ros__parameters': node.parameters}}))
+    return path
 
 
 def arguments(node: Node, written: Path) -> list[str]:
@@ -211,18 +254,36 @@ def arguments(node: Node, written: Path) -> list[str]:
 def overrides(settings: list[str]) -> dict[str, dict[str, Any]]:
     """Return {role: {parameter: value}} of `ROLE.parameter=value` texts, read as ROS reads YAML.
 
-    Raises BagError that shows the form.
+    Raises BagError that shows the form; `check_parameters` judges parameters and values.
     """
     found = {}
     for text in settings:
-        target, equals, value = text.partition('=')
+        target, equals, written = text.partition('=')
         role, _, name = target.partition('.')
         if not equals or not name or role not in ROLES:
             raise BagError(
                 f'--set {text}: must be NODE.parameter=value, NODE one of {", ".join(ROLES)}'
+                f'{_hint(target)}'
             )
-        try:
-            found.setdefault(role, {})[name] = _value(text, value)
-        except (yaml.YAMLError, strict_yaml.YamlError):
-            raise BagError(f'--set {text}: {value!r} is no value') from None
+        found.setdefault(role, {})[name] = value(text, written)
     return found
+
+
+def _shipped(role):
+    package, file = SHIPPED[role]
+    return parameters.read_file(share.path(package, 'config', file))[0]
+
+
+def _hint(target):
+    """Return what may have been meant by a setting that names no node."""
+    role, _, name = target.partition('.')
+    if role == 'weights':
+        return '; weights.<term> are factors of `bags resolve`; a run takes controller.tolerances.*'
+    near = [node for node in ROLES if f"'{node}'" in strict_yaml.closest(role, ROLES)]
+    if near and name:
+        return f'; did you mean {f"{near[0]}.{name}"!r}?'
+    known = {f'{node}.{parameter}' for node in ROLES for parameter in _shipped(node)}
+    exact = sorted(full for full in known if full.partition('.')[2] == target)
+    if exact:
+        return f'; did you mean {" or ".join(map(repr, exact))}?'
+    return strict_yaml.closest(f'controller.{target}', known)

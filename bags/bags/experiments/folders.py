@@ -4,11 +4,52 @@ import fcntl
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from bags.errors import BagError
 
 LOGS = 'logs'
 REPLACED = 'replaced'
 MARK = '.bags_workshop'  # in a folder that `recover` may clear
+
+
+@contextmanager
+def created(folder: Path, option: str) -> Iterator[None]:
+    """Create a folder and its parents; at the end remove those of them that are still empty.
+
+    Raises BagError when it cannot be created or written to; the message begins with `option`, which
+    is what the user gave.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        _remove_empty(made)
+        raise BagError(
+            f'{option}: cannot create the folder {folder}: {_reason(folder, error)}'
+        ) from None
+    try:
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise BagError(f'{option}: no permission to write to the folder {folder}')
+        yield
+    finally:
+        _remove_empty(made)
+
+
+def _reason(folder, error):
+    for path in (folder, *folder.parents):
+        if path.exists() or path.is_symlink():
+            return error.strerror if path.is_dir() else f'{path} is not a folder'
+    return error.strerror
+
+
+def _remove_empty(folders):
+    """Remove folders, the innermost first, as far as nothing is in them."""
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 class Workshop:
@@ -24,6 +65,7 @@ class Workshop:
         scenario_folder.mkdir(parents=True, exist_ok=True)
         self.final = scenario_folder / name
         self.failed = scenario_folder / f'{name}.failed'
+        self.interrupted = scenario_folder / f'{name}.interrupted'
         self.root = Path(tempfile.mkdtemp(prefix=f'.{name}.', dir=scenario_folder))
         self._lock = _lock(self.root)
         (self.root / MARK).touch()
@@ -38,18 +80,46 @@ class Workshop:
 
     def keep(self) -> Path:
         """Put the bag with its logs in the final place; return it."""
-        self.logs.rename(self.bag / LOGS)
-        return self._replace(self.final, self.bag)
+        return self._keep(self.final)
+
+    def keep_interrupted(self) -> Path | None:
+        """Put the recording so far beside the final place; return where it is.
+
+        A complete bag goes to `<name>.interrupted`, one that was not closed to `<name>.failed`.
+        Returns None when nothing was recorded; then nothing is kept.
+        """
+        if self.is_closed:
+            return self._keep(self.interrupted)
+        if _has_recording(self.bag):
+            return self.set_aside() / self.bag.name
+        self.discard()
+        return None
 
     def set_aside(self) -> Path:
-        """Put everything beside the final place for a look at what went wrong; return the logs."""
-        return self._replace(self.failed, self.root) / LOGS
+        """Put everything in `<name>.failed`, for a look at what went wrong; return that folder."""
+        return self._replace(self.failed, self.root)
+
+    def describe_recording(self) -> str:
+        """Return one line about the recording so far: where it is, and what it lacks."""
+        if self.is_closed:
+            return f'recorded until then: {self.bag}'
+        if _has_recording(self.bag):
+            return f'recorded until then, not closed: `bags repair {self.bag}` completes it'
+        return 'nothing was recorded'
+
+    def after_set_aside(self, text: str) -> str:
+        """Return a text with the paths in this workshop as they are after `set_aside`."""
+        return text.replace(str(self.root), str(self.failed))
+
+    def _keep(self, place):
+        self.logs.rename(self.bag / LOGS)
+        return self._replace(place, self.bag)
 
     def _replace(self, place, new):
-        # a kill between the two renames leaves the old one where `recover` finds it
-        old = self.root / REPLACED
-        old.mkdir()
         if place.exists():
+            # a kill between the two renames leaves the old one where `recover` finds it
+            old = self.root / REPLACED
+            old.mkdir()
             place.rename(old / place.name)
         new.rename(place)
         shutil.rmtree(place / REPLACED, ignore_errors=True)
@@ -98,13 +168,17 @@ def _left(root, name):
     told = f'a run of {name} was killed and left {root}'
     if _is_closed(bag):
         return f'{told}: its bag {bag} is whole; move it where you want it, or delete the folder'
-    if any(bag.glob('*.mcap')):
+    if _has_recording(bag):
         return f'{told}: `bags repair {bag}` makes a complete bag of it; or delete the folder'
     return f'{told}: it holds no bag, only what the nodes said; delete it'
 
 
 def _is_closed(bag):
     return (bag / 'metadata.yaml').is_file()
+
+
+def _has_recording(bag):
+    return any(bag.glob('*.mcap'))
 
 
 def _lock(folder):

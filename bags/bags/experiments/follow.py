@@ -4,6 +4,7 @@ Costs a look at each new chunk, about twice a second, and takes no part in the R
 """
 
 import time
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +15,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
-from bags.storage import cdr
+from bags.storage import decoders
+from bags.storage.rosbag2_layout import BagTopic
 from bags.storage.scan import PREFIX, inner
 from bags.verdict import geometry
-from msgs_yaml import decode
 from msgs_yaml.stamp import NS_PER_S
 
 STATE = '/vehicle/odometry'
@@ -50,7 +51,10 @@ class Follower:
         self._passed = []  # one point per look: the station never jumps
 
     def look(self) -> Sight | None:
-        """Return where the car was last, None when nothing new is there."""
+        """Return where the car was last, None when nothing new is there.
+
+        A state that breaks the contract, or is torn, is none: what follows the run must not end it.
+        """
         if time.monotonic() < self._next_s:
             return None
         self._next_s = time.monotonic() + self.rest_s
@@ -59,7 +63,8 @@ class Follower:
             chunks = chunks[-1:]  # the others say nothing about now
         state = None
         for chunk in chunks:
-            state = self._last_state(chunk) or state
+            with suppress(*decoders.INVALID):
+                state = self._last_state(chunk) or state
         if state is None:
             return None
         self._passed.append((state.X, state.Y))
@@ -94,10 +99,12 @@ class Follower:
                 first, last = first or record, record
         if last is None:
             return None
-        self._begin_ns = self._begin_ns or self._decoded(first).stamp_ns
+        if self._begin_ns is None:
+            self._begin_ns = self._decoded(first).stamp_ns
         return self._decoded(last)
 
     def _decoded(self, message):
         schema = self._schemas[self._channel.schema_id]
-        text = schema.data.decode()
-        return decode.odometry(cdr.decode(message.data, text, schema.name))
+        return decoders.value(
+            BagTopic(STATE, schema.name, schema.data.decode(), '', ''), message.data
+        )

@@ -1,15 +1,48 @@
-"""A node of the ring as a process: the nodes of a plain ring, their surroundings, their start."""
+"""The nodes of a ring as processes: what is written for them, their environment, their start."""
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bags.experiments import experiment, processes
-from bags.experiments.experiment import Node, ScenarioFacts
+from bags.experiments import experiment, notes, processes
+from bags.experiments.experiment import Controller, Node, ScenarioFacts
 from bags.experiments.processes import Process
 
 BAG, NOTES = 'bag', 'run_info.json'
+# for every node, unless the user's environment sets them
+DEFAULT_ENVIRONMENT = {
+    # nodes are heard on this machine only
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+}
+# for every node: one thread, the matrices are small
+FIXED_ENVIRONMENT = {'OPENBLAS_NUM_THREADS': '1'}
+
+
+def prepare(
+    facts: ScenarioFacts,
+    chosen: Controller,
+    mode: str,
+    bag: Path,
+    folder: Path,
+    file_values: Mapping[str, Mapping[str, Any]],
+    overrides: Mapping[str, Mapping[str, Any]] = experiment.NO_OVERRIDES,
+    markers: bool = False,
+) -> list[Node]:
+    """Write the run information to `folder`; return the nodes in the order in which they start.
+
+    The recorder creates `bag` and stores the run information in it: scenario, versions, machine and
+    the parameters of every node, which is what `bags compare` needs. `file_values` is from
+    `closed_loop.file_values`, `overrides` are parameters by role; `markers` adds the node that
+    draws the run for 3D viewers.
+    """
+    run_info = folder / NOTES
+    ring = experiment.nodes(facts, chosen, mode, bag, run_info, overrides)
+    parameters = experiment.noted(ring, file_values)
+    noted = notes.of(facts.name, facts.text, chosen.name, mode, parameters)
+    run_info.write_text(json.dumps(noted, indent=2))
+    return [experiment.markers(ring), *ring] if markers else ring
 
 
 def plain_ring(
@@ -28,12 +61,11 @@ def environment(domain: int, logs: Path) -> dict[str, str]:
     Somebody who wants to hear them elsewhere sets ROS_AUTOMATIC_DISCOVERY_RANGE.
     """
     return {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        **DEFAULT_ENVIRONMENT,
         **os.environ,
+        **FIXED_ENVIRONMENT,
         'ROS_DOMAIN_ID': str(domain),
         'ROS_LOG_DIR': str(logs),
-        # one thread per node: the matrices are small
-        'OPENBLAS_NUM_THREADS': '1',
         'RCUTILS_COLORIZED_OUTPUT': '0',
     }
 
@@ -56,8 +88,7 @@ def start(
     for the one that is installed, `more` follows the ROS arguments; the rest as in
     `processes.start`.
     """
-    written = folder / f'{node.role}.yaml'
-    experiment.write_parameters(node, written)
+    written = experiment.write_parameters(node, folder)
     command = [*(program or processes.resolve(node.package, node.executable))]
     command += [*experiment.arguments(node, written), *more]
     name = name or node.role

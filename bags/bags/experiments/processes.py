@@ -63,14 +63,17 @@ def start(
 
     `nice` is how far it stands back behind others (0 to 19).
 
-    It runs in a session of its own: Ctrl-C in the terminal reaches this program only, which then
-    stops the others in order. Should this program be killed, the kernel interrupts them.
+    SIGINT ends it, even if this program was started with SIGINT ignored, as a shell does for
+    background jobs: `stop` relies on that. It runs in a session of its own: Ctrl-C in the terminal
+    reaches this program only, which then stops the others in order. Should this program be killed,
+    the kernel interrupts them.
     """
     libc, parent = ctypes.CDLL(None), os.getpid()
 
     def tie():
         # stays through exec, so through the shell scripts that nodes are started by, too
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
         if cores:
             os.sched_setaffinity(0, cores)
         if nice:
@@ -123,12 +126,15 @@ def check(processes: Sequence[Process]) -> None:
 
 def obituary(process: Process) -> str:
     """Return how a program ended and the last lines it wrote."""
-    code = process.code
-    how = f'with exit code {code}' if code >= 0 else f'by {signal.Signals(-code).name}'
     lines = process.log.read_text(errors='replace').splitlines()[-TAIL_LINES:]
     said = ''.join(f'\n  | {line}' for line in lines)
     words = f':{said}' if said else ' without a word'
-    return f'{process.name} ended early {how}{words}'
+    return f'{process.name} ended early {how_it_ended(process.code)}{words}'
+
+
+def how_it_ended(code: int) -> str:
+    """Return an exit code in words; a negative one is that of a signal."""
+    return f'with exit code {code}' if code >= 0 else f'by {signal.Signals(-code).name}'
 
 
 def last_line(log: Path) -> str:

@@ -1,18 +1,18 @@
 """One run: start the nodes of the ring, watch until the plant ends, stop them, keep the bag."""
 
-import json
 import os
 import re
 import time
+import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bags.experiments import experiment, launch, notes, processes
+from bags.experiments import launch, processes
 from bags.experiments.experiment import Controller, ScenarioFacts
-from bags.experiments.folders import Workshop
+from bags.experiments.folders import LOGS, Workshop
 from bags.experiments.follow import Follower
-from bags.experiments.interrupt import Interrupt
+from bags.experiments.interrupt import Interrupt, Interrupted
 from bags.experiments.processes import Process, ProcessError
 from bags.experiments.progress import Progress
 
@@ -20,6 +20,7 @@ LOOK_S = {'lockstep': 0.0, 'realtime': 1.0}  # least between two looks at the gr
 STAND_BACK = {'recorder': 5}  # niceness, realtime: messages wait for it without harm
 RECORDER_S = 30.0  # to write what is still under way, and to complete the bag
 SETTLE_S = 0.3
+TRACEBACK = 'traceback.txt'  # beside the logs of the nodes
 # what ROS puts before a message: [INFO] [1700000000.123456789] [plant]:
 PREFIX = re.compile(r'^(\[[^\]]*\] ?)+: ')
 # exit codes of the plant that end a run as they should: finish line, neither reached, no controller
@@ -50,42 +51,53 @@ class Outcome(NamedTuple):
 def one(
     facts: ScenarioFacts,
     chosen: Controller,
+    file_values: Mapping[str, Mapping[str, Any]],
     settings: Settings,
     interrupt: Interrupt,
     progress: Progress,
 ) -> Outcome:
     """Run one controller through a scenario with every node a process of its own.
 
-    Whatever happens, no process is left behind. A node that ends early, a run beyond its time
-    limit or a bag that is not closed give an Outcome that is not completed and leaves an older bag
-    alone; the logs are then set aside in `<controller>.failed`. Raises KeyboardInterrupt.
+    `file_values` are noted with the run; they come from `closed_loop.file_values`.
+    Whatever happens, no process is left behind, what was recorded is kept, and an older bag is left
+    alone unless the new one is complete. A node that ends early, a run beyond its time limit, a bag
+    that is not closed or an exception that nobody expects give an Outcome that is not completed;
+    the logs (with the traceback of such an exception) and the recording are then in
+    `<controller>.failed`. After a signal the recording is in `<controller>.interrupted`. Raises
+    Interrupted.
     """
     workshop = Workshop(settings.folder, chosen.name)
     try:
-        ring = experiment.nodes(
+        ring = launch.prepare(
             facts,
             chosen,
             settings.mode,
             workshop.bag,
-            workshop.logs / 'run_info.json',
+            workshop.logs,
+            file_values,
             settings.overrides,
+            settings.markers,
         )
-        _note(ring, facts, chosen, settings, workshop)
-        if settings.markers:
-            ring.insert(0, experiment.markers(ring))
         follower = Follower(workshop.bag, facts.path, LOOK_S[settings.mode])
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
+    except Interrupted as interrupted:
+        interrupted.kept = workshop.keep_interrupted()
+        raise
     except ProcessError as error:
-        logs = workshop.set_aside()
-        return Outcome(chosen.name, False, f'{error}\n  logs: {logs}', None)
-    finally:
-        workshop.discard()
+        return Outcome(chosen.name, False, _set_aside(workshop, str(error)), None)
+    except Exception as error:
+        # one run must not end those that follow it, nor the comparison of those before
+        (workshop.logs / TRACEBACK).write_text(traceback.format_exc())
+        message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
+        return Outcome(chosen.name, False, _set_aside(workshop, message), None)
     return Outcome(chosen.name, code == FINISHED, message, workshop.final)
 
 
-def _note(ring, facts, chosen, settings, workshop):
-    found = notes.of(facts.name, facts.text, chosen.name, settings.mode, experiment.noted(ring))
-    (workshop.logs / 'run_info.json').write_text(json.dumps(found, indent=2))
+def _set_aside(workshop, message):
+    """Keep what there is of a failed run; return the message with where that is."""
+    recording = workshop.describe_recording()
+    folder = workshop.set_aside()
+    return workshop.after_set_aside(f'{message}\n  {recording}\n  logs: {folder / LOGS}')
 
 
 def _drive(ring, settings, workshop, interrupt, progress, follower):

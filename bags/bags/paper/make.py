@@ -22,7 +22,7 @@ BAGS, STUDY = 'bags', 'study'
 COMMAND, QUICK = 'bags paper', ' --quick'
 RUNS, QUICK_RUNS = distributions.RUNS, 6
 CAUSE_RUNS, QUICK_CAUSE_RUNS = 10, 2
-VERDICTS = {'reproduced': 'green', 'partly': 'yellow', 'not': 'red'}
+VERDICTS = {'reproduced': 'green', 'partly': 'yellow', 'not': 'red'}  # the others are dim
 
 
 class Made(NamedTuple):
@@ -76,7 +76,7 @@ def show(made: Made, console: Console) -> None:
     table.add_column('verdict', no_wrap=True)
     table.add_column('holds in runs', no_wrap=True)
     for row in made.rows:
-        verdict = f'[{VERDICTS[row["verdict"]]}]{row["verdict"]}[/]'
+        verdict = f'[{VERDICTS.get(row["verdict"], "dim")}]{row["verdict"]}[/]'
         # brackets are ranges, not markup
         paper, ours = (escape(row[name]) for name in ('paper', 'ours'))
         told = f'[bold]{row["claim"]}[/]\n[dim]paper[/] {paper}\n[dim]ours [/] {ours}'

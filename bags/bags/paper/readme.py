@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from bags.errors import BagError
-from bags.study import tables
+from bags.study import claims, tables
 
 BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
 COLUMNS = {
@@ -20,15 +20,17 @@ COLUMNS = {
 RANGE = re.compile(r' \[[^],]+, [^],]+\]')
 
 
-def block(claims: Path) -> str:
+def block(file: Path) -> str:
     """Return what stands between the comments for a claims.json. Raises BagError."""
     try:
-        rows = json.loads(claims.read_text())
+        rows = json.loads(file.read_text())
         point = rows[0]['operating_point']
         lines = [[_cell(row[name]) for name in COLUMNS] for row in rows]
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise BagError(f'{claims}: holds no claims: {error}') from None
-    return f'\nAt {point}:\n\n{tables.markdown(list(COLUMNS.values()), lines)}\n'
+        raise BagError(f'{file}: holds no claims: {error}') from None
+    table = tables.markdown(list(COLUMNS.values()), lines)
+    why = claims.undecided(rows)
+    return f'\nAt {point}:\n\n{table}\n{why}' + ('\n' if why else '')
 
 
 def _cell(text):
@@ -45,7 +47,7 @@ def parts(file: Path) -> tuple[str, str, str]:
     return before + BEGIN, between, END + after
 
 
-def rewrite(file: Path, claims: Path) -> None:
+def rewrite(file: Path, claims_file: Path) -> None:
     """Put the claims of a claims.json between the comments of a file. Raises BagError."""
     before, _, after = parts(file)
-    file.write_text(before + block(claims) + after)
+    file.write_text(before + block(claims_file) + after)

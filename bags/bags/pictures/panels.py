@@ -16,6 +16,7 @@ GRAVITY = 9.81  # m/s^2
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
 LEAST_SPAN_MPS = 2.0  # a tenth of a metre per second must not look like braking
+LEAST_MARGIN_M = 0.1  # of stations: of a car that stands there is one
 KILO = 1e3
 STATION = 'station along the coarse path [m]'
 
@@ -119,7 +120,7 @@ def gg(ax, runs):
     radius = GRAVITY * max(run.drive.facts.friction for run in runs)
     ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=palette.EDGE, lw=1.0, ls=':')
     note(ax, 'dotted: friction circle')
-    reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max() for acc in measured))
+    reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max(initial=0.0) for acc in measured))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
     # its title stays level with those of its neighbours
@@ -145,7 +146,7 @@ def _along(ax, runs):
     """Show the same stations in every panel."""
     low = min(run.series.station.min() for run in runs)
     high = max(run.series.station.max() for run in runs)
-    margin = 0.02 * (high - low)
+    margin = max(0.02 * (high - low), LEAST_MARGIN_M)
     ax.set(xlim=(low - margin, high + margin), xlabel=STATION)
 
 

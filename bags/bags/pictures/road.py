@@ -85,7 +85,8 @@ def _vehicle(ax, run):
 
 def _shown(run):
     """Return the samples at which the car is drawn."""
-    step = max(1, round(OUTLINE_EVERY_S / np.median(np.diff(run.series.t))))
+    t = run.series.t
+    step = max(1, round(OUTLINE_EVERY_S / np.median(np.diff(t)))) if len(t) > 1 else 1
     return range(0, len(run.series.t), step)
 
 

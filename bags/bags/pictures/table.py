@@ -26,6 +26,11 @@ class Row(NamedTuple):
 ROWS = (
     Row('completed', '', 0, ('completed',)),
     Row('collided', '', 0, ('collided',)),
+    Row('left the road', '', 0, ('left_road',)),
+    Row('  at station', 'm', 1, ('left_road_at_m',)),
+    Row('  outline beyond the edge', 'm', 2, ('beyond_edge_m',)),
+    Row('lost control', '', 0, ('lost',)),
+    Row('  at station', 'm', 1, ('lost_at_m',)),
     Row('entered unsafe area', '', 0, ('entered_unsafe_area',)),
     Row('min distance to obstacle', 'm', 2, ('min_v2o_m',)),
     Row('min distance to road edge', 'm', 2, ('min_v2e_m',)),
@@ -48,7 +53,17 @@ ROWS = (
     Row('deadline misses', '', 0, ('deadline_misses',)),
     Row('fallbacks', '', 0, ('fallbacks',)),
 )
-GOOD_WHEN = {'completed': True, 'collided': False, 'entered_unsafe_area': False}
+GOOD_WHEN = {
+    'completed': True,
+    'collided': False,
+    'left_road': False,
+    'lost': False,
+    'entered_unsafe_area': False,
+}
+# rows that only matter where they have a number
+DETAILS = ('left_road_at_m', 'beyond_edge_m', 'lost_at_m')
+# what a yes means: circles may touch where the outline does not
+HOW = {'collided': ('yes, {}', 'collided_by'), 'lost': ('{}', 'lost_how')}
 
 
 class Cell(NamedTuple):
@@ -73,11 +88,16 @@ def lines(runs: Mapping[str, Mapping[str, Any]]) -> list[Line]:
         Line(
             row.title,
             row.unit,
-            [_cell(row, _look_up(found, row.path)) for found in runs.values()],
+            [_cell(row, found) for found in runs.values()],
             _paper(row),
         )
         for row in _rows(runs)
     ]
+
+
+def is_sound(found: Mapping[str, Any]) -> bool:
+    """Tell whether a run stayed on the road and under control: else nothing of it is green."""
+    return not (found.get('lost') or found.get('left_road'))
 
 
 def build(comparison: dict) -> Table:
@@ -112,6 +132,8 @@ def _rows(runs):
     """Return the rows, with one for each obstacle below the nearest of them."""
     numbers = dict.fromkeys(i for found in runs.values() for i in found['min_v2o_per_obstacle_m'])
     for row in ROWS:
+        if row.path[0] in DETAILS and all(_look_up(f, row.path) is None for f in runs.values()):
+            continue
         yield row
         if row.path == ('min_v2o_m',):
             for i in numbers:
@@ -124,15 +146,24 @@ def _look_up(found: Mapping, path: tuple[str, ...]) -> Any:
     return found
 
 
-def _cell(row, value):
+def _cell(row, found):
+    value = _look_up(found, row.path)
     if value is None:
         return Cell('–')
     if isinstance(value, bool):
-        return Cell('yes' if value else 'no', value == GOOD_WHEN[row.path[0]])
+        return _judged(row.path[0], value, found)
     if isinstance(value, list):
         found = (f'{one["amount_m"]:.2f} at {one["x_m"]:.0f}' for one in value)
         return Cell('\n'.join(found) or 'none')
     return Cell(f'{value:.{row.decimals}f}')
+
+
+def _judged(name, value, found):
+    """Return yes or no, with how; bad is red, good is green only in a run that is sound."""
+    form, key = HOW.get(name, ('yes', ''))
+    text = form.format(found.get(key)) if value else 'no'
+    good = value == GOOD_WHEN[name]
+    return Cell(text, None if good and not is_sound(found) else good)
 
 
 def _paper(row):

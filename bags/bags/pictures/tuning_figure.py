@@ -16,7 +16,6 @@ SAFE, OUT, BEST = '#0072B2', '#A6A6A6', '#D55E00'
 COLUMNS = 4
 CELL = (3.5, 2.5)  # inch
 HISTORY_HEIGHT = 3.4  # inch
-SHOWN = 1.6  # of the untuned cost; costlier trials lie on the upper rim
 
 
 def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
@@ -45,20 +44,21 @@ def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
 def _history(ax, trials, best):
     cost, safe = _costs(trials)
     order = np.arange(len(trials))
-    rim = SHOWN * cost[0]
-    shown = np.minimum(cost, rim)
-    ax.plot(order[~safe], shown[~safe], 'x', ms=4, color=OUT, label='out of bounds')
-    ax.plot(order[safe], shown[safe], 'o', ms=3.5, color=SAFE, label='distances and path kept')
+    ax.plot(order[~safe], cost[~safe], 'x', ms=4, color=OUT, label='infeasible')
+    ax.plot(order[safe], cost[safe], 'o', ms=3.5, color=SAFE, label='feasible')
     lowest = np.minimum.accumulate(np.where(safe, cost, np.inf))
-    ax.step(order, lowest, where='post', color=SAFE, lw=1.4, label='best so far')
-    ax.axhline(cost[0], color=palette.EDGE, lw=0.9, ls=':', label='untuned')
+    ax.step(order, lowest, where='post', color=SAFE, lw=1.4, label='best feasible so far')
+    untuned = 'untuned' if trials[0].safe else 'untuned, infeasible'
+    ax.axhline(cost[0], color=palette.EDGE, lw=0.9, ls=':', label=untuned)
     k = trials.index(best)
     ax.plot(k, cost[k], '*', ms=12, color=BEST, mec='white', label='tuned', zorder=5)
     begins = sum(trial.stage == 1 for trial in trials)
     ax.axvline(begins - 0.5, color=palette.EDGE, lw=0.9)
+    top = ax.get_xaxis_transform()  # x in data, y in the height of the axes
     for x, text, side in ((begins - 1.5, 'stage 1', 'right'), (begins + 0.5, 'stage 2', 'left')):
-        ax.annotate(text, (x, rim), ha=side, va='top', color=palette.QUIET)
-    ax.set(xlabel='trial', ylabel='objective', xlim=(-1, len(trials)), ylim=(None, 1.02 * rim))
+        ax.annotate(text, (x, 0.98), xycoords=top, ha=side, va='top', color=palette.QUIET)
+    ax.set(xlabel='trial', xlim=(-1, len(trials)))
+    _cost_axis(ax)
     ax.set_title('Mean of rms velocity error / 1 m/s and peak sideslip angle / 3 deg')
     ax.legend(loc='lower left', bbox_to_anchor=(0.48, 1.0), ncols=5, borderaxespad=0.2)
 
@@ -66,15 +66,23 @@ def _history(ax, trials, best):
 def _weight(ax, trials, best, name):
     cost, safe = _costs(trials)
     value = np.array([trial.weights[name] for trial in trials])
-    shown = np.minimum(cost, SHOWN * cost[0])
-    ax.plot(value[~safe], shown[~safe], 'x', ms=3, color=OUT)
-    ax.plot(value[safe], shown[safe], 'o', ms=2.8, color=SAFE, alpha=0.7, mew=0)
+    ax.plot(value[~safe], cost[~safe], 'x', ms=3, color=OUT)
+    ax.plot(value[safe], cost[safe], 'o', ms=2.8, color=SAFE, alpha=0.7, mew=0)
     ax.axvline(trials[0].weights[name], color=palette.EDGE, lw=0.9, ls=':')
     ax.plot(best.weights[name], best.cost, '*', ms=11, color=BEST, mec='white', zorder=5)
-    ax.set(xscale='log', xlabel=name, ylabel='objective')
+    ax.set(xscale='log', xlabel=name)
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=8))
     ax.xaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
     ax.xaxis.set_minor_formatter(NullFormatter())
+    _cost_axis(ax)
+
+
+def _cost_axis(ax):
+    """The dearest trials cost a hundred times the best: on a logarithmic axis none is cut off."""
+    ax.set(yscale='log', ylabel='objective')
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+    ax.yaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
+    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _costs(trials):

@@ -68,8 +68,8 @@ class Tick(NamedTuple):
 def ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     """Return the ticks of a bag, or the first so many, in the order of their answers.
 
-    Raises BagError for a topic without messages, for an answer that is not legible and, in
-    lockstep, for a state, obstacles or actuators that were not recorded.
+    Raises BagError for a topic without valid messages and, in lockstep, for a state, obstacles or
+    actuators that were not recorded.
     """
     topics = {name: Topic(bag, name) for name in NEEDED}
     if _recorded(bag, PREDICTION):
@@ -178,16 +178,17 @@ class _Sent:
 
 def _began_ns(reports, row):
     """Return when a tick began: its report was sent when all the rest was done."""
-    why = reports.legible(row)
+    why = reports.value(row)
     took_ms = sum(why.values.get(f'time.{part}_ms', 0.0) for part in ('prepare', 'solve'))
     return int(reports.sent_ns[row]) - round(took_ms * NS_PER_MS)
 
 
 def _unrepeated(topic):
-    """Yield (row, report) of every report that is not the one before again."""
+    """Yield (row, report) of every report of a tick that is not the one before again."""
     for i, payload in enumerate(topic.payloads):
-        if not i or payload != topic.payloads[i - 1]:
-            yield i, topic.legible(i)
+        report = topic.value(i)
+        if 'reason' in report.values and (not i or payload != topic.payloads[i - 1]):
+            yield i, report
 
 
 def same(one: Reference | RoadEdges | None, other: Reference | RoadEdges | None) -> bool:

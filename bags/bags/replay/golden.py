@@ -85,12 +85,12 @@ def _kept(bag, name, answered):
     """Return the rows of a topic that a replay reads."""
     topic = feed.Topic(bag, name)
     if name in (feed.STATE, feed.ACTUATORS):
-        return [row for stamp_ns, row in topic.row_of.items() if stamp_ns in answered]
+        return [topic.rows[row] for stamp_ns, row in topic.row_of.items() if stamp_ns in answered]
     rows = range(len(topic.payloads))
     if name in (feed.REFERENCE, feed.EDGES):
         values = [topic.value(row) for row in rows]
-        return [row for row in rows if not row or not feed.same(values[row], values[row - 1])]
-    return rows
+        rows = [row for row in rows if not row or not feed.same(values[row], values[row - 1])]
+    return topic.rows[[*rows]]
 
 
 def _replace(final, made):

@@ -3,59 +3,70 @@
 import numpy as np
 
 from bags.errors import BagError
-from bags.storage import cdr, read, stamps
-from msgs_yaml import decode
+from bags.storage import decoders, read, stamps
+from msgs_yaml.decode import DecodeError
+
+# a tick is joined with these by its stamp: an invalid one says that the controller had none
+JOINED = ('/vehicle/odometry', '/vehicle/actuators', '/scenario/obstacles')
 
 
 class Topic:
-    """The messages of one topic that has some; BagError for one without."""
+    """The messages of one topic; BagError for one without any that can be used.
+
+    Messages without a legible stamp are left out, and so are, but of the topics in JOINED, those
+    that break the contract: nodes turn them down.
+    """
 
     def __init__(self, bag, name):
         recorded = read.recording(bag, name)
-        self.path, self.topic, self.payloads = bag.path, recorded.topic, recorded.payloads
-        self.decode = read.DECODERS[name]
-        times = map(stamps.reader(self.topic.type), self.payloads)
-        self.stamp_ns = np.fromiter(times, np.int64, len(self.payloads))
+        self.path, self.topic = bag.path, recorded.topic
+        self.known = {}
+        stamp_of = {}
+        for row, payload in enumerate(recorded.payloads):
+            stamp_ns = _stamp_ns(self.topic, payload)
+            if stamp_ns is not None and (name in JOINED or self._decoded(payload) is not None):
+                stamp_of[row] = stamp_ns
+        if not stamp_of:
+            raise BagError(f'{bag.path}: no valid message of {name}')
+        self.rows = np.array([*stamp_of])  # in the recording
+        self.stamp_ns = np.array([*stamp_of.values()], dtype=np.int64)
+        self.payloads = [recorded.payloads[row] for row in stamp_of]
         # a time in order, whatever small steps the clock of the wall made
-        self.sent_ns = np.maximum.accumulate(recorded.publish_ns)
-        self.sequence = recorded.sequence
+        self.sent_ns = np.maximum.accumulate(recorded.publish_ns)[self.rows]
+        self.sequence = recorded.sequence[self.rows]
         # the first of a stamp: a state that waits for its answer is sent again
         self.row_of = {int(stamp_ns): i for i, stamp_ns in reversed([*enumerate(self.stamp_ns)])}
-        self.known = {}
 
     def value(self, i: int):
         """Return the value of a message; None when it breaks the contract: nodes turn it down."""
-        payload = self.payloads[i]
+        return self._decoded(self.payloads[i])
+
+    def _decoded(self, payload):
         if payload not in self.known:
-            message = cdr.decode(payload, self.topic.schema, self.topic.type)
             try:
-                self.known[payload] = self.decode(message)
-            except decode.DecodeError:
+                self.known[payload] = decoders.value(self.topic, payload)
+            except decoders.INVALID:
                 self.known[payload] = None
         return self.known[payload]
 
-    def legible(self, i: int):
-        """Return the value of a message; BagError when it breaks the contract."""
-        found = self.value(i)
-        if found is None:
-            raise BagError(f'{self.path}: message {i} of {self.topic.name} breaks the contract')
-        return found
-
     def of_stamp(self, stamp_ns: int):
-        """Return the value of a stamp; BagError when it was not recorded, or two unlike ones."""
+        """Return the value of a stamp, None when it breaks the contract.
+
+        Raises BagError when it was not recorded, and for two unlike valid ones.
+        """
         if stamp_ns not in self.row_of:
             raise BagError(
                 f'{self.path}: {self.topic.name} has no message of stamp {stamp_ns} ns, which '
                 'the controller answered: it was lost, and the tick cannot be repeated'
             )
-        row = self.row_of[stamp_ns]
-        others = np.flatnonzero(self.stamp_ns == stamp_ns)
-        if any(self.payloads[i] != self.payloads[row] for i in others):
+        sent = {self.payloads[i] for i in np.flatnonzero(self.stamp_ns == stamp_ns)}
+        valid = [payload for payload in sent if self._decoded(payload) is not None]
+        if len(valid) > 1:
             raise BagError(
                 f'{self.path}: {self.topic.name} has unlike messages of stamp {stamp_ns} ns: the '
                 'bag holds two drives, and their ticks cannot be told apart'
             )
-        return self.value(row)
+        return self._decoded(valid[0]) if valid else None
 
     def begins_anew(self, before: int, row: int) -> bool:
         """Tell whether the time or the publisher's count went back from one row to a later one."""
@@ -67,10 +78,17 @@ class Topic:
         return bool(np.any((self.stamp_ns > after_ns) & (self.stamp_ns < before_ns)))
 
     def find(self, stamp_ns: int):
-        """Return the value of a stamp; None when it was not recorded. Raises BagError."""
-        return self.legible(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
+        """Return the value of a stamp; None when it was not recorded."""
+        return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
 
     def newest(self, count: int):
-        """Return the newest legible value of the first `count` messages; of one at least."""
+        """Return the newest valid value of the first `count` messages; of one at least."""
         values = (self.value(i) for i in reversed(range(max(count, 1))))
         return next((value for value in values if value is not None), None)
+
+
+def _stamp_ns(topic, payload):
+    try:
+        return stamps.reader(topic.type)(payload)
+    except DecodeError:
+        return None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.storage import read
+from bags.verdict import reported
 from msgs_yaml.types import Prediction
 
 PREDICTION, WHY = '/controller/prediction', '/controller/why'
@@ -33,7 +34,5 @@ def of_bag(bag: read.Bag) -> Account:
     if WHY not in tables:
         return NOTHING._replace(info=bag.run_info, predictions=predictions)
     reports = [why.values for why in tables[WHY].values]
-    said = {
-        name: np.array([float(report.get(name, np.nan)) for report in reports]) for name in SAID
-    }
+    said = {name: reported.numbers(reports, name) for name in SAID}
     return Account(bag.run_info, predictions, tables[WHY].stamp_ns, said)

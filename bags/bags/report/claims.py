@@ -15,7 +15,7 @@ class Claim(NamedTuple):
     claim: str
     paper: str
     ours: str
-    verdict: str  # reproduced, partly, not
+    verdict: str  # reproduced, partly, not, not decided here
     cause: str
 
 

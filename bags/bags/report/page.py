@@ -17,6 +17,7 @@ from bags.report import plots, provenance, top_view
 from bags.report.account import NOTHING, Account
 from bags.report.claims import Claim
 from bags.report.curves import PANELS
+from bags.storage import sift
 
 FILE = 'report.html'
 PAGE = files('bags.report') / 'page'
@@ -54,6 +55,8 @@ def html(material: Material) -> str:
         scenario=material.values['scenario'],
         runs=[(run.name, run.colour, run.name in palette.KNOWN_DASHES) for run in runs],
         damage=material.values.get('damage', {}),
+        invalid=material.values.get(sift.KEY, {}),
+        verdicts={name: found['verdict'] for name, found in material.values['runs'].items()},
         duration=duration,
         film=divs.pop('film'),
         gg=divs.pop('gg'),

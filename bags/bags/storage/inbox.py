@@ -1,17 +1,20 @@
 """Bookkeeping of a recorder: which time a message is filed under, and what was lost."""
 
 from collections.abc import Callable
+from functools import partial
 
 from bags.errors import BagError
 from bags.storage import definitions, losses, stamps
 from bags.storage.rosbag2_layout import BagTopic, qos_text
+from bags.storage.simulated_time import SimulatedTime
 from msgs_yaml.contract import Contract
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.stamp import NS_PER_S
 
 LOCKSTEP = 'lockstep'
-# by how much the time of a topic may fall back: DDS may deliver what it had to send again late
-SLACK_NS = {LOCKSTEP: 0, 'realtime': 100_000_000}
+CLOCK = '/clock'  # simulated time, in lockstep
+# by how much arrivals may fall back: DDS may deliver what it had to send again late
+SLACK_NS = 100_000_000
 
 
 def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
@@ -46,42 +49,102 @@ class Filing:
         mode: str,
         write: Callable[[int, int, bytes, int], None],
         alone: bool = True,
+        time: SimulatedTime | None = None,
+        owns_time: bool = False,
     ):
-        """`alone`: the topic has one publisher, so its time never falls back."""
+        """`alone`: the topic has one publisher, so its time never falls back.
+
+        `time` is shared by all topics of a recording in lockstep; only /clock advances it.
+        `owns_time`: the publisher of /clock publishes this topic, too.
+        """
         self.counter = losses.Counter()
-        self._topic, self._mode, self._alone = topic, mode, alone
+        self.misdated = 0  # messages filed under another time than their stamp
+        self.first_misdated: tuple[int, int] | None = None  # ns: stamp, and where it is filed
+        self._topic, self._alone, self._owns_time = topic, alone, owns_time
         self._write = write
-        self._stamp_ns = stamps.reader(topic.type) if mode == LOCKSTEP else None
-        self._last_log_ns = 0
+        self._stamp_ns = stamps.reader(topic.type)
+        self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
+        self._last_log_ns = 0  # in lockstep never beyond /clock
 
     def put(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
         """File one message under its stamp (lockstep) or its time of arrival (realtime).
 
         `source_ns` and `sequence` are the publisher's, 0 and None where the middleware knows none.
-        Raises ClockError, and files nothing, when that time has fallen back.
-        """
-        log_ns = received_ns if self._stamp_ns is None else self._stamped(data)
-        if self._alone and log_ns < self._last_log_ns - SLACK_NS[self._mode]:
-            raise self._fell_back(log_ns)
-        self._last_log_ns = log_ns
-        self.counter.add(sequence)
-        self._write(log_ns, source_ns or log_ns, data, sequence or 0)
+        In lockstep a stamp that /clock never reaches, or one that falls back, is that of another
+        program or of a node that was started again: the message is filed under the last time of
+        /clock, or under the last time of its topic. A message far ahead waits for /clock, which may
+        arrive later; so do all before the first /clock, and one of the plant that falls back: if
+        /clock falls back as well, it is never filed.
 
-    def _stamped(self, data):
-        """Return the stamp, the last one where there is none; a bag holds nothing before 1970."""
+        Raises ClockError, and files nothing, when /clock (lockstep) or the arrival falls back.
+        """
+        if self._time is None:
+            if self._alone:
+                self._check(received_ns, SLACK_NS, 'the clock of the machine was set back')
+            self._last_log_ns = received_ns
+            self.counter.add(sequence)
+            self._file(received_ns, data, source_ns, sequence)
+            return
+        stamp_ns = self._stamp(data)
+        if self._topic.name == CLOCK:
+            self._tick(stamp_ns)
+        self.counter.add(sequence)
+        file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
+        if self._must_wait(stamp_ns):
+            self._time.wait(file)
+        elif stamp_ns is not None and self._time.is_ahead(stamp_ns):
+            self._time.wait_until(stamp_ns, file)
+        else:
+            file()
+
+    def _must_wait(self, stamp_ns):
+        """Tell whether it depends on the next /clock how a message is filed."""
+        if self._topic.name == CLOCK:
+            return False
+        falls_back = stamp_ns is not None and stamp_ns < self._last_log_ns
+        return self._time.is_awaited or (self._owns_time and falls_back)
+
+    def _stamp(self, data):
+        """Return the stamp, None where there is none; a bag holds nothing before 1970."""
         try:
             return max(self._stamp_ns(data), 0)
         except DecodeError:
-            return self._last_log_ns
+            return None
 
-    def _fell_back(self, log_ns):
-        before, now = self._last_log_ns / NS_PER_S, log_ns / NS_PER_S
-        cause = (
-            'was the plant started again, or are there two?'
-            if self._mode == LOCKSTEP
-            else 'the clock of the machine was set back'
-        )
-        return ClockError(
-            f'{self._topic.name}: the clock jumped backwards from {before:.9f} s to {now:.9f} s: '
-            f'{cause}'
-        )
+    def _tick(self, stamp_ns):
+        """Let time go on to a stamp of /clock."""
+        if stamp_ns is not None:
+            self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
+            self._time.hear(stamp_ns)
+            self._time.release()
+
+    def _file_stamped(self, stamp_ns, data, source_ns, sequence):
+        log_ns = self._dated(stamp_ns)
+        if stamp_ns not in (None, log_ns):
+            self.misdated += 1
+            self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
+        self._file(log_ns, data, source_ns, sequence)
+
+    def _dated(self, stamp_ns):
+        """Return the time that a message is filed under."""
+        if stamp_ns is None:
+            return self._last_log_ns
+        if self._time.is_ahead(stamp_ns):
+            return self._time.now_ns
+        log_ns = max(stamp_ns, self._last_log_ns) if self._alone else stamp_ns
+        # a stamp a little ahead does not hold back those that follow it
+        now_ns = log_ns if self._time.now_ns is None else self._time.now_ns
+        self._last_log_ns = max(self._last_log_ns, min(log_ns, now_ns))
+        return log_ns
+
+    def _file(self, log_ns, data, source_ns, sequence):
+        self._write(log_ns, source_ns or log_ns, data, sequence or 0)
+
+    def _check(self, log_ns, slack_ns, cause):
+        """Raise ClockError when a time falls back by more than the slack."""
+        if log_ns < self._last_log_ns - slack_ns:
+            before, now = self._last_log_ns / NS_PER_S, log_ns / NS_PER_S
+            raise ClockError(
+                f'{self._topic.name}: the clock jumped backwards from {before:.9f} s to '
+                f'{now:.9f} s: {cause}'
+            )

@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from bags.storage import sift
+
 MB = 1e6
 NOT_KNOWN = '-'
 
@@ -41,6 +43,8 @@ def show(found: dict[str, Any], console: Console) -> None:
     if found['damage']:
         console.print(Text(found['damage'], style='red'))
     console.print(table(found['topics']))
+    for line in sift.lines(found):
+        console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     for line in _loop(found):
         console.print(line, markup=False, highlight=False)
     for name, value in found['run'].items():
@@ -55,7 +59,11 @@ def _loop(found):
     if found['ticks'] is not None:
         yield told(found['ticks'])
     if found['rungs'] is not None:
-        yield 'rungs: ' + ', '.join(f'{name} {n}' for name, n in found['rungs'].items())
+        rungs = ', '.join(f'{name} {n}' for name, n in found['rungs'].items())
+        count, last = found['reports'].values()
+        ended = f', {last} of them on the last state, which is no tick' if last else ''
+        yield f'{count} reports of the controller{ended}'
+        yield f'rungs: {rungs}'
         for reason, n in found['fallbacks'].items():
             yield f'  fell back {n} times: {reason}'
 

@@ -1,42 +1,27 @@
 """Read a bag into columns and values. No ROS is needed, only the definitions inside the bag.
 
 `read.columns('runs/double_lane_change/mpcc')['/vehicle/odometry'].vx_mps` is the speed of every
-millisecond; whoever asks for more loads the bag once with `read.load`.
+millisecond; whoever asks for more loads the bag once with `read.load`, and leaves out messages
+that break the contract with `sift.sift`.
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage import cdr, contents, stamps, tables
+from bags.storage import contents, decoders, stamps, tables
 from bags.storage.columns import SOURCES, Columns, Values
+from bags.storage.decoders import DECODERS, INVALID
 from bags.storage.files import mcap_files, missing_before
 from bags.storage.rosbag2_layout import BagTopic
-from msgs_yaml import decode
 from msgs_yaml.stamp import NS_PER_S
 
-DECODERS = {
-    '/scenario/reference': decode.reference,
-    '/scenario/road_edges': decode.road_edges,
-    '/scenario/obstacles': decode.obstacles,
-    '/vehicle/odometry': decode.odometry,
-    '/vehicle/actuators': decode.actuators,
-    '/vehicle/imu': decode.imu,
-    '/vehicle/wheels': decode.wheels,
-    '/controller/command': decode.command,
-    '/controller/prediction': decode.prediction,
-    '/controller/why': decode.why,
-    '/diagnostics': decode.health,
-    '/clock': decode.clock,
-}
 STATE = '/vehicle/odometry'
-# what a decoder raises: DecodeError, a ValueError, where the contract is broken; the others where
-# the definition, which is the bag's own, lacks a field or makes something else of it
-UNFIT = (ValueError, AttributeError, TypeError, LookupError, ArithmeticError)
 
 
 class Recording(NamedTuple):
@@ -49,6 +34,17 @@ class Recording(NamedTuple):
     payloads: list[bytes]  # CDR with its encapsulation header
 
 
+class Invalid(NamedTuple):
+    """The messages of one topic that break the contract."""
+
+    count: int
+    first: str  # which message was the first, and what is wrong with it
+
+
+# no message broke the contract; nothing was decoded
+NOTHING: Mapping = MappingProxyType({})
+
+
 class Bag(NamedTuple):
     """A bag in memory."""
 
@@ -57,6 +53,10 @@ class Bag(NamedTuple):
     recordings: dict[str, Recording]  # by topic, also those without messages
     records: dict[str, dict[str, str]]  # what else was noted, by the name of the MCAP record
     damage: str | None  # where it is damaged; what lies behind was not read
+    # of a bag that was sifted (`sift.sift`): what was left out, by topic, and values decoded then
+    invalid: Mapping[str, Invalid] = NOTHING
+    decoded: Mapping[str, list[Any]] = NOTHING
+    sifted: bool = False
 
     @property
     def run_info(self) -> dict[str, str]:
@@ -102,8 +102,10 @@ def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[
 
     A message that repeats the one before it byte for byte is left out: latched facts are repeated,
     and so is a state that waits for its first answer; how often depends on the wall clock, and
-    columns must not. Raises BagError for a topic without messages (it names those that have some)
-    and for a message that breaks the contract.
+    columns must not. Numeric columns hold what was recorded: ranges are not checked, so sift a bag
+    first whose publishers are not known. Raises BagError for a topic without messages (it names
+    those that have some) and for a message that does not fit its definition, of topics without
+    numeric columns also for one that breaks the contract.
     """
     bag = _loaded(bag)
     if topics is None:
@@ -117,7 +119,7 @@ def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[
 def values(bag: Bag | Path | str, topic: str) -> list[Any]:
     """Return every message of a topic as a value of `msgs_yaml.types` (/clock: ns).
 
-    Raises BagError as `columns` does.
+    Raises BagError for a topic without messages and for a message that breaks the contract.
     """
     bag = _loaded(bag)
     recorded = recording(bag, topic)
@@ -131,6 +133,9 @@ def run_info(bag: Bag | Path | str) -> dict[str, str]:
 
 def recording(bag: Bag, topic: str) -> Recording:
     """Return what was recorded of a topic; BagError when there is nothing."""
+    if not _has(bag, topic) and topic in bag.invalid:
+        count, first = bag.invalid[topic]
+        raise BagError(f'{bag.path}: no valid message of {topic} among {count}; {first}')
     if not _has(bag, topic):
         present = ', '.join(name for name in bag.recordings if _has(bag, name))
         raise BagError(f'{bag.path}: no message of {topic}; it has {present}')
@@ -202,12 +207,12 @@ def _changes(payloads):
 def _decoded(bag, topic, payloads):
     if topic.name not in DECODERS:
         raise BagError(f'{bag.path}: {topic.name} is no topic of the contract')
-    decoder, found = DECODERS[topic.name], {}
+    found = dict(zip(bag.recordings[topic.name].payloads, bag.decoded.get(topic.name, ())))
     for i, payload in enumerate(payloads):
         if payload in found:
             continue
         try:
-            found[payload] = decoder(cdr.decode(payload, topic.schema, topic.type))
-        except (BagError, *UNFIT) as error:
+            found[payload] = decoders.value(topic, payload)
+        except INVALID as error:
             raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
     return [found[payload] for payload in payloads]

@@ -27,10 +27,10 @@ def build(source: Source, topic: BagTopic, payloads: list[bytes], zero_ns: int) 
         stamp_ns[rows] = _stamp_ns(source.stamp, bytes_, where)
         for name, paths in source.paths.items():
             if isinstance(paths, tuple):
-                columns = [_column(bytes_, where, path) for path in paths]
+                columns = [column(bytes_, where, path) for path in paths]
                 found[name][rows] = np.stack(columns, axis=1)
             else:
-                found[name][rows] = _column(bytes_, where, paths)
+                found[name][rows] = column(bytes_, where, paths)
     if YAW in found:
         # math.atan2, as every receiver of the message uses: numpy's may differ in the last bit
         found[YAW] = np.array([yaw.from_quaternion(z, w) for z, w in found[YAW].tolist()])
@@ -38,13 +38,13 @@ def build(source: Source, topic: BagTopic, payloads: list[bytes], zero_ns: int) 
 
 
 def _stamp_ns(path, bytes_, where):
-    sec, nanosec = (_column(bytes_, where, f'{path}.{part}') for part in ('sec', 'nanosec'))
+    sec, nanosec = (column(bytes_, where, f'{path}.{part}') for part in ('sec', 'nanosec'))
     if not (np.can_cast(sec.dtype, np.int32) and np.can_cast(nanosec.dtype, np.uint32)):
         raise BagError(f'{path} is of {sec.dtype} and {nanosec.dtype}; allowed int32 and uint32')
     return sec.astype(np.int64) * NS_PER_S + nanosec
 
 
-def _column(bytes_, where, path):
+def column(bytes_: np.ndarray, where: layout.Layout, path: str) -> np.ndarray:
     """A column by its path; 'effort[steer]' goes by the place of 'steer' in `name`."""
     array, bracket, joint = path.partition('[')
     if bracket:

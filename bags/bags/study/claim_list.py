@@ -72,6 +72,7 @@ def _braking(name, key, force):
         'MPCC brakes earlier, or the baseline never does',
         _both(name),
         switched='frenet',
+        undecided='a',
     )
 
 
@@ -85,8 +86,12 @@ CLAIMS = (
         'V2O < 0 at obstacle 1',
         lambda runs: runs['mpcc_no_ca'].value(SAFE_OBSTACLE) < 0.0,
         'V2O < 0 at any obstacle',
-        (Shown('mpcc_no_ca', 'min_v2o_per_obstacle_m.1'),),
+        (
+            Shown('mpcc_no_ca', 'min_v2o_per_obstacle_m.1'),
+            Shown('mpcc_no_ca', 'min_outline_gap_m'),
+        ),
         switched='mpcc_no_ca',
+        undecided='d',
     ),
     Claim(
         'both_avoid',
@@ -98,6 +103,7 @@ CLAIMS = (
         'one of them does',
         _both(SAFE_OBSTACLE),
         reason='the priority of the distances: MPCC without CA, which lacks nothing else, collides',
+        undecided='ab',
     ),
     Claim(
         'baseline_unsafe',
@@ -115,6 +121,7 @@ CLAIMS = (
             Shown('frenet', 'min_v2e_per_edge_m.right'),
         ),
         switched='frenet',
+        undecided='ab',
     ),
     Claim(
         'mpcc_safe',
@@ -126,6 +133,7 @@ CLAIMS = (
         f'V2O and V2E >= {KEPT:g} D_sft throughout',
         (Shown('mpcc', SAFE_OBSTACLE), Shown('mpcc', SAFE_EDGE)),
         switched='mpcc',
+        undecided='ab',
     ),
     Claim(
         'overshoots',
@@ -137,6 +145,7 @@ CLAIMS = (
         f'one within {NEAR_M:g} m of either',
         _both('overshoots'),
         switched='frenet',
+        undecided='a',
     ),
     Claim(
         'sideslip',
@@ -151,6 +160,7 @@ CLAIMS = (
         'baseline above MPCC',
         _both('peak_sideslip_deg'),
         switched='frenet',
+        undecided='ab',
     ),
     _braking('brake_onset_at_m', 'brakes_earlier', '-500 N'),
     _braking('brake_onset_hard_at_m', 'brakes_earlier_hard', '-1500 N'),
@@ -164,6 +174,7 @@ CLAIMS = (
         'above that of the baseline',
         _both('min_speed_mps'),
         switched='frenet',
+        undecided='a',
     ),
     Claim(
         'lateral_limit',
@@ -175,6 +186,7 @@ CLAIMS = (
         'one of them does',
         _three('peak_lat_acc_share'),
         reason='entry speed and coarse path',
+        undecided='ac',
     ),
     Claim(
         'braking_limit',
@@ -186,6 +198,7 @@ CLAIMS = (
         'one of them does',
         _three('peak_brake_share'),
         reason='the grip is used for steering around: the demanded speed stays reachable',
+        undecided='a',
     ),
     Claim(
         'solve_time',
@@ -197,6 +210,7 @@ CLAIMS = (
         f'processor time: max < {PERIOD_MS:g} ms, the period',
         (Shown('mpcc', 'solve_cpu_ms.mean'), Shown('mpcc', 'solve_cpu_ms.max')),
         reason='another solver on another processor: no statement on FORCESPro',
+        undecided='f',
     ),
     Claim(
         'counter_steers',
@@ -211,6 +225,7 @@ CLAIMS = (
         'baseline steers against its turn longer',
         _both('counter_steer_s'),
         switched='frenet',
+        undecided='a',
     ),
     Claim(
         'brakes_longer',
@@ -222,6 +237,7 @@ CLAIMS = (
         'the same',
         _both('braking_s'),
         switched='frenet',
+        undecided='a',
     ),
 )
 # measured on the MPCC's own states, everything but the priority equal
@@ -243,4 +259,5 @@ CONVERGENCE = Claim(
         for role in (GAUSSIAN, STEP)
     ),
     switched='frenet',
+    undecided='e',
 )

@@ -16,7 +16,7 @@ from bags.study import (
     variants,
 )
 from bags.study.claim_list import CLAIMS, CONVERGENCE
-from bags.study.claim_rules import Claim, Runs, verdict
+from bags.study.claim_rules import Claim, Runs, reasons, verdict, verdict_of
 from bags.study.distributions import POINT_KPH, RUNS, SPEEDS_KPH
 from bags.study.drives import Drives, Record
 from bags.study.variants import SCENARIO
@@ -78,7 +78,7 @@ def run(
         speeds_kph=list(speeds_kph),
     )
     text = told(made)
-    below = f'{text}\n{_legend(cause_runs or runs)}'
+    below = f'{text}\n{_legend(cause_runs or runs)}\n{undecided(made)}'
     paths = tables.write(out, STEM, 'The claims of the paper', made, below, where)
     # the form in which others read it: a list
     (out / f'{STEM}.json').write_text(tables.dumped(made))
@@ -100,15 +100,16 @@ def _row(
 ) -> dict[str, Any]:
     strict = statistics.share([claim.strict(runs) for runs in cast])
     loose = statistics.share([claim.loose(runs) for runs in cast])
-    said = verdict(strict, loose)
-    cause, data = causes.of(claim, cast, rows, said)
+    outcome = verdict(strict, loose)
+    cause, data = causes.of(claim, cast, rows, outcome)
     return {
         'key': claim.key,
         'claim': claim.claim,
         'paper': claim.paper,
         'ours': ours.told(claim.shown, cast, names),
         'operating_point': f'{POINT_KPH:g} km/h, {len(cast)} paired runs',
-        'verdict': said,
+        'verdict': verdict_of(claim.undecided, outcome),
+        'rule_outcome': outcome,
         'interval': _interval(strict),
         'strict': {'rule': claim.strict_says, **_share(strict)},
         'loose': {'rule': claim.loose_says, **_share(loose)},
@@ -138,6 +139,7 @@ def _curvature():
         **{name: found[name] for name in ('key', 'claim', 'paper', 'ours')},
         'operating_point': 'circle, no drive',
         'verdict': found['verdict'],
+        'rule_outcome': found['verdict'],
         'interval': found['interval'],
         'strict': empty,
         'loose': empty,
@@ -170,6 +172,15 @@ def told(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     return tables.markdown(header, lines)
+
+
+def undecided(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return why the claims marked so are not decided, as a Markdown list."""
+    found = reasons(row['verdict'] for row in rows)
+    if not found:
+        return ''
+    lines = ''.join(f'- ({key}) {reason}\n' for key, reason in found.items())
+    return f'Not decided at this operating point, because\n\n{lines}'
 
 
 def _legend(cause_runs):

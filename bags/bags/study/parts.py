@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bags.errors import BagError
-from bags.study import ablation, claims, distributions, limit, variants
+from bags.study import ablation, claims, demand, distributions, limit, variants
 from bags.study.drives import Drives
 
 QUICK = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
@@ -32,6 +32,8 @@ def run(
     rows: Sequence[str] = (),
 ) -> list[Path]:
     """Make one part and return the files written; see `bags study --help`. Raises BagError."""
+    if part == 'demand':  # drives nothing
+        return demand.run(out)
     count = (QUICK if quick else FULL)[part] if runs is None else runs
     speeds = QUICK_SPEEDS_KPH if quick else distributions.SPEEDS_KPH
     if rows and part != 'limit':

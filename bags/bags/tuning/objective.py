@@ -103,3 +103,23 @@ def violations(scores: Sequence[Score], tracking_m: float) -> tuple[float, ...]:
     """Return how far a set of weights violates each of CONSTRAINTS, 0 if not: the worst drive's."""
     worst = np.max([one.violations(tracking_m) for one in scores], axis=0)
     return tuple(float(one) for one in worst)
+
+
+def broken(
+    found: Sequence[float], tracking_m: float, safety_m: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Return in words which of CONSTRAINTS the worst drive violates, and by how much.
+
+    `found` is from `violations`; `safety_m` holds the safety distances D_sft under v2o and v2e.
+    """
+    by_name = dict(zip(CONSTRAINTS, found))
+    told = [
+        f'min {name.upper()} {safety_m[name] - by_name[name]:.2f} m < {safety_m[name]:g} m'
+        for name in ('v2o', 'v2e')
+        if by_name[name]
+    ]
+    if by_name['completed']:
+        told.append('not completed')
+    if by_name['tracking']:
+        told.append(f'path tracked to {tracking_m + by_name["tracking"]:.2f} m > {tracking_m:g} m')
+    return tuple(told)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from bags.errors import BagError
 from bags.experiments import experiment, notes
 from bags.pictures import tuning_figure
-from bags.tuning import search, tuned_file
+from bags.tuning import objective, search, space, tuned_file
 from bags.tuning.search import Plan, Trial
 
 HISTORY, SUMMARY, SUFFIX = 'history.csv', 'tuning.json', '_tuned'
@@ -62,9 +62,9 @@ def summarise(plan: Plan, trials: Sequence[Trial], commit: str) -> dict[str, Any
         'plan': {**plan._asdict(), 'conditions': [c._asdict() for c in plan.conditions]},
         'drives': search.drives_of(plan),
         'safe_trials': sum(trial.safe for trial in trials),
-        'untuned': _told(trials[0]),
-        'after_stage_1': _told(search.best([t for t in trials if t.stage == 1])),
-        'best': _told(search.best(trials)),
+        'untuned': _told(trials[0], plan),
+        'after_stage_1': _told(search.best([t for t in trials if t.stage == 1]), plan),
+        'best': _told(search.best(trials), plan),
         'versions': {name: versions[name] for name in LIBRARIES},
         'git_commit': commit,
     }
@@ -79,12 +79,14 @@ def command(plan: Plan) -> str:
     )
 
 
-def _told(trial):
+def _told(trial, plan):
+    safety_m = space.safety(plan.controller)
     return {
         'stage': trial.stage,
         'trial': trial.number,
         'cost': trial.cost,
         'safe': trial.safe,
+        'violated': list(objective.broken(trial.violations, plan.tracking_m, safety_m)),
         'weights': trial.weights,
         'drives': [score._asdict() for score in trial.scores],
     }
@@ -111,7 +113,7 @@ def _header(base, weights, summary):
         f'{one["speed_kmh"]:g} km/h on grip {one["friction"]:g}' for one in plan['conditions']
     )
     versions = ', '.join(f'{name} {version}' for name, version in summary['versions'].items())
-    kept = '' if before['safe'] else ' (which keeps not all of it)'
+    kept = '' if before['safe'] else f' (infeasible: {", ".join(before["violated"])})'
     return [
         f'{base.name} with weights from Bayesian optimisation in two stages (docs/paper.md).',
         f'Made by: {summary["command"]}',

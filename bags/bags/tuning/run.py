@@ -85,7 +85,10 @@ def tune(asked: Asked, conditions: Sequence[Condition], console: Console) -> Res
 
 def _said(trials):
     best = search.best(trials)
-    return f'objective {trials[0].cost:.3f} -> {best.cost:.3f}{"" if best.safe else ", not safe"}'
+    before, after = (
+        f'{one.cost:.3f}{"" if one.safe else " (infeasible)"}' for one in (trials[0], best)
+    )
+    return f'objective {before} -> {after}'
 
 
 def show(found: Result, console: Console) -> None:
@@ -97,9 +100,14 @@ def show(found: Result, console: Console) -> None:
         table.add_column(name, justify='right')
     columns = (summary['untuned'], summary['best'])
     table.add_row('objective', *(f'{column["cost"]:.3f}' for column in columns))
+    table.add_row('constraints', *('kept' if one['safe'] else 'infeasible' for one in columns))
     for name in columns[0]['weights']:
         table.add_row(name, *(f'{column["weights"][name]:g}' for column in columns))
     console.print(table)
+    for name, column in zip(('untuned', 'tuned'), columns):
+        if not column['safe']:
+            told = f'{name}: infeasible, {", ".join(column["violated"])}'
+            console.print(f'{told}; its objective does not count', highlight=False, soft_wrap=True)
     for label, paths in (('controllers', found.files), ('history', found.figures[:1])):
         shown = ', '.join(os.path.relpath(path) for path in paths)
         console.print(f'{label}: {shown}', markup=False, highlight=False, soft_wrap=True)

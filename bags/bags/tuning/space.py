@@ -57,6 +57,12 @@ def untuned(controller: str) -> dict[str, float]:
     return found
 
 
+def safety(controller: str) -> dict[str, float]:
+    """Return the safety distances D_sft [m] of a controller: v2o to obstacles, v2e to edges."""
+    given = closed_loop.setup(objective.SCENARIO, controller).params.safety
+    return {'v2o': given.obstacle_m, 'v2e': given.edge_m}
+
+
 def wide(centre: Mapping[str, float]) -> dict[str, Span]:
     """Return the ranges of stage 1 around the untuned weights."""
     factor = 10.0**WIDTH_DECADES

@@ -14,13 +14,14 @@ from bags.pictures import figures, palette, panels, table
 from bags.report import account, claims, page
 from bags.report.account import Account
 from bags.report.claims import Claim
-from bags.storage import read
+from bags.storage import read, sift
 from bags.verdict import alike, judge, metrics, recorded, sheet
-from bags.verdict.drive import Drive
+from bags.verdict.drive import Drive, finite
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
 NO_ACCOUNTS: Mapping[str, Account] = {}
+NO_FAULTS: Mapping[str, Mapping[str, Any]] = {}
 
 
 class Comparison(NamedTuple):
@@ -51,7 +52,7 @@ def bags(
     with warnings.catch_warnings():
         # the damage is part of what comes out
         warnings.simplefilter('ignore', DamagedBagWarning)
-        loaded = [read.load(path) for path in paths]
+        loaded = [sift.sift(read.load(path)) for path in paths]
     if not force:
         alike.check(paths, [bag.run_info for bag in loaded])
     drives, accounts = {}, {}
@@ -62,29 +63,38 @@ def bags(
             raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
         drives[name] = found
         accounts[name] = account.of_bag(bag)
-    damage = {name: bag.damage for name, bag in zip(drives, loaded) if bag.damage}
-    return write(drives, out, damage, accounts, claimed)
+    of_bags = dict(zip(drives, loaded))
+    faults = {
+        'damage': {name: bag.damage for name, bag in of_bags.items() if bag.damage},
+        sift.KEY: {name: _invalid(bag) for name, bag in of_bags.items() if bag.invalid},
+    }
+    return write(drives, out, faults, accounts, claimed)
+
+
+def _invalid(bag):
+    return {topic: one._asdict() for topic, one in bag.invalid.items()}
 
 
 def write(
     drives: dict[str, Drive],
     out: Path,
-    damage: Mapping[str, str] | None = None,
+    faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
     accounts: Mapping[str, Account] = NO_ACCOUNTS,
     claimed: Sequence[Claim] = (),
 ) -> Comparison:
     """Judge drives by controller name and write what came out into the folder `out`.
 
-    `damage` says of a drive that its bag was only read up to some place; `accounts` are what the
-    report shows beyond the drives: a drive without one has neither horizon nor provenance there.
+    `faults` say by controller what is wrong with a bag: `damage`, up to which place it was read,
+    and `invalid_messages`, what was left out of it. `accounts` are what the report shows beyond the
+    drives: a drive without one has neither horizon nor provenance there.
     """
+    drives = {name: finite(one) for name, one in drives.items()}
     scenario = next(iter(drives.values())).facts.scenario
     colours = palette.colours(list(drives))
     runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
     found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': found}
-    if damage:
-        values['damage'] = dict(damage)
+    values |= {kind: dict(found) for kind, found in faults.items() if found}
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
@@ -100,6 +110,12 @@ def show(comparison: Comparison, console: Console) -> None:
     for damage in comparison.values.get('damage', {}).values():
         console.print(damage, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(table.build(comparison.values))
+    for name, found in comparison.values['runs'].items():
+        console.print(f'{name}: {found["verdict"]}', markup=False, highlight=False, soft_wrap=True)
+    for name, found in comparison.values.get(sift.KEY, {}).items():
+        for line in sift.lines({sift.KEY: found}):
+            line = f'{name}: {line}'
+            console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     figure = next(path for path in comparison.figures if path.suffix == '.png')
     places = {
         'numbers': comparison.file,

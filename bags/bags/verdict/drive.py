@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bags.errors import BagError
 from bags.verdict.geometry import Outline
 
 
@@ -44,6 +45,7 @@ class Ticks(NamedTuple):
     solve_ms: np.ndarray  # wall time, ms, one per /controller/why
     solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number where a bag does not tell
     fallback: np.ndarray  # rung of the ladder, 0 = solved, one per /controller/why
+    last_reason: str = ''  # why the last step followed no fresh plan; '' when it did
 
 
 class Obstacle(NamedTuple):
@@ -81,6 +83,7 @@ class Facts(NamedTuple):
     tick_ns: int  # controller period
     stop: tuple[float, float]  # m, a point of the finish line
     armed_after: float  # m, travelled before the finish line counts
+    least_speed: float | None = None  # m/s, below which the controller only brakes
 
 
 class Drive(NamedTuple):
@@ -92,3 +95,23 @@ class Drive(NamedTuple):
     ticks: Ticks
     scene: Scene
     facts: Facts
+
+
+def finite(one: Drive) -> Drive:
+    """Return a drive without the samples of car, accelerations and inputs that are not finite.
+
+    Raises BagError when no state of the car is left.
+    """
+    found = one._replace(
+        motion=_finite(one.motion),
+        accelerations=_finite(one.accelerations),
+        inputs=_finite(one.inputs),
+    )
+    if not found.motion.stamp_ns.size:
+        raise BagError(f'{one.facts.controller}: no state of the car is finite')
+    return found
+
+
+def _finite(columns):
+    kept = np.all([np.isfinite(column) for column in columns], axis=0)
+    return columns if kept.all() else type(columns)(*(column[kept] for column in columns))

@@ -49,6 +49,25 @@ def distance_to_polyline(points, polyline):
     )
 
 
+def offset_from_line(points, polyline):
+    """Return `distance_to_polyline` of a line that goes straight on beyond both of its ends.
+
+    There the distance is that from the line of the end segment: a point before the first vertex,
+    but beside the line, is as far from it as its lateral offset.
+    """
+    points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
+    found = distance_to_polyline(points, polyline)
+    for end, inner in ((0, 1), (-1, -2)):
+        outwards = polyline[end] - polyline[inner]
+        relative = points - polyline[end]
+        nearest = np.abs(np.hypot(*relative.T) - np.abs(found)) <= TIE
+        rows = np.flatnonzero(nearest & (relative @ outwards > 0.0))
+        forwards = outwards if end else -outwards
+        x, y = relative[rows].T
+        found[rows] = (forwards[0] * y - forwards[1] * x) / np.hypot(*forwards)
+    return found
+
+
 def _near(points, polyline, along):
     """Return the indices, in their order, of all segments that may be nearest to one of `points`.
 
@@ -175,6 +194,25 @@ def gap_to_circle(x, y, yaw, outline, circle_x, circle_y, radius):
     outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
     inside = np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
     return outside + inside - radius
+
+
+def outline_points(outline, spacing):
+    """Return points (n, 2) [m, vehicle frame] of an outline: its corners, and more on its sides.
+
+    Two neighbours along a side are at most `spacing` [m] apart.
+    """
+    count = int(np.ceil((outline.front + outline.rear) / spacing)) + 1
+    along = np.linspace(-outline.rear, outline.front, count)
+    half = np.full(count, outline.width / 2)
+    return np.concatenate([np.column_stack([along, half]), np.column_stack([along, -half])])
+
+
+def moved(points, x, y, yaw):
+    """Return points (n, 2) of the vehicle frame in the map, (m, n, 2) [m], for m poses."""
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    forward, leftward = points.T
+    X = x[:, None] + cos * forward - sin * leftward
+    return np.stack([X, y[:, None] + sin * forward + cos * leftward], axis=-1)
 
 
 def corners(x, y, yaw, outline):

@@ -11,7 +11,9 @@ TURNING_RADPS = np.radians(3.0)
 
 
 def braking_time(drive, force_n):
-    """Return for how long [s] the actuated force was at or below `force_n`."""
+    """Return for how long [s] the actuated force was at or below `force_n`; None without any."""
+    if not drive.inputs.stamp_ns.size:
+        return None
     stamps = _stamps(drive.inputs.stamp_ns)
     force = np.interp(stamps, drive.inputs.stamp_ns, drive.inputs.force)
     return float(np.count_nonzero(force <= force_n) * SAMPLE_NS * NS)
@@ -22,7 +24,10 @@ def counter_steer(drive):
 
     The steering angle and the yaw rate have unlike signs, both beyond what is noise. Every change
     of direction has a little of it, because the steering leads; a rear axle that slides has much.
+    None each where no steering angle is known.
     """
+    if not drive.inputs.stamp_ns.size:
+        return {'counter_steer_s': None, 'peak_counter_steer_deg': None}
     stamps = _stamps(drive.motion.stamp_ns)
     steer = np.interp(stamps, drive.inputs.stamp_ns, drive.inputs.steer)
     yaw = np.interp(stamps, drive.motion.stamp_ns, np.unwrap(drive.motion.yaw))
@@ -38,9 +43,14 @@ def counter_steer(drive):
 
 
 def shares(drive):
-    """Return the peak accelerations as shares of what the friction of the road allows."""
+    """Return the peak accelerations as shares of what the friction of the road allows.
+
+    None each where no acceleration was measured.
+    """
     limit = drive.facts.friction * GRAVITY
     acc = drive.accelerations
+    if not acc.stamp_ns.size:
+        return {'peak_lat_acc_share': None, 'peak_brake_share': None}
     return {
         'peak_lat_acc_share': float(np.max(np.abs(acc.ay)) / limit),
         'peak_brake_share': max(0.0, -float(np.min(acc.ax)) / limit),

@@ -18,10 +18,15 @@ class Series(NamedTuple):
     station: np.ndarray  # m, along the reference
     contouring: np.ndarray  # m, left of the reference positive
     speed: np.ndarray  # m/s
-    sideslip: np.ndarray  # rad, atan2(vy, vx), not-a-number below SIDESLIP_FROM
+    sideslip: np.ndarray  # rad, atan2(vy, vx), not-a-number at speeds below SIDESLIP_FROM
     v2o: dict[int, np.ndarray]  # m, per obstacle id, vehicle circle to obstacle; nan while absent
     v2e: dict[str, np.ndarray]  # m, per edge, vehicle circle to edge; negative beyond it
-    outline_gap: np.ndarray  # m, true outline to the nearest obstacle; inf without one
+    outline_gaps: dict[int, np.ndarray]  # m, per obstacle id, true outline to it; nan while absent
+
+    @property
+    def outline_gap(self) -> np.ndarray:
+        """Gap from the true outline to the nearest obstacle [m]; infinite without one."""
+        return np.fmin.reduce([np.full(len(self.t), np.inf), *self.outline_gaps.values()])
 
 
 def series(drive):
@@ -30,13 +35,14 @@ def series(drive):
     points = np.column_stack([motion.x, motion.y])
     foot = geometry.track(points, scene.reference, AHEAD)
     where = [placed(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles]
+    speed = np.hypot(motion.vx, motion.vy)
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(
         t=(motion.stamp_ns - motion.stamp_ns[0]) * NS,
         station=foot.distance,
         contouring=foot.offset,
-        speed=np.hypot(motion.vx, motion.vy),
-        sideslip=np.where(motion.vx > SIDESLIP_FROM, sideslip, np.nan),
+        speed=speed,
+        sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
         v2o={
             obstacle.id: _v2o(motion, facts, x, y, obstacle.radius)
             for obstacle, (x, y) in zip(scene.obstacles, where)
@@ -45,7 +51,12 @@ def series(drive):
             'left': _v2e(motion, facts, scene.left, inside=-1.0),
             'right': _v2e(motion, facts, scene.right, inside=1.0),
         },
-        outline_gap=_outline_gap(motion, facts, scene.obstacles, where),
+        outline_gaps={
+            obstacle.id: geometry.gap_to_circle(
+                motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
+            )
+            for obstacle, (x, y) in zip(scene.obstacles, where)
+        },
     )
 
 
@@ -78,13 +89,3 @@ def _v2e(motion, facts, edge, inside):
         centre = np.column_stack(_centres(motion, ahead))
         gaps.append(inside * geometry.distance_to_polyline(centre, edge) - facts.vehicle_radius)
     return np.min(gaps, axis=0)
-
-
-def _outline_gap(motion, facts, obstacles, where):
-    gap = np.full(len(motion.x), np.inf)
-    for obstacle, (x, y) in zip(obstacles, where):
-        one = geometry.gap_to_circle(
-            motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
-        )
-        gap = np.fmin(gap, one)
-    return gap

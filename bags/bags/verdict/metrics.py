@@ -6,7 +6,8 @@ meaning in a run (no obstacle, no braking, no solve time) is None.
 
 import numpy as np
 
-from bags.verdict import geometry, handling, judge
+from bags.verdict import control_loss, ending, geometry, handling, judge, off_road
+from bags.verdict import drive as drives
 
 BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking
 HARD_BRAKING_N = -1500.0
@@ -17,21 +18,32 @@ REACHED_M = 0.1  # how closely the stop has to be reached
 
 def of(drive):
     """Return every metric of a drive by name."""
+    drive = drives.finite(drive)
     return of_series(drive, judge.series(drive))
 
 
 def of_series(drive, s):
-    """Return every metric of a drive whose Series is known."""
+    """Return every metric of a drive of finite numbers whose Series is known."""
+    found = _numbers(drive, s)
+    return {'verdict': ending.text(drive, s, found), **found}
+
+
+def _numbers(drive, s):
     facts, acc = drive.facts, drive.accelerations
     v2o = {str(i): _smallest(gap) for i, gap in s.v2o.items()}
     v2e = {side: _smallest(gap) for side, gap in s.v2e.items()}
     min_v2o = min((gap for gap in v2o.values() if gap is not None), default=None)
     min_v2e = min(v2e.values())
+    finish = finish_station(drive, s)
     outline = _smallest(s.outline_gap)
     slip_deg, slip_at = peak_sideslip(s)
     return {
-        'completed': completed(drive, s),
+        'completed': completed(drive, s, finish),
+        'finish_at_m': finish,
         'collided': any(gap is not None and gap < 0.0 for gap in (min_v2o, outline)),
+        'collided_by': _collided_by(min_v2o, outline),
+        **off_road.found(drive, s),
+        **control_loss.found(s),
         'entered_unsafe_area': (min_v2o is not None and min_v2o < facts.safe_obstacle)
         or min_v2e < facts.safe_edge,
         'min_v2o_m': min_v2o,
@@ -40,7 +52,7 @@ def of_series(drive, s):
         'min_v2e_per_edge_m': v2e,
         'min_outline_gap_m': outline,
         'overshoots': overshoots(drive, s),
-        'peak_brake_mps2': max(0.0, -float(np.min(acc.ax))),
+        'peak_brake_mps2': max(0.0, -float(np.min(acc.ax))) if acc.ax.size else None,
         'peak_sideslip_deg': slip_deg,
         'peak_sideslip_at_m': slip_at,
         'min_speed_mps': float(np.min(s.speed)),
@@ -48,7 +60,7 @@ def of_series(drive, s):
         'brake_onset_hard_at_m': brake_onset(drive, s, HARD_BRAKING_N),
         'braking_s': handling.braking_time(drive, BRAKING_N),
         **handling.counter_steer(drive),
-        'peak_lat_acc_mps2': float(np.max(np.abs(acc.ay))),
+        'peak_lat_acc_mps2': float(np.max(np.abs(acc.ay))) if acc.ay.size else None,
         **handling.shares(drive),
         'rms_contouring_m': float(np.sqrt(np.mean(s.contouring**2))),
         'solve_ms': solve_times(drive.ticks.solve_ms),
@@ -63,11 +75,28 @@ def _smallest(values):
     return float(finite.min()) if finite.size else None
 
 
-def completed(drive, s):
-    """Tell whether the progress along the reference reached that of the stop."""
-    facts = drive.facts
-    from_m = s.station[0] + facts.armed_after
-    return bool(s.station.max() >= stop_station(drive.scene.reference, facts.stop, from_m))
+def _collided_by(min_v2o, outline):
+    """Return what touched an obstacle: the outline, or only the circles of the car, or None."""
+    if outline is not None and outline < 0.0:
+        return ending.OUTLINE
+    return ending.CIRCLE if min_v2o is not None and min_v2o < 0.0 else None
+
+
+def finish_station(drive, s):
+    """Return the station [m] that completes a drive."""
+    from_m = float(s.station[0]) + drive.facts.armed_after
+    return stop_station(drive.scene.reference, drive.facts.stop, from_m)
+
+
+def completed(drive, s, finish):
+    """Tell whether the car reached the station `finish` [m] on the road.
+
+    On the road are vehicle circles whose centres lie between the edges: who passes the finish line
+    beside the road has not reached it, nor has who starts beyond it.
+    """
+    centres = np.min([*s.v2e.values()], axis=0) + drive.facts.vehicle_radius
+    reached = np.any((s.station >= finish) & (centres > 0.0))
+    return bool(reached and s.station[0] < finish)
 
 
 def stop_station(reference, stop, from_m):

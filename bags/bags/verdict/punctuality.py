@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.storage import read
-from bags.verdict import answers, metrics, timing
+from bags.storage.sift import counts, sift
+from bags.verdict import answers, metrics, reported, timing
 from msgs_yaml.stamp import NS_PER_S
 
 NS_PER_MS = 1e6
@@ -52,19 +53,20 @@ def parts(bag: read.Bag) -> Parts:
     whys = timing.whys(bag)
     said = {why.stamp_ns: why.values for why in whys}
     # a tick's sending is told by the next one
-    sending = {a.stamp_ns: b.values.get('time.publish_ms') for a, b in itertools.pairwise(whys)}
+    sending = {
+        a.stamp_ns: reported.number(b.values, 'time.publish_ms')
+        for a, b in itertools.pairwise(whys)
+    }
     rows = []
     for stamp, latency_s in zip(joined.stamp_ns.tolist(), joined.latency_s.tolist()):
-        values, publish = said.get(stamp, {}), sending.get(stamp)
-        if 'time.solve_ms' not in values or 'time.heard_ns' not in values or publish is None:
-            continue
+        values, publish = said.get(stamp, {}), sending.get(stamp, np.nan)
         total = latency_s * MS_PER_S
         known = (
-            (values['time.heard_ns'] - sent_ns[stamp]) / NS_PER_MS,
-            values['time.wait_ms'],
-            values['time.prepare_ms'],
-            values['time.solve_ms'],
+            (reported.number(values, 'time.heard_ns') - sent_ns[stamp]) / NS_PER_MS,
+            *(reported.number(values, f'time.{part}_ms') for part in ('wait', 'prepare', 'solve')),
         )
+        if not np.all(np.isfinite([*known, publish])):
+            continue
         remaining = total - sum(known)
         # the call goes on for a while after the command has left
         publish = min(publish, remaining)
@@ -92,9 +94,10 @@ def ticks(bag: read.Bag) -> Ticks:
 def report(bag: read.Bag) -> dict[str, Any]:
     """Return quantiles [ms] of the parts, of the command interval and of the plant's lateness.
 
-    In lockstep stamps are no wall time: the plant's lateness is None. Raises BagError when a topic
-    is empty.
+    Of valid messages; `invalid_messages` counts the others by topic. In lockstep stamps are no wall
+    time: the plant's lateness is None. Raises BagError when a topic is empty.
     """
+    bag = sift(bag)
     mode = timing.mode(bag)
     counted = ticks(bag)
     sent_ns = np.unique(read.recording(bag, timing.COMMAND).publish_ns)
@@ -107,6 +110,7 @@ def report(bag: read.Bag) -> dict[str, Any]:
         'parts_ms': {name: quantiles(part) for name, part in parts(bag)._asdict().items()},
         'interval_ms': {**quantiles(intervals), 'mean': _mean(intervals)},
         'state_sent_after_its_stamp_ms': None if mode == 'lockstep' else quantiles(lateness),
+        **counts(bag),
     }
 
 

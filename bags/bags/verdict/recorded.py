@@ -8,7 +8,8 @@ import numpy as np
 from bags.errors import BagError
 from bags.storage import read
 from bags.storage.columns import Columns
-from bags.verdict import answers, drive
+from bags.storage.sift import sift
+from bags.verdict import answers, drive, reported
 from bags.verdict.geometry import Outline
 from msgs_yaml.stamp import NS_PER_S
 
@@ -27,7 +28,8 @@ DRIVEN = ('solved', 'stopped_early')  # rungs of the ladder that follow a fresh 
 
 
 def of_bag(bag: read.Bag) -> drive.Drive:
-    """Return the drive in a bag; BagError names what it lacks to be judged."""
+    """Return the drive in a bag, of its valid messages; BagError names what it lacks."""
+    bag = sift(bag)
     answered = [topic for topic in ANSWERS if topic in bag.recordings]
     answered = [topic for topic in answered if bag.recordings[topic].payloads]
     return of(read.columns(bag, (*NEEDED, *answered)), read.run_info(bag), str(bag.path))
@@ -78,13 +80,15 @@ def _ticks(columns):
         answered = command.stamp_ns[answers.are(command.stamp_ns, why.values if why else ())]
     return drive.Ticks(
         answered,
-        *(_told(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
+        *(reported.numbers(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
         np.array([report.get('rung') not in DRIVEN for report in reports], dtype=bool),
+        _last_reason(reports),
     )
 
 
-def _told(reports, name):
-    return np.array([float(report.get(name, np.nan)) for report in reports])
+def _last_reason(reports):
+    last = reports[-1] if reports else {}
+    return '' if last.get('rung') in DRIVEN else str(last.get('reason', ''))
 
 
 def _scene(columns):
@@ -93,12 +97,20 @@ def _scene(columns):
     messages = columns['/scenario/obstacles']
     names = sorted({one.id for message in messages.values for one in message.items})
     return drive.Scene(
-        np.column_stack([reference.X, reference.Y]),
-        edges.left,
-        edges.right,
+        _line('/scenario/reference', np.column_stack([reference.X, reference.Y])),
+        _line('/scenario/road_edges', edges.left),
+        _line('/scenario/road_edges', edges.right),
         messages.stamp_ns,
         tuple(_obstacle(name, messages.values) for name in names),
     )
+
+
+def _line(topic, points):
+    """Return a polyline without points that repeat the one before."""
+    moves = np.any(np.diff(points, axis=0, prepend=np.nan) != 0.0, axis=1)
+    if np.count_nonzero(moves) < 2:
+        raise BagError(f'{topic}: all points of the line are the same')
+    return points[moves]
 
 
 def _obstacle(name, messages):
@@ -134,6 +146,7 @@ def facts(run_info: Mapping[str, str], name: str) -> drive.Facts:
             tick_ns=round(controller['model.step_s'] * NS_PER_S),
             stop=(plant['stop.x_m'], plant['stop.y_m']),
             armed_after=plant['stop.armed_after_m'],
+            least_speed=controller.get('limits.least_speed_mps'),
         )
     except KeyError as missing:
         raise BagError(

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from bags.storage import losses, read
+from bags.storage.sift import counts, sift
 from bags.verdict import punctuality, timing
 from bags.verdict.recorded import DRIVEN
 from msgs_yaml.stamp import NS_PER_S
@@ -16,8 +17,10 @@ MS_PER_S = 1000.0
 def summary(bag: read.Bag) -> dict[str, Any]:
     """Return what is known of a bag, ready for JSON; None where the bag lacks what it takes.
 
-    Rates and gaps are of log time: ROS time in lockstep, time of arrival in realtime.
+    Rates and gaps are of log time: ROS time in lockstep, time of arrival in realtime. Messages that
+    break the contract are counted by topic; what is said about the loop leaves them out.
     """
+    valid = sift(bag)
     present = [r for r in bag.recordings.values() if r.payloads]
     first = min(int(r.log_ns.min()) for r in present)
     last = max(int(r.log_ns.max()) for r in present)
@@ -31,8 +34,9 @@ def summary(bag: read.Bag) -> dict[str, Any]:
         'messages': sum(len(r.payloads) for r in present),
         'damage': bag.damage,
         'topics': {name: topic(recorded) for name, recorded in bag.recordings.items()},
-        **_loop(bag),
-        **_rungs(bag),
+        **counts(valid),
+        **_loop(valid),
+        **_rungs(valid),
         'run': bag.run_info,
     }
 
@@ -82,10 +86,20 @@ def _loop(bag):
 def _rungs(bag):
     """What the controller says it did, and why it fell back."""
     if not timing.has(bag, timing.WHY):
-        return {'rungs': None, 'fallbacks': None}
-    reports = [why.values for why in timing.whys(bag)]
+        return {'rungs': None, 'fallbacks': None, 'reports': None}
+    whys = timing.whys(bag)
+    reports = [why.values for why in whys]
     fell = [r for r in reports if r.get('rung') not in DRIVEN]
     return {
         'rungs': dict(Counter(str(report.get('rung')) for report in reports)),
         'fallbacks': dict(Counter(str(report.get('reason')) for report in fell)),
+        'reports': {'count': len(reports), 'on_last_state': _on_last_state(bag, whys)},
     }
+
+
+def _on_last_state(bag, whys):
+    """Count reports on the state that ended the run: it is answered, and is no tick."""
+    if not timing.has(bag, timing.STATE):
+        return 0
+    last_ns = int(timing.stamps_ns(read.recording(bag, timing.STATE)).max())
+    return sum(why.stamp_ns >= last_ns for why in whys)

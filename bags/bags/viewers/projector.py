@@ -1,10 +1,9 @@
 """Passes messages on to a server, and draws what they change."""
 
-from bags.errors import BagError
-from bags.storage import cdr, read
+from bags.storage import decoders
+from bags.storage.rosbag2_layout import BagTopic
 from bags.viewers.foxglove_server import Server
 from bags.viewers.stage import STATE, WATCHED, Stage
-from msgs_yaml.decode import DecodeError
 
 
 class Projector:
@@ -23,8 +22,8 @@ class Projector:
         if topic not in WATCHED or not self._stage.wants(topic, log_ns):
             return
         try:
-            value = read.DECODERS[topic](cdr.decode(payload, schema, kind))
-        except (BagError, DecodeError):
+            value = decoders.value(BagTopic(topic, kind, schema, '', ''), payload)
+        except decoders.INVALID:
             return
         for picture in self._stage.take(topic, value):
             self.server.draw(picture, log_ns)

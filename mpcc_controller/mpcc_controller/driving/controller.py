@@ -36,6 +36,7 @@ from msgs_yaml.types import (
 
 NEVER = -1  # ns, older than every stamp
 NOT_FINITE = 'state_not_finite'
+TOO_SLOW = 'too_slow'
 TURNED_BACK = 'command_turned_back'
 
 
@@ -54,10 +55,10 @@ class Controller:
         limit_time: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ):
-        self.params = params
         self.limit_time = limit_time
         self.clock = clock
         self.horizon = Horizon(params, vehicle, limit_time, clock)
+        self.params = params = self.horizon.params  # with the limits in force
         self.car = self.horizon.car
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
@@ -229,7 +230,7 @@ class Controller:
         self.too_slow = x.vx < limits.least_speed_mps + margin
         if self.missing():
             return f'no_{self.missing()[0]}'
-        return fault or ('too_slow' if self.too_slow else '')
+        return fault or (TOO_SLOW if self.too_slow else '')
 
     def _braking(self, x, now, scene, stamp_ns):
         aim = self._aim(x, scene)

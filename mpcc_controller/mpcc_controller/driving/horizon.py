@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mpcc_controller import limits_in_force
 from mpcc_controller.driving import chosen, explain, guess, ladder
 from mpcc_controller.driving.ladder import Decision, Ladder
 from mpcc_controller.driving.target import SetPoints
@@ -58,7 +59,7 @@ class Horizon:
         limit_time: bool,
         clock: Callable[[], float],
     ):
-        self.params = params
+        self.params = params = limits_in_force.apply(params, vehicle)
         self.car = stages.car(params, vehicle)
         self.clock = clock
         self.formulation = formulation.make(params, self.car)

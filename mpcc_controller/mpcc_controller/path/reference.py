@@ -39,7 +39,8 @@ def build(reference: Reference) -> Path:
     dX, dY, dt = np.diff(X), np.diff(Y), np.diff(t)
     chord = np.hypot(dX, dY)
     _require(dt > 0, 'the stamp does not increase after it')
-    _require(chord > 0, 'the next pose is at the same place')
+    # the square of a distance is divided by: one that underflows is none
+    _require(chord**2 > 0, 'the next pose is at the same place')
     along = np.arctan2(dY, dX)
     _require(np.abs(_wrap(np.diff(along))) < np.pi / 2, 'the path doubles back after it')
     _require(np.abs(_wrap(psi[:-1] - along)) < np.pi / 2, 'its heading points backwards')

@@ -57,8 +57,7 @@ def _polyline(side, points):
     points = np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 2 or not np.all(np.isfinite(points)):
         raise EdgeError(f'the {side} edge is not a list of finite points')
-    moved = np.any(np.diff(points, axis=0) != 0, axis=1)
-    points = points[np.concatenate(([True], moved))] if len(points) else points
+    points = _distinct(points)
     if len(points) < 2:
         raise EdgeError(f'the {side} edge has fewer than two distinct points')
     start, end = points[0] - points[1], points[-1] - points[-2]
@@ -73,6 +72,19 @@ def _polyline(side, points):
     (X, Y), (dX, dY) = points[1:-2].T, np.diff(points[1:-1], axis=0).T
     chords = Chords(*map(np.ascontiguousarray, (X, Y, dX, dY, dX**2 + dY**2)))
     return Polyline(points, s, chords)
+
+
+def _distinct(points):
+    """Return points without those at the place of the one before.
+
+    So near that the square of the distance underflows is the same place: it is divided by.
+    """
+    while len(points) > 1:
+        moved = np.sum(np.diff(points, axis=0) ** 2, axis=1) > 0
+        if np.all(moved):
+            break
+        points = points[np.concatenate(([True], moved))]
+    return points
 
 
 def nearest(line: Polyline, X, Y) -> np.ndarray:
@@ -119,8 +131,11 @@ def touching(line: Polyline, s, window: float) -> Edge:
     """Return the parabolas that touch the line at the lengths `s` (k,).
 
     Heading and curvature come from the circle through the points `window` [m] before and after:
-    the corners of a polyline carry neither.
+    the corners of a polyline carry neither. Beyond its continuations the line goes on straight.
+    Where it doubles back there is no circle, and the curvature is 0.
     """
+    # on the continuations one parabola, a straight line, touches everywhere
+    s = np.clip(s, line.s[0] + window, line.s[-1] - window)
     before, here, after = (_point(line, s + step) for step in (-window, 0, window))
     chord = after - before
     into, out = here - before, after - here
@@ -130,7 +145,7 @@ def touching(line: Polyline, s, window: float) -> Edge:
         X=here[0],
         Y=here[1],
         psi=np.arctan2(chord[1], chord[0]),
-        kappa=2 * twice_area / lengths,
+        kappa=np.divide(2 * twice_area, lengths, out=np.zeros_like(lengths), where=lengths > 0),
     )
 
 

@@ -41,6 +41,7 @@ class Numbers(NamedTuple):
 def car(params: ControllerParams, vehicle: CarParams) -> Car:
     """Return the numbers of the prediction model in the paper's symbols."""
     body, tyre = vehicle.car, vehicle.tyre
+    chosen = params.model.drive_front_share
     return Car(
         m=body.mass_kg,
         Izz=body.yaw_inertia_kgm2,
@@ -49,7 +50,7 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
         h=body.cog_height_m,
         drag=body.drag_n_per_mps2,
         rolling=body.rolling_n,
-        lambda_d=params.model.drive_front_share,
+        lambda_d=vehicle.actuators.drive_front_share if chosen is None else chosen,
         C_f=tyre.front_cornering_npr,
         C_r=tyre.rear_cornering_npr,
         mu_f=tyre.front_friction * params.model.friction,

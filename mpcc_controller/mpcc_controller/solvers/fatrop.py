@@ -8,7 +8,8 @@ Four of its habits need care:
   and would not return. It is not stopped inside its restoration phase either; there the limit of
   iterations holds.)
 - In its restoration phase the same may happen with a finite Hessian; it gets none there
-  (`nlp_functions`).
+  (`nlp_functions`). Outside it the same may happen with a large Jacobian; such a one is withheld
+  (`riccati_growth`).
 - It never forgets a NaN in its work arrays, where 0 NaN remains NaN.
 - When the pattern of the limits changes (which are infinite, which are equal), CasADi makes a new
   fatrop and forgets to give it the options.

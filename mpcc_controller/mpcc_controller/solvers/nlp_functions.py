@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mpcc_controller.solvers import reuse, stage_functions
+from mpcc_controller.solvers import reuse, riccati_growth, stage_functions
 from mpcc_controller.solvers.shooting import StageProblem
+
+LARGEST_HESSIAN = 1e100  # sum of all magnitudes; far from both any problem and overflow
 
 
 class _Symbols(NamedTuple):
@@ -36,7 +38,8 @@ def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
     solver is 'fatrop' or 'ipopt': they want the gradient and the Hessian in different forms.
     `nlp` is the problem itself, `nlp_grad` is (v, p, lam_f, lam_g) -> f, g, gradient of the
     Lagrangian; its fourth output, the gradient in p, is left empty because nobody asks for it.
-    fatrop's Hessian is 0 where the cost has no weight (`_without_cost`).
+    fatrop's Hessian is 0 where the cost has no weight (`_without_cost`), and its Jacobian where its
+    recursion would fail (`riccati_growth`).
     """
     stage, last = stage_functions.stage(problem), stage_functions.last_stage(problem)
     symbols = _symbols(problem)
@@ -46,7 +49,7 @@ def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
         ca.vec(stage.gradient.map(problem.horizon)(stages.W, stages.P)),
         last.gradient(stages.w_last, stages.p_last),
     )
-    g_again, jacobian = _jacobian(problem, stage, last, stages)
+    g_again, jacobian = _jacobian(problem, stage, last, stages, guarded=solver == 'fatrop')
     multipliers = _split_multipliers(problem, symbols)
     slope, hessian = _hessian(problem, stage, last, stages, multipliers)
     if solver == 'fatrop':
@@ -131,7 +134,12 @@ def _lagrangian(problem, stage, last, stages, multipliers):
     return outputs, ['f', 'g', 'grad_gamma_x', 'grad_gamma_p']
 
 
-def _jacobian(problem, stage, last, stages):
+def _jacobian(problem, stage, last, stages, guarded):
+    """Return the constraints and their Jacobian.
+
+    `guarded`: where the growth reaches riccati_growth.LARGEST, only the next states depend on
+    anything. The solver then still counts its iterations and calls the deadline.
+    """
     N, nc = problem.horizon, problem.nx + problem.ng
     C, J = stage.jacobian.map(N)(stages.W, stages.P)
     c_last, j_last = last.jacobian(stages.w_last, stages.p_last)
@@ -148,6 +156,13 @@ def _jacobian(problem, stage, last, stages):
     columns = [place(first_pattern, 0)]
     columns += [place(pattern, k * nc) for k in range(N - 1)]
     columns += [place(last.jacobian_pattern, (N - 1) * nc)]
+    if guarded:
+        small = riccati_growth.growth(problem, stage, last, J, j_last) < riccati_growth.LARGEST
+        before, before_last = (
+            ca.DM([float(row < nc) for row in of.row()]) for of in (pattern, last.jacobian_pattern)
+        )
+        J = ca.if_else(small, J, ca.repmat(before, 1, N))
+        j_last = ca.if_else(small, j_last, before_last)
     nonzeros = ca.vertcat(J[first, 0], ca.vec(J[:, 1:]), j_last)
     g = _close_gaps(problem, stages, C, c_last)
     return g, ca.sparsity_cast(nonzeros, ca.horzcat(*columns))
@@ -167,5 +182,7 @@ def _without_cost(symbols, hessian):
 
     So it asks in its restoration phase, and adds a convex term of its own. Given the curvature of
     the constraints there, it was seen to raise its inertia correction for ever, on finite numbers.
+    None either where that correction would overflow before it outweighs the Hessian.
     """
-    return ca.if_else(symbols.lam_f != 0, hessian, 0)
+    small = ca.norm_1(hessian.nz[:]) < LARGEST_HESSIAN
+    return ca.if_else(ca.logic_and(symbols.lam_f != 0, small), hessian, 0)

@@ -1,11 +1,6 @@
 """A ring of shell programs where the nodes are looked for."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from shell_ring import NODES
 
 

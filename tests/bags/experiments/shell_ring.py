@@ -4,14 +4,18 @@ from pathlib import Path
 
 WAIT = 'trap "exit 0" INT; while :; do sleep 0.05; done\n'
 RECORD = """out=$(sed -n 's/^ *out: //p' "$3")
-trap 'mkdir "$out"; touch "$out/metadata.yaml"; exit 0' INT
+trap 'mkdir -p "$out"; touch "$out/metadata.yaml"; exit 0' INT
+touch "${3%/*}/recording"
 while :; do sleep 0.05; done
 """
+# beside the parameter file that is $3
+AWAIT_RECORDER = 'until [ -e "${3%/*}/recording" ]; do sleep 0.05; done\n'
 NODES = {
     'bags/recorder_node': RECORD,
     'scenario_publisher/scenario_node': WAIT,
     'mpcc_controller/mpcc_node': WAIT,
-    'vehicle_plant/plant_node': 'echo "[INFO] [1.5] [plant]: finish line crossed"; sleep 0.5\n',
+    'vehicle_plant/plant_node': AWAIT_RECORDER
+    + 'echo "[INFO] [1.5] [plant]: finish line crossed"; sleep 0.5\n',
 }
 
 

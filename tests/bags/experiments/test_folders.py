@@ -90,9 +90,9 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path, name):
 
 def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, workshop):
     for _ in range(2):
-        logs = (workshop or Workshop(tmp_path, 'mpcc')).set_aside()
+        folder = (workshop or Workshop(tmp_path, 'mpcc')).set_aside()
         workshop = None
-    assert logs == tmp_path / 'mpcc.failed/logs'
+    assert folder == tmp_path / 'mpcc.failed'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc.failed']
     assert not (tmp_path / 'mpcc.failed/replaced').exists()
     assert not (tmp_path / 'mpcc.failed' / folders.MARK).exists()

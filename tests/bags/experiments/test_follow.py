@@ -44,6 +44,37 @@ def test_each_look_tells_where_the_car_was_when_the_last_chunk_was_closed(drive)
     assert follower.look() == pytest.approx(Sight(t=2.0, station=40.0, speed=20.0))
 
 
+def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
+    topics = inbox.bag_topics(contract.load(), 'lockstep')
+    index = [topic.name for topic in topics].index('/vehicle/odometry')
+    bag = BagWriter(tmp_path / 'bag', topics, {})
+    follower = Follower(tmp_path / 'bag', REFERENCE)
+    for ms, vx in ((0, 20.0), (1000, float('nan')), (2000, 20.0)):
+        stamp_ns = (1000 + ms) * MS
+        message = encode.odometry(VehicleState(stamp_ns, 0.02 * ms, 1.0, 0.0, 20.0, 0.0, 0.0))
+        message.twist.twist.linear.x = vx
+        bag.write(index, stamp_ns, stamp_ns, serialize_message(message))
+        bag.flush()
+        seen = follower.look()
+        assert (seen is None) == (vx != vx)
+    bag.close()
+
+
+@pytest.mark.parametrize('size', [0, 3, 30, 150])
+def test_a_torn_state_is_not_shown_and_ends_nothing(tmp_path, size):
+    topics = inbox.bag_topics(contract.load(), 'lockstep')
+    index = [topic.name for topic in topics].index('/vehicle/odometry')
+    bag = BagWriter(tmp_path / 'torn', topics, {})
+    follower = Follower(tmp_path / 'torn', REFERENCE)
+    for ms, end in ((0, None), (1000, size), (2000, None)):
+        stamp_ns = (1000 + ms) * MS
+        state = encode.odometry(VehicleState(stamp_ns, 0.02 * ms, 1.0, 0.0, 20.0, 0.0, 0.0))
+        bag.write(index, stamp_ns, stamp_ns, serialize_message(state)[:end])
+        bag.flush()
+        assert (follower.look() is None) == (end is not None)
+    bag.close()
+
+
 def test_a_bag_that_is_not_there_yet_is_waited_for(tmp_path):
     assert Follower(tmp_path / 'later', REFERENCE).look() is None
 

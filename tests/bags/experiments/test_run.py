@@ -3,17 +3,16 @@
 The nodes are small shell programs where a test needs them to fail in a certain way.
 """
 
-import signal
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
-from shell_ring import NODES, WAIT, left_over
+from shell_ring import AWAIT_RECORDER, NODES, WAIT, left_over
 
 from bags.experiments import experiment, run
-from bags.experiments.interrupt import Interrupt
+from bags.experiments.interrupt import SIGNALS, Interrupt, Interrupted
 from bags.experiments.progress import Progress
 
 FACTS = experiment.ScenarioFacts(
@@ -38,7 +37,7 @@ def drive(tmp_path, prefix):
         chosen = experiment.controller('mpcc')
         with Interrupt() as interrupt, Progress(Console(quiet=True)) as progress:
             progress.begin('mpcc', FACTS.length_m)
-            return run.one(FACTS, chosen, settings, interrupt, progress)
+            return run.one(FACTS, chosen, {}, settings, interrupt, progress)
 
     return drive
 
@@ -49,6 +48,10 @@ def old_bag(tmp_path):
     bag.mkdir(parents=True)
     (bag / 'metadata.yaml').write_text('old')
     return bag
+
+
+# a recording that is not closed
+RECORD_TORN = """out=$(sed -n 's/^ *out: //p' "$3"); mkdir "$out"; touch "$out/mpcc_0.mcap"\n"""
 
 
 def hidden(folder):
@@ -84,14 +87,16 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path, drive, prefix, 
     assert '| cannot go on: no road' in outcome.message
     assert (old_bag / 'metadata.yaml').read_text() == 'old'
     assert (tmp_path / 'runs/mpcc.failed/logs' / f'{Path(node).name}.log').is_file()
+    for line in outcome.message.splitlines()[-2:]:
+        if 'nothing was recorded' not in line:
+            assert Path(line.partition(': ')[2]).is_dir(), line
     assert hidden(tmp_path / 'runs') == []
     assert left_over(tmp_path) == []
 
 
 def test_a_bag_that_is_not_closed_replaces_nothing(drive, prefix, old_bag):
-    prefix(
-        'bags/recorder_node', 'trap "echo disk full; exit 1" INT; while :; do sleep 0.05; done\n'
-    )
+    ready = 'touch "${3%/*}/recording"; while :; do sleep 0.05; done\n'
+    prefix('bags/recorder_node', f'trap "echo disk full; exit 1" INT; {ready}')
     outcome = drive()
     assert outcome.bag is None
     assert 'the bag was not closed' in outcome.message
@@ -110,15 +115,83 @@ def test_a_run_never_takes_longer_than_its_limit(tmp_path, drive, prefix):
     assert left_over(tmp_path) == []
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_every_node_and_keeps_nothing(tmp_path, drive, prefix, old_bag, number):
-    # from a node: by then somebody listens for signals, however slow the machine is
-    prefix('vehicle_plant/plant_node', f'trap "exit 0" INT; kill -{number:d} $PPID\n{WAIT}')
-    with pytest.raises(KeyboardInterrupt):
-        drive()
-    assert (old_bag / 'metadata.yaml').read_text() == 'old'
-    assert [path.name for path in (tmp_path / 'runs').iterdir()] == ['mpcc']
+def test_a_node_that_dies_leaves_a_closed_recording(tmp_path, drive, prefix):
+    # its own parameter file is the second one
+    prefix('mpcc_controller/mpcc_node', f'shift 2\n{AWAIT_RECORDER}exit 9\n')
+    prefix('vehicle_plant/plant_node', WAIT)
+    outcome = drive()
+    recording = tmp_path / 'runs/mpcc.failed/mpcc'
+    assert f'recorded until then: {recording}\n' in outcome.message
+    assert (recording / 'metadata.yaml').is_file()
+
+
+def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(
+    tmp_path, drive, prefix
+):
+    said = "No space left on device; 'bags repair $out' makes a complete bag of it"
+    prefix('bags/recorder_node', f'{RECORD_TORN}echo "{said}"\nexit 1\n')
+    prefix('vehicle_plant/plant_node', WAIT)
+    outcome = drive()
+    recording = tmp_path / 'runs/mpcc.failed/mpcc'
+    assert f"'bags repair {recording}' makes" in outcome.message
+    assert f'not closed: `bags repair {recording}` completes it' in outcome.message
+    assert (recording / 'mpcc_0.mcap').is_file()
+    assert '/.mpcc.' not in outcome.message
+
+
+def fail_once_recording(follower):
+    """Stand for an error that nobody expects while a run is watched."""
+    if (follower.folder.parent / 'logs/recording').exists():
+        raise ZeroDivisionError('no such speed')
+
+
+def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
+    tmp_path, drive, prefix, monkeypatch
+):
+    prefix('vehicle_plant/plant_node', WAIT)
+    monkeypatch.setattr(run.Follower, 'look', fail_once_recording)
+    outcome = drive()
+    failed = tmp_path / 'runs/mpcc.failed'
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message.startswith('ZeroDivisionError: no such speed\n')
+    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
+    assert (failed / 'mpcc/metadata.yaml').is_file()
+    assert 'fail_once_recording' in (failed / 'logs' / run.TRACEBACK).read_text()
     assert left_over(tmp_path) == []
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_a_signal_ends_every_node_and_keeps_the_recording(tmp_path, drive, prefix, old_bag, number):
+    # from a node: by then somebody listens for signals, however slow the machine is
+    prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}kill -{number:d} $PPID\n{WAIT}')
+    with pytest.raises(Interrupted) as interrupted:
+        drive()
+    assert interrupted.value.exit_code == 128 + number
+    kept = tmp_path / 'runs/mpcc.interrupted'
+    assert interrupted.value.kept == kept
+    assert (kept / 'metadata.yaml').is_file()
+    assert (kept / 'logs/plant_node.log').is_file()
+    assert (old_bag / 'metadata.yaml').read_text() == 'old'
+    assert sorted(path.name for path in (tmp_path / 'runs').iterdir()) == ['mpcc', kept.name]
+    assert left_over(tmp_path) == []
+
+
+def test_a_signal_keeps_a_recording_that_was_not_closed_as_failed(tmp_path, drive, prefix):
+    prefix('bags/recorder_node', f'{RECORD_TORN}touch "${{3%/*}}/recording"\n{WAIT}')
+    prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}kill -INT $PPID\n{WAIT}')
+    with pytest.raises(Interrupted) as interrupted:
+        drive()
+    assert interrupted.value.kept == tmp_path / 'runs/mpcc.failed/mpcc'
+    assert (interrupted.value.kept / 'mpcc_0.mcap').is_file()
+
+
+def test_a_signal_before_anything_was_recorded_leaves_nothing(tmp_path, drive, prefix):
+    prefix('bags/recorder_node', f'kill -INT $PPID\n{WAIT}')
+    prefix('vehicle_plant/plant_node', WAIT)
+    with pytest.raises(Interrupted) as interrupted:
+        drive()
+    assert interrupted.value.kept is None
+    assert list((tmp_path / 'runs').iterdir()) == []
 
 
 def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, prefix):

@@ -3,8 +3,9 @@
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+
+from until import until
 
 TIMEOUT_S = 60.0
 ASKING = """
@@ -32,7 +33,4 @@ def test_a_worker_ends_with_a_killed_parent():
     parent.send_signal(signal.SIGKILL)
     parent.wait(TIMEOUT_S)
     parent.stdout.close()
-    end = time.monotonic() + TIMEOUT_S
-    while lives(worker):
-        assert time.monotonic() < end, 'the worker outlives its parent'
-        time.sleep(0.05)
+    until(lambda: not lives(worker), TIMEOUT_S, 'the worker outlives its parent')

@@ -7,9 +7,11 @@ import pytest
 
 from bags.errors import BagError
 from bags.paper import readme
+from bags.study import claim_rules
+from bags.study.claim_list import CLAIMS, CONVERGENCE
 
 ROOT = Path(__file__).parents[3]
-CLAIMS = ROOT / 'paper/claims.json'
+CLAIMS_FILE = ROOT / 'paper/claims.json'
 ROW = {
     'claim': 'no CA collides',
     'paper': 'V2O < 0',
@@ -30,7 +32,23 @@ def claims(tmp_path):
 
 def test_the_readme_shows_the_claims_as_they_were_generated():
     _, between, _ = readme.parts(ROOT / 'README.md')
-    assert between == readme.block(CLAIMS)
+    assert between == readme.block(CLAIMS_FILE)
+
+
+def test_reasons_of_undecided_claims_follow_the_table(tmp_path):
+    path = tmp_path / 'claims.json'
+    path.write_text(json.dumps([{**ROW, 'verdict': 'not decided here (a)'}]))
+    text = readme.block(path)
+    assert '| not decided here (a) |' in text
+    assert text.count('- (') == 1
+    assert f'- (a) {claim_rules.REASONS["a"]}' in text
+
+
+def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
+    undecided = {one.key: one.undecided for one in (*CLAIMS, CONVERGENCE)}
+    for row in json.loads(CLAIMS_FILE.read_text()):
+        reasons = undecided.get(row['key'], '')
+        assert row['verdict'] == claim_rules.verdict_of(reasons, row['rule_outcome'])
 
 
 def test_only_what_stands_between_the_comments_changes(tmp_path, claims):

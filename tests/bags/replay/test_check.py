@@ -1,5 +1,6 @@
 """What counts as a difference, and what a recording cannot repeat."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,6 +10,10 @@ from bags.closed_loop import again
 from bags.errors import BagError, OlderRunWarning
 from bags.replay import check, feed, fields, settings
 from bags.replay.topic import Topic
+from mpcc_controller import limits_in_force
+from mpcc_controller.parameters import CarParams
+from mpcc_controller.problem import stages
+from msgs_yaml import parameters, share
 from msgs_yaml.types import Command, Prediction, Why
 
 STAMP = 1_000_000_000
@@ -101,6 +106,24 @@ def test_in_lockstep_a_lost_message_that_was_answered_is_named(golden, topic):
         feed.ticks(without(golden('mpcc'), topic, 40))
 
 
+@pytest.mark.parametrize(
+    'topic', [feed.WHY, feed.COMMAND, feed.REFERENCE, feed.EDGES, feed.OBSTACLES, feed.STATE]
+)
+def test_a_torn_message_of_another_publisher_does_not_end_a_replay(golden, topic):
+    bag = golden('mpcc')
+    one = bag.recordings[topic]
+    middle = len(one.payloads) // 2
+    times = (np.insert(column, middle, column[middle]) for column in one[1:4])
+    payloads = [*one.payloads[:middle], one.payloads[middle][:20], *one.payloads[middle:]]
+    torn = bag._replace(recordings=bag.recordings | {topic: type(one)(one.topic, *times, payloads)})
+    expected, found = feed.ticks(bag, 120), feed.ticks(torn, 120)
+    assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
+    assert [one.gaps for one in found] == [one.gaps for one in expected]
+    assert all(feed.same(a.told.reference, b.told.reference) for a, b in zip(found, expected))
+    assert [one.told.state for one in found] == [one.told.state for one in expected]
+    assert [one.command for one in found] == [one.command for one in expected]
+
+
 def test_two_drives_in_one_bag_are_not_mixed_up(golden):
     bag, other = golden('mpcc'), golden('frenet').recordings[feed.STATE]
     one = bag.recordings[feed.STATE]
@@ -169,15 +192,15 @@ def test_a_tick_that_braked_because_of_an_old_input_is_repeated(golden):
 
 def test_after_braking_blindly_a_controller_begins_at_the_actuators(golden, monkeypatch):
     bag = golden('mpcc')
-    legible = Topic.legible
+    value = Topic.value
 
     def blind(topic, row):
-        found = legible(topic, row)
+        found = value(topic, row)
         if topic.topic.name == feed.WHY and row in (20, 21):
             return found._replace(values={'reason': 'state_stale', 'rung': 'braking'})
         return found
 
-    monkeypatch.setattr(Topic, 'legible', blind)
+    monkeypatch.setattr(Topic, 'value', blind)
     told = [one.told for one in feed.ticks(timed_by(bag, 'realtime'), 40)]
     assert [k for k, one in enumerate(told) if one.state is None] == [20, 21]
     assert [k for k, one in enumerate(told) if one.fault] == [20, 21]
@@ -211,12 +234,67 @@ def test_a_parameter_of_the_car_that_the_run_lacks_is_an_error(golden):
     ('text', 'said'),
     [
         ('plant.friction=0.5', 'only parameters of the controller'),
-        ('controller.tolerances.lag_m', 'must be NODE.parameter=value'),
+        ('controller.tolerances.lag_m', r'must be \[controller\.\]parameter=value'),
+        ('weights.lag=0', r'bags resolve.*controller\.tolerances'),
     ],
 )
 def test_a_setting_of_another_form_is_refused(text, said):
     with pytest.raises(BagError, match=said):
         settings.of_controller([text])
+
+
+def test_a_parameter_of_the_controller_needs_no_node_before_it():
+    texts = ['solver.name=ipopt', 'controller.tolerances.lag_m=4e-1']
+    assert settings.of_controller(texts) == {'solver.name': 'ipopt', 'tolerances.lag_m': 0.4}
+
+
+def test_a_misspelt_setting_is_answered_with_the_closest_parameter(golden):
+    with pytest.raises(BagError, match=r"^--set: solver\.nmae: .* did you mean 'solver\.name'\?"):
+        again.params(golden('mpcc').run_info, {'solver.nmae': 'ipopt'}, 'mpcc')
+
+
+def test_a_run_older_than_the_actuators_of_the_car_keeps_its_layout_and_its_limits(golden):
+    older = golden('mpcc').run_info
+    assert 'actuators' not in older['parameters']
+    params, vehicle = again.params(older, {}, 'mpcc')
+    assert stages.car(params, vehicle).lambda_d == 0.0
+    assert limits_in_force.apply(params, vehicle) == params
+    wider, vehicle = again.params(older, {'limits.steer_rate_radps': 3.0}, 'mpcc')
+    assert limits_in_force.apply(wider, vehicle).limits.steer_rate_radps == 3.0
+
+
+def test_a_limit_that_the_car_would_cut_is_refused(golden):
+    run_info = golden('mpcc').run_info
+    noted = json.loads(run_info['parameters'])
+    actuators = parameters.read_file(share.config('mpcc_controller', 'car.yaml'))[0]
+    noted['controller'] |= {n: v for n, v in actuators.items() if n.startswith('actuators.')}
+    newer = run_info | {'parameters': json.dumps(noted)}
+    again.params(newer, {'limits.steer_rate_radps': 0.8}, 'mpcc')
+    with pytest.raises(BagError, match=r'limits\.steer_rate_radps: is 0\.9; allowed up to 0\.8'):
+        again.params(newer, {'limits.steer_rate_radps': 0.9}, 'mpcc')
+
+
+def test_a_car_file_replaces_the_car_of_the_run_and_single_settings_win_over_it(golden, tmp_path):
+    run_info = golden('mpcc').run_info
+    text = share.config('mpcc_controller', 'car.yaml').read_text()
+    own = tmp_path / 'my_car.yaml'
+    own.write_text(text.replace('mass_kg: 1850.0', 'mass_kg: 1234.0'))
+    _, recorded = again.params(run_info, {}, 'mpcc')
+    shipped = parameters.load(CarParams, share.config('mpcc_controller', 'car.yaml'))
+    params, vehicle = again.params(run_info, {'car_file': str(own)}, 'mpcc')
+    assert params.car_file == str(own)
+    assert recorded.car.mass_kg == 1850.0
+    assert vehicle == dataclasses.replace(
+        shipped, car=dataclasses.replace(shipped.car, mass_kg=1234.0)
+    )
+    _, vehicle = again.params(run_info, {'car_file': str(own), 'car.mass_kg': 1500.0}, 'mpcc')
+    assert vehicle.car.mass_kg == 1500.0
+
+
+@pytest.mark.parametrize('name', ['nosuch.yaml', './nosuch.yaml', 'mpcc.yaml', 1])
+def test_a_car_file_that_cannot_be_used_is_refused_with_its_name(golden, name):
+    with pytest.raises(BagError, match=rf'^--set.*car_file.*{name}'):
+        again.params(golden('mpcc').run_info, {'car_file': name}, 'mpcc')
 
 
 @pytest.mark.parametrize('name', ['tolerances.lag', 'tyre.front', 'nothing'])

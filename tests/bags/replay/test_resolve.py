@@ -116,7 +116,10 @@ def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
-        ({'factors': {'lagg': 0.0}}, r'weights\.lagg: no such weight; there are con, lag'),
+        (
+            {'factors': {'lagg': 0.0}},
+            r"weights\.lagg: no such weight; there are con, lag.*; did you mean 'lag'",
+        ),
         ({'factors': {'lag': -1.0}}, 'allowed from 0'),
         ({'parameters': {'model.horizon': 40}}, 'cannot be changed in one tick'),
     ],

@@ -4,11 +4,11 @@ import asyncio
 import itertools
 import json
 import os
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
+from require import chromium, need
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 
@@ -20,10 +20,6 @@ from bags.verdict import drive, judge, metrics
 from msgs_yaml.types import Prediction
 
 SECONDS = 60.0
-CHROMIUM = next(
-    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
-)
-REQUIRED = 'REQUIRE_CHROMIUM'  # set: a test that finds none fails
 FLAGS = (
     '--headless',
     '--no-sandbox',
@@ -155,15 +151,12 @@ class Tab:
 @pytest.fixture(scope='session')
 def browse(tmp_path_factory):
     """Return browse(file, visit, width): open a page, run the coroutine visit(tab), return."""
-    if CHROMIUM is None:
-        # where it was installed for the tests, they must not vanish
-        end = pytest.fail if os.environ.get(REQUIRED) else pytest.skip
-        end('no Chromium is installed: the report is not looked at')
+    need('chromium')
     folder = tmp_path_factory.mktemp('chromium')
     log = folder / 'log'
     with log.open('w') as out:
         process = subprocess.Popen(
-            [CHROMIUM, *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
+            [chromium(), *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
             stdout=out,
             stderr=out,
             env={**os.environ, 'HOME': str(folder)},

@@ -4,6 +4,7 @@ import pytest
 
 from bags.report.curves import PANELS
 
+pytestmark = pytest.mark.slow
 PANEL_NAMES = {one.name for one in PANELS} | {'gg'}
 INK = """(() => {
   const found = {};

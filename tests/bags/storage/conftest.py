@@ -7,22 +7,21 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
 import rclpy
+from once import made_once
+from one_second import every_message
 from rclpy.duration import Duration
+from until import until
 
+from bags.experiments.domain import reserved
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import contract, encode, ros, spin_node
 
-sys.path.insert(0, str(Path(__file__).parent))
-from one_second import every_message
-
-DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))
-TIMEOUT_S = 30
+TIMEOUT_S = 90
 
 ENCODERS = {
     '/diagnostics': encode.health,
@@ -44,16 +43,17 @@ class Ring:
 
     def __init__(self, mode):
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=DOMAIN)
+        rclpy.init(context=self.context)
         self.node = rclpy.create_node('ring', context=self.context)
         self.node.declare_parameter('mode', mode)
         self.publishers = {name: ros.publisher(self.node, name) for name in contract.load().topics}
 
     def wait_for_recorder(self):
-        end = time.monotonic() + TIMEOUT_S
-        while not all(p.get_subscription_count() for p in self.publishers.values()):
-            assert time.monotonic() < end, 'the recorder does not subscribe'
-            time.sleep(0.01)
+        until(
+            lambda: all(p.get_subscription_count() for p in self.publishers.values()),
+            TIMEOUT_S,
+            'the recorder does not subscribe',
+        )
 
     def publish(self, topic, value):
         self.publishers[topic].publish(ENCODERS[topic](value))
@@ -81,14 +81,16 @@ class Ring:
 class Recorder:
     """A recorder_node in a process of its own."""
 
-    def __init__(self, out: Path, program=('-m', 'bags.recorder_node'), **parameters):
+    def __init__(
+        self, out: Path, program=('-m', 'bags.recorder_node'), namespace='/', **parameters
+    ):
         self.out = out
         given = {'out': out, **parameters}
         arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
+        arguments += ['-r', f'__ns:={namespace}']
         self.log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as this
         self.process = subprocess.Popen(
             [sys.executable, *program, '--ros-args', *arguments],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
             stderr=self.log,
             stdout=self.log,
         )
@@ -117,13 +119,8 @@ class Recorder:
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-@pytest.fixture(scope='session', autouse=True)
-def local_discovery():
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-
-
 @pytest.fixture
-def start_recorder():
+def start_recorder(domain):
     """Factory of recorders; whatever still runs at the end of the test is ended."""
     started = []
 
@@ -140,7 +137,7 @@ def start_recorder():
 
 
 @pytest.fixture
-def make_ring():
+def make_ring(domain):
     """Factory of publishers, closed at the end of the test."""
     made = []
 
@@ -159,9 +156,19 @@ def messages():
 
 
 @pytest.fixture(scope='session')
-def bag_folder(tmp_path_factory, messages):
-    """One second of every topic, recorded over Fast DDS in lockstep."""
-    folder = tmp_path_factory.mktemp('runs') / 'mpcc'
+def bag_folder(dds, tmp_path_factory, messages):
+    """One second of every topic, recorded over Fast DDS in lockstep; once for all workers."""
+
+    def make(folder):
+        with reserved({}) as domain, pytest.MonkeyPatch.context() as patch:
+            patch.setenv('ROS_DOMAIN_ID', str(domain))
+            record(folder / 'mpcc', messages)
+
+    return made_once(tmp_path_factory, 'one_second', make) / 'mpcc'
+
+
+def record(folder, messages):
+    """Record messages over Fast DDS in lockstep."""
     noted = folder.parent / 'run.json'
     noted.write_text(json.dumps({'scenario': 'double_lane_change', 'parameters': {'N': 50}}))
     recorder = Recorder(folder, run_info=noted)
@@ -177,7 +184,6 @@ def bag_folder(tmp_path_factory, messages):
         recorder.log.close()
     assert code == 0, said
     assert re.search(r'\d+ messages in', said), said
-    return folder
 
 
 @pytest.fixture(scope='session')

@@ -5,8 +5,12 @@ import pytest
 from bags.storage.inbox import ClockError, Filing
 from bags.storage.losses import Counter, Losses
 from bags.storage.rosbag2_layout import BagTopic
+from bags.storage.simulated_time import AHEAD_NS, LARGEST_AHEAD, LARGEST_WAIT, SimulatedTime
 
 TOPIC = BagTopic('/t', 'nav_msgs/msg/Odometry', '', '', '')
+CLOCK = BagTopic('/clock', 'rosgraph_msgs/msg/Clock', '', '', '')
+S = 10**9
+WALL_NS = 1_700_000_000 * S  # what a program stamps with that does not follow /clock
 
 
 def message(stamp_ns):
@@ -16,46 +20,156 @@ def message(stamp_ns):
 
 @pytest.fixture
 def filed():
+    """Return the rows filed of the topic /t."""
     return []
 
 
 @pytest.fixture
-def filing(filed):
+def time():
+    return SimulatedTime()
+
+
+@pytest.fixture
+def filing(filed, time):
     def make(mode, **options):
-        return Filing(TOPIC, mode, lambda *row: filed.append(row), **options)
+        return Filing(TOPIC, mode, lambda *row: filed.append(row), time=time, **options)
 
     return make
 
 
-def test_lockstep_files_under_the_stamp_and_realtime_under_the_arrival(filing, filed):
+@pytest.fixture
+def tick(time):
+    """Return tick(stamp_ns), which files a message of /clock."""
+    clock = Filing(CLOCK, 'lockstep', lambda *row: None, time=time, owns_time=True)
+    return lambda stamp_ns: clock.put(message(stamp_ns), 0, 0, None)
+
+
+def put(topic, *stamps_ns):
+    for stamp_ns in stamps_ns:
+        topic.put(message(stamp_ns), 0, 0, None)
+
+
+def times(filed):
+    return [log_ns for log_ns, *_ in filed]
+
+
+def test_lockstep_files_under_the_stamp_and_realtime_under_the_arrival(filing, filed, tick):
+    tick(7)
     filing('lockstep').put(message(7), 20, 30, 1)
     filing('realtime').put(message(7), 20, 30, 1)
     assert [(log_ns, publish_ns) for log_ns, publish_ns, *_ in filed] == [(7, 20), (30, 20)]
 
 
-def test_stamp_that_falls_back_is_refused_and_not_filed(filing, filed):
-    topic = filing('lockstep')
-    for stamp_ns in (5 * 10**9, 5 * 10**9, 6 * 10**9):  # repeated while it waits: no fault
-        topic.put(message(stamp_ns), 0, 0, None)
-    with pytest.raises(ClockError, match=r'/t: .* backwards from 6\.0+ s to 5\.9+ s: .*two\?'):
-        topic.put(message(6 * 10**9 - 1), 0, 0, None)
+def test_clock_that_falls_back_is_refused_and_not_filed(filed):
+    clock = Filing(CLOCK, 'lockstep', lambda *row: filed.append(row))
+    put(clock, 5 * S, 5 * S, 6 * S)  # repeated while it waits: no fault
+    with pytest.raises(ClockError, match=r'/clock: .* backwards from 6\.0+ s to 5\.9+ s: .*two\?'):
+        put(clock, 6 * S - 1)
     assert len(filed) == 3
 
 
-def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed):
+def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed, tick):
     topic = filing('lockstep')
+    tick(10)
     for data in (b'', message(7), b'', message(8)):
         topic.put(data, 0, 0, None)
-    assert [log_ns for log_ns, *_ in filed] == [0, 7, 7, 8]
+    assert times(filed) == [0, 7, 7, 8]
+    assert topic.misdated == 0
 
 
-def test_a_stamp_before_1970_is_filed_under_0_and_is_no_way_back(filing, filed):
+def test_a_stamp_before_1970_is_filed_under_0_and_is_no_way_back(filing, filed, tick):
     topic = filing('lockstep')
-    for data in (message(-5), message(-(10**9)), message(7)):
-        topic.put(data, 0, 0, None)
-    assert [log_ns for log_ns, *_ in filed] == [0, 0, 7]
-    with pytest.raises(ClockError):
-        topic.put(message(-5), 0, 0, None)
+    tick(-5)
+    put(topic, -5, -S, 7)
+    assert times(filed) == [0, 0, 7]
+
+
+@pytest.mark.parametrize('owns_time', [False, True])
+def test_a_stamp_in_the_future_moves_no_time_but_its_own(filing, filed, tick, time, owns_time):
+    topic = filing('lockstep', owns_time=owns_time)
+    tick(2 * S)
+    put(topic, 2 * S, WALL_NS)
+    tick(3 * S)
+    put(topic, 2 * S + 1, 3 * S)
+    assert times(filed) == [2 * S, 2 * S + 1, 3 * S]
+    time.end()
+    assert times(filed) == [2 * S, 2 * S + 1, 3 * S, 3 * S]
+    assert (topic.misdated, topic.first_misdated) == (1, (WALL_NS, 3 * S))
+
+
+def test_a_clock_that_arrives_late_misdates_nothing(filing, filed, tick):
+    """What is lost on its way is sent again after seconds, in which a lockstep drive goes on."""
+    topic = filing('lockstep', owns_time=True)
+    tick(2 * S)
+    stamps_ns = [2 * S + k * S // 10 for k in range(40)]
+    put(topic, *stamps_ns)
+    for k in range(4):
+        tick(3 * S + k * S)
+    assert times(filed) == stamps_ns
+    assert topic.misdated == 0
+
+
+def test_few_messages_wait_for_a_time_that_never_comes(filing, filed, tick):
+    topic = filing('lockstep')
+    tick(2 * S)
+    put(topic, *[WALL_NS] * (LARGEST_AHEAD + 3))
+    assert times(filed) == [2 * S] * 3
+
+
+def test_a_stamp_a_little_ahead_of_the_clock_is_kept_and_holds_nothing_back(filing, filed, tick):
+    topic = filing('lockstep')
+    tick(2 * S)
+    put(topic, 2 * S + AHEAD_NS, 2 * S + 1)
+    assert times(filed) == [2 * S + AHEAD_NS, 2 * S + 1]
+    assert topic.misdated == 0
+
+
+def test_the_clock_is_heard_anew_before_a_stamp_is_called_one_of_the_future(filed):
+    time = SimulatedTime(lambda: time.hear(9 * S))
+    time.hear(2 * S)
+    topic = Filing(TOPIC, 'lockstep', lambda *row: filed.append(row), time=time)
+    put(topic, 9 * S, WALL_NS)
+    assert times(filed) == [9 * S]
+    time.end()
+    assert times(filed) == [9 * S, 9 * S]
+
+
+@pytest.mark.parametrize('stamp_ns', [0, S])
+def test_an_old_stamp_on_a_topic_of_the_plant_ends_nothing(filing, filed, tick, stamp_ns):
+    topic = filing('lockstep', owns_time=True)
+    tick(5 * S)
+    put(topic, 5 * S, stamp_ns)
+    assert times(filed) == [5 * S]  # it may be a plant that was started again
+    tick(6 * S)
+    put(topic, 6 * S)
+    assert times(filed) == [5 * S, 5 * S, 6 * S]
+    assert topic.first_misdated == (stamp_ns, 5 * S)
+
+
+def test_states_of_a_plant_that_was_started_again_are_not_filed(filing, filed, tick):
+    topic = filing('lockstep', owns_time=True)
+    tick(5 * S)
+    put(topic, 5 * S, S, 2 * S)
+    with pytest.raises(ClockError, match='was the plant started again'):
+        tick(2 * S)
+    assert times(filed) == [5 * S]
+
+
+def test_what_comes_before_the_clock_is_dated_by_the_clock(filing, filed, tick):
+    topic, other = filing('lockstep'), filing('lockstep', alone=False)
+    put(topic, WALL_NS, S)
+    put(other, WALL_NS)
+    assert filed == []
+    tick(2 * S)
+    assert times(filed) == [2 * S, S, 2 * S]
+
+
+def test_a_recording_without_a_clock_keeps_few_messages_waiting(filing, filed):
+    topic = filing('lockstep')
+    put(topic, *range(LARGEST_WAIT))
+    assert filed == []
+    put(topic, LARGEST_WAIT, LARGEST_WAIT + 1)
+    assert times(filed) == list(range(LARGEST_WAIT + 2))
 
 
 def test_wall_clock_that_is_set_back_is_refused_but_a_message_sent_again_is_not(filing, filed):
@@ -67,11 +181,29 @@ def test_wall_clock_that_is_set_back_is_refused_but_a_message_sent_again_is_not(
     assert len(filed) == 2
 
 
-def test_several_publishers_have_several_times(filing, filed):
+def test_a_node_started_again_that_does_not_own_time_is_filed_under_the_last_stamp(
+    filing, filed, tick
+):
+    topic = filing('lockstep')
+    tick(6 * S)
+    put(topic, 5 * S, S, 6 * S)
+    assert times(filed) == [5 * S, 5 * S, 6 * S]
+    assert topic.first_misdated == (S, 5 * S)
+
+
+@pytest.mark.parametrize('owns_time', [False, True])
+def test_a_machine_whose_clock_is_set_back_is_refused_whoever_publishes(filing, owns_time):
+    topic = filing('realtime', owns_time=owns_time)
+    topic.put(message(0), 0, 10**12, None)
+    with pytest.raises(ClockError, match='the clock of the machine was set back'):
+        topic.put(message(0), 0, 10**12 - 300_000_000, None)
+
+
+def test_several_publishers_have_several_times(filing, filed, tick):
     topic = filing('lockstep', alone=False)
-    for stamp_ns in (5 * 10**9, 10**9, 6 * 10**9):
-        topic.put(message(stamp_ns), 0, 0, None)
-    assert len(filed) == 3
+    tick(6 * S)
+    put(topic, 5 * S, S, 6 * S)
+    assert times(filed) == [5 * S, S, 6 * S]
 
 
 def counted(*sequence):

@@ -106,14 +106,17 @@ def test_first_state_without_a_stamp_is_refused_by_every_reader(bag):
         read.columns(folder)
 
 
-def test_summary_of_states_without_stamps_is_refused_by_name(tmp_path):
+def test_states_without_stamps_are_counted_as_invalid_in_a_summary(tmp_path):
     topics = [BagTopic(n, TYPES[n], schema_text(TYPES[n]), '', QOS) for n in (STATE, COMMAND)]
     writer = BagWriter(tmp_path / 'bag', topics, {})
     for index in (0, 1):
         writer.write(index, 1, 1, b'')
     writer.close()
-    with pytest.raises(BagError, match=f'message 0 of {STATE}'):
-        summary(read.load(tmp_path / 'bag'))
+    found = summary(read.load(tmp_path / 'bag'))
+    counts = {topic: one['count'] for topic, one in found['invalid_messages'].items()}
+    assert counts == {STATE: 1, COMMAND: 1}
+    assert found['invalid_messages'][STATE]['first'].startswith('message 0: not plain CDR')
+    assert (found['latency_ms'], found['ticks']) == (None, None)
 
 
 def test_field_with_a_name_that_python_keeps_for_itself_is_read():

@@ -2,11 +2,14 @@
 
 import fcntl
 import os
+import re
 import signal
 import subprocess
 import sys
 import termios
+import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -18,9 +21,8 @@ from bags.storage import read
 from bags.storage.rosbag2_layout import qos_text
 from msgs_yaml import contract, qos
 
-DOMAIN = int(os.environ.get('ROS_DOMAIN_ID', '41'))  # of the recorder, see conftest.py
-TIMEOUT_S = 30
-pytestmark = pytest.mark.ros
+TIMEOUT_S = 90
+pytestmark = pytest.mark.usefixtures('domain')
 
 
 @pytest.fixture
@@ -28,9 +30,10 @@ def start_player():
     """Factory of players that wait for one recorder; ended at the end of the test."""
     started = []
 
-    def start(bag, stdin=subprocess.DEVNULL, **parameters):
+    def start(bag, stdin=subprocess.DEVNULL, namespace='/', **parameters):
         given = {'bag': bag, 'delay_s': 0.0, 'recorders': 1, **parameters}
         words = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
+        words += ['-r', f'__ns:={namespace}']
         terminal = {}
         if stdin is not subprocess.DEVNULL:
             terminal = {
@@ -40,7 +43,6 @@ def start_player():
         started.append(
             subprocess.Popen(
                 [sys.executable, '-m', 'bags.player_node', '--ros-args', *words],
-                env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
                 stdin=stdin,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -64,10 +66,34 @@ def said_by(player):
     return said
 
 
+def said_at_s(line):
+    """Return the time at which a node wrote a line of its log: [INFO] [1700000000.123] [player]:"""
+    return float(re.search(r'\[(\d+\.\d+)\]', line)[1])
+
+
+@contextmanager
+def woken_late():
+    """Give a list that fills with how late a thread that sleeps 1 ms wakes up on this machine."""
+    late_s, over = [], threading.Event()
+
+    def sleep():
+        while not over.is_set():
+            due = time.monotonic() + 1e-3
+            time.sleep(1e-3)
+            late_s.append(time.monotonic() - due)
+
+    thread = threading.Thread(target=sleep)
+    thread.start()
+    yield late_s
+    over.set()
+    thread.join()
+
+
 def recordings(folder):
     return {name: r for name, r in read.load(folder).recordings.items() if r.payloads}
 
 
+@pytest.mark.smoke
 def test_round_trip_keeps_every_byte_count_order_and_stamp(
     tmp_path, bag_folder, start_recorder, start_player
 ):
@@ -84,18 +110,39 @@ def test_round_trip_keeps_every_byte_count_order_and_stamp(
     assert f'played {count} messages' in said
 
 
+def test_a_bag_is_played_into_the_namespace_of_the_player(
+    tmp_path, bag_folder, start_recorder, start_player
+):
+    inside = start_recorder(tmp_path / 'inside', namespace='/car1')
+    outside = start_recorder(tmp_path / 'outside')
+    said_by(start_player(bag_folder, namespace='/car1'))
+    assert inside.end()[0] == 0
+    code, said = outside.end()
+    assert (code, '0 messages in' in said) == (0, True), said
+    before, after = recordings(bag_folder), recordings(tmp_path / 'inside')
+    assert {name: r.payloads for name, r in after.items()} == {
+        name: r.payloads for name, r in before.items()
+    }
+    assert read.run_info(tmp_path / 'inside')['namespace'] == '/car1'
+
+
 def test_messages_are_sent_when_they_were_recorded(
     tmp_path, bag_folder, start_recorder, start_player
 ):
     recorder = start_recorder(tmp_path / 'again')
-    said_by(start_player(bag_folder, start_s=0.2, duration_s=0.5, topics='[/vehicle/odometry]'))
+    with woken_late() as woken_late_s:
+        said_by(start_player(bag_folder, start_s=0.2, duration_s=0.5, topics='[/vehicle/odometry]'))
     assert recorder.end()[0] == 0
     state = recordings(tmp_path / 'again')['/vehicle/odometry']
     assert len(state.payloads) == 501
     assert state.payloads == recordings(bag_folder)['/vehicle/odometry'].payloads[200:701]
     late_ns = state.publish_ns - state.log_ns
-    # the median: single messages wait while the machine does something else
-    assert np.median(late_ns - late_ns.min()) < 2e6
+    # the median: single messages wait while the machine does something else, as do others' threads
+    late_s = (late_ns - late_ns.min()) / 1e9
+    assert np.median(late_s) < 2e-3 + np.percentile(woken_late_s, 90)
+    # and at no time is the player ahead or behind for long
+    least_s = [part.min() for part in np.array_split(late_s, 5)]
+    assert np.ptp(least_s) < 2e-3 + max(woken_late_s)
 
 
 def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
@@ -104,14 +151,14 @@ def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
     ends = []
     for line in player.stdout:
         if 'played 100 messages' in line:
-            ends.append(time.monotonic())
+            ends.append(said_at_s(line))
         if len(ends) == 6:
             break
     player.send_signal(signal.SIGINT)
     player.communicate(timeout=TIMEOUT_S)
     assert player.returncode == 0
-    # 0.99 s of the bag each time
-    assert 0.09 < min(np.diff(ends)) < 0.5
+    # 0.99 s of the bag each time, by the clock of the player
+    assert 0.098 < min(np.diff(ends)) < 0.5
 
 
 def test_damaged_bag_plays_up_to_the_damage_and_says_where(
@@ -207,7 +254,6 @@ def test_command_plays_a_bag(bag_folder):
             '--topics',
             '/clock',
         ],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,

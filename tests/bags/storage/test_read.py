@@ -68,6 +68,7 @@ def test_facts_of_the_run_come_back_as_text(bag_folder):
     assert read.run_info(bag_folder) == {
         'scenario': 'double_lane_change',
         'parameters': '{"N": 50}',
+        'namespace': '/',
     }
 
 

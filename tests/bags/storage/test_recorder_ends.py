@@ -10,13 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 from one_second import counts, endless, expected
+from require import lack
+from until import until
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import contents, read, repair
 from msgs_yaml import leaving
 
-pytestmark = pytest.mark.ros
+pytestmark = pytest.mark.usefixtures('domain')
 LOST_BY_A_KILL_S = 1.0
+ENDS_S = 90.0
+
+
+def publish_until_it_ends(ring, recorder, messages):
+    """Send states until the recorder ends."""
+    states = endless(messages['/vehicle/odometry'])
+
+    def publish():
+        ring.publish('/vehicle/odometry', next(states))
+        time.sleep(0.0005)
+
+    ended = recorder.process.poll
+    until(lambda: ended() is not None, ENDS_S, 'the recorder goes on', pause=publish)
 
 
 def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_ring, messages):
@@ -91,12 +106,7 @@ def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
     ring.wait_for_recorder()
     ring.publish('/clock', messages['/clock'][0])
     resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
-    end = time.monotonic() + 10.0
-    for value in endless(messages['/vehicle/odometry']):
-        ring.publish('/vehicle/odometry', value)
-        time.sleep(0.0005)
-        if recorder.process.poll() is not None or time.monotonic() > end:
-            break
+    publish_until_it_ends(ring, recorder, messages)
     code, said = recorder.wait()
     assert code == 1, said
     assert 'File too large' in said
@@ -111,13 +121,45 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
     ring.wait_for_recorder()
     ring.publish_all(messages)
     time.sleep(0.3)
+    # a plant that is started again: its first states, then its clock
     ring.publish('/vehicle/odometry', messages['/vehicle/odometry'][0])
+    ring.publish('/clock', messages['/clock'][0])
     code, said = recorder.wait()
     assert code == 1
-    assert '/vehicle/odometry: the clock jumped backwards from 1.999000000 s to 1.000' in said
+    last_s, first_s = (messages['/clock'][i] / 1e9 for i in (-1, 0))
+    assert f'/clock: the clock jumped backwards from {last_s:.9f} s to {first_s:.9f} s' in said
     assert 'Traceback' not in said
     assert counts(tmp_path / 'bag') == expected(messages)
     assert repair.repair(tmp_path / 'bag').intact
+
+
+def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
+    tmp_path, start_recorder, make_ring, messages
+):
+    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
+    ring.wait_for_recorder()
+    stray = {
+        '/controller/command': 1_700_000_000 * 10**9,  # by the wall clock
+        '/vehicle/odometry': 0,
+    }
+    half = {topic: values[: len(values) // 2] for topic, values in messages.items()}
+    rest = {topic: values[len(half[topic]) :] for topic, values in messages.items()}
+    ring.publish_all(half)
+    for topic, stamp_ns in stray.items():
+        ring.publish(topic, messages[topic][0]._replace(stamp_ns=stamp_ns))
+    ring.publish_all(rest)
+    code, said = recorder.end()
+    assert code == 0, said
+    recordings = read.load(tmp_path / 'bag').recordings
+    for topic, stamp_ns in stray.items():
+        assert said.count(f'{topic}: a message has the stamp {stamp_ns / 1e9:.9f} s') == 1
+        assert f'{topic}: 1 messages are filed under another time' in said
+        log_ns = recordings[topic].log_ns.tolist()
+        sent = [value.stamp_ns for value in messages[topic]]
+        assert sorted(log_ns)[0] == sent[0]
+        assert sorted(log_ns)[-1] <= max(sent[-1], recordings['/clock'].log_ns[-1])
+        assert len(log_ns) == len(sent) + 1
+        assert set(sent) <= set(log_ns)
 
 
 def test_folder_that_cannot_be_written_is_refused_in_one_line(start_recorder):
@@ -137,7 +179,7 @@ def small_disk(tmp_path):
         ['mount', '-t', 'tmpfs', '-o', 'size=300k', 'tmpfs', disk], capture_output=True
     )
     if made.returncode:
-        pytest.skip('no file system can be mounted here; a limit of file size is tested instead')
+        lack('mounts', 'a limit of file size is tested instead')
     yield disk
     subprocess.run(['umount', '-l', disk], check=True)
 
@@ -147,12 +189,7 @@ def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered
 ):
     recorder, ring = start_recorder(small_disk / 'bag', chunk_s=0.05), make_ring()
     ring.wait_for_recorder()
-    end = time.monotonic() + 20.0
-    for value in endless(messages['/vehicle/odometry']):
-        ring.publish('/vehicle/odometry', value)
-        time.sleep(0.0003)
-        if recorder.process.poll() is not None or time.monotonic() > end:
-            break
+    publish_until_it_ends(ring, recorder, messages)
     code, said = recorder.wait()
     assert code == 1, said
     assert 'No space left on device' in said

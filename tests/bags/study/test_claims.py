@@ -33,6 +33,19 @@ def test_a_verdict_needs_the_whole_interval(strict, loose, said):
     assert claim_rules.verdict(*shares) == said
 
 
+def test_an_undecided_claim_names_its_reasons_whatever_the_rules_give():
+    assert claim_rules.verdict_of('', 'partly') == 'partly'
+    told = claim_rules.verdict_of('ab', 'reproduced')
+    assert told == 'not decided here (a, b)'
+    assert list(claim_rules.reasons([told, 'not'])) == ['a', 'b']
+    assert claim_rules.reasons(['reproduced', 'partly', 'not']) == {}
+
+
+def test_every_reason_is_used_and_every_key_has_a_reason():
+    used = {key for claim in (*CLAIMS, CONVERGENCE) for key in claim.undecided}
+    assert used == claim_rules.REASONS.keys()
+
+
 @pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
 def test_where_the_strict_rule_holds_the_loose_one_does(claim, alike, make_record):
     for value in (0.0, 3.0, 9.0):

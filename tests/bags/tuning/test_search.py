@@ -1,9 +1,14 @@
 """Short searches with real drives: what they depend on, and what they do not."""
 
+import io
+
 import pytest
+from matplotlib.figure import Figure
+from rich.console import Console
 
 from bags.errors import BagError
-from bags.tuning import result, search, workers
+from bags.pictures import tuning_figure
+from bags.tuning import result, run, search, workers
 from bags.tuning.objective import Condition
 from bags.tuning.search import Plan
 
@@ -79,3 +84,39 @@ def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole
     assert 'obstacle: 0.0 ' in sibling
     assert len((folder / result.HISTORY).read_text().splitlines()) == 1 + len(trials)
     assert all(path.stat().st_size > 10_000 for path in found.figures)
+
+
+def test_an_infeasible_untuned_controller_is_said_to_be_one(whole, tmp_path, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '100')
+    _, trials = whole
+    broken = trials[0]._replace(violations=(0.19, 0.0, 1.0, 0.15))
+    summary = result.summarise(PLAN, [broken, *trials[1:]], '')
+    assert not summary['untuned']['safe']
+    shown = io.StringIO()
+    found = result.Result(summary, [tmp_path], [tmp_path])
+    run.show(found, Console(file=shown))
+    told = shown.getvalue()
+    assert (
+        'untuned: infeasible, min V2O 0.31 m < 0.5 m, not completed, '
+        'path tracked to 0.45 m > 0.3 m' in told
+    )
+    assert 'infeasible' in run._said([broken, *trials[1:]]).partition('->')[0]
+    feasible = result.Result(result.summarise(PLAN, trials, ''), [tmp_path], [tmp_path])
+    run.show(feasible, Console(file=io.StringIO()))
+    assert feasible.summary['untuned']['violated'] == []
+
+
+def test_the_history_shows_every_trial_and_cuts_none_off(whole):
+    _, trials = whole
+    dear = trials[1]._replace(
+        violations=(0.0,) * 4, scores=(trials[1].scores[0]._replace(sideslip_peak_deg=40.0),)
+    )
+    shown = [trials[0], dear, *trials[2:]]
+    ax = Figure().add_subplot()
+    tuning_figure._history(ax, shown, search.best(shown))
+    drawn = {line.get_label(): line for line in ax.get_lines()}
+    costs = {trial.cost for trial in shown}
+    points = {*drawn['feasible'].get_ydata(), *drawn['infeasible'].get_ydata()}
+    assert points == costs
+    low, high = ax.get_ylim()
+    assert low < min(costs) < dear.cost < high

@@ -10,7 +10,8 @@ from bags.verdict import judge, metrics
 
 MS = 1_000_000
 START_NS = 1_000_000_000
-KEYS = """completed collided entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
+KEYS = """verdict completed finish_at_m collided collided_by left_road left_road_at_m beyond_edge_m
+    lost lost_how lost_at_m entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
     min_v2e_per_edge_m min_outline_gap_m overshoots peak_brake_mps2 peak_sideslip_deg
     peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 peak_lat_acc_share peak_brake_share
@@ -150,6 +151,12 @@ def test_contouring_is_a_root_mean_square(make_drive):
 @pytest.mark.parametrize(('metres', 'done'), [(89.0, False), (90.0, True)])
 def test_a_run_is_complete_when_it_reaches_the_stop(make_drive, metres, done):
     assert metrics.of(make_drive(metres=metres))['completed'] is done
+
+
+def test_a_drive_that_starts_beyond_the_finish_line_has_not_reached_it(make_drive):
+    found = metrics.of(make_drive(stop=(-5.0, 0.0), armed_after=0.0))
+    assert found['completed'] is False
+    assert found['verdict'].startswith('started beyond the finish line')
 
 
 def test_a_lap_is_complete_only_at_its_end(make_drive):

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import signal
 import socket
 import struct
@@ -26,7 +25,6 @@ from msgs_yaml import contract, encode, fast, ros, spin_node
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
 
 SECONDS = 60.0
-DOMAIN = 49
 PROTOCOL = 'foxglove.sdk.v1'
 MESSAGE = 1  # opcode of message data: subscription (u32), log time (u64), payload
 S = 1_000_000_000
@@ -112,18 +110,20 @@ def view():
     """Return view(arguments...) -> url of `bags view` in a process of its own."""
     started = []
 
-    def start(*arguments):
+    def start(*arguments, program=('bags.cli', 'view')):
         process = subprocess.Popen(
-            [sys.executable, '-m', 'bags.cli', 'view', *map(str, arguments), '--port', '0'],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
+            [sys.executable, '-m', *program, '--port', '0', *map(str, arguments)],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
         )
         started.append(process)
-        said = process.stdout.readline()
-        assert 'ws://127.0.0.1:' in said
-        return said[said.index('ws://') :].split(';')[0]
+        said = []
+        for line in process.stdout:  # the node may report its parameters first
+            said.append(line)
+            if 'ws://127.0.0.1:' in line:
+                return line[line.index('ws://') :].split(';')[0]
+        raise AssertionError(f'ended without an address: {said}')
 
     yield start
     for process in started:
@@ -168,11 +168,14 @@ def test_a_port_that_is_taken_is_one_line(view, bag, capsys):
     assert f'127.0.0.1:{port}' in said
 
 
-def test_the_running_ring_is_seen_with_its_shapes(view):
-    url = view('--live')
+@pytest.mark.usefixtures('domain')
+@pytest.mark.parametrize('namespace', ['/', '/car1'])
+def test_the_running_ring_is_seen_with_its_shapes(view, namespace):
+    inside = ('--ros-args', '-r', f'__ns:={namespace}')
+    url = view('--live') if namespace == '/' else view(*inside, program=('bags.view_node',))
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    node = rclpy.create_node('ring', context=context)
+    rclpy.init(context=context)
+    node = rclpy.create_node('ring', context=context, namespace=namespace)
     node.declare_parameter('mode', 'realtime')
     state_pub = ros.publisher(node, '/vehicle/odometry')
     seen_pub = ros.publisher(node, '/scenario/obstacles')
@@ -227,11 +230,11 @@ def test_foxglove_pauses_and_seeks_and_gets_the_facts_again(bag):
         shown.server.close()
 
 
+@pytest.mark.usefixtures('domain')
 def test_the_live_view_says_so_when_its_port_is_taken(view, bag):
     port = view(bag).rpartition(':')[2]
     done = subprocess.run(
         [sys.executable, '-m', 'bags.cli', 'view', '--live', '--port', port],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)},
         capture_output=True,
         text=True,
         timeout=SECONDS,

@@ -1,6 +1,7 @@
-"""Solve a recorded problem of the MPCC with path distances by fatrop; print how it ended.
+"""Solve a recorded problem of the MPCC by fatrop; print how it ended.
 
-python solve_again.py PROBLEM.npz
+python solve_again.py PROBLEM.npz DISTANCE, where DISTANCE is formulation.distance: how the
+distances of the problem are measured.
 """
 
 import sys
@@ -13,7 +14,11 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.solvers.shooting import Bounds, Plan
 from msgs_yaml import overrides, share
 
-GIVEN = {'formulation.distance': 'path', 'solver.name': 'fatrop', 'solver.fallback': 'none'}
+GIVEN = {
+    'formulation.distance': sys.argv[2],
+    'solver.name': 'fatrop',
+    'solver.fallback': 'none',
+}
 file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
 params, _ = overrides.resolve(ControllerParams, file, GIVEN)
 solver = Controller(params, car_file.load(params)).horizon.solver

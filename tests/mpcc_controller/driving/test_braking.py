@@ -138,10 +138,18 @@ def test_at_walking_pace_the_steering_is_the_angle_of_the_arc(car, world):
 
 
 def test_a_demand_beyond_the_capacity_of_the_axle_is_answered_with_full_slip(car, world):
-    delta = braking.steering(world.rolling(), 99.0, 0.0, 0.6, car)
-    assert np.isfinite(delta)
-    locked = braking.steering(world.rolling(), 5.0, -99e3, 1.0, car)
-    assert np.isfinite(locked)
+    # where the Fiala curve reaches the friction of the axle, which carries its static load
+    load = car.m * GRAVITY * car.l_r / (car.l_f + car.l_r)
+    full = np.arctan(3 * car.mu_f * load / car.C_f)
+    for demand in (9.9, 99.0, -99.0):
+        delta = braking.steering(world.rolling(), demand, 0.0, 0.6, car)
+        assert delta == pytest.approx(np.copysign(full, demand), rel=1e-9)
+
+
+def test_an_axle_whose_friction_the_brakes_take_is_steered_along_its_motion(car, world):
+    x = world.rolling(r=0.2, vy=0.5)
+    delta = braking.steering(x, 5.0, -99e3, 1.0, car)
+    assert delta == pytest.approx(np.arctan2(0.5 + car.l_f * 0.2, x.vx), abs=1e-9)
 
 
 def test_braking_builds_up_at_the_rate_limits(params, car, world):

@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 
-from mpcc_controller import car_file
-from msgs_yaml import share
+from mpcc_controller import car_file, limits_in_force
+from mpcc_controller.problem import stages
+from msgs_yaml import parameters, share
 from msgs_yaml.parameters import ParameterError
 
 
@@ -26,3 +27,34 @@ def test_the_identified_car_understeers(params):
     front = vehicle.tyre.front_cornering_npr * vehicle.car.cog_to_front_m
     rear = vehicle.tyre.rear_cornering_npr * vehicle.car.cog_to_rear_m
     assert front < rear
+
+
+def test_a_file_that_is_not_there_is_an_error_of_the_parameter(params):
+    with pytest.raises(ParameterError, match=r'car_file: .*has car\.yaml.*\./nosuch\.yaml'):
+        car_file.load(dataclasses.replace(params, car_file='nosuch.yaml'))
+
+
+@pytest.mark.parametrize(('given', 'used'), [(None, 1.0), (0.0, 0.0), (0.4, 0.4)])
+def test_the_drive_layout_is_that_of_the_car_unless_the_controller_has_its_own(params, given, used):
+    vehicle = car_file.load(params)
+    front = dataclasses.replace(vehicle.actuators, drive_front_share=1.0)
+    vehicle = dataclasses.replace(vehicle, actuators=front)
+    model = dataclasses.replace(params.model, drive_front_share=given)
+    assert stages.car(dataclasses.replace(params, model=model), vehicle).lambda_d == used
+
+
+def test_no_shipped_controller_overrides_the_drive_layout_of_the_car():
+    for file in share.path('mpcc_controller', 'config').glob('*.yaml'):
+        values, _ = parameters.read_file(file)
+        assert values.get('car_file', 'car.yaml') == 'car.yaml'
+        assert 'model.drive_front_share' not in values
+
+
+def test_limits_are_cut_to_what_the_car_can_do_and_not_raised(params):
+    vehicle = car_file.load(params)
+    assert limits_in_force.apply(params, vehicle) == params
+    weak = dataclasses.replace(vehicle.actuators, steer_rate_radps=0.349, drive_n=4000.0)
+    cut = limits_in_force.apply(params, dataclasses.replace(vehicle, actuators=weak)).limits
+    assert (cut.steer_rate_radps, cut.drive_n) == (0.349, 4000.0)
+    assert dataclasses.replace(cut, steer_rate_radps=0.524, drive_n=6000.0) == params.limits
+    assert limits_in_force.exceeded(params, weak) == ('steer_rate_radps', 'drive_n')

@@ -135,6 +135,7 @@ def spoilt(world, **columns):
         ({'t': (5, np.inf)}, 'pose 5: t is not finite'),
         ({'t': (6, 0.1)}, 'pose 5: the stamp does not increase'),
         ({'X': (3, 2.0)}, 'pose 2: the next pose is at the same place'),
+        ({'X': (1, 1e-170)}, 'pose 0: the next pose is at the same place'),
         ({'X': (5, 3.5)}, 'pose 3: the path doubles back'),
         ({'psi': (2, np.pi)}, 'pose 2: its heading points backwards'),
         ({'psi': (9, 3.0)}, 'pose 8: the next heading points backwards'),

@@ -62,10 +62,40 @@ def test_past_its_ends_an_edge_goes_on_straight():
     assert pytest.approx([200.0, -200.0]) == edges.left.X
 
 
+def test_an_edge_is_the_same_straight_line_however_far_past_its_ends_the_car_is():
+    direction, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    sides = [np.outer((0.0, 10.0), direction) + n * across for n in (3.0, -3.0)]
+    made = road.build(RoadEdges(0, *sides))
+    for along in (-5000.0, 1500.0):
+        X, Y = along * direction + 1.0 * across
+        edges = road.near_plan(made, np.array([X]), np.array([Y]), 2.0)
+        assert (*edges.left.kappa, *edges.right.kappa) == pytest.approx((0.0, 0.0), abs=1e-9)
+        to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
+        assert float(to_left[0]) == pytest.approx(2.0 - 1.1, abs=1e-6)
+        assert float(to_right[0]) == pytest.approx(4.0 - 1.1, abs=1e-6)
+
+
+def test_an_edge_that_doubles_back_has_a_curvature_everywhere():
+    there_and_back = np.array([[0.0, 3.0], [10.0, 3.0], [0.0, 3.0]])
+    made = road.build(RoadEdges(0, there_and_back, np.array([[0.0, -3.0], [10.0, -3.0]])))
+    edges = road.near_plan(made, np.linspace(-5.0, 20.0, 26), np.zeros(26), 2.0)
+    assert np.all(np.isfinite(edges.left))
+
+
 def test_repeated_points_of_an_edge_do_no_harm():
     left = np.array([[0.0, 3.0], [0.0, 3.0], [10.0, 3.0], [10.0, 3.0]])
     made = road.build(RoadEdges(0, left, left - [0.0, 6.0]))
     assert np.all(np.diff(made.left.s) > 0)
+
+
+@pytest.mark.filterwarnings('error::RuntimeWarning')
+def test_points_of_an_edge_so_near_that_their_distance_underflows_are_one():
+    near = np.array([[0.0, 3.0], [5e-324, 3.0], [1e-170, 3.0], [10.0, 3.0]])
+    made = road.build(RoadEdges(0, near, np.array([[0.0, -3.0], [10.0, -3.0]])))
+    edges = road.near_plan(made, np.linspace(-5.0, 15.0, 21), np.zeros(21), 2.0)
+    assert np.all(np.isfinite(edges.left))
+    with pytest.raises(EdgeError, match='the left edge has fewer than two distinct points'):
+        road.build(RoadEdges(0, near[:3], near))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Problems for the generated solver; what it compiles is kept for the session."""
+"""Problems for the generated solver."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,6 @@ import small_problems
 
 from mpcc_controller.solvers import riccati_solver, solver
 from mpcc_controller.solvers.solver import SolverOptions
-
-
-@pytest.fixture(scope='session', autouse=True)
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp('cache')
-        patch.setenv('MPCC_CACHE_DIR', str(folder))
-        yield folder
 
 
 @pytest.fixture(scope='session')

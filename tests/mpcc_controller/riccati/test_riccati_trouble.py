@@ -79,15 +79,20 @@ def test_time_limit_ends_a_long_search(slalom, riccati):
     # far outside every limit: dozens of steps from the solution
     guess = Plan(slalom.guess.X + 3.0, slalom.guess.U + 50.0)
     numbers = (*slalom.numbers[:3], guess)
-    free = riccati(slalom.problem).solve(*numbers)
+    unlimited = riccati(slalom.problem)
+    free = min((unlimited.solve(*numbers) for _ in range(10)), key=lambda one: one.solve_s)
     limited = riccati(slalom.problem, time_limit_s=free.solve_s / 4)
-    began = time.perf_counter()
-    found = limited.solve(*numbers)
-    assert time.perf_counter() - began < 0.05
-    assert (found.status, found.message) == (STOPPED_EARLY, TIME_LIMIT)
-    assert 0 < found.iterations < free.iterations
-    assert np.isfinite(found.plan.X).all()
-    assert found.primal_residual > 0
+    most = 0
+    for _ in range(20):  # what else the machine does may take the whole time of a solve
+        began = time.thread_time()
+        found = limited.solve(*numbers)
+        assert time.thread_time() - began < 0.05
+        assert (found.status, found.message) == (STOPPED_EARLY, TIME_LIMIT)
+        assert found.iterations < free.iterations
+        assert np.isfinite(found.plan.X).all()
+        assert found.primal_residual > 0
+        most = max(most, found.iterations)
+    assert most > 0
 
 
 def test_equal_solves_are_equal_bit_by_bit(slalom, riccati):
@@ -131,13 +136,13 @@ def test_width_of_the_vectors_decides_nothing(slalom, riccati, monkeypatch):
     assert np.ptp(costs) < 1e-7 * costs[0]
 
 
-def test_other_numbers_are_not_compiled_anew(slalom, riccati, cache):
+def test_other_numbers_are_not_compiled_anew(slalom, riccati, own_cache):
     riccati(slalom.problem)
-    before = set(cache.iterdir())
+    before = set(own_cache.iterdir())
     wider = slalom.bounds._replace(g_high=slalom.bounds.g_high + 1)
     P = slalom.P + np.array([1.0, 0.1, 0.2, 0.5])
     assert riccati(slalom.problem).solve(slalom.x0, P, wider, slalom.guess).status == SOLVED
-    assert set(cache.iterdir()) == before
+    assert set(own_cache.iterdir()) == before
 
 
 def test_without_a_compiler_fatrop_takes_over(slalom, options, riccati, monkeypatch):

@@ -19,12 +19,6 @@ def options():
     return make
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'cache'))
-    return tmp_path / 'cache'
-
-
 @pytest.fixture
 def linear_quadratic():
     """Return make(scale_x, scale_u) -> (case, its matrices)."""

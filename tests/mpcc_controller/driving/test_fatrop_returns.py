@@ -1,16 +1,25 @@
-"""A problem of a car that is lost at 135 km/h, on which fatrop went on for ever."""
+"""Problems of lost cars on which fatrop went on for ever."""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HERE = Path(__file__).parent
 LONGEST_S = 120.0  # compiler included
 
 
-def test_fatrop_comes_back_from_its_restoration_phase():
+@pytest.mark.parametrize(
+    ('problem', 'distance'),
+    [
+        ('restoration', 'path'),  # at 135 km/h, in the restoration phase
+        ('growth', 'cartesian'),  # plan of 2.5 s with sensitivities beyond double precision
+    ],
+)
+def test_fatrop_returns(problem, distance):
     # in a process of its own: nothing in Python interrupts a solve
-    command = [sys.executable, HERE / 'solve_again.py', HERE / 'restoration.npz']
+    command = [sys.executable, HERE / 'solve_again.py', HERE / f'{problem}.npz', distance]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S)
     assert done.returncode == 0, done.stderr
     name, status, iterations = done.stdout.split()

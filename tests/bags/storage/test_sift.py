@@ -1,0 +1,137 @@
+"""Messages that break the contract are left out, and the fast look decides as the decoders do."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bags.errors import BagError
+from bags.storage import decoders, in_range, inbox, read
+from bags.storage.read import Bag, Recording
+from bags.storage.sift import sift
+from msgs_yaml import contract, encode, ros
+from msgs_yaml.types import Actuators, Command, Imu, Obstacles, VehicleState, Wheels
+
+S = 1_000_000_000
+FOUR = (0.1, 0.2, 0.3, 0.4)
+TOPICS = {topic.name: topic for topic in inbox.bag_topics(contract.load(), 'lockstep')}
+MADE = {
+    '/vehicle/odometry': lambda: encode.odometry(VehicleState(S, 1.0, 2.0, 0.3, 20.0, 0.1, 0.2)),
+    '/vehicle/actuators': lambda: encode.actuators(Actuators(S, 0.1, 0.2, -3e3, -2e3, FOUR)),
+    '/vehicle/imu': lambda: encode.imu(Imu(S, 1.0, 2.0, 0.1)),
+    '/vehicle/wheels': lambda: encode.wheels(Wheels(S, *[FOUR] * 7)),
+    '/controller/command': lambda: encode.command(Command(S, 0.1, 0.2, -3e3, -2e3)),
+}
+NUMBERS = st.one_of(
+    st.floats(-1e9, 1e9), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, 120.0])
+)
+
+
+def recording(name, payloads):
+    times = np.arange(len(payloads), dtype=np.int64)
+    return Recording(TOPICS[name], times, times, times + 1, list(payloads))
+
+
+def bag(recordings):
+    return Bag('made up', (), recordings, {}, None)
+
+
+def obeys(name, payload):
+    try:
+        decoders.value(TOPICS[name], payload)
+    except decoders.INVALID:
+        return False
+    return True
+
+
+def change(message, draw):
+    """Change something of a message that a publisher may get wrong."""
+    kind = draw(st.sampled_from(['number', 'frame', 'stamp', 'names', 'length', 'nothing']))
+    if kind == 'frame':
+        message.header.frame_id = draw(st.sampled_from(['', 'map', 'base_link']))
+    elif kind == 'stamp':
+        message.header.stamp.sec = draw(st.integers(-2, 1))
+        message.header.stamp.nanosec = draw(st.integers(0, 1))
+    elif hasattr(message, 'name'):
+        array = getattr(message, draw(st.sampled_from(['position', 'velocity', 'effort'])))
+        if kind == 'names':
+            message.name = draw(st.permutations(list(message.name)))
+        elif kind == 'length':
+            array.append(0.0)
+        elif kind == 'number':
+            array[draw(st.integers(0, len(array) - 1))] = draw(NUMBERS)
+    elif kind == 'number':
+        paths = [
+            'pose.pose.orientation.w', 'pose.pose.position.y', 'twist.twist.linear.x',
+            'linear_acceleration.x', 'angular_velocity.z',
+        ]  # fmt: skip
+        paths = [path for path in paths if hasattr(message, path.split('.')[0])]
+        *parents, last = draw(st.sampled_from(paths)).split('.')
+        owner = message
+        for name in parents:
+            owner = getattr(owner, name)
+        setattr(owner, last, draw(NUMBERS))
+    return ros.serialized(message)
+
+
+@pytest.mark.parametrize('name', MADE)
+def test_the_fast_look_decides_as_the_decoder_does(name):
+    @settings(max_examples=40, deadline=None)
+    @given(st.data())
+    def tried(data):
+        payloads = [change(MADE[name](), data.draw) for _ in range(4)]
+        expected = [obeys(name, payload) for payload in payloads]
+        assert in_range.rows(TOPICS[name], payloads).tolist() == expected
+        left = sift(bag({name: recording(name, payloads)})).recordings[name].payloads
+        assert left == [one for one, good in zip(payloads, expected) if good]
+
+    tried()
+
+
+def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
+    whole = ros.serialized(MADE['/vehicle/imu']())
+    payloads = [whole, whole[:30], whole, b'', whole]
+    found = sift(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
+    assert found.recordings['/vehicle/imu'].log_ns.tolist() == [0, 2, 4]
+    assert found.invalid['/vehicle/imu'].count == 2
+    assert found.invalid['/vehicle/imu'].first.startswith('message 1: ')
+
+
+def test_time_counts_from_the_first_valid_state():
+    good, bad = MADE['/vehicle/odometry'](), MADE['/vehicle/odometry']()
+    bad.header.stamp.sec = 0
+    bad.header.stamp.nanosec = 5
+    bad.header.frame_id = 'odom'
+    payloads = [ros.serialized(bad), ros.serialized(good)]
+    found = sift(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
+    assert read.columns(found)['/vehicle/odometry'].t_s.tolist() == [0.0]
+
+
+def test_columns_check_no_range_and_sifting_does():
+    good, bad = MADE['/vehicle/odometry'](), MADE['/vehicle/odometry']()
+    bad.twist.twist.linear.x = math.nan
+    payloads = [ros.serialized(good), ros.serialized(bad)]
+    recorded = bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)})
+    assert np.isnan(read.columns(recorded)['/vehicle/odometry'].vx_mps).tolist() == [False, True]
+    assert len(read.columns(sift(recorded))['/vehicle/odometry'].vx_mps) == 1
+    with pytest.raises(BagError, match='message 1 of /vehicle/odometry'):
+        read.values(recorded, '/vehicle/odometry')
+
+
+def test_values_are_decoded_once_and_stay_those_of_their_messages():
+    name = '/scenario/obstacles'
+    messages = [ros.serialized(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
+    broken = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
+    found = sift(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
+    assert [value.stamp_ns - S for value in read.values(found, name)] == [0, 1, 2]
+    assert sift(found) is found
+
+
+def test_a_topic_that_the_contract_does_not_know_stays_as_it_is():
+    name = '/markers/vehicle'
+    found = sift(bag({name: recording(name, [b'anything'])}))
+    assert found.recordings[name].payloads == [b'anything']
+    assert not found.invalid

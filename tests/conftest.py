@@ -1,0 +1,63 @@
+"""What every test may ask for: a ROS domain of its own, and capabilities of the machine."""
+
+import os
+import signal
+
+import pytest
+import require
+from driven import drive, load
+from once import made_once
+
+from bags.experiments.domain import reserved
+
+# a shell that starts the tests in the background ignores SIGINT, which programs inherit
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config):
+    # what the shell says about ROS must not decide what a test hears
+    os.environ.pop('ROS_DOMAIN_ID', None)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    # one cache for all workers and for the nodes that they start; kept for the next session
+    os.environ.setdefault('MPCC_CACHE_DIR', str(config.rootpath / 'build/compiled'))
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m selects
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if 'dds' in getattr(item, 'fixturenames', ()):
+            item.add_marker('ros')
+
+
+def pytest_runtest_setup(item):
+    for mark in item.iter_markers('needs'):
+        for name in mark.args:
+            require.need(name)
+
+
+@pytest.fixture(scope='session')
+def dds():
+    """Mark what depends on this as `ros`: it starts nodes that talk over Fast DDS.
+
+    Nodes that `bags run` starts get a free domain from it, other ones from the fixture `domain`.
+    """
+
+
+@pytest.fixture(scope='module')
+def domain(dds):
+    """Return a ROS domain in which nobody else is, also set as ROS_DOMAIN_ID.
+
+    It is reserved for one test module, so that modules may run at the same time.
+    """
+    with reserved({}) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_DOMAIN_ID', str(number))
+        yield number
+
+
+@pytest.fixture(scope='session')
+def rings(dds, tmp_path_factory):
+    """Return the double lane change, driven over Fast DDS by every controller of the paper."""
+    scenario, controllers = 'double_lane_change', ('mpcc', 'mpcc_no_ca', 'frenet')
+    out = made_once(tmp_path_factory, 'rings', lambda out: drive(out, scenario, *controllers))
+    return load(out, scenario)

@@ -1,0 +1,307 @@
+"""Every command of README.md does what README.md says: run from its text, on small recordings."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from fenced import Command, commands
+from tyre_files import property_file
+from until import until
+
+from bags.experiments import domain
+from msgs_yaml import share
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(900, func_only=True)]
+ROOT = Path(__file__).parents[2]
+README = (ROOT / 'README.md').read_text()
+BIN = Path(sys.prefix, 'bin')
+OURS = {'bags', 'identify', 'manoeuvre'}
+NODES = {'scenario_node', 'mpcc_node', 'frenet_node', 'recorder_node', 'plant_node', 'player_node'}
+SHELL = {'cd', 'export', 'git', 'make', 'pip', 'python', 'python3', 'ros2', 'source', 'sudo'}
+COMMANDS = commands(README, OURS | NODES | SHELL)
+SECONDS = 600.0  # of wall time for one command
+# what only the reader can run, and where the same is tested
+ELSEWHERE = {
+    r'source (\.venv|venv)/bin/activate': 'every command here runs in the virtual environment',
+    r'source (/opt/ros|install)/': 'tests/packaging sources what colcon installs',
+    r'(sudo|pip|git|cd|export) ': 'needs a network or changes the shell of the reader',
+    r'python3? -m venv ': 'tests/packaging installs into an empty virtual environment',
+    r'python3? -m colcon build ': 'tests/packaging builds with colcon',
+    r'ros2 ': 'needs an installation of ROS 2',
+}
+RUN = re.compile(r'^bags/runs/([^/]+)/([^/]+)/?$')
+
+
+class Home:
+    """A folder in which the commands of README.md find what they speak of."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        (folder / 'bags').mkdir()
+        (folder / 'tmp').mkdir()
+        (folder / 'bags/reference').symlink_to(ROOT / 'bags/reference')
+        own = {
+            'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
+            'my_mpcc.yaml': share.path('mpcc_controller', 'config', 'mpcc.yaml'),
+        }
+        for name, example in own.items():
+            shutil.copy(example, folder / name)
+        (folder / 'my_tyre.tir').write_text(property_file('tyre_205_60r15.yaml'))
+
+    def run(self, *words: object, code: int = 0) -> str:
+        """Run a program of the virtual environment in the folder; return what it says."""
+        done = subprocess.run(
+            self.command(words),
+            cwd=self.folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=SECONDS,
+        )
+        assert done.returncode == code, done.stdout
+        assert 'Traceback' not in done.stdout, done.stdout
+        return done.stdout
+
+    def command(self, words) -> list[str]:
+        """Return the words with what is in /tmp put below the folder, and drive what they read."""
+        for word in map(str, words):
+            if run := RUN.match(word):
+                self.driven(*run.groups())
+        first, *others = (str(word).replace('/tmp/', f'{self.folder}/tmp/') for word in words)
+        return [str(BIN / first), *others]
+
+    def driven(self, scenario: str, controller: str) -> Path:
+        """Return a recording of README.md, driven where it is not there yet."""
+        folder = self.folder / 'bags/runs' / scenario / controller
+        if not folder.exists() and controller != 'by_hand':
+            self.run('bags', 'run', scenario, '--controller', controller)
+        return folder
+
+
+@pytest.fixture(scope='module')
+def home(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv('ROS_DOMAIN_ID', raising=False)
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('COLUMNS', '200')
+        yield Home(tmp_path_factory.mktemp('readme'))
+
+
+def drives(home, words):
+    said = home.run(*words)
+    given = {k: v for k, v in pairwise(words) if k in ('--controller', '--out')}
+    out = Path(given.get('--out', 'bags/runs').replace('/tmp/', f'{home.folder}/tmp/'))
+    controller = Path(given.get('--controller', 'mpcc')).stem
+    scenario = Path(words[2]).stem
+    scenario = {'my_scenario': 'straight'}.get(scenario, scenario)
+    folder = home.folder / out / scenario
+    assert (folder / controller / 'metadata.yaml').is_file()
+    assert (folder / 'comparison.json').is_file()
+    assert (folder / 'report.html').is_file()
+    assert controller in said
+
+
+def drives_on_the_wall_clock(home, words):
+    """On a busy machine a late command may stop the car: that is a result, and it says so."""
+    done = subprocess.run(
+        home.command(words), cwd=home.folder, capture_output=True, text=True, timeout=SECONDS
+    )
+    said = done.stdout + done.stderr
+    ended = 'finish line' in said or 'stands still' in said or 'controller is gone' in said
+    assert done.returncode == 0 or (done.returncode == 1 and ended), said
+    bag = 'bags/runs/double_lane_change/mpcc'
+    assert 'realtime' in home.run('bags', 'info', bag)
+    # the others are compared with a run of simulated time
+    shutil.rmtree((home.folder / bag).parent)
+
+
+def compares(home, words):
+    said = home.run(*words)
+    assert all(Path(bag).name in said for bag in words[2:])
+
+
+def plays(home, words):
+    at = words.index('--rate') + 1
+    home.command(words)  # drives it, in a domain of its own
+    with domain.reserved({}) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_DOMAIN_ID', str(number))
+        said = home.run(*words[:at], '20.0', *words[at + 1 :])
+    assert re.search(r'played \d{4,} messages', said), said
+
+
+def serves(home, words):
+    """Serve until it is stopped, at a port that is free."""
+    server = subprocess.Popen(
+        home.command([*words, '--port', '0']),
+        cwd=home.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert 'ws://127.0.0.1:' in server.stdout.readline()
+        server.send_signal(signal.SIGTERM)
+        said, _ = server.communicate(timeout=60)
+        assert server.returncode == 0, said
+    finally:
+        server.kill()
+
+
+def measures_distances(home, words):
+    home.run(*words)
+    assert (home.driven(*RUN.match(words[2]).groups()).parent / 'distances.json').is_file()
+
+
+def repairs(home, words):
+    """Repair what a recorder leaves that is killed; the bag is whole again for the others."""
+    bag = home.driven(*RUN.match(words[2]).groups())
+    kept = shutil.copytree(bag, bag.parent / 'kept')
+    (file,) = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[: 2 * file.stat().st_size // 3])
+    (bag / 'metadata.yaml').unlink()
+    said = home.run(*words)
+    assert re.search(r'repaired; .*\n.*recovered \d{4,} messages', said, re.DOTALL), said
+    assert (bag / 'metadata.yaml').is_file()
+    shutil.rmtree(bag)
+    kept.rename(bag)
+
+
+def tunes(home, words):
+    home.run(*words, '--trials', '1', '1', '--jobs', '1')
+    assert list((home.folder / 'paper/tuning').rglob('*_tuned.yaml'))
+
+
+def studies(home, words):
+    home.run(*words, '--quick', '--runs', '2', '--cache', 'tmp/drives')
+    assert list((home.folder / 'paper/study').rglob('*.md'))
+
+
+def makes(home, words):
+    """Its targets are there; the continuous integration runs them."""
+    makefile = (ROOT / 'Makefile').read_text()
+    for target in words[1:]:
+        assert '=' in target or re.search(rf'^{re.escape(target)}:', makefile, re.MULTILINE)
+
+
+def writes(option):
+    def rule(home, words):
+        home.run(*words)
+        out = Path(words[words.index(option) + 1].replace('/tmp/', f'{home.folder}/tmp/'))
+        assert out.is_file() or any(out.iterdir())
+
+    return rule
+
+
+def says(*expected):
+    def rule(home, words):
+        said = home.run(*words)
+        for pattern in expected:
+            assert re.search(pattern, said), said
+
+    return rule
+
+
+class Rule(NamedTuple):
+    """How the commands that a pattern matches are run."""
+
+    pattern: str
+    run: Callable[[Home, list[str]], None]
+
+
+RULES = [
+    Rule(r'make ', makes),
+    Rule(r'bags run .*--mode realtime', drives_on_the_wall_clock),
+    Rule(r'bags run ', drives),
+    Rule(r'bags compare ', compares),
+    Rule(r'bags distances ', measures_distances),
+    Rule(r'bags play .*--rate ', plays),
+    Rule(r'bags view (?!.*--live)', serves),
+    Rule(r'bags replay-check ', says('the same in ')),
+    Rule(r'bags resolve .*--tick .*--set ', says('solved again: ', 'changed: ')),
+    Rule(r'bags info ', says('/vehicle/odometry', 'lockstep')),
+    Rule(r'bags timing ', says('transport', 'solve')),
+    Rule(r'bags tune ', tunes),
+    Rule(r'bags study distributions', studies),
+    Rule(r'bags repair ', repairs),
+    Rule(r'manoeuvre --list', says('step_steer')),
+    Rule(r'manoeuvre .*--out ', writes('--out')),
+    Rule(r'identify .*--out ', writes('--out')),
+]
+
+
+def rule_of(command: Command) -> Rule | None:
+    """Return the rule of a command, None where the reader alone can run it."""
+    text = ' '.join(command.words)
+    for rule in RULES:
+        if re.match(rule.pattern, text):
+            return rule
+    assert any(re.match(pattern, text) for pattern in ELSEWHERE), f'no rule runs {text!r}'
+    return None
+
+
+RECIPE = [c for c in COMMANDS if c.words[0] in NODES]
+RUNNABLE = [c for c in COMMANDS if c not in RECIPE]
+
+
+@pytest.mark.parametrize('command', RUNNABLE, ids=lambda command: command.text)
+def test_every_command_of_the_readme_runs(command, home):
+    rule = rule_of(command)
+    if rule:
+        rule.run(home, command.words)
+
+
+def test_the_readme_has_commands():
+    assert {'run', 'compare', 'info'} <= {c.words[1] for c in RUNNABLE if c.words[0] == 'bags'}
+    assert len({command.block for command in RECIPE}) == 1
+
+
+def test_a_command_that_no_rule_runs_is_named():
+    with pytest.raises(AssertionError, match="no rule runs 'bags fly'"):
+        rule_of(Command('bags fly', 0))
+
+
+def test_the_recipe_of_four_terminals_records_a_drive(home):
+    with ExitStack() as ended, domain.reserved({}) as number:
+        environment = os.environ | {'ROS_DOMAIN_ID': str(number)}
+        logs, running = {}, {}
+        for command in RECIPE:
+            name = command.words[0]
+            logs[name] = home.folder / f'{name}.log'
+            running[name] = ended.enter_context(
+                subprocess.Popen(
+                    home.command(command.words),
+                    cwd=home.folder,
+                    env=environment,
+                    stdout=logs[name].open('w'),
+                    stderr=subprocess.STDOUT,
+                )
+            )
+            ended.callback(running[name].kill)
+        plant = running.pop('plant_node')
+
+        def told():
+            return '\n'.join(f'{name}:\n{log.read_text()}' for name, log in logs.items())
+
+        until(lambda: plant.poll() is not None, SECONDS, told)
+        assert plant.returncode == 0, told()
+        assert 'finish line crossed' in logs['plant_node'].read_text()
+        for process in running.values():
+            process.send_signal(signal.SIGTERM)
+        for process in running.values():
+            assert process.wait(60) == 0, told()
+    (out,) = (
+        word.removeprefix('out:=') for c in RECIPE for word in c.words if word.startswith('out:=')
+    )
+    said = home.run('bags', 'info', out)
+    assert '/vehicle/odometry' in said
+    assert '/controller/command' in said

@@ -1,0 +1,57 @@
+"""Paths and edges of any length, as messages and as bytes, and what it costs to read them."""
+
+import time
+
+import numpy as np
+
+from msgs_yaml import encode, ros
+from msgs_yaml.types import Reference, RoadEdges
+
+S = 1_000_000_000
+LATER_NS = 1_795_000_000_987_654_321
+LONGEST = 5000  # poses, points: the most that the contract allows
+
+
+def path(poses=LONGEST, stamp_ns=5 * S + 3):
+    """Return a winding path with `poses` poses."""
+    s = np.arange(float(poses))
+    psi = 4.0 * np.sin(0.01 * s)  # beyond pi
+    X, Y = np.cumsum(np.cos(psi)), np.cumsum(np.sin(psi))
+    return Reference(stamp_ns, X, Y, psi, np.cumsum(1.0 / (15.0 + np.sin(s))))
+
+
+def edges(points=LONGEST, stamp_ns=5 * S + 3):
+    """Return the edges beside `path`."""
+    middle = path(points)
+    left, right = (np.column_stack([middle.X, middle.Y + offset]) for offset in (3.5, -3.5))
+    return RoadEdges(stamp_ns, left, right)
+
+
+def raw_path(**given):
+    """Return the bytes of a path."""
+    return ros.serialized(encode.reference(path(**given)))
+
+
+def raw_edges(**given):
+    """Return the bytes of edges."""
+    return ros.serialized(encode.road_edges(edges(**given)))
+
+
+def same(ours, theirs):
+    """Tell whether two values of `types` are equal, arrays to the last bit and in type."""
+    return type(ours) is type(theirs) and all(
+        np.asarray(a).dtype == np.asarray(b).dtype
+        and np.shape(a) == np.shape(b)
+        and np.asarray(a).tobytes() == np.asarray(b).tobytes()
+        for a, b in zip(ours, theirs)
+    )
+
+
+def processor_s(call, times=5):
+    """Return the least processor time of a call [s]: what other processes do does not count."""
+    taken = []
+    for _ in range(times):
+        began = time.process_time()
+        call()
+        taken.append(time.process_time() - began)
+    return min(taken)

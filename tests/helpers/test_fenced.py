@@ -1,0 +1,44 @@
+"""Commands are found in a page however its blocks are laid out."""
+
+from fenced import commands
+
+PAGE = """
+# A page
+
+```
+picture -> of a ring
+```
+
+Text with `make inline`.
+
+```sh
+source .venv/bin/activate   # a comment
+$ VAR=1 bags run a --set x.y=1 # of 'a'
+bags compare a \\
+  b
+python3 -m venv v && source v/bin/activate
+made up
+```
+
+```python
+make('nothing')
+```
+"""
+
+
+def test_every_line_of_a_block_with_a_known_program_is_a_command():
+    found = commands(PAGE, {'bags', 'source'})
+    assert [one.text for one in found] == [
+        'source .venv/bin/activate',
+        'VAR=1 bags run a --set x.y=1',
+        'bags compare a b',
+        'python3 -m venv v',
+        'source v/bin/activate',
+        'made up',
+    ]
+    assert found[1].words == ['bags', 'run', 'a', '--set', 'x.y=1']
+    assert {one.block for one in found} == {0}
+
+
+def test_drawings_are_no_commands():
+    assert commands(PAGE, {'ros2'}) == []

@@ -1,0 +1,30 @@
+"""Wait for an event in a test, and fail with a message when it does not come."""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+LOOK_S = 0.01  # between two looks at the condition
+
+T = TypeVar('T')
+
+
+def until(
+    condition: Callable[[], T],
+    seconds: float,
+    message: str | Callable[[], str],
+    pause: Callable[[], object] = lambda: time.sleep(LOOK_S),
+) -> T:
+    """Call `condition` until it returns something true, and return that.
+
+    `pause` is called between two calls: it sleeps, or lets a node work for a moment. Raises
+    AssertionError with the message after `seconds` of wall time; a message that is a function is
+    called only then, so that it can quote a log.
+    """
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        if time.monotonic() > end:
+            told = message() if callable(message) else message
+            raise AssertionError(f'waited for {seconds:g} s: {told}')
+        pause()
+    return found

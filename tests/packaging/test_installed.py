@@ -1,0 +1,66 @@
+"""Packages that are installed, not worked on: a ring is driven far from the repository."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from installation import PACKAGES, environment, said_by
+from packaging.utils import parse_wheel_filename
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
+WHERE = f'import {", ".join(PACKAGES)}; print(*(p.__file__ for p in ({", ".join(PACKAGES)})))'
+RESOLVED = (
+    'from bags.experiments.processes import resolve; '
+    'print(resolve("vehicle_plant", "plant_node")[0])'
+)
+# the begin of a straight road: a second and a half
+SHORT = (
+    *('straight', '--set', 'plant.stop.x_m=22.0'),
+    *('--set', 'plant.stop.armed_after_m=1.0'),
+)
+
+
+def check_drive(bags, folder, sourced):
+    """Drive with an installed `bags run` and look at what it left."""
+    said_by([*bags, 'run', *SHORT], cwd=folder, env=sourced)
+    out = folder / 'bags/runs/straight'
+    found = json.loads((out / 'comparison.json').read_text())['runs']['mpcc']
+    assert found['ticks'] > 20
+    assert found['fallbacks'] == 0
+    assert (out / 'report.html').is_file()
+    info = said_by([*bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
+    assert '/controller/command' in info
+
+
+def check_place(python, prefix, folder, sourced):
+    """Every package and every node comes from below one folder, and so not from here."""
+    files = said_by([python, '-c', WHERE], cwd=folder, env=sourced).split()
+    node = said_by([python, '-c', RESOLVED], cwd=folder, env=sourced).strip()
+    assert len(files) == len(PACKAGES)
+    for file in (*files, node):
+        assert Path(prefix) in Path(file).parents, file
+
+
+def test_an_environment_of_the_requirements_holds_none_of_our_packages(empty):
+    ours = f'import importlib.util as u; print([n for n in {PACKAGES} if u.find_spec(n)])'
+    assert said_by([empty, '-c', ours], cwd='/', env=environment()).strip() == '[]'
+
+
+def test_there_is_a_wheel_of_every_package_for_every_python(wheels):
+    names = [parse_wheel_filename(wheel.name) for wheel in wheels]
+    assert sorted(name for name, *_ in names) == sorted(n.replace('_', '-') for n in PACKAGES)
+    assert {str(tag) for *_, tags in names for tag in tags} == {'py3-none-any'}
+
+
+def test_a_ring_drives_from_wheels_in_an_empty_environment(installed, tmp_path):
+    prefix = installed.parents[1]
+    check_place(installed, prefix, tmp_path, environment())
+    check_drive([prefix / 'bin/bags'], tmp_path, environment())
+
+
+def test_a_ring_drives_from_what_colcon_installs(colcon, empty, tmp_path):
+    here = [Path(p) for p in colcon['AMENT_PREFIX_PATH'].split(os.pathsep)]
+    (prefix,) = (p for p in here if (p / 'lib/bags/bags').exists())
+    check_place(empty, prefix.parent, tmp_path, colcon)
+    check_drive([prefix / 'lib/bags/bags'], tmp_path, colcon)

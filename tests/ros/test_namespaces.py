@@ -1,0 +1,126 @@
+"""Rings in namespaces: several cars in one ROS domain, each as if it were alone. Real Fast DDS."""
+
+import json
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from rings import ROLES, Ring
+
+from bags import closed_loop
+from bags.experiments import experiment, launch, notes, processes
+from bags.storage import losses, read
+from bags.verdict import compare
+from msgs_yaml import contract
+
+pytestmark = pytest.mark.usefixtures('domain')
+SHORT = {'stop.x_m': 15.0, 'stop.armed_after_m': 1.0}  # about a second of driving
+CARS = {'/car1': {**SHORT, 'start.speed_mps': 15.0}, '/car2': {**SHORT, 'start.speed_mps': 17.0}}
+NUMERIC = (
+    '/vehicle/odometry',
+    '/vehicle/actuators',
+    '/vehicle/imu',
+    '/vehicle/wheels',
+    '/controller/command',
+)
+EQUAL = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles')
+PLANNED = '/controller/prediction'
+
+
+def make(folder, domain, plant, namespace=''):
+    folder.mkdir()
+    ring = Ring(folder, domain, plant=plant)
+    ring.namespace = namespace
+    facts = closed_loop.scenario_facts('straight')
+    read = closed_loop.check_parameters(ring.nodes.values())
+    parameters = experiment.noted(ring.nodes.values(), closed_loop.file_values(read))
+    noted = notes.of(facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters)
+    (folder / launch.NOTES).write_text(json.dumps(noted))
+    return ring
+
+
+def drive(rings):
+    """Start every node of every ring, wait for the plants; return the bags."""
+    for role in ROLES:
+        for ring in rings:
+            ring.start(role)
+    for ring in rings:
+        assert ring.wait('plant') == 0, ring.said('plant')
+    # the last state is answered, too
+    for ring in rings:
+        processes.stop([ring.running['controller'], ring.running['scenario']])
+    return [ring.recorded() for ring in rings]
+
+
+@pytest.fixture(scope='module')
+def together(domain, tmp_path_factory):
+    """The bags of two rings in one domain at once, by their namespace."""
+    folder = tmp_path_factory.mktemp('together')
+    with ExitStack() as both:
+        rings = [
+            both.enter_context(make(folder / namespace.strip('/'), domain, plant, namespace))
+            for namespace, plant in CARS.items()
+        ]
+        return dict(zip(CARS, drive(rings)))
+
+
+@pytest.fixture(scope='module', params=CARS)
+def pair(request, domain, together, tmp_path_factory):
+    """A ring of `together`, and the same ring alone in the root namespace: (namespace, bags)."""
+    folder = tmp_path_factory.mktemp('alone')
+    with make(folder / 'ring', domain, CARS[request.param]) as ring:
+        (alone,) = drive([ring])
+    return request.param, together[request.param], alone
+
+
+def changes(bag, topic):
+    """Return the messages of a topic that are not the one before, byte by byte."""
+    payloads = read.recording(bag, topic).payloads
+    return [data for data, before in zip(payloads, [None, *payloads]) if data != before]
+
+
+def test_each_ring_records_the_same_bits_as_alone_in_the_root(pair):
+    _, beside, alone = pair
+    ours, theirs = read.columns(beside, NUMERIC), read.columns(alone, NUMERIC)
+    for topic in NUMERIC:
+        for name, column in ours[topic]._asdict().items():
+            assert column.tobytes() == getattr(theirs[topic], name).tobytes(), f'{topic} {name}'
+
+
+def test_scenario_and_plans_are_those_of_its_own_ring(pair):
+    _, beside, alone = pair
+    for topic in (*EQUAL, PLANNED):
+        ours, theirs = read.values(beside, topic), read.values(alone, topic)
+        # the first state is repeated until it is answered: how often depends on the wall clock
+        ours, theirs = ({one.stamp_ns: one for one in found} for found in (ours, theirs))
+        assert ours.keys() == theirs.keys(), topic
+        for stamp_ns, one in ours.items():
+            for field, other in zip(one, theirs[stamp_ns]):
+                assert np.array_equal(field, other), topic
+
+
+def test_a_ring_hears_only_its_own_clock_and_health(pair):
+    _, beside, alone = pair
+    assert changes(beside, '/clock') == changes(alone, '/clock')
+    healths = read.values(beside, '/diagnostics')
+    assert len({(one.name, one.stamp_ns) for one in healths}) == len(healths)
+
+
+def test_nothing_is_lost_beside_another_ring(together):
+    for bag in together.values():
+        for topic, text in bag.records[losses.RECORD].items():
+            assert json.loads(text)['lost'] in (0, None), f'{bag.path}: {topic}'
+
+
+def test_a_bag_has_the_names_of_the_contract_and_notes_its_namespace(pair):
+    namespace, beside, alone = pair
+    assert set(beside.recordings) == set(alone.recordings) == set(contract.load().topics)
+    assert beside.run_info['namespace'] == namespace
+    assert alone.run_info['namespace'] == '/'
+
+
+def test_both_bags_can_be_compared(together, tmp_path):
+    folders = [bag.path.parent for bag in together.values()]
+    compare.bags(folders, tmp_path, force=True)
+    compared = json.loads((tmp_path / 'comparison.json').read_text())
+    assert set(compared['runs']) == {'mpcc_car1', 'mpcc_car2'}
