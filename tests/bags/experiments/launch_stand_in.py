@@ -13,6 +13,7 @@ import os
 import signal
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -129,7 +130,9 @@ class Node:
         for number, patience_s in after:
             if self.process.returncode is not None:
                 return
-            self.process.send_signal(number)
+            # Process.send_signal reaps an ended child, whose exit code asyncio then never learns
+            with suppress(ProcessLookupError):
+                os.kill(self.process.pid, number)
             await asyncio.wait([asyncio.create_task(self.process.wait())], timeout=patience_s)
 
 
