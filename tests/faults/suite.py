@@ -7,11 +7,15 @@
 
 Exits with 1 when one ended in another state than expected, too late, with a car that was not OK
 before the fault, with a command that must not be, with a process that hung, or with a bag that
-cannot be read. A run is tried again, once, when it was late and nothing else, and the machine was
-seen to stand still around its fault: a thread on one of its processors, with a priority above the
-nodes', got no turn for 0.04 s of a tenth of a second. Of all faults together two may be tried
-again; the next one that is late has failed. The second try waits until all threads had their turns
-for 2 s, a minute at most. The nodes run with priority too: a busy machine is another fault.
+cannot be read. A run in realtime is tried again, once, when it was late and nothing else, and
+
+- the car was not OK before the fault, so that the run says nothing about the fault, or
+- the machine was seen to stand still around the fault: a thread on one of its processors, with a
+  priority above the nodes', got no turn for 0.04 s of a tenth of a second.
+
+Of all faults together two may be tried again; the next one that is late has failed. The second try
+waits until all threads had their turns for 2 s, a minute at most. The nodes run with priority too:
+a busy machine is another fault.
 
 Rings start, end and are judged beside each other, in two lanes where the user may give real-time
 priority; one drive on the wall clock takes place at a time.
@@ -120,9 +124,11 @@ class Retries:
     def __init__(self, used: int = 0):
         self.left = RETRIES - used
 
-    def grant(self, verdict: Verdict) -> bool:
-        """Tell whether a run is tried again, and count it."""
-        granted = self.left > 0 and verdict.tries == 1 and verdict.late and verdict.disturbed
+    def grant(self, fault: Fault, verdict: Verdict) -> bool:
+        """Tell whether a run is tried again, and count it. In lockstep a drive waits: none is."""
+        excused = fault.mode == 'realtime' and verdict.late
+        excused = excused and (verdict.disturbed or verdict.not_calm)
+        granted = self.left > 0 and verdict.tries == 1 and excused
         self.left -= granted
         return granted
 
@@ -150,7 +156,7 @@ def outcomes(
     to_do = [(fault, out, None) for fault in faults]
     with lanes.Lanes(count) as several:
         for (fault, *_), verdict in several.results(try_once, to_do):
-            if retries.grant(verdict):
+            if retries.grant(fault, verdict):
                 to_do.insert(0, (fault, out, verdict))
             else:
                 yield verdict

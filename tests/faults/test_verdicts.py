@@ -138,8 +138,19 @@ def test_a_run_that_is_late_twice_has_failed(monkeypatch, tmp_path):
     assert (verdict.passed, verdict.tries, len(tried.runs)) == (False, 2, 2)
 
 
-@pytest.mark.parametrize(('mode', 'stall_s'), [('realtime', stalls.STALL_S), ('lockstep', 1.0)])
-@pytest.mark.parametrize('ending', [UNFIT, LATE])
+def test_a_run_that_is_not_ok_before_its_fault_is_tried_once_more_without_a_stall(
+    monkeypatch, tmp_path
+):
+    tried = Tried(monkeypatch, [UNFIT, CALM], 0.0)
+    verdict = attempt('realtime', tmp_path)
+    assert (verdict.passed, verdict.tries, len(tried.runs), tried.waits) == (True, 2, 2, 1)
+    assert verdict.earlier[0] == f'{verdicts.NOT_CALM}: degraded (shifted: late)'
+
+
+@pytest.mark.parametrize(
+    ('ending', 'mode', 'stall_s'),
+    [(LATE, 'realtime', stalls.STALL_S), (LATE, 'lockstep', 1.0), (UNFIT, 'lockstep', 1.0)],
+)
 def test_a_run_that_is_late_without_a_stall_or_in_lockstep_has_failed(
     monkeypatch, tmp_path, ending, mode, stall_s
 ):

@@ -56,6 +56,11 @@ class Verdict(NamedTuple):
         """Whether the machine stood still for longer than the nodes can make up for."""
         return self.stall_s > STALL_S
 
+    @property
+    def not_calm(self) -> bool:
+        """Whether the ring was not OK before the fault: such a run says nothing about the fault."""
+        return any(remark.startswith(f'{NOT_CALM}: ') for remark in self.remarks)
+
 
 def surroundings() -> dict[str, str | float]:
     """Return what a verdict says about code, machine and time."""

@@ -1,6 +1,10 @@
-"""Nodes that are killed in mid-run and started again, each over real Fast DDS."""
+"""Nodes that are killed in mid-run and started again, each over real Fast DDS.
+
+On the wall clock they are killed one after the other in one drive, which the tests share.
+"""
 
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,17 +29,16 @@ HIGHWAY = {
     'friction: 1.0': 'friction: 0.3',
     'progress_m: 60.0, time_s: 10.0': 'progress_m: 3800.0, time_s: 600.0',
 }
-MODES = ['lockstep', pytest.param('realtime', marks=pytest.mark.alone)]
 HOLDS = {'plant': {'command_age_s': 1.0, 'lockstep_timeout_s': 30.0}}
 
 
-@pytest.fixture
-def highway(tmp_path):
+@pytest.fixture(scope='module')
+def highway(tmp_path_factory):
     text = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
     for old, new in HIGHWAY.items():
         assert old in text
         text = text.replace(old, new)
-    file = tmp_path / 'straight.yaml'
+    file = tmp_path_factory.mktemp('highway') / 'straight.yaml'
     file.write_text(text)
     return str(file)
 
@@ -73,72 +76,91 @@ def drives(found):
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize('mode', MODES)
-def test_a_controller_started_again_drives_on(mode, highway, tmp_path, domain):
-    with Ring(tmp_path, domain, mode, highway, **HOLDS) as ring:
+def test_in_lockstep_a_controller_started_again_drives_on(highway, tmp_path, domain):
+    with Ring(tmp_path, domain, 'lockstep', highway, **HOLDS) as ring:
         begin(ring)
         restart(ring, 'controller')
         ring.wait_for('controller', 'started from the actuators', PATIENCE_S)
         found = whys(ring)
     steps = np.diff([one.stamp_ns for one in found])
+    # time waited; what was on its way when the old one died may be missing
     assert (steps > 0).all()
-    if mode == 'realtime':
-        new = int(steps.argmax()) + 1
-        assert drives(found[:new])
-        assert drives(found[new:])
-    else:  # time waited; what was on its way when the old one died may be missing
-        assert set(steps % TICK_NS) == {0}
-        assert np.count_nonzero(steps > TICK_NS) <= 1
-        assert {one.values['rung'] for one in found} == {'solved'}
+    assert set(steps % TICK_NS) == {0}
+    assert np.count_nonzero(steps > TICK_NS) <= 1
+    assert {one.values['rung'] for one in found} == {'solved'}
 
 
-@pytest.mark.parametrize('mode', MODES)
-def test_a_scenario_started_again_is_believed_again(mode, highway, tmp_path, domain):
-    with Ring(tmp_path, domain, mode, highway, **HOLDS) as ring:
+def test_in_lockstep_a_scenario_started_again_is_believed_again(highway, tmp_path, domain):
+    with Ring(tmp_path, domain, 'lockstep', highway, **HOLDS) as ring:
         begin(ring)
         restart(ring, 'scenario')
-        if mode == 'realtime':
-            ring.wait_for('controller', 'every input is back', PATIENCE_S)
-        else:
-            ring.wait_for('plant', 'sending the present state again', PATIENCE_S)
+        ring.wait_for('plant', 'sending the present state again', PATIENCE_S)
         found = whys(ring)
-    stale = [one for one in found if one.values['reason'] == 'obstacles_stale']
-    assert bool(stale) == (mode == 'realtime')
+    assert not any(one.values['reason'] == 'obstacles_stale' for one in found)
 
 
-@pytest.mark.alone
-def test_a_plant_started_again_is_a_new_run(highway, tmp_path, domain):
-    with Ring(tmp_path, domain, 'realtime', highway, **HOLDS) as ring:
+@pytest.fixture(scope='module')
+def realtime(highway, tmp_path_factory, domain):
+    """Return what was recorded of one drive in which every node was started again."""
+    folder = tmp_path_factory.mktemp('restarts')
+    with Ring(folder, domain, 'realtime', highway, **HOLDS) as ring:
         begin(ring)
-        restart(ring, 'plant')
-        ring.wait_for('plant', 'holding the car at its start', PATIENCE_S)
-        whys(ring)
-        x_m = read.columns(read.load(ring.bag), [STATE])[STATE].x_m
-    back = int(np.argmin(np.diff(x_m))) + 1
-    assert x_m[back - 1] > 5.0
-    assert x_m[back] == x_m[0]
-    assert x_m[-1] > x_m[0] + 5.0
-
-
-@pytest.mark.alone
-def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(
-    highway, tmp_path, domain
-):
-    with Ring(tmp_path, domain, 'realtime', highway, **HOLDS) as ring:
-        begin(ring)
+        restart(ring, 'controller')
+        ring.wait_for('controller', 'started from the actuators', PATIENCE_S)
+        ring.hear(WHY, drives, PATIENCE_S)
+        restart(ring, 'scenario')
+        ring.wait_for('controller', 'every input is back', PATIENCE_S)
+        ring.hear(WHY, drives, PATIENCE_S)
         first, node = ring.bag, ring.nodes['recorder']
         written = size(first)
         until(lambda: size(first) > written, PATIENCE_S, 'the recorder closes no chunk')
         restart(ring, 'recorder')
-        assert ring.wait('recorder') != 0
-        assert 'out: ' in ring.said('recorder')
-        ring.bag = tmp_path / 'second'
+        in_use = SimpleNamespace(exit_code=ring.wait('recorder'), log=ring.said('recorder'))
+        ring.bag = folder / 'second'
         ring.nodes['recorder'] = node._replace(parameters=node.parameters | {'out': str(ring.bag)})
         ring.start('recorder')
         ring.wait_for('recorder', WHY, PATIENCE_S)  # the nodes find each other one by one
-        found = whys(ring)
+        ring.hear(WHY, drives, PATIENCE_S)
+        restart(ring, 'plant')
+        ring.wait_for('plant', 'holding the car at its start', PATIENCE_S)
+        second_whys = whys(ring)
+        x_m = read.columns(read.load(ring.bag), [STATE])[STATE].x_m
     repair.repair(first)
-    before = read.values(read.load(first), WHY)
-    assert before[-1].stamp_ns < found[0].stamp_ns
-    assert drives(before)
-    assert drives(found)
+    first_whys = read.values(read.load(first), WHY)
+    return SimpleNamespace(
+        first_whys=first_whys, second_whys=second_whys, second_x_m=x_m, folder_in_use=in_use
+    )
+
+
+@pytest.mark.alone
+def test_a_controller_started_again_drives_on(realtime):
+    steps = np.diff([one.stamp_ns for one in realtime.first_whys])
+    assert (steps > 0).all()
+    new = int(steps.argmax()) + 1
+    assert drives(realtime.first_whys[:new])
+    assert drives(realtime.first_whys[new:])
+
+
+@pytest.mark.alone
+def test_a_scenario_started_again_is_believed_again(realtime):
+    reasons = [one.values['reason'] for one in realtime.first_whys]
+    last = len(reasons) - reasons[::-1].index('obstacles_stale')
+    assert drives(realtime.first_whys[last:])
+
+
+@pytest.mark.alone
+def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(realtime):
+    assert realtime.folder_in_use.exit_code != 0
+    assert 'out: ' in realtime.folder_in_use.log
+    assert realtime.first_whys[-1].stamp_ns < realtime.second_whys[0].stamp_ns
+    assert drives(realtime.second_whys)
+
+
+@pytest.mark.alone
+def test_a_plant_started_again_is_a_new_run(realtime):
+    x_m = realtime.second_x_m
+    back = int(np.argmin(np.diff(x_m))) + 1
+    assert x_m[back - 1] > 5.0
+    # near its first place: the second recorder came when the first car was far away
+    assert x_m[back] < 1.0
+    assert x_m[-1] > x_m[back] + 5.0
