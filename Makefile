@@ -71,10 +71,11 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 demo: setup
 	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
-# one worker per core; worksteal keeps the tests of a folder, which share what is costly, together
-WORKERS ?= auto
+# three workers for two cores: tests of nodes wait half of their time; worksteal keeps the tests of a
+# folder, which share what is costly, together
+WORKERS ?= $(shell expr \( $$(nproc) \* 3 + 1 \) / 2)
 PYTEST := $(BIN)/python -m pytest
-PARALLEL := $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --durations 20
+PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --durations 20
 
 # a ring, a restart, and a recording that is played and recorded again
 SMOKE := tests/ros tests/bags/storage
