@@ -23,7 +23,10 @@ ACTUATORS, ODOMETRY = '/vehicle/actuators', '/vehicle/odometry'
 TOPICS = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles', ACTUATORS, ODOMETRY)
 
 
-@pytest.fixture(scope='module', params=['lockstep', 'realtime'])
+# in realtime with the priority of SCHED_FIFO, where the user may give it
+@pytest.fixture(
+    scope='module', params=['lockstep', pytest.param('realtime', marks=pytest.mark.alone)]
+)
 def driver(request):
     with nodes.running('controller', request.param) as bench, punctual(request.param):
         driver = Driver(bench)
@@ -64,7 +67,7 @@ def tell_hostile(driver, topic, change):
     return answer.outcome if used else SILENT
 
 
-def test_every_valid_situation_is_answered_and_most_by_a_solve(driver, count):
+def test_every_valid_situation_is_answered_and_enough_of_them_by_a_solve(driver, count):
     tried = {SOLVE: 0, FALLBACK: 0}
 
     @FUZZ

@@ -10,6 +10,7 @@ from rings import ROLES, Ring
 from bags.storage import read
 from msgs_yaml import contract, share
 
+pytestmark = pytest.mark.alone
 REFERENCE, OBSTACLES = '/scenario/reference', '/scenario/obstacles'
 # half a metre between poses, of which there are 4,961
 LONG = {

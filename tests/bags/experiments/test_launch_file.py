@@ -21,18 +21,22 @@ from bags.experiments import experiment, run
 from bags.storage import read
 from msgs_yaml import share
 
+NO_DOMAIN = 0  # of shell programs, which talk to nobody
 PATIENCE_S = 240.0  # for what takes seconds on an idle machine
 RUNNER = Path(__file__).with_name('run_launch_file.py')
 
 
 @pytest.fixture
 def launched(tmp_path):
-    """Return launched(domain, name=value, ...): the started launch, killed when the test ends."""
+    """Return launched(number, name=value, ...): the started launch, killed when the test ends.
+
+    The number is that of a ROS domain; it has no effect where shell programs stand for the nodes.
+    """
     started = []
     logs = tmp_path / 'log'
     logs.mkdir()
 
-    def start(domain, **arguments):
+    def start(number=NO_DOMAIN, **arguments):
         given = {'scenario': 'straight', 'out': tmp_path / 'runs', **arguments}
         file = share.path('bags', 'launch', 'closed_loop.launch.py')
         process = subprocess.Popen(
@@ -40,7 +44,7 @@ def launched(tmp_path):
             env={
                 'AMENT_PREFIX_PATH': sys.prefix,
                 **os.environ,
-                'ROS_DOMAIN_ID': str(domain),
+                'ROS_DOMAIN_ID': str(number),
                 'ROS_LOG_DIR': str(logs),
             },
             stdout=(tmp_path / 'output').open('wb'),
@@ -100,10 +104,9 @@ def recorded_bytes(bag):
     return sum(file.stat().st_size for file in bag.glob('*.mcap'))
 
 
-@pytest.mark.ros
 @pytest.mark.timeout(600)
-def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, capsys):
-    assert launched(46).wait(PATIENCE_S) == 0, output(tmp_path)
+def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, domain, capsys):
+    assert launched(domain).wait(PATIENCE_S) == 0, output(tmp_path)
     bag = tmp_path / 'runs/straight/mpcc'
     noted = json.loads(read.load(bag).run_info['parameters'])
     assert sorted(noted) == sorted(experiment.ROLES)
@@ -115,9 +118,10 @@ def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, cap
     assert nodes(tmp_path) == []
 
 
-@pytest.mark.ros
-def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(tmp_path, launched):
-    launch = launched(47, scenario='double_lane_change')
+def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
+    tmp_path, launched, domain
+):
+    launch = launched(domain, scenario='double_lane_change')
     bag = tmp_path / 'runs/double_lane_change/mpcc'
     empty = wait_for(launch, lambda: recorded_bytes(bag))
     wait_for(launch, lambda: recorded_bytes(bag) > empty + 50_000)
@@ -134,7 +138,7 @@ def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(tmp_
 def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, launched, node):
     shell('vehicle_plant/plant_node', WAIT)
     shell(node, 'kill -KILL $$\n')
-    launch = launched(48)
+    launch = launched()
     assert launch.wait(PATIENCE_S) == 1
     assert f'{Path(node).name} ended by SIGKILL' in output(tmp_path)
     assert nodes(tmp_path) == []
@@ -142,7 +146,7 @@ def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, la
 
 def test_a_drive_that_is_not_completed_is_an_error(tmp_path, shell, launched):
     shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}exit {run.NOT_FINISHED}\n')
-    assert launched(48).wait(PATIENCE_S) == 1
+    assert launched().wait(PATIENCE_S) == 1
     assert f'plant_node ended with exit code {run.NOT_FINISHED}' in output(tmp_path)
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
@@ -152,19 +156,19 @@ def test_a_node_that_ends_before_the_plant_is_an_error_whatever_its_exit_code(
 ):
     shell('vehicle_plant/plant_node', WAIT)
     shell('scenario_publisher/scenario_node', 'exit 0\n')
-    assert launched(48).wait(PATIENCE_S) == 1
+    assert launched().wait(PATIENCE_S) == 1
     assert 'scenario_node ended with exit code 0' in output(tmp_path)
 
 
 def test_a_bag_that_is_not_closed_is_an_error(tmp_path, shell, launched):
     shell('bags/recorder_node', re.sub("trap '.*' INT", "trap 'exit 1' INT", RECORD))
-    assert launched(48).wait(PATIENCE_S) == 1
+    assert launched().wait(PATIENCE_S) == 1
     assert 'recorder_node ended with exit code 1' in output(tmp_path)
 
 
 def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
     shell('vehicle_plant/plant_node', f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
-    launch = launched(48)
+    launch = launched()
     wait_for(launch, lambda: 'driving' in output(tmp_path))
     os.killpg(launch.pid, signal.SIGINT)
     assert launch.wait(PATIENCE_S) == 1
@@ -184,7 +188,7 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
 def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(
     tmp_path, shell, launched, wrong, said
 ):
-    assert launched(48, **wrong).wait(PATIENCE_S) == 1
+    assert launched(**wrong).wait(PATIENCE_S) == 1
     assert re.search(said, output(tmp_path)), output(tmp_path)
 
 
@@ -195,13 +199,13 @@ def test_scenario_and_controller_that_do_not_suit_each_other_are_warned_of(
     slow, changed = re.subn('constant_mps: [0-9.]+', 'constant_mps: 1.0', slow)
     assert changed == 1
     (tmp_path / 'slow.yaml').write_text(slow)
-    assert launched(48, scenario=tmp_path / 'slow.yaml').wait(PATIENCE_S) == 0, output(tmp_path)
+    assert launched(scenario=tmp_path / 'slow.yaml').wait(PATIENCE_S) == 0, output(tmp_path)
     assert re.search('warning, mpcc: the scenario asks for 1 m/s', output(tmp_path))
 
 
 def test_an_older_recording_is_not_touched(tmp_path, shell, launched):
     (tmp_path / 'runs/straight/mpcc').mkdir(parents=True)
-    assert launched(48).wait(PATIENCE_S) == 1
+    assert launched().wait(PATIENCE_S) == 1
     assert 'runs/straight/mpcc exists already' in output(tmp_path)
     assert list((tmp_path / 'runs/straight/mpcc').iterdir()) == []
 
@@ -211,7 +215,7 @@ def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, la
     own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
     shell('bags/markers_node', WAIT)
     shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{3%/*}}/run_info.json"\n')
-    assert launched(48, controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
+    assert launched(controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
     said = output(tmp_path)
     assert r'\"safety.obstacle_m\": 0.1' in said
     assert 'OPENBLAS_NUM_THREADS=1' in said

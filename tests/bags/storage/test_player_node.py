@@ -126,6 +126,7 @@ def test_a_bag_is_played_into_the_namespace_of_the_player(
     assert read.run_info(tmp_path / 'inside')['namespace'] == '/car1'
 
 
+@pytest.mark.alone
 def test_messages_are_sent_when_they_were_recorded(
     tmp_path, bag_folder, start_recorder, start_player
 ):

@@ -34,6 +34,7 @@ def publish_until_it_ends(ring, recorder, messages):
     until(lambda: ended() is not None, ENDS_S, 'the recorder goes on', pause=publish)
 
 
+@pytest.mark.alone
 def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_ring, messages):
     recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
     ring.wait_for_recorder()

@@ -63,6 +63,7 @@ def test_publisher_is_counted_and_its_clock_is_kept(bag_folder):
         assert ((age_s > 0.0) & (age_s < 3600.0)).all(), topic
 
 
+@pytest.mark.alone
 def test_realtime_files_messages_under_their_arrival(tmp_path, start_recorder, make_ring, messages):
     recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
     ring.wait_for_recorder()
