@@ -25,6 +25,7 @@ class Line(NamedTuple):
     """What matters of a marker."""
 
     stamp_at: int  # where its stamp begins in the message
+    sec: int  # of its stamp
     stamp_ns: int
     frame: str
     ns: str
@@ -95,7 +96,7 @@ def _line(reader):
     reader.text()  # mesh_file
     reader.skip(reader.count())
     reader.boolean()  # mesh_use_embedded_materials
-    return Line(stamp_at, sec * NS_PER_S + nanosec, frame, ns, kind, action, points)
+    return Line(stamp_at, sec, sec * NS_PER_S + nanosec, frame, ns, kind, action, points)
 
 
 def _has_form(found):
@@ -104,6 +105,7 @@ def _has_form(found):
     first_ns = found[0].stamp_ns
     return sorted(line.ns for line in found) == sorted(SIDES) and all(
         line.stamp_ns == first_ns > 0
+        and line.sec >= 0  # nanoseconds may be more than a second
         and line.frame == topic.frame
         and (line.type, line.action) == (_LINE_STRIP, _ADD)
         and allowed.low <= len(line.points) <= allowed.high

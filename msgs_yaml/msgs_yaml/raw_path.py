@@ -63,9 +63,7 @@ def parts(raw: bytes) -> Parts | None:
 
 def stamps_ns(found: Parts) -> np.ndarray:
     """Return every stamp of a path [ns], shape (n + 1,): that of the message, then of each pose."""
-    first = np.array([found.head['stamp'], found.head['first_stamp']])
-    every = np.concatenate((first, found.rest['stamp']))
-    return every['sec'].astype(np.int64) * NS_PER_S + every['nanosec']
+    return _ns(_stamps(found))
 
 
 def read(raw: bytes) -> Reference | None:
@@ -77,11 +75,15 @@ def read(raw: bytes) -> Reference | None:
     found = parts(raw)
     if found is None or not _has_form(found):
         return None
-    ns = stamps_ns(found)
+    stamps = _stamps(found)
+    ns = _ns(stamps)
     durations_ns = ns[1:] - ns[0]
     poses = np.concatenate((found.head['first_pose'].reshape(1), found.rest['pose']))
     values = dict(zip(_FLOATS, np.ascontiguousarray(poses.view('<f8').reshape(-1, 7).T)))
-    if np.any(ns <= 0) or np.abs(durations_ns).max() >= _EXACT or not _in_range(values):
+    # nanoseconds may be more than a second: the sum can be positive where the seconds are not
+    if np.any(stamps['sec'] < 0) or np.any(ns == 0):
+        return None
+    if np.abs(durations_ns).max() >= _EXACT or not _in_range(values):
         return None
     t = durations_ns / NS_PER_S
     if np.any(np.diff(t) <= 0.0):
@@ -106,6 +108,15 @@ def restamped(raw: bytes, stamp_ns: int) -> bytes:
     for place, shifted in zip(places, np.split(ns, (1, 2))):
         place['sec'], place['nanosec'] = np.divmod(shifted, NS_PER_S)
     return bytes(buffer)
+
+
+def _stamps(found):
+    first = np.array([found.head['stamp'], found.head['first_stamp']])
+    return np.concatenate((first, found.rest['stamp']))
+
+
+def _ns(stamps):
+    return stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
 
 
 def _has_form(found):

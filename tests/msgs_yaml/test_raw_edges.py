@@ -4,12 +4,15 @@ import random
 
 import facts
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from std_msgs.msg import ColorRGBA
 
 from msgs_yaml import decode, encode, facts_node, raw_edges, ros
 from msgs_yaml.decode import DecodeError
 
 TOPIC = raw_edges.TOPIC
+MOST_NS = 2**32 - 1  # that a message can hold beside the seconds
 SHORT = facts.edges(points=3)
 
 
@@ -69,6 +72,25 @@ def test_harmed_bytes_are_read_or_refused_as_their_message_is(seed):
         assert type(found) is DecodeError
     else:
         assert facts.same(found, expected)
+
+
+@settings(deadline=None, derandomize=True)
+@given(
+    sec=st.lists(st.integers(-6, 3), min_size=2, max_size=2),
+    nanosec=st.integers(0, MOST_NS),
+)
+@example(sec=[-1, -1], nanosec=1_500_000_000)
+@example(sec=[1, -1], nanosec=4_000_000_000)
+def test_any_stamp_is_read_or_refused_as_that_of_the_message_is(sec, nanosec):
+    message = encode.road_edges(SHORT)
+    for marker, own in zip(message.markers, sec):
+        marker.header.stamp.sec, marker.header.stamp.nanosec = own, nanosec
+    raw = ros.serialized(message)
+    expected, found = outcome(slowly, raw), raw_edges.read(raw)
+    if isinstance(expected, DecodeError):
+        assert found is None
+    else:
+        assert facts.same(outcome(facts_node.read_edges, raw), expected)
 
 
 @pytest.mark.parametrize(

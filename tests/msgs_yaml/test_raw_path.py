@@ -5,11 +5,14 @@ import random
 import facts
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from msgs_yaml import decode, encode, facts_node, raw_path, ros
 from msgs_yaml.decode import DecodeError
 
 TOPIC = raw_path.TOPIC
+MOST_NS = 2**32 - 1  # that a message can hold beside the seconds
 SHORT = facts.path(poses=4)
 
 
@@ -51,6 +54,26 @@ def test_harmed_bytes_are_read_or_refused_as_their_message_is(seed):
         assert str(found) == str(expected)
     else:
         assert facts.same(found, expected)
+
+
+@settings(deadline=None, derandomize=True)
+@given(
+    sec=st.lists(st.integers(-6, 3), min_size=1, max_size=5),
+    nanosec=st.integers(0, MOST_NS),
+)
+@example(sec=[-1], nanosec=1_500_000_000)
+@example(sec=[1, -1, 3], nanosec=4_000_000_000)
+def test_any_stamp_is_read_or_refused_as_that_of_the_message_is(sec, nanosec):
+    message = encode.reference(SHORT)
+    for k, header in enumerate((message.header, *(one.header for one in message.poses))):
+        header.stamp.sec = sec[min(k, len(sec) - 1)]
+        header.stamp.nanosec = min(nanosec + k, MOST_NS)
+    raw = ros.serialized(message)
+    expected, found = outcome(slowly, raw), raw_path.read(raw)
+    if isinstance(expected, DecodeError):
+        assert found is None
+    else:
+        assert facts.same(outcome(facts_node.read_reference, raw), expected)
 
 
 @pytest.mark.parametrize(
