@@ -84,8 +84,11 @@ def params(
     def source(key):
         return '--set' if key in settings else f'{name}: parameters of the controller'
 
-    given = {key: value for key, value in noted.items() if key not in overrides.COMMON}
-    given = _defaults(noted, name) | _actuators(noted) | given | _other_car(settings) | settings
+    older = _actuators(noted)
+    # the car says the layout, unless it is set: what an older run noted must not hide another car
+    unused = {*overrides.COMMON, *([LAYOUT] if older else [])}
+    given = {key: value for key, value in noted.items() if key not in unused}
+    given = _defaults(noted, name) | older | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)
     known = [parameters.leaves(cls) for cls in classes]
     try:

@@ -291,6 +291,21 @@ def test_a_car_file_replaces_the_car_of_the_run_and_single_settings_win_over_it(
     assert vehicle.car.mass_kg == 1500.0
 
 
+def test_a_new_car_gives_an_older_run_its_drive_layout_too(golden, tmp_path):
+    older = golden('mpcc').run_info
+    assert 'model.drive_front_share' in older['parameters']
+    text = share.config('mpcc_controller', 'car.yaml').read_text()
+    own = tmp_path / 'my_car.yaml'
+    own.write_text(text.replace('drive_front_share: 0.0', 'drive_front_share: 1.0'))
+    for given, used in (
+        ({'car_file': str(own)}, 1.0),
+        ({'car_file': str(own), 'model.drive_front_share': 0.5}, 0.5),
+        ({'car_file': str(own), 'actuators.drive_front_share': 0.3}, 0.3),
+        ({'actuators.drive_front_share': 0.3}, 0.3),
+    ):
+        assert stages.car(*again.params(older, given, 'mpcc')).lambda_d == used
+
+
 @pytest.mark.parametrize('name', ['nosuch.yaml', './nosuch.yaml', 'mpcc.yaml', 1])
 def test_a_car_file_that_cannot_be_used_is_refused_with_its_name(golden, name):
     with pytest.raises(BagError, match=rf'^--set.*car_file.*{name}'):
