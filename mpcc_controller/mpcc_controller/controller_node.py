@@ -57,13 +57,10 @@ class ControllerNode(Node):
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
     def log_cut_limits(self, vehicle):
-        """Log each limit that is cut to what the actuators of the car can do."""
-        for name in limits_in_force.exceeded(self.params, vehicle.actuators):
-            wanted, possible = getattr(self.params.limits, name), getattr(vehicle.actuators, name)
-            self.get_logger().info(
-                f'limits.{name} is {wanted:g}, cut to {possible:g}: the car of '
-                f'{self.params.car_file} does no more'
-            )
+        """Log the limits that are cut to what the actuators of the car can do."""
+        told = limits_in_force.told(self.params, vehicle)
+        if told:
+            self.get_logger().info(told)
 
     def advance(self):
         """Answer the state if everything that the answer needs is there."""

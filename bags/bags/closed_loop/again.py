@@ -97,7 +97,7 @@ def params(
             for cls, own in zip(classes, known)
         ]
         _refuse_unknown(given, known, source)
-        _refuse_impossible(*made, settings)
+        limits_in_force.refuse(*made, dict.fromkeys(settings, '--set'))
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
     return tuple(made)
@@ -121,17 +121,6 @@ def _refuse_unknown(given, known, source):
             hint = closest(key, names)
             raise parameters.ParameterError(
                 f'{source(key)}: {key}: the controller has no such parameter{hint}'
-            )
-
-
-def _refuse_impossible(made, vehicle, settings):
-    """Refuse a limit that was asked for and that the car would cut."""
-    for name in limits_in_force.exceeded(made, vehicle.actuators):
-        if f'limits.{name}' in settings:
-            most = getattr(vehicle.actuators, name)
-            raise parameters.ParameterError(
-                f'--set: limits.{name}: is {settings[f"limits.{name}"]:g}; allowed up to '
-                f'{most:g}, which the car can do (actuators.{name})'
             )
 
 

@@ -15,7 +15,7 @@ from bags.experiments import experiment
 from bags.experiments.experiment import Node, ScenarioFacts
 from bags.storage.recorder_params import RecorderParams
 from bags.verdict import metrics
-from mpcc_controller import car_file
+from mpcc_controller import car_file, limits_in_force
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import overrides, parameters
 from scenario_publisher import scenario
@@ -85,9 +85,14 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     """Read the parameters of scenario, controller, plant and recorder as they will.
 
     Returns by role the parameters and what is read from the file that they name, None where they
-    name none. Raises BagError for what a node refuses.
+    name none. Raises BagError for what a node refuses, and for a limit of the controller that is
+    set beyond what the car can do: it would have no effect.
     """
-    return {node.role: _read(node) for node in nodes if node.executable in READ}
+    read = {node.role: _read(node) for node in nodes if node.executable in READ}
+    for node in nodes:
+        if node.role == 'controller':
+            _refuse_impossible(node, *read[node.role])
+    return read
 
 
 def file_values(read: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, Any]]:
@@ -126,3 +131,10 @@ def _read(node):
     except (parameters.ParameterError, OSError) as error:
         files = ''.join(f' ({file})' for file in node.files)
         raise BagError(f'the {node.role}{files} would not start: {error}') from None
+
+
+def _refuse_impossible(node, params, vehicle):
+    try:
+        limits_in_force.refuse(params, vehicle, node.origins)
+    except parameters.ParameterError as error:
+        raise BagError(str(error)) from None

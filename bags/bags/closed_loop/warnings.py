@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from bags.experiments.experiment import ScenarioFacts
-from mpcc_controller import least_speed
+from mpcc_controller import least_speed, limits_in_force
 from mpcc_controller.parameters import CarParams, ControllerParams
 from vehicle_plant import capability
 from vehicle_plant.parameters import PlantParams
@@ -60,6 +60,7 @@ def of(
         *slow_speeds(START_SLOW, start, least),
         *slow_speeds(DESIRED_SLOW, desired, least),
         *drive_layout(params, vehicle, plant),
+        *filter(None, [limits_in_force.told(params, vehicle)]),
     ]
 
 

@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from bags import closed_loop
+from bags.errors import BagError
 from bags.experiments import experiment
 from msgs_yaml import share
 from scenario_publisher import scenario
@@ -88,3 +89,24 @@ def test_a_plant_with_another_driven_axle_is_named_until_the_controller_knows(to
         {}, gti | {'controller': {'car_file': str(mine), 'model.drive_front_share': 0.5}}
     )
     assert '50% of the drive is at the front axle (model.drive_front_share)' in warning
+
+
+def test_limits_of_a_file_that_the_car_does_not_reach_are_named_with_what_is_in_force(
+    told, tmp_path
+):
+    text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
+    text = text.replace('steer_rate_radps: 0.8', 'steer_rate_radps: 0.349')
+    weak = tmp_path / 'weak.yaml'
+    weak.write_text(text.replace('drive_n: 7000.0', 'drive_n: 4000.0'))
+    (warning,) = told({}, {'controller': {'car_file': str(weak)}})
+    assert warning == (
+        f'the controller may ask for more than the car of car_file {weak} can do; cut: '
+        'limits.steer_rate_radps from 0.524 to 0.349, limits.drive_n from 6000 to 4000'
+    )
+
+
+def test_a_limit_that_is_set_beyond_the_car_is_refused(told):
+    assert told({}, {'controller': {'limits.steer_rate_radps': 0.8}}) == []
+    said = r'^--set controller\.limits\.steer_rate_radps: .* is 0\.81; allowed up to 0\.8, '
+    with pytest.raises(BagError, match=said):
+        told({}, {'controller': {'limits.steer_rate_radps': 0.81}})

@@ -257,6 +257,11 @@ def test_a_tyre_property_file_is_noted_as_the_tyre_that_the_plant_reads(ring, su
         (['--set', 'scenario.speed=24'], 'speed: this node has no such parameter'),
         (['--set', 'scenario.mode=fast'], 'mode: '),
         (['--set', 'controller.car_file=nosuch.yaml'], 'nosuch.yaml'),
+        (
+            ['--set', 'controller.limits.steer_rate_radps=0.9'],
+            '--set controller.limits.steer_rate_radps: limits.steer_rate_radps: is 0.9; allowed up '
+            'to 0.8, which the car can do (actuators.steer_rate_radps)',
+        ),
         (['--controller', 'car'], 'there are frenet, frenet_tuned, mpcc'),
         (['--controller', 'broken.yaml'], 'broken.yaml'),
         (['--out', '/dev/null'], '--out /dev/null: cannot create the folder'),
