@@ -31,7 +31,8 @@ def config(package: str, name: str, holds: str = '') -> Path:
     files of config/ that have the parameter `holds`, by dotted name, or all without one.
     """
     if os.sep in name:
-        given = Path(name).expanduser()
+        # not Path.expanduser, which raises for an unknown user
+        given = Path(os.path.expanduser(name))
         if not given.is_file():
             raise FileNotFoundError(f'there is no file {name} (seen from {Path.cwd()})')
         return given

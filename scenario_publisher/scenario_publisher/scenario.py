@@ -112,7 +112,8 @@ def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
 def _find(wanted):
     is_path = '/' in wanted or os.sep in wanted or wanted.endswith(SUFFIX)
     if is_path:
-        path = Path(wanted).expanduser()
+        # not Path.expanduser, which raises for an unknown user
+        path = Path(os.path.expanduser(wanted))
         if path.is_file():
             return path
     elif wanted in available():

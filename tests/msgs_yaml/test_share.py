@@ -1,5 +1,6 @@
 """Data files are found from the source tree, from a workspace and from a virtual environment."""
 
+import re
 import sys
 
 import pytest
@@ -78,5 +79,6 @@ def test_a_file_that_is_not_there_is_named_with_those_that_are_and_the_form_of_a
     for name in ('b.yaml', ''):
         with pytest.raises(FileNotFoundError, match=rf'config/{name}; it has a.yaml; .*\./{name}'):
             share.config('some_pkg', name)
-    with pytest.raises(FileNotFoundError, match=r'no file \./b\.yaml'):
-        share.config('some_pkg', './b.yaml')
+    for name in ('./b.yaml', '~nosuchuser/b.yaml'):
+        with pytest.raises(FileNotFoundError, match=f'no file {re.escape(name)}'):
+            share.config('some_pkg', name)

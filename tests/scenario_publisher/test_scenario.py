@@ -22,7 +22,10 @@ def test_relative_file_ending_in_yaml_is_a_path(tmp_path, monkeypatch, text):
     assert scenario.load('straight').name == 'straight'
 
 
-@pytest.mark.parametrize('wanted', ['double_lane_chang', 'here/double_lane_chang.yaml', ''])
+@pytest.mark.parametrize(
+    'wanted',
+    ['double_lane_chang', 'here/double_lane_chang.yaml', '~nosuchuser/double_lane_chang.yaml', ''],
+)
 def test_unknown_scenario_is_answered_with_those_that_exist(wanted):
     with pytest.raises(ScenarioError) as caught:
         scenario.load(wanted)

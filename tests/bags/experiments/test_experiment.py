@@ -258,6 +258,10 @@ def test_a_tyre_property_file_is_noted_as_the_tyre_that_the_plant_reads(ring, su
         (['--set', 'scenario.mode=fast'], 'mode: '),
         (['--set', 'controller.car_file=nosuch.yaml'], 'nosuch.yaml'),
         (
+            ['--set', 'controller.car_file=~nosuchuser/car.yaml'],
+            'car_file: there is no file ~nosuchuser/car.yaml',
+        ),
+        (
             ['--set', 'controller.limits.steer_rate_radps=0.9'],
             '--set controller.limits.steer_rate_radps: limits.steer_rate_radps: is 0.9; allowed up '
             'to 0.8, which the car can do (actuators.steer_rate_radps)',
