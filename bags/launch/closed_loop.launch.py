@@ -101,7 +101,7 @@ def start_nodes(context):
     facts = closed_loop.scenario_facts(given['scenario'])
     chosen = experiment.controller(given['controller'])
     bag = Path(given['out'], facts.name, chosen.name).absolute()
-    if bag.exists():
+    if os.path.exists(bag):  # not Path.exists, which raises below a folder that may not be entered
         raise BagError(f'out: {bag} exists already; move it, or name another folder')
     with folders.created(bag.parent, f'out:={given["out"]}'):
         pass  # it can be created, which is what the recorder does

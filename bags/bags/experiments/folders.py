@@ -22,7 +22,8 @@ def created(folder: Path, option: str) -> Iterator[None]:
     Raises BagError when it cannot be created or written to; the message begins with `option`, which
     is what the user gave.
     """
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    # not Path.exists, which raises below a folder that may not be entered
+    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -40,8 +41,8 @@ def created(folder: Path, option: str) -> Iterator[None]:
 
 def _reason(folder, error):
     for path in (folder, *folder.parents):
-        if path.exists() or path.is_symlink():
-            return error.strerror if path.is_dir() else f'{path} is not a folder'
+        if os.path.lexists(path):
+            return error.strerror if os.path.isdir(path) else f'{path} is not a folder'
     return error.strerror
 
 

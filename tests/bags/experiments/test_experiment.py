@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import yaml
+from require import ORDINARY_USER
 from tyre_files import property_file
 
 from bags import cli, closed_loop
@@ -295,6 +296,20 @@ def test_a_folder_without_permission_to_write_is_refused(tmp_path, monkeypatch, 
     assert cli.main(['run', 'straight', '--out', str(tmp_path / 'runs')]) == 1
     assert f'--out {tmp_path}/runs: no permission to write' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.needs('ordinary_user')
+def test_a_folder_below_one_that_may_not_be_entered_is_refused_with_its_option(tmp_path):
+    locked = tmp_path / 'locked'
+    locked.mkdir(mode=0o600)
+    out = locked / 'runs'
+    command = [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', str(out)]
+    done = subprocess.run(
+        [*ORDINARY_USER, *command], capture_output=True, text=True, timeout=60, cwd=tmp_path
+    )
+    assert done.returncode == 1
+    said = f'error: --out {out}: cannot create the folder {out}/straight: Permission denied\n'
+    assert done.stderr == said
 
 
 @pytest.mark.parametrize(
