@@ -26,7 +26,7 @@ from launch_ros.actions import Node
 from bags import closed_loop
 from bags.errors import BagError
 from bags.experiments import experiment, folders, processes, run
-from bags.experiments.launch import DEFAULT_ENVIRONMENT, FIXED_ENVIRONMENT, prepare
+from bags.experiments.launch import DEFAULT_ENVIRONMENT, FIXED_ENVIRONMENT, NOTES, note
 from launch import LaunchDescription
 
 ARGUMENTS = (
@@ -106,12 +106,13 @@ def start_nodes(context):
     with folders.created(bag.parent, f'out:={given["out"]}'):
         pass  # it can be created, which is what the recorder does
     folder = Path(launch_config.log_dir)
-    markers = given['markers'] == 'true'
-    nodes = experiment.nodes(facts, chosen, given['mode'], bag, folder, experiment.NO_OVERRIDES)
-    read = closed_loop.check_parameters(nodes)
+    run_info = folder / NOTES
+    ring = experiment.nodes(facts, chosen, given['mode'], bag, run_info, experiment.NO_OVERRIDES)
+    read = closed_loop.check_parameters(ring)
     warnings = closed_loop.warnings_of(facts, read)
-    file_values = closed_loop.file_values(read)
-    ring = prepare(facts, chosen, given['mode'], bag, folder, file_values, markers=markers)
+    note(facts, chosen, given['mode'], ring, run_info, closed_loop.file_values(read))
+    if given['markers'] == 'true':
+        ring = [experiment.markers(ring), *ring]
     drive = Drive()
     return [
         *(LogInfo(msg=f'warning, {chosen.name}: {text}') for text in warnings),

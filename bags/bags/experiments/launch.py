@@ -20,29 +20,22 @@ DEFAULT_ENVIRONMENT = {
 FIXED_ENVIRONMENT = {'OPENBLAS_NUM_THREADS': '1'}
 
 
-def prepare(
+def note(
     facts: ScenarioFacts,
     chosen: Controller,
     mode: str,
-    bag: Path,
-    folder: Path,
+    ring: Sequence[Node],
+    run_info: Path,
     file_values: Mapping[str, Mapping[str, Any]],
-    overrides: Mapping[str, Mapping[str, Any]] = experiment.NO_OVERRIDES,
-    markers: bool = False,
-) -> list[Node]:
-    """Write the run information to `folder`; return the nodes in the order in which they start.
+) -> None:
+    """Write the run information, which the recorder of the ring stores in its bag.
 
-    The recorder creates `bag` and stores the run information in it: scenario, versions, machine and
-    the parameters of every node, which is what `bags compare` needs. `file_values` is from
-    `closed_loop.file_values`, `overrides` are parameters by role; `markers` adds the node that
-    draws the run for 3D viewers.
+    Scenario, versions, machine and the parameters of every node, which is what `bags compare`
+    needs. `file_values` is from `closed_loop.file_values`.
     """
-    run_info = folder / NOTES
-    ring = experiment.nodes(facts, chosen, mode, bag, run_info, overrides)
     parameters = experiment.noted(ring, file_values)
     noted = notes.of(facts.name, facts.text, chosen.name, mode, parameters)
     run_info.write_text(json.dumps(noted, indent=2))
-    return [experiment.markers(ring), *ring] if markers else ring
 
 
 def plain_ring(

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bags.experiments import launch, processes
+from bags.experiments import experiment, launch, processes
 from bags.experiments.experiment import Controller, ScenarioFacts
 from bags.experiments.folders import LOGS, Workshop
 from bags.experiments.follow import Follower
@@ -68,16 +68,13 @@ def one(
     """
     workshop = Workshop(settings.folder, chosen.name)
     try:
-        ring = launch.prepare(
-            facts,
-            chosen,
-            settings.mode,
-            workshop.bag,
-            workshop.logs,
-            file_values,
-            settings.overrides,
-            settings.markers,
+        run_info = workshop.logs / launch.NOTES
+        ring = experiment.nodes(
+            facts, chosen, settings.mode, workshop.bag, run_info, settings.overrides
         )
+        launch.note(facts, chosen, settings.mode, ring, run_info, file_values)
+        if settings.markers:
+            ring = [experiment.markers(ring), *ring]
         follower = Follower(workshop.bag, facts.path, LOOK_S[settings.mode])
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
     except Interrupted as interrupted:
