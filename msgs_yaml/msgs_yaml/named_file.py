@@ -1,4 +1,4 @@
-"""A file that a parameter of a node names: found, or refused with the name of the parameter."""
+"""A file that a parameter or an option names: found, or refused with the name of what names it."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -147,11 +147,22 @@ def test_a_friction_that_no_road_has_is_refused_with_the_range(tmp_path, capsys,
     assert '--friction: is ' in capsys.readouterr().err
 
 
-def test_car_that_is_not_there_is_named(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ('option', 'known'),
+    [
+        ('--car', 'bmw_330i.yaml, bmw_545i.yaml, vw_gti.yaml'),
+        ('--tyre', 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_book.yaml'),
+    ],
+)
+def test_a_file_that_is_not_there_is_named_with_its_option_and_those_there_are(
+    tmp_path, capsys, option, known
+):
     with pytest.raises(SystemExit) as exit_:
-        identify.main(['--out', str(tmp_path / 'car.yaml'), '--car', 'nobody.yaml'])
+        identify.main(['--out', str(tmp_path / 'car.yaml'), option, 'nobody.yaml'])
     assert exit_.value.code == 1
-    assert 'nobody.yaml' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.startswith(f'identify: {option}: ')
+    assert f'no file config/nobody.yaml; it has {known}; ' in said
 
 
 def test_controller_uses_what_this_plant_gives(tmp_path):

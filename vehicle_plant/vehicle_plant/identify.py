@@ -150,8 +150,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
         manoeuvre = replace(manoeuvre, manoeuvre=options.manoeuvre or manoeuvre.manoeuvre)
-        plant = parameters.load(parameters.config(options.car or parameters.DEFAULT_CAR))
-        plant = replace(plant, tyre=parameters.tyre(options.tyre)) if options.tyre else plant
+        plant = parameters.load(parameters.car_file(options.car or parameters.DEFAULT_CAR, '--car'))
+        if options.tyre:
+            plant = replace(plant, tyre=parameters.tyre(options.tyre, '--tyre'))
         text, figure = identify(plant, options.friction, manoeuvre, noted)
     except (CircleError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')

@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not 0.0 < options.friction <= 2.0:
         parser.error(f'friction is {options.friction}, allowed 0 to 2')
     try:
-        plant = parameters.load(parameters.config(options.car or parameters.DEFAULT_CAR))
+        plant = parameters.load(parameters.car_file(options.car or parameters.DEFAULT_CAR, '--car'))
         case = Case(plant, options.friction, settings.load())
         numbers, figure = perform(options.name, case)
     except (ParameterError, FileNotFoundError, ValueError) as error:

@@ -13,6 +13,7 @@ from vehicle_plant.car import Car, PlantParams
 from vehicle_plant.tyre_set import TyreSet
 
 DEFAULT_CAR = 'bmw_545i.yaml'
+OF_A_CAR, OF_A_TYRE = 'tyre_set', 'reference.FNOMIN'  # a parameter that no other file has
 START_FROM = Choice('reference', 'parameters')  # what start.from may be; the first is the default
 
 
@@ -69,14 +70,14 @@ def config(name: str) -> Path:
         raise ParameterError(str(error)) from None
 
 
-def car_file(name: str) -> Path:
-    """Return the path of the car that `plant_params` names. Raises ParameterError."""
-    return named_file.find('vehicle_plant', 'plant_params', name, 'tyre_set')
+def car_file(name: str, named_by: str = 'plant_params') -> Path:
+    """Return the path of the car that a parameter or option names. Raises ParameterError."""
+    return named_file.find('vehicle_plant', named_by, name, OF_A_CAR)
 
 
-def tyre(name: str) -> TyreSet:
-    """Read a tyre from a .tir or YAML file found by `config`. Raises ParameterError."""
-    return _tyre(config(name))
+def tyre(name: str, named_by: str = 'tyre_set') -> TyreSet:
+    """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
+    return _tyre(named_file.find('vehicle_plant', named_by, name, OF_A_TYRE))
 
 
 def _tyre(path):
@@ -88,8 +89,7 @@ def plant(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantPar
 
     Raises ParameterError; `sources` says by parameter where its value comes from.
     """
-    holds = 'reference.FNOMIN'
-    path = named_file.find('vehicle_plant', 'tyre_set', node.tyre_set, holds, sources)
+    path = named_file.find('vehicle_plant', 'tyre_set', node.tyre_set, OF_A_TYRE, sources)
     return PlantParams(node.car, _tyre(path))
 
 
