@@ -29,7 +29,10 @@ class Cause:
 
 
 class Monitor:
-    """Tells the health of a run: everything that is or was lately wrong, refusals first."""
+    """Tells the health of a run: everything that is or was lately wrong.
+
+    The heaviest first, within a level refusals before late steps.
+    """
 
     def __init__(self, ring: Lockstep | Realtime):
         self._ring = ring
@@ -52,7 +55,7 @@ class Monitor:
         return Health(stamp_ns, NODE, level, message, values)
 
     def _verdict(self, stamp_ns):
-        """Return the level, and every cause that is held, the heaviest first."""
+        """Return the level, and every cause that is held."""
         gone, refused, late = self._causes
         ring, gate = self._ring, self._ring.car.gate
         gone.take(ring.gone, 'no command comes, braking straight', stamp_ns)
