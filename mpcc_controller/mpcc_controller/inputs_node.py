@@ -15,7 +15,7 @@ from msgs_yaml.newest_node import Newest
 from msgs_yaml.publishers_node import Publishers
 from msgs_yaml.refusals import Refusals
 from msgs_yaml.types import Actuators, Obstacles, VehicleState
-from msgs_yaml.wall import Wall
+from msgs_yaml.wall import Spoken, Wall
 
 ACTUATORS = '/vehicle/actuators'
 TOPICS = {
@@ -59,6 +59,7 @@ class Inputs:
         self.actuators_inbox = Newest(node, ACTUATORS)
         self._state_sub = subscriptions[TOPICS[STATE]]
         self.publishers = Publishers(node, subscriptions)
+        self._slow_path = Spoken()
         self._refusals = {topic: Refusals(topic) for topic in (*TOPICS.values(), ACTUATORS)}
 
     def on_reference(self, raw: bytes) -> None:
@@ -146,15 +147,16 @@ class Inputs:
         return ''
 
     def _warn_of_slow_path(self):
-        """Warn of desired speeds at which the controller does not drive."""
+        """Warn of desired speeds at which the controller does not drive; once per change."""
         least = self._controller.params.limits.least_speed_mps
         slowest = float(np.min(self._controller.scene.path.v))
         relation = least_speed.relation(slowest, least, least_speed.DESIRED_MARGIN_MPS)
-        if relation:
-            self._node.get_logger().warning(
-                f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
-                f'limits.least_speed_mps, {least:g} m/s: below that the car brakes to a stop'
-            )
+        told = relation and (
+            f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
+            f'limits.least_speed_mps, {least:g} m/s: below that the car brakes to a stop'
+        )
+        if self._slow_path.is_news(told) and told:
+            self._node.get_logger().warning(told)
 
     def _take(self, name, decoder, raw, setter) -> bool:
         """Tell the controller; log what is wrong with a message, and go on with the one before."""

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -13,10 +14,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from until import until
 
+from mpcc_controller.driving import trigger, watchdog
+from mpcc_controller.driving.health import Monitor
+from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import decode, encode, overrides, ros, spin_node
 from msgs_yaml.parameters import leaves
 from msgs_yaml.types import Actuators, VehicleState
+from msgs_yaml.wall import Wall
 
 pytestmark = pytest.mark.usefixtures('domain')
 START, TICK, MS = 1_000_000_000, 50_000_000, 1_000_000
@@ -255,6 +260,25 @@ def test_speeds_up_to_the_least_one_are_warned_of_once_per_path(ring, process, w
         '/scenario/reference asks for 7.00 m/s, at or just above limits.least_speed_mps, 7 m/s'
     )
     ring.wait_for(lambda: warning in process.text())
+
+
+def test_a_path_as_slow_as_the_one_before_is_not_warned_of_again(ring, shared_controller, world):
+    heard = []
+    node = Node('listener', context=ring.context)
+    node.declare_parameter(overrides.MODE, 'lockstep')
+    node.get_logger = lambda: SimpleNamespace(warning=heard.append)
+    awake = watchdog.make('lockstep', Monitor('controller'), shared_controller.params.ages)
+    inputs = Inputs(node, shared_controller, trigger.Lockstep(0.05), awake, Wall(), lambda: None)
+    try:
+        for speed, shift_m in ((5.0, 0.0), (5.0, 1.0), (5.0, 2.0), (20.0, 0.0), (5.0, 0.0)):
+            path = world.straight(v=speed).reference
+            moved = path._replace(stamp_ns=START, X=path.X + shift_m)
+            inputs.on_reference(ros.serialized(encode.reference(moved)))
+            assert shared_controller.scene.path.arcs.X[0] == shift_m
+    finally:
+        inputs.destroy()
+        node.destroy_node()
+    assert [line.split(' m/s')[0] for line in heard] == 2 * ['/scenario/reference asks for 5.00']
 
 
 def test_the_log_says_how_many_parameters_come_from_which_file(tmp_path):
