@@ -132,9 +132,9 @@ class ControllerNode(Node):
         self.why_pub.publish(encode.why(why))
         self.controller.prepare()
         self.tell(self.watchdog.on_step(why))
-        too_slow = why.values['reason'] == TOO_SLOW
-        if self.stopping.is_news(too_slow) and too_slow:
-            self.get_logger().warning(self.told_too_slow())
+        told = self.told_too_slow() if why.values['reason'] == TOO_SLOW else ''
+        if self.stopping.is_news(told) and told:
+            self.get_logger().warning(told)
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 
@@ -175,11 +175,6 @@ class ControllerNode(Node):
         elif self.trigger.wants_actuators:  # they may come after the state
             self.advance()
         self.say_stale(now_ns)
-
-    def is_blind(self, now_ns):
-        """Tell whether a step is due for a vehicle whose state does not come."""
-        due = self.watchdog.lost(now_ns) and self.trigger.is_next(now_ns)
-        return due and self.inputs.has_vehicle()
 
     def say_stale(self, now_ns):
         """Say which inputs have become too old, and when they are back; once per change."""
