@@ -70,7 +70,7 @@ def _say(console, text):
 
 
 def show(made: Made, console: Console) -> None:
-    """Print the claims, and where everything is."""
+    """Print the claims with why some are not decided, and where everything is."""
     table = Table(title='The claims of the paper', title_justify='left', show_lines=True)
     table.add_column('claim, what the paper says, what comes out here', overflow='fold')
     table.add_column('verdict', no_wrap=True)
@@ -82,6 +82,7 @@ def show(made: Made, console: Console) -> None:
         told = f'[bold]{row["claim"]}[/]\n[dim]paper[/] {paper}\n[dim]ours [/] {ours}'
         table.add_row(told, verdict, escape(row['interval']))
     console.print(table)
+    console.print(claims.undecided(made.rows), markup=False, highlight=False)
     sheet = next(path for path in made.figures if path.suffix == '.png')
     for label, path in (('claims', made.claims), ('figures', sheet)):
         console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

@@ -1,7 +1,9 @@
 """The claims of the paper with their verdicts, as `claims.json` holds them."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
@@ -17,6 +19,10 @@ class Claim(NamedTuple):
     ours: str
     verdict: str  # reproduced, partly, not, not decided here
     cause: str
+    reasons: Mapping[str, str] = MappingProxyType({})  # by the letters behind the verdict
+
+
+TEXTS = tuple(name for name in Claim._fields if name not in Claim._field_defaults)
 
 
 def beside(folder: Path) -> Path | None:
@@ -28,7 +34,7 @@ def beside(folder: Path) -> Path | None:
 def load(file: Path) -> list[Claim]:
     """Read a list of {claim, paper, ours, verdict, cause}; BagError says what is wrong with it.
 
-    Further keys are left alone.
+    `reasons` may be added: what the letters behind a verdict mean. Further keys are left alone.
     """
     try:
         found = json.loads(file.read_text())
@@ -40,10 +46,13 @@ def load(file: Path) -> list[Claim]:
 
 
 def _claim(file, k, one):
-    missing = [key for key in Claim._fields if not isinstance(one, dict) or key not in one]
+    missing = [key for key in TEXTS if not isinstance(one, dict) or key not in one]
     if missing:
         raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
-    return Claim(*(_text(one[key]) for key in Claim._fields))
+    reasons = one.get('reasons', {})
+    if not isinstance(reasons, dict) or not all(isinstance(it, str) for it in reasons.values()):
+        raise BagError(f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}')
+    return Claim(*(_text(one[key]) for key in TEXTS), reasons)
 
 
 def _text(value: Any):

@@ -65,6 +65,7 @@ def html(material: Material) -> str:
         paper_note=table.PAPER_NOTE,
         good=GOOD,
         claims=material.claims,
+        reasons={key: text for one in material.claims for key, text in one.reasons.items()},
         origin=provenance.origin(infos),
         parameters=provenance.parameters(infos),
         bokeh_js='\n'.join(Resources(mode='inline', components=['bokeh']).js_raw),

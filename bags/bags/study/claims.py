@@ -80,10 +80,11 @@ def run(
     text = told(made)
     below = f'{text}\n{_legend(cause_runs or runs)}\n{undecided(made)}'
     paths = tables.write(out, STEM, 'The claims of the paper', made, below, where)
-    # the form in which others read it: a list
-    (out / f'{STEM}.json').write_text(tables.dumped(made))
+    # the form in which others read it: a list, in which each row says its reasons itself
+    listed = [row | {'reasons': reasons([row['verdict']])} for row in made]
+    (out / f'{STEM}.json').write_text(tables.dumped(listed))
     (out / f'{STEM}_provenance.json').write_text(tables.dumped(where))
-    return Claims(made, text, [*paths, out / f'{STEM}_provenance.json'])
+    return Claims(listed, text, [*paths, out / f'{STEM}_provenance.json'])
 
 
 def paired(records: Mapping[str, Sequence[Record]]) -> list[Runs]:

@@ -94,3 +94,6 @@ def test_the_screen_shows_every_claim_with_its_brackets(paper):
     assert '[' in made.rows[0]['interval']
     assert made.rows[0]['interval'].split()[-1] in said
     assert 'sheet.png' in said
+    for row in made.rows:
+        for key, reason in row['reasons'].items():
+            assert f'({key}) {reason}' in said

@@ -49,6 +49,7 @@ def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
     for row in json.loads(CLAIMS_FILE.read_text()):
         reasons = undecided.get(row['key'], '')
         assert row['verdict'] == claim_rules.verdict_of(reasons, row['rule_outcome'])
+        assert row['reasons'] == claim_rules.reasons([row['verdict']])
 
 
 def test_only_what_stands_between_the_comments_changes(tmp_path, claims):

@@ -84,6 +84,17 @@ def test_panels_carry_their_units(runs, accounts):
                 assert len(curve.stamp_ns) == len(curve.values), panel.name
 
 
+def test_what_stands_behind_a_verdict_is_said_once_below_the_claims(material):
+    claim = material.claims[0]
+    open_ = claim._replace(reasons={'a': 'too < easy', 'b': 'tuned'})
+    text = page.html(
+        material._replace(claims=(open_, claim, open_._replace(reasons={'b': 'tuned'})))
+    )
+    assert text.index('</table>', text.index('id="claims"')) < text.index('(a) too &lt; easy')
+    assert text.count('(b) tuned') == 1
+    assert '(a) ' not in page.html(material)
+
+
 def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
     assert claims.beside(tmp_path) is None
     file = tmp_path / claims.FILE
@@ -91,7 +102,15 @@ def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
     file.write_text(json.dumps([one]))
     assert claims.beside(tmp_path) == file
     assert claims.load(file) == [claims.Claim('c', '9', '–', 'not', 'x')]
-    for wrong, said in (('{}', 'must be a list'), ('[{"claim": 1}]', 'lacks paper'), ('[', 'read')):
+    file.write_text(json.dumps([one | {'reasons': {'a': 'easy'}}]))
+    assert claims.load(file)[0].reasons == {'a': 'easy'}
+    for wrong, said in (
+        ('{}', 'must be a list'),
+        ('[{"claim": 1}]', 'lacks paper'),
+        ('[', 'read'),
+        (json.dumps([one | {'reasons': 'easy'}]), 'claim 0: reasons: must be a mapping of texts'),
+        (json.dumps([one | {'reasons': {'a': 1}}]), 'claim 0: reasons: must be a mapping of texts'),
+    ):
         file.write_text(wrong)
         with pytest.raises(BagError, match=said):
             claims.load(file)
