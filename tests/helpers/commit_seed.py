@@ -2,14 +2,15 @@
 
 import os
 import subprocess
+import warnings
 from pathlib import Path
 
 
 def seed(variable: str) -> int:
     """Return the integer in an environment variable; unset, one made from the commit.
 
-    Outside a repository, or without git, it is 0. Raises ValueError for a variable that is no
-    integer.
+    Outside a repository, or without git, it is 0 with a warning. Raises ValueError for a variable
+    that is no integer.
     """
     given = os.environ.get(variable)
     if given:
@@ -23,6 +24,11 @@ def seed(variable: str) -> int:
             check=True,
             timeout=30,
         ).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
+    except (OSError, subprocess.SubprocessError) as error:
+        said = (getattr(error, 'stderr', None) or str(error)).strip()
+        warnings.warn(
+            f'the seed is 0, whatever the commit; git: {said}; another seed with {variable}=N',
+            stacklevel=2,
+        )
         return 0
     return int(head[:8], 16)
