@@ -233,6 +233,8 @@ def _completed(scn, motion):
         return True
     if not np.any((ahead[:-1] < REACHED) & (ahead[1:] >= -REACHED)):
         return False  # never near the line or beyond it, from behind
+    if np.any((np.abs(ahead) < REACHED) & on_road & (travelled > stop.armed_after)):
+        return None  # so near the line on the road that the way of measuring it decides
     if np.ptp(scn.reference.psi) > 1.9 * np.pi:
         return None  # laps: a place has no single distance along them
     path = np.column_stack([scn.reference.X, scn.reference.Y])

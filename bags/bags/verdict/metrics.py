@@ -14,6 +14,7 @@ HARD_BRAKING_N = -1500.0
 NOTICEABLE_M = 0.1  # an excursion below this is tracking, not an overshoot
 BEND_1PM = 1e-3  # the curvature from which a piece of reference is a bend
 REACHED_M = 0.1  # how closely the stop has to be reached
+PASSED_M = 1.0  # two laps pass the stop equally closely, but for the sampling of the path
 
 
 def of(drive):
@@ -102,13 +103,17 @@ def completed(drive, s, finish):
 def stop_station(reference, stop, from_m):
     """Return the station [m] that completes a run: that of the stop, but for REACHED_M.
 
-    The road may pass the stop more than once; the first time beyond `from_m` counts.
+    The road may pass the stop more than once; the first time beyond `from_m` counts. Where it does
+    not pass it again, it is the station at which it passed it.
     """
-    vertex = geometry.arc_length(reference)
+    vertex, place = geometry.arc_length(reference), np.array([stop])
     first = int(np.searchsorted(vertex, from_m - REACHED_M)) - 1
     first = min(max(0, first), len(vertex) - 2)
-    foot = geometry.track(np.array([stop]), reference[first:], judge.AHEAD)
-    return float(vertex[first] + foot.distance[0] - REACHED_M)
+    ahead = geometry.track(place, reference[first:], judge.AHEAD)
+    anywhere = geometry.track(place, reference, judge.AHEAD)
+    if abs(ahead.offset[0]) > abs(anywhere.offset[0]) + PASSED_M:
+        return float(anywhere.distance[0] - REACHED_M)
+    return float(vertex[first] + ahead.distance[0] - REACHED_M)
 
 
 def peak_sideslip(s):

@@ -32,12 +32,12 @@ def beyond_edge(drive, s):
     motion, outline = drive.motion, drive.facts.outline
     k = _every(s.t)
     body = geometry.outline_points(outline, SPACING_M)
-    # from the centre of any circle of the car to the farthest point of its outline
+    # from the centre of gravity to the farthest point of the outline
     reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
-    reach += np.max(np.abs(drive.facts.circles))
+    centre = np.column_stack([motion.x[k], motion.y[k]])
     beyond = np.full(len(k), -np.inf)
     for side, edge in (('left', drive.scene.left), ('right', drive.scene.right)):
-        near = np.flatnonzero(s.v2e[side][k] + drive.facts.vehicle_radius < reach)
+        near = np.flatnonzero(INSIDE[side] * geometry.offset_from_line(centre, edge) < reach)
         if near.size:
             points = geometry.moved(body, *(column[k[near]] for column in motion[1:4]))
             inside = INSIDE[side] * geometry.offset_from_line(points.reshape(-1, 2), edge)

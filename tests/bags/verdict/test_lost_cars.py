@@ -115,6 +115,16 @@ def test_the_inside_of_a_bend_is_left_with_the_middle_of_a_side(make_drive):
     assert metrics.of(drive)['beyond_edge_m'] == pytest.approx(0.2 / np.hypot(1.0, 1.5), abs=0.02)
 
 
+def test_before_its_beginning_an_edge_goes_on_straight(make_drive):
+    # the edges begin 20 m ahead of the car, which is farther than its outline reaches
+    scene = make_drive().scene
+    late = np.array([[20.0, 0.0], [0.0, 0.0]])
+    scene = scene._replace(left=scene.left + late, right=scene.right + late)
+    found = metrics.of(make_drive(scene=scene, y=lambda x: 4.0 * (x < 5.0)))
+    assert found['left_road_at_m'] == 0.0
+    assert found['beyond_edge_m'] == pytest.approx(4.0 + 0.9 - 3.0)
+
+
 def test_who_passes_the_finish_line_beside_the_road_has_not_completed(make_drive):
     found = metrics.of(make_drive(y=lambda x: x / 10.0))
     assert found['completed'] is False

@@ -159,6 +159,21 @@ def test_a_drive_that_starts_beyond_the_finish_line_has_not_reached_it(make_driv
     assert found['verdict'].startswith('started beyond the finish line')
 
 
+def test_a_stop_that_the_last_lap_does_not_pass_again_is_not_reached_at_the_end_of_the_path(
+    make_drive,
+):
+    # one lap and a quarter; the stop lies at a half, the drive begins behind it in the second lap
+    angle = np.linspace(0.0, 2.5 * np.pi, 901)
+    path = 20.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    scene = make_drive().scene._replace(reference=path)
+    driven = make_drive(scene=scene, stop=(0.0, 40.0), armed_after=5.0)
+    phi = np.pi * (1.1 + 1.4 * np.linspace(0.0, 1.0, len(driven.motion.x)))
+    motion = driven.motion._replace(x=20.0 * np.sin(phi), y=20.0 - 20.0 * np.cos(phi))
+    found = metrics.of(driven._replace(motion=motion))
+    assert found['completed'] is False
+    assert found['finish_at_m'] == pytest.approx(20.0 * np.pi, abs=0.2)
+
+
 def test_a_lap_is_complete_only_at_its_end(make_drive):
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     lap = 20.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
