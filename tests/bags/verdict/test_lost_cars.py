@@ -120,9 +120,9 @@ def test_before_its_beginning_an_edge_goes_on_straight(make_drive):
     scene = make_drive().scene
     late = np.array([[20.0, 0.0], [0.0, 0.0]])
     scene = scene._replace(left=scene.left + late, right=scene.right + late)
-    found = metrics.of(make_drive(scene=scene, y=lambda x: 4.0 * (x < 5.0)))
+    found = metrics.of(make_drive(scene=scene, y=lambda x: 2.5 * (x < 5.0)))
     assert found['left_road_at_m'] == 0.0
-    assert found['beyond_edge_m'] == pytest.approx(4.0 + 0.9 - 3.0)
+    assert found['beyond_edge_m'] == pytest.approx(2.5 + 0.9 - 3.0)
 
 
 def test_who_passes_the_finish_line_beside_the_road_has_not_completed(make_drive):
