@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from bags.pictures import palette
-from bags.verdict import geometry
+from bags.verdict import geometry, reported
 from msgs_yaml.parameters import Range
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 
@@ -84,7 +84,7 @@ def vehicle(
     ]
     length, width, full = BAR_M
     for k, axle in enumerate(AXLES):
-        if np.isfinite(friction_use.get(axle, np.nan)):
+        if axle in friction_use:
             use = min(max(friction_use[axle], 0.0), 1.0)
             height = max(use * full, FLAT_M)
             X, Y = _ahead(state, outline.front_m / 2 if axle == 'front' else -outline.rear_m / 2)
@@ -145,8 +145,9 @@ def prediction(plan: Prediction, reference: Reference | None) -> list[Shape]:
 
 
 def friction_use(why: Mapping[str, float | str]) -> dict[str, float]:
-    """Return F / (mu F_z) by axle from the values of /controller/why; empty where not said."""
-    return {axle: why[key] for axle in AXLES if (key := f'friction.{axle}') in why}
+    """Return F / (mu F_z) by axle from the values of /controller/why, where they are finite."""
+    said = {axle: reported.number(why, f'friction.{axle}') for axle in AXLES}
+    return {axle: use for axle, use in said.items() if np.isfinite(use)}
 
 
 def speed_colours(speed: np.ndarray) -> np.ndarray:

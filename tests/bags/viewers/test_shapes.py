@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from bags.viewers import encode, shapes
+from bags.viewers import encode, shapes, stage
 from msgs_yaml import conformance
-from msgs_yaml.types import VehicleState
+from msgs_yaml.types import VehicleState, Why
+
+from .conftest import PARAMS
 
 S = 1_000_000_000
 TOPICS = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
@@ -80,3 +82,11 @@ def test_the_transform_is_the_pose_of_the_car():
     moved = message.transform
     assert (moved.translation.x, moved.translation.y) == (1.5, -2.5)
     assert 2 * math.atan2(moved.rotation.z, moved.rotation.w) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize('said', ['n/a', math.nan, math.inf])
+def test_a_friction_use_that_is_no_number_is_not_drawn(said):
+    drawn = stage.Stage(PARAMS)
+    drawn.take('/controller/why', Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5}))
+    car, _ = drawn.take('/vehicle/odometry', VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0))
+    assert [one.text for one in car.shapes if one.ns == 'use'] == ['rear 0.50']
