@@ -14,6 +14,7 @@ import numpy as np
 
 from bags.replay.topic import Topic
 from bags.storage import read
+from bags.verdict import reported
 from bags.verdict.recorded import LOCKSTEP
 from msgs_yaml.stamp import NS_PER_S
 from msgs_yaml.types import (
@@ -28,6 +29,7 @@ from msgs_yaml.types import (
 )
 
 NS_PER_MS = NS_PER_S // 1000
+LONGEST_MS = 60_000.0  # no part of a tick takes a minute: another program reports more
 STATE, WHY = '/vehicle/odometry', '/controller/why'
 COMMAND, PREDICTION = '/controller/command', '/controller/prediction'
 ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
@@ -100,7 +102,7 @@ def _tick(topics, look, why, begun, place):
         edges=look.latched(topics[EDGES]),
         obstacles=look.current(topics[OBSTACLES]),
         actuators=look.current(topics[ACTUATORS]) if begun else None,
-        acts_ns=why.stamp_ns + round(why.values.get('time.lead_ms', 0.0) * NS_PER_MS),
+        acts_ns=why.stamp_ns + _took_ns(why, 'lead'),
         fault=fault(why),
     )
     return Tick(
@@ -179,15 +181,21 @@ class _Sent:
 def _began_ns(reports, row):
     """Return when a tick began: its report was sent when all the rest was done."""
     why = reports.value(row)
-    took_ms = sum(why.values.get(f'time.{part}_ms', 0.0) for part in ('prepare', 'solve'))
-    return int(reports.sent_ns[row]) - round(took_ms * NS_PER_MS)
+    return int(reports.sent_ns[row]) - _took_ns(why, 'prepare', 'solve')
+
+
+def _took_ns(why, *parts):
+    """Return how long parts of a tick took; what is no time from 0 to LONGEST_MS counts as 0."""
+    ms = (reported.number(why.values, f'time.{part}_ms') for part in parts)
+    return round(sum(one for one in ms if 0.0 <= one <= LONGEST_MS) * NS_PER_MS)
 
 
 def _unrepeated(topic):
     """Yield (row, report) of every report of a tick that is not the one before again."""
     for i, payload in enumerate(topic.payloads):
         report = topic.value(i)
-        if 'reason' in report.values and (not i or payload != topic.payloads[i - 1]):
+        told = isinstance(report.values.get('reason'), str)
+        if told and (not i or payload != topic.payloads[i - 1]):
             yield i, report
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from bags.replay.topic import Topic
 from mpcc_controller import limits_in_force
 from mpcc_controller.parameters import CarParams
 from mpcc_controller.problem import stages
-from msgs_yaml import parameters, share
+from msgs_yaml import encode, parameters, ros, share
 from msgs_yaml.types import Command, Prediction, Why
 
 STAMP = 1_000_000_000
@@ -122,6 +123,38 @@ def test_a_torn_message_of_another_publisher_does_not_end_a_replay(golden, topic
     assert all(feed.same(a.told.reference, b.told.reference) for a, b in zip(found, expected))
     assert [one.told.state for one in found] == [one.told.state for one in expected]
     assert [one.command for one in found] == [one.command for one in expected]
+
+
+def with_report(bag, row, payload):
+    """Return a bag with another report in the place of one."""
+    one = bag.recordings[feed.WHY]
+    payloads = [*one.payloads[:row], payload, *one.payloads[row + 1 :]]
+    return bag._replace(recordings=bag.recordings | {feed.WHY: one._replace(payloads=payloads)})
+
+
+def said(bag, row, **values):
+    """Return a report of a bag as bytes, which says something else under some keys."""
+    one = Topic(bag, feed.WHY).value(row)
+    return ros.serialized(encode.why(one._replace(values=one.values | values)))
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+@pytest.mark.parametrize('time', ['n/a', math.nan, math.inf, -math.inf, 1e300, -1e12, 1e12])
+def test_a_time_that_no_tick_takes_counts_as_none(golden, mode, time):
+    bag = timed_by(golden('mpcc'), mode)
+    times = dict.fromkeys(('time.lead_ms', 'time.prepare_ms', 'time.solve_ms'), time)
+    found = feed.ticks(with_report(bag, 20, said(bag, 20, **times)), 22)
+    assert len(found) == 22
+    assert found[20].told.acts_ns == found[20].stamp_ns
+    assert found[20].told.state == feed.ticks(bag, 22)[20].told.state
+
+
+@pytest.mark.parametrize('reason', [12, 0.5, True])
+def test_a_report_whose_reason_is_no_word_is_that_of_no_tick(golden, reason):
+    bag = timed_by(golden('mpcc'), 'realtime')
+    found = feed.ticks(with_report(bag, 20, said(bag, 20, reason=reason)), 40)
+    expected = feed.ticks(bag, 41)
+    assert [one.why for one in found] == [one.why for one in (*expected[:20], *expected[21:])]
 
 
 def test_two_drives_in_one_bag_are_not_mixed_up(golden):
