@@ -7,7 +7,7 @@ import numpy as np
 
 from bags.storage import losses, read
 from bags.storage.sift import counts, sift
-from bags.verdict import punctuality, timing
+from bags.verdict import answers, punctuality, timing
 from bags.verdict.recorded import DRIVEN
 from msgs_yaml.stamp import NS_PER_S
 
@@ -98,8 +98,9 @@ def _rungs(bag):
 
 
 def _on_last_state(bag, whys):
-    """Count reports on the state that ended the run: it is answered, and is no tick."""
+    """Count answers to the state that ended the run, which is no tick; blind braking is none."""
     if not timing.has(bag, timing.STATE):
         return 0
     last_ns = int(timing.stamps_ns(read.recording(bag, timing.STATE)).max())
-    return sum(why.stamp_ns >= last_ns for why in whys)
+    on_last = (why for why in whys if why.stamp_ns == last_ns)
+    return sum(why.values.get('reason') != answers.BLIND for why in on_last)

@@ -101,3 +101,16 @@ def test_reports_and_ticks_agree_in_what_info_says(make_drive, write_bag, capsys
     assert '100 ticks' in said
     assert '101 reports of the controller, 1 of them on the last state, which is no tick' in said
     assert 'rungs: solved 101' in said
+
+
+def test_braking_without_a_state_is_no_answer_to_the_last_state(make_drive, write_bag, capsys):
+    drive = make_drive()
+    last_ns = int(drive.motion.stamp_ns[-1])
+    ticks = drive.ticks._replace(answered_ns=drive.motion.stamp_ns[::50])
+    blind = {'rung': 'braking', 'reason': 'state_stale'}
+    stamps_ns = [last_ns + k * 50_000_000 for k in range(5)]
+    extra = [(WHY, ns, serialize_message(encode.why(Why(ns, 0, '', blind)))) for ns in stamps_ns]
+    folder = write_bag(drive._replace(ticks=ticks), extra=extra)
+    assert cli.main(['info', str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert '106 reports of the controller, 1 of them on the last state, which is no tick' in said
