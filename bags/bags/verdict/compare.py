@@ -64,15 +64,12 @@ def bags(
         drives[name] = found
         accounts[name] = account.of_bag(bag)
     of_bags = dict(zip(drives, loaded))
+    counts = {name: sift.counts(bag) for name, bag in of_bags.items()}
     faults = {
         'damage': {name: bag.damage for name, bag in of_bags.items() if bag.damage},
-        sift.KEY: {name: _invalid(bag) for name, bag in of_bags.items() if bag.invalid},
+        sift.KEY: {name: found[sift.KEY] for name, found in counts.items() if found},
     }
     return write(drives, out, faults, accounts, claimed)
-
-
-def _invalid(bag):
-    return {topic: one._asdict() for topic, one in bag.invalid.items()}
 
 
 def write(
