@@ -19,12 +19,14 @@ def write(value: float | int | str | bool) -> str:
 
 
 def read(text: str) -> float | int | str | bool:
-    """Return the number or truth that a text spells, else the text."""
+    """Return the number or truth that a text spells, else the text; infinity beyond a float."""
     if text in _TRUTHS:
         return _TRUTHS[text]
     for kind in (int, float):
         try:
-            return kind(text)
-        except ValueError:
+            number = kind(text)
+            float(number)
+        except (ValueError, OverflowError):
             continue
+        return number
     return text

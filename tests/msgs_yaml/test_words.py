@@ -1,5 +1,7 @@
 """What a node tells as text comes back as what it was."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,6 +22,11 @@ def test_numbers_and_truths_survive_to_the_last_bit(value):
 @given(st.text('abc dé_', max_size=10))
 def test_words_survive(text):
     assert words.read(words.write(text)) == text
+
+
+def test_a_number_beyond_all_floats_is_infinite():
+    assert words.read('1' * 400) == math.inf
+    assert words.read('-' + '1' * 400) == -math.inf
 
 
 def test_numpy_numbers_are_written_as_plain_numbers():
