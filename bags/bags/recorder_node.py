@@ -10,8 +10,6 @@ import json
 import signal
 import sys
 import time
-from collections import deque
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -26,9 +24,8 @@ from bags.storage.inbox import CLOCK, LOCKSTEP, ClockError, Filing, bag_topics
 from bags.storage.recorder_params import RecorderParams
 from bags.storage.recording_health import Monitor
 from bags.storage.rosbag2_writer import BagWriter, Split
-from bags.storage.simulated_time import SimulatedTime
-from msgs_yaml import contract, decode, encode, qos, ros, share, spin_node
-from msgs_yaml.checked import DecodeError
+from bags.storage.simulated_time import ClockQueue, SimulatedTime
+from msgs_yaml import contract, encode, qos, ros, share, spin_node
 from msgs_yaml.parameters import ParameterError
 from msgs_yaml.stamp import NS_PER_S
 
@@ -47,12 +44,14 @@ class RecorderNode(Node):
         super().__init__('recorder')
         defaults = share.path('bags', 'config', 'recorder.yaml')
         self.params = ros.declare(self, RecorderParams, defaults)
-        self.time = SimulatedTime(self._listen_to_clock)
+        self.clock_queue = ClockQueue(
+            lambda: _arrived(self.inlets[CLOCK]), lambda stamp_ns: self.time.hear(stamp_ns)
+        )
+        self.time = SimulatedTime(self.clock_queue.listen)
         self.bag, self.filings = self._open(ros.mode(self))
         # a node of its own, which no executor knows: nothing but `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
         self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
-        self.clock_ahead = deque()  # messages of /clock that were taken before their turn
         self.heard, self.warned = set(), set()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if ros.mode(self) != LOCKSTEP:  # there a bag does not depend on how fast this machine is
@@ -119,21 +118,11 @@ class RecorderNode(Node):
         """File every message that has arrived; return how many there were."""
         taken = 0
         for (topic, subscription), filing in zip(self.inlets.items(), self.filings):
-            early = self.clock_ahead if topic == CLOCK else ()
-            while early:
-                filing.put(*early.popleft())
-                taken += 1
-            for message in _arrived(subscription):
+            arrived = self.clock_queue.take() if topic == CLOCK else _arrived(subscription)
+            for message in arrived:
                 filing.put(*message)
                 taken += 1
         return taken
-
-    def _listen_to_clock(self):
-        """Tell the time on /clock by now; its messages are filed when it is their turn."""
-        for message in _arrived(self.inlets[CLOCK]):
-            self.clock_ahead.append(message)
-            with suppress(DecodeError):
-                self.time.hear(decode.stamp_ns_of(message[0]))
 
     def counted(self):
         """Return what is known of the losses of each topic."""
@@ -195,9 +184,12 @@ class RecorderNode(Node):
             time.sleep(self.params.poll_s)
 
     def _complete(self):
-        if not self.exit_code:
-            self.time.end()
-            self.warn_of_stamps()
+        left_out = self.time.end(fell_back=bool(self.exit_code))
+        self.warn_of_stamps()
+        if left_out:
+            self.get_logger().warning(
+                f'{left_out} messages are left out whose stamp fell back before {CLOCK} did'
+            )
         counted = self.counted()
         span = self.bag.close({losses.RECORD: losses.record(counted)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')

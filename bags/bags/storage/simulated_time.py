@@ -1,6 +1,11 @@
 """What time it is in a recording in lockstep: /clock says so, the stamps of other topics do not."""
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import Any
+
+from msgs_yaml.decode import DecodeError, stamp_ns_of
 
 # how far a stamp may be ahead of /clock: the plant sends the states of 50 ms, then the clock
 AHEAD_NS = 1_000_000_000
@@ -66,9 +71,40 @@ class SimulatedTime:
                 else:
                     self._ahead.append((stamp_ns, file))
 
-    def end(self) -> None:
-        """File everything that waits: no more is heard of /clock."""
+    def end(self, fell_back: bool = False) -> int:
+        """File what waits: no more is heard of /clock. Return how many messages are left out.
+
+        Those are, where /clock `fell_back`, the ones that had fallen back before it.
+        """
+        left_out = len(self._waiting) if fell_back else 0
+        if fell_back:
+            self._waiting = []
         self.release()
         ahead, self._ahead = self._ahead, []
         for _, file in ahead:
             file()
+        return left_out
+
+
+class ClockQueue:
+    """Messages of /clock in the order of their arrival, also those that were heard before."""
+
+    def __init__(
+        self, arrived: Callable[[], Iterable[tuple[bytes, Any]]], hear: Callable[[int], None]
+    ):
+        """`arrived` takes messages from the middleware: the bytes come first in each."""
+        self._arrived, self._hear = arrived, hear
+        self._queue = deque()
+
+    def listen(self) -> None:
+        """Hear the time on /clock by now; its messages stay in the queue."""
+        for message in self._arrived():
+            self._queue.append(message)
+            with suppress(DecodeError):
+                self._hear(stamp_ns_of(message[0]))
+
+    def take(self) -> Iterator[tuple[bytes, Any]]:
+        """Yield the messages; whoever files one may listen before the next."""
+        self._queue.extend(self._arrived())
+        while self._queue:
+            yield self._queue.popleft()

@@ -1,11 +1,19 @@
 """The right time, the right count, and no way back."""
 
+from collections import deque
+
 import pytest
 
 from bags.storage.inbox import ClockError, Filing
 from bags.storage.losses import Counter, Losses
 from bags.storage.rosbag2_layout import BagTopic
-from bags.storage.simulated_time import AHEAD_NS, LARGEST_AHEAD, LARGEST_WAIT, SimulatedTime
+from bags.storage.simulated_time import (
+    AHEAD_NS,
+    LARGEST_AHEAD,
+    LARGEST_WAIT,
+    ClockQueue,
+    SimulatedTime,
+)
 
 TOPIC = BagTopic('/t', 'nav_msgs/msg/Odometry', '', '', '')
 CLOCK = BagTopic('/clock', 'rosgraph_msgs/msg/Clock', '', '', '')
@@ -153,6 +161,41 @@ def test_states_of_a_plant_that_was_started_again_are_not_filed(filing, filed, t
     with pytest.raises(ClockError, match='was the plant started again'):
         tick(2 * S)
     assert times(filed) == [5 * S]
+
+
+def test_a_clock_that_falls_back_leaves_out_what_fell_back_before_it_and_nothing_else(
+    filing, filed, tick, time
+):
+    plant, other = filing('lockstep', owns_time=True), filing('lockstep')
+    tick(5 * S)
+    put(plant, 5 * S, S)
+    put(other, WALL_NS, WALL_NS)
+    with pytest.raises(ClockError):
+        tick(S)
+    assert time.end(fell_back=True) == 1
+    assert times(filed) == [5 * S] * 3
+
+
+def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
+    wire, late = deque(message(k * S) for k in (2, 3)), deque([message(4 * S)])
+
+    def arrived():
+        while wire:
+            yield wire.popleft(), 0, 0, None
+        wire.extend(late)  # until somebody looks again
+        late.clear()
+
+    clock = ClockQueue(arrived, lambda stamp_ns: time.hear(stamp_ns))
+    time = SimulatedTime(clock.listen)
+    filings = [
+        Filing(topic, 'lockstep', lambda *row: filed.append(row), time=time)
+        for topic in (TOPIC, CLOCK)
+    ]
+    put(filings[0], WALL_NS)  # waits for the first /clock, and makes it listen for a later one
+    for _ in range(2):
+        for one in clock.take():
+            filings[1].put(*one)
+    assert times(filed)[1:] == [2 * S, 3 * S, 4 * S]
 
 
 def test_what_comes_before_the_clock_is_dated_by_the_clock(filing, filed, tick):

@@ -120,17 +120,26 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
 ):
     recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
     ring.wait_for_recorder()
-    ring.publish_all(messages)
-    time.sleep(0.3)
-    # a plant that is started again: its first states, then its clock
-    ring.publish('/vehicle/odometry', messages['/vehicle/odometry'][0])
+    last = '/diagnostics'
+    ring.publish_all({topic: sent for topic, sent in messages.items() if topic != last})
+    until(lambda: recorder.hears('/clock'), ENDS_S, recorder.said)
+    # a stamp by the wall clock; a plant that is started again: its first state, then its clock
+    late = messages['/controller/command'][0]._replace(stamp_ns=1_700_000_000 * 10**9)
+    ring.publish_all(
+        {'/controller/command': [late], '/vehicle/odometry': messages['/vehicle/odometry'][:1]}
+    )
+    ring.publish_all({last: messages[last]})
+    until(lambda: recorder.hears(last), ENDS_S, recorder.said)
     ring.publish('/clock', messages['/clock'][0])
     code, said = recorder.wait()
     assert code == 1
     last_s, first_s = (messages['/clock'][i] / 1e9 for i in (-1, 0))
     assert f'/clock: the clock jumped backwards from {last_s:.9f} s to {first_s:.9f} s' in said
+    assert '1 messages are left out whose stamp fell back before /clock did' in said
     assert 'Traceback' not in said
-    assert counts(tmp_path / 'bag') == expected(messages)
+    sent = expected(messages)
+    sent['/controller/command'] += 1
+    assert counts(tmp_path / 'bag') == sent
     assert repair.repair(tmp_path / 'bag').intact
 
 
