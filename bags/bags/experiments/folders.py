@@ -69,10 +69,14 @@ class Workshop:
         self.interrupted = scenario_folder / f'{name}.interrupted'
         self.root = Path(tempfile.mkdtemp(prefix=f'.{name}.', dir=scenario_folder))
         self._lock = _lock(self.root)
-        (self.root / MARK).touch()
         self.bag = self.root / name
         self.logs = self.root / LOGS
-        self.logs.mkdir()
+        try:
+            (self.root / MARK).touch()
+            self.logs.mkdir()
+        except OSError:
+            self.discard()
+            raise
 
     @property
     def is_closed(self) -> bool:
@@ -114,15 +118,26 @@ class Workshop:
 
     def _keep(self, place):
         self.logs.rename(self.bag / LOGS)
-        return self._replace(place, self.bag)
+        try:
+            return self._replace(place, self.bag)
+        except OSError:
+            with suppress(OSError):
+                (self.bag / LOGS).rename(self.logs)
+            raise
 
     def _replace(self, place, new):
+        """Put a folder in a place; on an OSError everything is where it was."""
+        # a kill between the two renames leaves the old one where `recover` finds it
+        old = self.root / REPLACED / place.name
         if place.exists():
-            # a kill between the two renames leaves the old one where `recover` finds it
-            old = self.root / REPLACED
-            old.mkdir()
-            place.rename(old / place.name)
-        new.rename(place)
+            old.parent.mkdir(exist_ok=True)
+            place.rename(old)
+        try:
+            new.rename(place)
+        except OSError:
+            if old.exists():
+                old.rename(place)
+            raise
         shutil.rmtree(place / REPLACED, ignore_errors=True)
         (place / MARK).unlink(missing_ok=True)
         self.discard()

@@ -5,12 +5,13 @@ import re
 import time
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.experiments import experiment, launch, processes
 from bags.experiments.experiment import Controller, ScenarioFacts
-from bags.experiments.folders import LOGS, Workshop
+from bags.experiments.folders import Workshop
 from bags.experiments.follow import Follower
 from bags.experiments.interrupt import Interrupt, Interrupted
 from bags.experiments.processes import Process, ProcessError
@@ -63,10 +64,15 @@ def one(
     alone unless the new one is complete. A node that ends early, a run beyond its time limit, a bag
     that is not closed or an exception that nobody expects give an Outcome that is not completed;
     the logs (with the traceback of such an exception) and the recording are then in
-    `<controller>.failed`. After a signal the recording is in `<controller>.interrupted`. Raises
+    `<controller>.failed`. After a signal a complete bag is in `<controller>.interrupted`, one that
+    was not closed in `<controller>.failed`, and nothing is kept where nothing was recorded. Where
+    the disk allows no such move, all stays in a hidden folder, which the Outcome names. Raises
     Interrupted.
     """
-    workshop = Workshop(settings.folder, chosen.name)
+    try:
+        workshop = Workshop(settings.folder, chosen.name)
+    except OSError as error:
+        return Outcome(chosen.name, False, f'no folder for the run: {error}', None)
     try:
         run_info = workshop.logs / launch.NOTES
         ring = experiment.nodes(
@@ -78,13 +84,16 @@ def one(
         follower = Follower(workshop.bag, facts.path, LOOK_S[settings.mode])
         message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
     except Interrupted as interrupted:
-        interrupted.kept = workshop.keep_interrupted()
+        interrupted.kept = workshop.root
+        with suppress(OSError):
+            interrupted.kept = workshop.keep_interrupted()
         raise
     except ProcessError as error:
         return Outcome(chosen.name, False, _set_aside(workshop, str(error)), None)
     except Exception as error:
         # one run must not end those that follow it, nor the comparison of those before
-        (workshop.logs / TRACEBACK).write_text(traceback.format_exc())
+        with suppress(OSError):
+            (workshop.logs / TRACEBACK).write_text(traceback.format_exc())
         message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
         return Outcome(chosen.name, False, _set_aside(workshop, message), None)
     return Outcome(chosen.name, code == FINISHED, message, workshop.final)
@@ -92,9 +101,12 @@ def one(
 
 def _set_aside(workshop, message):
     """Keep what there is of a failed run; return the message with where that is."""
-    recording = workshop.describe_recording()
-    folder = workshop.set_aside()
-    return workshop.after_set_aside(f'{message}\n  {recording}\n  logs: {folder / LOGS}')
+    text = f'{message}\n  {workshop.describe_recording()}\n  logs: {workshop.logs}'
+    try:
+        workshop.set_aside()
+    except OSError as error:
+        return f'{text}\n  left in {workshop.root}: {error}'
+    return workshop.after_set_aside(text)
 
 
 def _drive(ring, settings, workshop, interrupt, progress, follower):

@@ -1,4 +1,6 @@
-"""A ring of shell programs where the nodes are looked for."""
+"""A ring of shell programs where the nodes are looked for, and folders that do not move."""
+
+from pathlib import Path
 
 import pytest
 from shell_ring import NODES
@@ -18,3 +20,20 @@ def prefix(tmp_path, monkeypatch):
         replace(node, script)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
     return replace
+
+
+@pytest.fixture
+def refuse_moves(monkeypatch):
+    """Return refuse(which): folders of which that is true move no more, as another user's do."""
+
+    def refuse(which):
+        rename = Path.rename
+
+        def owned(path, target):
+            if which(path):
+                raise PermissionError(13, 'Permission denied', str(path))
+            return rename(path, target)
+
+        monkeypatch.setattr(Path, 'rename', owned)
+
+    return refuse

@@ -8,6 +8,10 @@ from bags.experiments import folders
 from bags.experiments.folders import Workshop
 
 
+class Killed(BaseException):
+    """Stands for a kill: nobody may catch it."""
+
+
 @pytest.fixture
 def workshop(tmp_path):
     """A workshop with a recorded bag, beside an older one."""
@@ -27,12 +31,12 @@ def kill_at_rename(workshop, monkeypatch, number):
     def last(path, target):
         done.append(path)
         if len(done) == number:
-            raise InterruptedError
+            raise Killed
         return rename(path, target)
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, 'rename', last)
-        with pytest.raises(InterruptedError):
+        with pytest.raises(Killed):
             workshop.keep()
     # the kernel opens the lock of a dead program
     folders.os.close(workshop._lock)
@@ -46,6 +50,33 @@ def test_a_kill_while_a_bag_is_replaced_loses_neither(tmp_path, workshop, monkey
     assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
     assert any(str(workshop.bag) in line for line in said)
     assert any('put back' in line for line in said) == (number == 3)
+
+
+@pytest.mark.parametrize('refused', ['bag', 'final'])
+def test_a_bag_that_cannot_be_put_in_its_place_is_left_whole_with_the_older_one(
+    workshop, refuse_moves, refused
+):
+    (workshop.logs / 'plant_node.log').write_text('said')
+    refuse_moves(lambda path: path == getattr(workshop, refused))
+    for _ in range(2):
+        with pytest.raises(PermissionError):
+            workshop.keep()
+        assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+        assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
+        assert (workshop.logs / 'plant_node.log').read_text() == 'said'
+    folder = workshop.set_aside()
+    assert (folder / 'mpcc/metadata.yaml').read_text() == 'new'
+    assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_folder_that_cannot_be_made_whole_is_not_left_behind(tmp_path, monkeypatch):
+    def full(path, *how, **named):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'touch', full)
+    with pytest.raises(OSError, match='No space left'):
+        Workshop(tmp_path, 'mpcc')
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_in_progress_is_left_alone(tmp_path, workshop):

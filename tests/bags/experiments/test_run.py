@@ -160,6 +160,70 @@ def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
     assert left_over(tmp_path) == []
 
 
+def full_disk(path, text, *how, **named):
+    """Stand for Path.write_text on a disk that is full."""
+    raise OSError(28, 'No space left on device', str(path))
+
+
+def test_a_full_disk_is_the_outcome_of_its_run_and_leaves_nothing_hidden(
+    tmp_path, drive, monkeypatch
+):
+    monkeypatch.setattr(Path, 'write_text', full_disk)
+    outcome = drive()
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert 'No space left on device' in outcome.message
+    assert f'logs: {tmp_path}/runs/mpcc.failed/logs' in outcome.message
+    assert hidden(tmp_path / 'runs') == []
+
+
+def test_a_run_that_cannot_replace_the_older_one_is_kept_as_failed(
+    tmp_path, drive, old_bag, refuse_moves
+):
+    refuse_moves(lambda path: path.name == 'mpcc')
+    outcome = drive()
+    failed = tmp_path / 'runs/mpcc.failed'
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message.startswith('PermissionError: ')
+    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
+    assert (failed / 'mpcc/metadata.yaml').is_file()
+    assert 'finish line crossed' in (failed / 'logs/plant_node.log').read_text()
+    assert (failed / 'logs' / run.TRACEBACK).is_file()
+    assert (old_bag / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_run_that_cannot_be_moved_at_all_says_where_it_was_left(
+    tmp_path, drive, old_bag, refuse_moves
+):
+    refuse_moves(lambda path: 'mpcc' in path.name)
+    outcome = drive()
+    (left,) = hidden(tmp_path / 'runs')
+    folder = tmp_path / 'runs' / left
+    assert f'left in {folder}: ' in outcome.message
+    assert f'recorded until then: {folder}/mpcc\n' in outcome.message
+    assert (folder / 'mpcc/metadata.yaml').is_file()
+    assert (old_bag / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_run_for_which_no_folder_can_be_made_is_an_outcome_too(drive, monkeypatch):
+    def full(*how, **named):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(run.Workshop, '__init__', full)
+    outcome = drive()
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message == 'no folder for the run: [Errno 28] No space left on device'
+
+
+def test_a_signal_ends_a_run_whose_recording_cannot_be_moved(tmp_path, drive, prefix, refuse_moves):
+    prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}kill -INT $PPID\n{WAIT}')
+    refuse_moves(lambda path: path.name == 'mpcc')
+    with pytest.raises(Interrupted) as interrupted:
+        drive()
+    (left,) = hidden(tmp_path / 'runs')
+    assert interrupted.value.kept == tmp_path / 'runs' / left
+    assert (interrupted.value.kept / 'mpcc/metadata.yaml').is_file()
+
+
 @pytest.mark.parametrize('number', SIGNALS)
 def test_a_signal_ends_every_node_and_keeps_the_recording(tmp_path, drive, prefix, old_bag, number):
     # from a node: by then somebody listens for signals, however slow the machine is
