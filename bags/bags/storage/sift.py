@@ -1,5 +1,7 @@
 """Leave out the messages of a bag that break the contract, and say how many there were.
 
+So it is with samples of the car whose stamp is of another time (`in_time`).
+
 Nodes turn such a message down and go on, and so do the tools that read a recording: it may come
 from a publisher that is none of ours, or from a car that did what the contract holds for
 impossible.
@@ -10,9 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.storage import in_range
+from bags.storage import in_range, in_time, stamps
 from bags.storage.decoders import DECODERS, INVALID, value
-from bags.storage.read import Bag, Invalid, Recording
+from bags.storage.inbox import LOCKSTEP
+from bags.storage.read import STATE, Bag, Invalid, Recording
 
 KEY = 'invalid_messages'  # in JSON
 
@@ -27,6 +30,8 @@ class _Judged(NamedTuple):
 def sift(bag: Bag) -> Bag:
     """Return the bag without the messages that break the contract; `Bag.invalid` counts them.
 
+    Samples of the car with a stamp of another time are left out likewise. In lockstep a second
+    state of one stamp stays: it is that of a second ring, for which a reader may refuse the bag.
     Topics that the contract does not know stay as they are, and so does a bag that was sifted.
     """
     if bag.sifted:
@@ -36,6 +41,9 @@ def sift(bag: Bag) -> Bag:
         if name not in DECODERS or not recorded.payloads:
             continue
         values, reasons = _judged(recorded)
+        if name in in_time.TOPICS:
+            keep_twins = name == STATE and bag.run_info.get('mode') == LOCKSTEP
+            reasons |= _foreign(recorded, reasons, keep_twins)
         if values is not None:
             decoded[name] = [values[i] for i in range(len(values)) if i not in reasons]
         if reasons:
@@ -71,6 +79,16 @@ def _judged(recorded) -> tuple[list[Any] | None, dict[int, str]]:
     if in_order.any():
         return None, reasons
     return [known[payload].value for payload in payloads], reasons
+
+
+def _foreign(recorded, reasons, keep_twins):
+    """Return what is wrong with samples of another time among those that obey the contract."""
+    rows = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
+    if not rows.size:
+        return {}
+    stamp_ns = stamps.of(recorded.topic.name, [recorded.payloads[row] for row in rows])
+    found = in_time.foreign(stamp_ns, recorded.log_ns[rows], keep_twins)
+    return {int(rows[k]): reason for k, reason in found}
 
 
 def _value(topic, payload):

@@ -9,6 +9,9 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.verdict.geometry import Outline
+from msgs_yaml.stamp import NS_PER_S
+
+LONGEST_S = 86_400.0  # of a drive
 
 
 class Motion(NamedTuple):
@@ -100,7 +103,8 @@ class Drive(NamedTuple):
 def finite(one: Drive) -> Drive:
     """Return a drive without the samples of car, accelerations and inputs that are not finite.
 
-    Raises BagError when no state of the car is left.
+    Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
+    what is computed every 10 ms takes memory for all of that time.
     """
     found = one._replace(
         motion=_finite(one.motion),
@@ -109,6 +113,13 @@ def finite(one: Drive) -> Drive:
     )
     if not found.motion.stamp_ns.size:
         raise BagError(f'{one.facts.controller}: no state of the car is finite')
+    for columns in (found.motion, found.accelerations, found.inputs):
+        span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
+        if span_s > LONGEST_S:
+            raise BagError(
+                f'{one.facts.controller}: the stamps of the car span {span_s:.0f} s; '
+                f'allowed up to {LONGEST_S:.0f} s'
+            )
     return found
 
 

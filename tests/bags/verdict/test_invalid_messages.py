@@ -15,9 +15,10 @@ from bags.storage import read
 from bags.verdict import compare, metrics, recorded
 from bags.verdict.summary import summary
 from msgs_yaml import encode
-from msgs_yaml.types import VehicleState, Why
+from msgs_yaml.types import Actuators, Imu, VehicleState, Why
 
 STATE, REFERENCE, WHY = '/vehicle/odometry', '/scenario/reference', '/controller/why'
+ACTUATORS, IMU = '/vehicle/actuators', '/vehicle/imu'
 LATER_NS = 9_000_000_000
 
 
@@ -65,6 +66,46 @@ def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_pa
 
 def test_a_clean_bag_has_no_word_about_invalid_messages(make_drive, write_bag):
     assert 'invalid_messages' not in summary(read.load(write_bag(make_drive())))
+
+
+@pytest.mark.parametrize('stamp_ns', [1, 1_700_000_000 * 10**9])
+@pytest.mark.parametrize('topic', [STATE, ACTUATORS, IMU])
+def test_a_sample_with_a_stamp_of_another_time_is_left_out_and_counted(
+    make_drive, write_bag, tmp_path, topic, stamp_ns
+):
+    made = {
+        STATE: encode.odometry(VehicleState(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        ACTUATORS: encode.actuators(Actuators(stamp_ns, 0.3, 0.0, -9e3, 0.0, (0.0,) * 4)),
+        IMU: encode.imu(Imu(stamp_ns, -20.0, 20.0, 0.0)),
+    }
+    drive = make_drive()
+    clean = write_bag(drive, 'clean')
+    folder = write_bag(drive, extra=[(topic, LATER_NS, serialize_message(made[topic]))])
+    found, expected = (metrics.of(recorded.of_bag(read.load(one))) for one in (folder, clean))
+    assert found == expected
+    values = compare.bags([folder], tmp_path / 'out').values
+    assert values['invalid_messages']['mpcc'][topic]['count'] == 1
+    assert 'header.stamp is ' in values['invalid_messages']['mpcc'][topic]['first']
+    assert summary(read.load(folder))['ticks'] == summary(read.load(clean))['ticks']
+
+
+def test_a_second_state_of_a_stamp_is_still_that_of_a_second_ring(make_drive, write_bag):
+    drive = make_drive()
+    twin = VehicleState(int(drive.motion.stamp_ns[50]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    extra = [(STATE, LATER_NS, serialize_message(encode.odometry(twin)))]
+    with pytest.raises(BagError, match=r'unlike messages of one stamp.*two rings'):
+        recorded.of_bag(read.load(write_bag(drive, extra=extra)))
+
+
+@pytest.mark.parametrize('table', ['motion', 'accelerations', 'inputs'])
+def test_a_drive_longer_than_a_day_is_refused_before_it_fills_the_memory(make_drive, table):
+    drive = make_drive()
+    columns = getattr(drive, table)
+    stamp_ns = columns.stamp_ns.copy()
+    stamp_ns[-1] = 1_700_000_000 * 10**9
+    longer = drive._replace(**{table: columns._replace(stamp_ns=stamp_ns)})
+    with pytest.raises(BagError, match=r'span 1699999999 s; allowed up to 86400 s'):
+        metrics.of(longer)
 
 
 @pytest.mark.parametrize('command', ['info', 'timing'])
