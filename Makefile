@@ -23,7 +23,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # wheels, never `setup.py install`: the pip of Debian 12 would put the commands elsewhere
 PIP := $(BIN)/pip --disable-pip-version-check --no-input
-PACKAGES := msgs_yaml scenario_publisher mpcc_controller vehicle_plant bags
+PACKAGES := msgs_yaml node_runtime stage_solver scenario_publisher mpcc_controller vehicle_plant bags experiments
 SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*/__pycache__/*' \
              -not -path '*.egg-info/*' -not -path 'bags/runs/*' 2>/dev/null)
 # a sourced ROS installation and another virtual environment must not leak into this one
@@ -61,7 +61,7 @@ $(VENV)/.requirements: requirements.txt
 
 # --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
 $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
-	@echo "[2/2] Installing the five packages into $(VENV)"
+	@echo "[2/2] Installing the packages into $(VENV)"
 	@rm -rf $(addsuffix /build,$(PACKAGES))
 	@$(PIP) install --use-pep517 --quiet --no-deps --no-build-isolation --force-reinstall \
 	  $(addprefix ./,$(PACKAGES))
@@ -69,7 +69,7 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@touch $@
 
 demo: setup
-	@$(BIN)/bags run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
+	@$(BIN)/experiments run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
 # three workers for two cores: tests of nodes wait half of their time; worksteal keeps the tests of a
 # folder, which share what is costly, together
@@ -93,7 +93,7 @@ SAFE := */gate.py,*/ladder.py,*/braking.py,*/guide.py,*/ages.py,*/wall.py,*/watc
   */vehicle_plant/health.py,*/vehicle_plant/ring.py
 SAFE_TESTS := $(foreach name,gate ladder braking watchdog health,tests/mpcc_controller/driving/test_$(name).py) \
   $(foreach name,gate gate_friction ring plant_health,tests/vehicle_plant/test_$(name).py) \
-  tests/msgs_yaml/test_ages.py tests/msgs_yaml/test_wall.py
+  tests/node_runtime/test_ages.py tests/node_runtime/test_wall.py
 COVER_SAFE := $(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
 coverage: setup
@@ -139,15 +139,15 @@ repeat: setup
 	PYTHON=$(BIN)/python tests/ros/repeat.sh
 
 paper: setup
-	@$(BIN)/bags paper
-	@$(BIN)/bags paper --readme README.md
+	@$(BIN)/experiments paper
+	@$(BIN)/experiments paper --readme README.md
 
 study: setup
-	@$(BIN)/bags study ablation
-	@$(BIN)/bags study limit
+	@$(BIN)/experiments study ablation
+	@$(BIN)/experiments study limit
 
 golden: setup
-	@$(BIN)/bags golden
+	@$(BIN)/experiments golden
 
 identify: setup
 	$(BIN)/identify --out mpcc_controller/config/car.yaml --figure docs/identified_tyres.png

@@ -25,10 +25,8 @@ setup(
         'matplotlib',
         'mcap',
         'numpy',
-        'optuna>=5',
         'pyyaml',
         'rich',
-        'scipy',
         'zstandard',
     ],
     extras_require={'test': ['pytest']},
@@ -37,7 +35,6 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
-        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/viewers', glob('viewers/*')),
         # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
         (f'lib/{NAME}', glob('scripts/*')),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
+from stage_solver.shooting import Bounds, Plan, StageProblem
 
 
 class Judge:

@@ -19,7 +19,7 @@ import rclpy
 from rclpy.context import Context
 from std_msgs.msg import String
 
-from msgs_yaml import leaving, spin_node
+from node_runtime import leaving, spin_node
 
 LEAVE_S = 3.0
 HELD = 9  # exit code

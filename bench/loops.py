@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import yaml
 
-from bags import closed_loop
+from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import parameters, ring, share
+from msgs_yaml import ring, share
 from msgs_yaml.stamp import NS_PER_S
+from node_runtime import parameters
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
@@ -88,9 +89,9 @@ def load_scenario(name: str, speed: float | None) -> Scenario:
 
 
 def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
-    """Drive a scenario to its end, as `bags.closed_loop.run`, and stop to look at every tick."""
+    """Drive a scenario to its end, as `bags.simulation.run`, and stop to look at every tick."""
     car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
-    plant_side = Lockstep(car, RunEnd(closed_loop.stop_params(scn), car.now))
+    plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
     controller.reset(car.actuators)
     controller.set_reference(ring.reference(scn.reference))
     controller.set_edges(scn.edges)

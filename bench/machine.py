@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from msgs_yaml import compiled
+from stage_solver import compiled
 
 GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
 TIMES = Path('/proc/stat')

@@ -14,12 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from bags import closed_loop
+from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import encode, parameters, ring, share
+from msgs_yaml import encode, ring, share
 from msgs_yaml.stamp import NS_PER_S
+from node_runtime import parameters
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.ring import Lockstep
@@ -55,7 +56,7 @@ def laps(controller, scn, plant):
     """Drive the scenario again and again; yield after every answered tick."""
     while True:
         car = Simulator(plant, scn.friction, Start(*scn.start))
-        side = Lockstep(car, RunEnd(closed_loop.stop_params(scn), car.now))
+        side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
         controller.reset(car.actuators)
         controller.set_reference(ring.reference(scn.reference))
         controller.set_edges(scn.edges)

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ('msgs_yaml', 'mpcc_controller', 'vehicle_plant')
+PACKAGES = ('msgs_yaml', 'node_runtime', 'stage_solver', 'mpcc_controller', 'vehicle_plant')
 COPIED = (*PACKAGES, 'tests', 'pyproject.toml')
 LOADED = ('casadi', 'hypothesis', 'numpy', 'pytest')
 TIMEOUT_S = 30.0  # of the tests of one mutant: one that never ends is killed, too

@@ -16,9 +16,9 @@ from tables import Sheet, number
 from variants import OWN
 
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.shooting import Bounds, Plan
-from mpcc_controller.solvers.solver import Solution, StageSolver
+from stage_solver import solver
+from stage_solver.shooting import Bounds, Plan
+from stage_solver.solver import Solution, StageSolver
 
 ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}  # whatever comes of the first step
 # scheme -> (mode, other settings); the first one is what the others are compared with

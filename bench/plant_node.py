@@ -23,8 +23,9 @@ from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, ros, spin_node
+from msgs_yaml import decode, encode
 from msgs_yaml.types import Command
+from node_runtime import ros, spin_node
 
 NS_PER_MS = 1e6
 TICK_S = 0.05

@@ -14,8 +14,8 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import reference
 from mpcc_controller.problem import stages
-from mpcc_controller.solvers.shooting import Bounds, Plan, ProblemError, StageProblem
 from msgs_yaml.types import Obstacle
+from stage_solver.shooting import Bounds, Plan, ProblemError, StageProblem
 
 POP_UP_EVERY = 6  # ticks
 POP_UP_AHEAD_M = (15.0, 40.0)

@@ -117,7 +117,7 @@ def drive(options: argparse.Namespace, folder: Path) -> Path:
     """Drive once; return the bag. Raises CalledProcessError when the run does not complete."""
     file = folder / 'winding.yaml'
     file.write_text(scenario(options.ticks))
-    command = [sys.executable, '-m', 'bags.cli', 'run', str(file), '--mode', 'realtime']
+    command = [sys.executable, '-m', 'experiments.cli', 'run', str(file), '--mode', 'realtime']
     command += ['--controller', options.controller, '--out', str(folder)]
     command += ['--time-limit', str(2 * options.ticks * TICK_S + START_S)]
     command += [part for one in options.settings for part in ('--set', one)]

@@ -27,7 +27,8 @@ from bags.storage import read
 from bags.storage.inbox import bag_topics
 from bags.storage.losses import RECORD
 from bags.storage.rosbag2_writer import BagWriter
-from msgs_yaml import contract, ros, spin_node
+from msgs_yaml import contract
+from node_runtime import ros, spin_node
 
 CHUNK_MS = 400
 MINUTE_MS = 60_000

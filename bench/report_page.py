@@ -9,10 +9,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from bags import closed_loop
 from bags.pictures import palette, panels
 from bags.report import page
 from bags.verdict import judge, metrics
+from experiments import simulation
 
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
 REPEATS = 5
@@ -21,8 +21,7 @@ REPEATS = 5
 def main() -> int:
     """Print median time and size."""
     drives = {
-        name: closed_loop.drive(closed_loop.setup('double_lane_change', name))
-        for name in CONTROLLERS
+        name: simulation.drive(simulation.setup('double_lane_change', name)) for name in CONTROLLERS
     }
     colours = palette.colours(list(drives))
     runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]

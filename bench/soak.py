@@ -32,8 +32,8 @@ from typing import NamedTuple
 import numpy as np
 import realtime
 
-from bags import closed_loop
-from bags.experiments import domain, launch, processes
+from experiments.configuration import inputs
+from experiments.run import domain, launch, processes
 
 LONGEST_DRIVE_MIN = 10.0
 LEAST_MIN, MOST_MIN = 0.1, 600.0
@@ -135,7 +135,7 @@ def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth
     """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
     road = folder / 'road.yaml'
     road.write_text(ROAD)
-    facts = closed_loop.scenario_facts(str(road))
+    facts = inputs.scenario_facts(str(road))
     # other programs may not stop the car: what is asked is what ten minutes leave behind
     wanted = realtime.FIFO if mode == 'realtime' else {}
     given = {role: {'realtime.priority': priority} for role, priority in wanted.items()}

@@ -11,7 +11,7 @@ from rich.progress import Progress
 from tables import Sheet, number
 
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.solvers import solver
+from stage_solver import solver
 
 CACHE = 'MPCC_CACHE_DIR'
 DRY = 1.0  # friction

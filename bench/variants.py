@@ -7,10 +7,10 @@ import numpy as np
 
 from mpcc_controller.driving import chosen, ladder
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.solvers import native, solver
-from mpcc_controller.solvers.nlpsol_solver import NlpsolSolver
-from mpcc_controller.solvers.shooting import Bounds, Plan, StageProblem
-from mpcc_controller.solvers.solver import Solution, SolverOptions, StageSolver
+from stage_solver import native, solver
+from stage_solver.nlpsol_solver import NlpsolSolver
+from stage_solver.shooting import Bounds, Plan, StageProblem
+from stage_solver.solver import Solution, SolverOptions, StageSolver
 
 OWN = 'riccati'
 OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'

@@ -9,9 +9,9 @@ from judge import Judge
 from race import Answer, Task
 from variants import REFERENCE
 
-from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.shooting import Plan, StageProblem
-from mpcc_controller.solvers.solver import SOLVED, SolverOptions
+from stage_solver import solver
+from stage_solver.shooting import Plan, StageProblem
+from stage_solver.solver import SOLVED, SolverOptions
 
 LARGEST_GAP = 1e-4  # of the cost
 LEAST_COST = 1e-2  # gaps are relative to this where the cost is lower: an error of 1/10 tolerance

@@ -12,11 +12,14 @@ setup(
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.solvers': ['riccati_c/*']},
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'casadi>=3.7', 'numpy'],
+    install_requires=[
+        'setuptools',
+        'casadi>=3.7',
+        'numpy',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[

@@ -7,7 +7,7 @@ NAME = 'msgs_yaml'
 setup(
     name=NAME,
     version='0.1.0',
-    description='The contract of every topic, the shared types, and the ROS glue that obeys it.',
+    description='The contract of every topic, and the shared types.',
     license='Apache-2.0',
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',
@@ -15,7 +15,11 @@ setup(
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'numpy', 'pyyaml'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'pyyaml',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[

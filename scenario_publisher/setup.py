@@ -15,7 +15,12 @@ setup(
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'numpy', 'scipy', 'pyyaml'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'pyyaml',
+        'scipy',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[

@@ -5,10 +5,11 @@ import signal
 
 import pytest
 import require
+import straight_drive
 from driven import drive, load
 from once import made_once
 
-from bags.experiments.domain import reserved
+from experiments.run.domain import reserved
 
 # a shell that starts the tests in the background ignores SIGINT, which programs inherit
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -40,7 +41,7 @@ def pytest_runtest_setup(item):
 def dds():
     """Mark what depends on this as `ros`: it starts nodes that talk over Fast DDS.
 
-    Nodes that `bags run` starts get a free domain from it, other ones from the fixture `domain`.
+    Nodes that `experiments run` starts get a free domain from it, other ones from `domain`.
     """
 
 
@@ -53,6 +54,12 @@ def domain(dds):
     with reserved({}) as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(number))
         yield number
+
+
+@pytest.fixture(scope='session')
+def make_drive():
+    """Return a function that makes a Drive, see `straight_drive.drive_of`."""
+    return straight_drive.drive_of
 
 
 @pytest.fixture(scope='session')

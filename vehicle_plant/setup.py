@@ -15,7 +15,13 @@ setup(
     python_requires='>=3.10',
     # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
     # must not pull in the wheels
-    install_requires=['setuptools', 'casadi>=3.7', 'numpy', 'scipy', 'matplotlib'],
+    install_requires=[
+        'setuptools',
+        'casadi>=3.7',
+        'matplotlib',
+        'numpy',
+        'scipy',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     data_files=[

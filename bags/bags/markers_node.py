@@ -11,7 +11,8 @@ from typing import Any
 from rclpy.node import Node
 
 from bags.viewers import encode, shapes, stage
-from msgs_yaml import contract, decode, facts_node, qos, ros, share, spin_node
+from msgs_yaml import contract, decode, share
+from node_runtime import facts_node, qos, ros, spin_node
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -30,9 +30,10 @@ from bags.playback.keyboard import Keyboard
 from bags.playback.pace import Pace
 from bags.storage import read
 from bags.storage.rosbag2_layout import offered
-from msgs_yaml import ros, share, spin_node
-from msgs_yaml.parameters import ParameterError, Range
+from msgs_yaml import share
 from msgs_yaml.stamp import NS_PER_S
+from node_runtime import ros, spin_node
+from node_runtime.parameters import ParameterError, Range
 
 DEPTH = 10  # of a publisher about whose history the bag says nothing
 PAUSE, STEP, QUIT = ' ', 's', 'q'

@@ -18,16 +18,16 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
-from bags.experiments import notes
 from bags.storage import losses
 from bags.storage.inbox import CLOCK, LOCKSTEP, ClockError, Filing, bag_topics
 from bags.storage.recorder_params import RecorderParams
 from bags.storage.recording_health import Monitor
 from bags.storage.rosbag2_writer import BagWriter, Split
 from bags.storage.simulated_time import ClockQueue, SimulatedTime
-from msgs_yaml import contract, encode, qos, ros, share, spin_node
-from msgs_yaml.parameters import ParameterError
+from msgs_yaml import contract, encode, share
 from msgs_yaml.stamp import NS_PER_S
+from node_runtime import provenance, qos, ros, spin_node
+from node_runtime.parameters import ParameterError
 
 LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
 NAMESPACE = 'namespace'  # in the notes of the run; the bag has the names of the contract
@@ -245,7 +245,7 @@ def run_info(path: str, mode: str) -> dict[str, str]:
     A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
     """
     if not path:
-        return notes.surroundings(mode)
+        return provenance.surroundings(mode)
     try:
         read = json.loads(Path(path).read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:

@@ -13,8 +13,9 @@ from bags.viewers import shapes
 from bags.viewers.foxglove_server import PORT, Served, Server, invitation
 from bags.viewers.projector import Projector
 from bags.viewers.stage import STATE, Stage
-from msgs_yaml import contract, decode, qos, ros, share, spin_node
-from msgs_yaml.parameters import ParameterError
+from msgs_yaml import contract, decode, share
+from node_runtime import qos, ros, spin_node
+from node_runtime.parameters import ParameterError
 
 THROTTLE_S = 1.0
 LATCHED = 'transient_local'

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import named_file, parameters
-from msgs_yaml.overrides import NO_SOURCES
+from node_runtime import named_file, parameters
+from node_runtime.overrides import NO_SOURCES
 
 
 def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
@@ -13,7 +13,7 @@ def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> C
 
 
 def read(name: str, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
-    """Read a car; see `share.config` for names and paths.
+    """Read a car; see `named_file.config` for names and paths.
 
     Raises ParameterError for a wrong value and for a file that does not exist; `sources` says by
     parameter where its name comes from.

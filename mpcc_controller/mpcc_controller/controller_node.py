@@ -14,8 +14,9 @@ from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, realtime, ros, share, spin_node, stamp
-from msgs_yaml.wall import Spoken, Wall
+from msgs_yaml import decode, encode, share, stamp
+from node_runtime import realtime, ros, spin_node
+from node_runtime.wall import Spoken, Wall
 
 NAME = 'controller'
 LOOK_S = 0.02  # of wall time, between two looks at who is listening and at what is too old

@@ -10,12 +10,13 @@ from mpcc_controller import least_speed
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.trigger import Lockstep, Realtime
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, Asleep, Awake
-from msgs_yaml import decode, facts_node, repeats, ros
-from msgs_yaml.newest_node import Newest
-from msgs_yaml.publishers_node import Publishers
-from msgs_yaml.refusals import Refusals
+from msgs_yaml import decode, repeats
 from msgs_yaml.types import Actuators, Obstacles, VehicleState
-from msgs_yaml.wall import Spoken, Wall
+from node_runtime import facts_node, ros
+from node_runtime.newest_node import Newest
+from node_runtime.publishers_node import Publishers
+from node_runtime.refusals import Refusals
+from node_runtime.wall import Spoken, Wall
 
 ACTUATORS = '/vehicle/actuators'
 TOPICS = {

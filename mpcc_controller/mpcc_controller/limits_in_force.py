@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
 
 # a limit of the controller and what the car can do have the same name and unit
 SHARED = ('steer_rad', 'steer_rate_radps', 'brake_n', 'drive_n', 'force_rate_nps')

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgs_yaml import ranges
-from msgs_yaml.parameters import Choice, Range
+from node_runtime import ranges
+from node_runtime.parameters import Choice, Range
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""The contract between the nodes: topics, types, conversion, and the ROS glue that obeys it."""
+"""The contract between the nodes: topics, shared types, conversion, checks."""

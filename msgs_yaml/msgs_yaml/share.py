@@ -5,8 +5,6 @@ import os
 import sys
 from pathlib import Path
 
-from msgs_yaml import parameters
-
 
 def path(package: str, *relative: str) -> Path:
     """Return the path of a data file of a package.
@@ -21,34 +19,6 @@ def path(package: str, *relative: str) -> Path:
             return candidate
     places = '\n  '.join(map(str, tried))
     raise FileNotFoundError(f'{"/".join(relative)} of package {package} is in none of\n  {places}')
-
-
-def config(package: str, name: str, holds: str = '') -> Path:
-    """Return the path of a parameter file: a bare name lies in the package's config/.
-
-    A name with a path separator is a path, relative to the working directory or to the home
-    directory (`~`). Raises FileNotFoundError, one line, when there is no such file. It lists the
-    files of config/ that have the parameter `holds`, by dotted name, or all without one.
-    """
-    if os.sep in name:
-        # not Path.expanduser, which raises for an unknown user
-        given = Path(os.path.expanduser(name))
-        if not given.is_file():
-            raise FileNotFoundError(f'there is no file {name} (seen from {Path.cwd()})')
-        return given
-    try:
-        found = path(package, 'config', name)
-    except FileNotFoundError:
-        found = None
-    if found and found.is_file():
-        return found
-    files = sorted(path(package, 'config').glob('*.yaml'))
-    fitting = [one for one in files if not holds or holds in parameters.read_file(one)[0]]
-    known = ', '.join(one.name for one in fitting)
-    raise FileNotFoundError(
-        f'package {package} has no file config/{name}; it has {known}; '
-        f'a file elsewhere needs a path, such as .{os.sep}{name}'
-    )
 
 
 def _roots(package):

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import yaml
 
-from msgs_yaml.parameters import Range
 from msgs_yaml.strict_yaml import Item, YamlError, closest
+from node_runtime.parameters import Range
 
 MAX_ELEMENTS = 100_000
 MAX_SHOWN = 60  # characters of a wrong value that an error repeats

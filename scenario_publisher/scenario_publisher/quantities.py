@@ -2,8 +2,8 @@
 
 from typing import Annotated
 
-from msgs_yaml import ranges
-from msgs_yaml.parameters import Range
+from node_runtime import ranges
+from node_runtime.parameters import Range
 from scenario_publisher.build import Pattern
 
 # coordinates and speeds as wide as topics.yaml lets them through

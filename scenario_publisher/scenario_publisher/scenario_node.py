@@ -5,8 +5,9 @@ import sys
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import contract, decode, encode, raw_edges, raw_path, ros, share, spin_node
-from msgs_yaml.wall import Wall
+from msgs_yaml import contract, decode, encode, raw_edges, raw_path, share
+from node_runtime import ros, spin_node
+from node_runtime.wall import Wall
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
 from scenario_publisher.timeline import NAME, Timeline

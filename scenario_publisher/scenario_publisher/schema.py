@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Literal
 
-from msgs_yaml import ranges
-from msgs_yaml.parameters import Range
+from node_runtime import ranges
+from node_runtime.parameters import Range
 from scenario_publisher.quantities import (
     Coordinate,
     Friction,

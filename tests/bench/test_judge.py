@@ -7,9 +7,9 @@ from judge import Judge
 from race import Answer, Task
 from verdict import DEARER, GOOD, INFEASIBLE, OTHER_MINIMUM, Court, Verdict
 
-from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import SolverOptions
+from stage_solver import solver
+from stage_solver.shooting import Plan
+from stage_solver.solver import SolverOptions
 
 IPOPT = SolverOptions('ipopt', 500, 1e-8, None, compiled=False)
 P = np.ones((5, 1))

@@ -9,7 +9,7 @@ import pytest
 from mpcc_controller.model import tree
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem import mpcc_ocp
-from mpcc_controller.solvers.shooting import ProblemError
+from stage_solver.shooting import ProblemError
 
 
 def arrays(given):

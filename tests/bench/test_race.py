@@ -14,9 +14,9 @@ from loops import Loop
 from race import COLD, FIRST, POP_UP, WARM
 from variants import BASELINE, NATIVE, Variant
 
-from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import FAILED, SOLVED, Solution, SolverOptions
+from stage_solver import solver
+from stage_solver.shooting import Plan
+from stage_solver.solver import FAILED, SOLVED, Solution, SolverOptions
 
 FATROP = SolverOptions('fatrop', 100, 1e-6, None, compiled=False)
 

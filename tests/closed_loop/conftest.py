@@ -5,11 +5,12 @@ from functools import cache
 
 import pytest
 
-from bags import closed_loop
 from bags.verdict import metrics, recorded
+from experiments import simulation
 from mpcc_controller import car_file
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import parameters, share
+from msgs_yaml import share
+from node_runtime import parameters
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 
@@ -29,13 +30,13 @@ class Ring:
 
     def fresh(self, scene, controller):
         """Drive once more, whatever was driven before."""
-        return closed_loop.run(*self.parts(scene, controller), self.plant)
+        return simulation.run(*self.parts(scene, controller), self.plant)
 
     def drive(self, scene, controller):
         """Return the columns of a drive, and the drive as the judge takes it."""
         columns = self.fresh(scene, controller)
         scn, *params = self.parts(scene, controller)
-        notes = closed_loop.run_info(scn, controller, *params, self.plant)
+        notes = simulation.run_info(scn, controller, *params, self.plant)
         return columns, recorded.of(columns, notes, controller)
 
     def ablated(self, scene, controller, **rules):
@@ -43,9 +44,9 @@ class Ring:
         scn, params, vehicle = self.parts(scene, controller)
         changed = dataclasses.replace(params.formulation, **rules)
         parts = scn, dataclasses.replace(params, formulation=changed), vehicle
-        columns = closed_loop.run(*parts, self.plant)
+        columns = simulation.run(*parts, self.plant)
         scn, *params = parts
-        notes = closed_loop.run_info(scn, controller, *params, self.plant)
+        notes = simulation.run_info(scn, controller, *params, self.plant)
         return recorded.of(columns, notes, controller)
 
     def metrics(self, scene, controller):

@@ -31,8 +31,9 @@ from draw_driver import Driver
 from independent_verdict import Body, Motion
 from random_scenarios import Draw
 
-from bags import closed_loop
-from bags.verdict import compare, metrics, recorded
+from bags.report import compare
+from bags.verdict import metrics, recorded
+from experiments import simulation
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
 from vehicle_plant.gate import Gate
@@ -80,12 +81,12 @@ def check(seed: int, index: int, keep: Path | None = None) -> dict[str, Any]:
 
 
 def _driven(one: Draw, file: Path, report: Path | None) -> dict[str, Any]:
-    prepared = closed_loop.setup(str(file), one.controller)
+    prepared = simulation.setup(str(file), one.controller)
     scn = prepared.scn
     scn = scn._replace(start=one.start or scn.start, stop=scn.stop._replace(time=one.time_s))
     name, _, params, vehicle, plant, friction = prepared
-    columns = closed_loop.run(scn, params, vehicle, plant, friction)
-    info = closed_loop.run_info(scn, name, params, vehicle, plant, friction)
+    columns = simulation.run(scn, params, vehicle, plant, friction)
+    info = simulation.run_info(scn, name, params, vehicle, plant, friction)
     drive = recorded.of(columns, info, name)
     found = metrics.of(drive)
     json.dumps(found, allow_nan=False)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bags.errors import BagError
-from bags.paper import point
+from experiments.paper import point
 
 PAPER = Path(__file__).parents[2] / 'paper'
 

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bags import closed_loop
+from experiments.configuration import inputs
 from mpcc_controller.driving import guide
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.solvers.solver import FAILED
 from msgs_yaml import ring as as_received
 from msgs_yaml.stamp import NS_PER_S
 from scenario_publisher import scenario
+from stage_solver.solver import FAILED
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
 
@@ -69,7 +69,7 @@ def parts(ring):
 def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
     """Drive until the end or standstill; commands take hold `late_ms` after their state."""
     car = Simulator(plant, scn.friction, Start(*scn.start))
-    end, outcome = RunEnd(closed_loop.stop_params(scn), car.now), None
+    end, outcome = RunEnd(inputs.stop_params(scn), car.now), None
     controller.reset(car.actuators)
     assert not controller.set_reference(as_received.reference(scn.reference))
     assert not controller.set_edges(scn.edges)

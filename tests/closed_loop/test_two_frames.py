@@ -16,9 +16,9 @@ from mpcc_controller.path import reference, road
 from mpcc_controller.path.distance import CENTRE_ROUNDING
 from mpcc_controller.problem import formulation, stages
 from mpcc_controller.problem.stages import Scene
-from mpcc_controller.solvers.shooting import Plan
 from msgs_yaml import ring as ring_values
 from scenario_publisher import scenario
+from stage_solver.shooting import Plan
 
 RADIUS, STATION, N = 20.0, 62.83, 50  # m of circle_20m.yaml; stages
 

@@ -17,14 +17,14 @@ from fenced import Command, commands
 from tyre_files import property_file
 from until import until
 
-from bags.experiments import domain
+from experiments.run import domain
 from msgs_yaml import share
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(900, func_only=True)]
 ROOT = Path(__file__).parents[2]
 README = (ROOT / 'README.md').read_text()
 BIN = Path(sys.prefix, 'bin')
-OURS = {'bags', 'identify', 'manoeuvre'}
+OURS = {'bags', 'experiments', 'identify', 'manoeuvre'}
 NODES = {'scenario_node', 'mpcc_node', 'frenet_node', 'recorder_node', 'plant_node', 'player_node'}
 SHELL = {'cd', 'export', 'git', 'make', 'pip', 'python', 'python3', 'ros2', 'source', 'sudo'}
 COMMANDS = commands(README, OURS | NODES | SHELL)
@@ -84,7 +84,7 @@ class Home:
         """Return a recording of README.md, driven where it is not there yet."""
         folder = self.folder / 'bags/runs' / scenario / controller
         if not folder.exists() and controller != 'by_hand':
-            self.run('bags', 'run', scenario, '--controller', controller)
+            self.run('experiments', 'run', scenario, '--controller', controller)
         return folder
 
 
@@ -223,18 +223,18 @@ class Rule(NamedTuple):
 
 RULES = [
     Rule(r'make ', makes),
-    Rule(r'bags run .*--mode realtime', drives_on_the_wall_clock),
-    Rule(r'bags run ', drives),
+    Rule(r'experiments run .*--mode realtime', drives_on_the_wall_clock),
+    Rule(r'experiments run ', drives),
     Rule(r'bags compare ', compares),
     Rule(r'bags distances ', measures_distances),
     Rule(r'bags play .*--rate ', plays),
     Rule(r'bags view (?!.*--live)', serves),
-    Rule(r'bags replay-check ', says('the same in ')),
-    Rule(r'bags resolve .*--tick .*--set ', says('solved again: ', 'changed: ')),
+    Rule(r'experiments replay-check ', says('the same in ')),
+    Rule(r'experiments resolve .*--tick .*--set ', says('solved again: ', 'changed: ')),
     Rule(r'bags info ', says('/vehicle/odometry', 'lockstep')),
     Rule(r'bags timing ', says('transport', 'solve')),
-    Rule(r'bags tune ', tunes),
-    Rule(r'bags study distributions', studies),
+    Rule(r'experiments tune ', tunes),
+    Rule(r'experiments study distributions', studies),
     Rule(r'bags repair ', repairs),
     Rule(r'manoeuvre --list', says('step_steer')),
     Rule(r'manoeuvre .*--out ', writes('--out')),
@@ -262,7 +262,9 @@ def test_every_command_of_the_readme_runs(command, home):
 
 
 def test_the_readme_has_commands():
-    assert {'run', 'compare', 'info'} <= {c.words[1] for c in RUNNABLE if c.words[0] == 'bags'}
+    assert {('experiments', 'run'), ('bags', 'compare'), ('bags', 'info')} <= {
+        tuple(c.words[:2]) for c in RUNNABLE
+    }
     assert len({command.block for command in RECIPE}) == 1
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
-from msgs_yaml import decode, spin_node
+from msgs_yaml import decode
+from node_runtime import spin_node
 
 
 class Spoilt:

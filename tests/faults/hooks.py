@@ -6,7 +6,8 @@ from pathlib import Path
 
 from catalogue import HERE, Fault
 
-from bags.experiments import experiment, processes
+from experiments.configuration import experiment
+from node_runtime import executables
 
 HARMED, SOUND = '/harmed', '/sound'  # put before the names of topics
 HEARS = {  # who is told the harmed messages
@@ -68,7 +69,7 @@ def command(fault: Fault, node: experiment.Node) -> list[str]:
     """Return the program of a node."""
     if fault.does == 'fail_ticks' and node.role == 'controller':
         return [sys.executable, str(HERE / 'failing_node.py'), str(FROM_TICK), str(fault.to)]
-    return processes.resolve(node.package, node.executable)
+    return executables.resolve(node.package, node.executable)
 
 
 class MachineClock:

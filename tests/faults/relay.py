@@ -25,8 +25,9 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
 from bags.storage import stamps
-from msgs_yaml import contract, qos, realtime, ros, spin_node
+from msgs_yaml import contract
 from msgs_yaml.decode import DecodeError
+from node_runtime import qos, realtime, ros, spin_node
 
 BEGIN = '/controller/command'
 MORE = ('/controller/prediction', '/controller/why')

@@ -14,10 +14,10 @@ from catalogue import ROLES, Fault
 from stalls import Stalls
 from states import BEFORE_NS
 
-from bags import closed_loop
-from bags.experiments import launch, processes
-from bags.experiments.processes import Process
-from msgs_yaml import leaving
+from experiments.configuration import inputs
+from experiments.run import launch, processes
+from experiments.run.processes import Process
+from node_runtime import leaving
 
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.01
@@ -57,7 +57,7 @@ class Ring:
         folder.mkdir(parents=True)
         scenario = folder / 'road.yaml'
         scenario.write_text(yaml.safe_dump(fault.scenario))
-        facts = closed_loop.scenario_facts(str(scenario))
+        facts = inputs.scenario_facts(str(scenario))
         self.bag = self.witness = folder / launch.BAG
         self.go = folder / 'go'
         given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}

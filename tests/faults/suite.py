@@ -46,8 +46,9 @@ from ring import Evidence
 from verdicts import NOT_CALM, TOO_LATE, Verdict
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.experiments import domain, notes
 from bags.storage import read, repair
+from experiments.run import domain
+from node_runtime import provenance
 
 RETRIES = 2  # of all faults together
 HEAD = f'{"fault":<32} {"expected":<9} {"found":<9} {"after":>6} {"bound":>6}  remarks'
@@ -171,7 +172,7 @@ def attempt(fault: Fault, out: Path, retries: Retries) -> Verdict:
 def run(faults: list[Fault], out: Path, count: int = 1) -> list[Verdict]:
     """Try what was not tried on this commit, in `count` lanes; print a line about each."""
     print(HEAD, flush=True)
-    kept, commit = out / verdicts.KEPT, notes.commit()
+    kept, commit = out / verdicts.KEPT, provenance.commit()
     found = verdicts.load(kept) if kept.is_file() else {}
     known = {name: one for name, one in found.items() if verdicts.is_known(one, commit)}
     for fault in faults:

@@ -6,7 +6,7 @@ import catalogue
 import pytest
 from ring import Ring
 
-from bags.experiments import domain
+from experiments.run import domain
 
 pytestmark = pytest.mark.ros
 PATIENCE_S = 40.0

@@ -211,8 +211,8 @@ def test_of_all_faults_together_two_are_tried_again_and_the_third_that_is_late_f
 def test_a_suite_that_goes_on_has_no_more_tries_than_one_that_was_not_interrupted(
     monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(suite.notes, 'commit', lambda: 'a' * 40)
-    monkeypatch.setattr(verdicts.notes, 'commit', lambda: 'a' * 40)
+    monkeypatch.setattr(suite.provenance, 'commit', lambda: 'a' * 40)
+    monkeypatch.setattr(verdicts.provenance, 'commit', lambda: 'a' * 40)
     faults = faults_of('realtime')[:3]
     Tried(monkeypatch, [LATE, CALM, LATE, CALM], STALL_S)
     assert [one.tries for one in suite.run(faults[:2], tmp_path)] == [2, 2]
@@ -233,7 +233,7 @@ def test_an_interrupted_suite_goes_on_with_what_has_no_verdict_on_this_commit(
 ):
     first, second, third = catalogue.load()[:3]
     at = ['a' * 40]
-    monkeypatch.setattr(suite.notes, 'commit', lambda: at[0])
+    monkeypatch.setattr(suite.provenance, 'commit', lambda: at[0])
     tried = Tried(monkeypatch)
     suite.run([first, second], tmp_path)
     again = suite.run([first, second, third], tmp_path)

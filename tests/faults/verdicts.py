@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from stalls import STALL_S
 
-from bags.experiments import notes
+from node_runtime import provenance
 
 KEPT = 'verdicts.json'
 TOO_LATE = 'too late'
@@ -64,9 +64,9 @@ class Verdict(NamedTuple):
 
 def surroundings() -> dict[str, str | float]:
     """Return what a verdict says about code, machine and time."""
-    facts = notes.machine()
+    facts = provenance.machine()
     return {
-        'commit': notes.commit(),
+        'commit': provenance.commit(),
         'machine': f'{facts["processor"]}, {facts["cores"]} cores, Linux {facts["kernel"]}',
         'load': round(os.getloadavg()[0], 2),
         'at': datetime.now(timezone.utc).isoformat(timespec='seconds'),

@@ -17,9 +17,10 @@ import nodes
 from nodes import Bench
 
 from mpcc_controller.driving import ladder
-from mpcc_controller.solvers import solver
-from msgs_yaml import conformance, decode, realtime, ros
+from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
+from node_runtime import realtime, ros
+from stage_solver import solver
 
 # outcomes of a tick
 SOLVE, FALLBACK, SILENT = 'answered by a solve', 'answered by a fallback', 'not answered'

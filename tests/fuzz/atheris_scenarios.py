@@ -14,7 +14,7 @@ import guided
 
 with guided.instrumented('scenario_publisher', 'msgs_yaml'):
     from msgs_yaml import conformance, encode
-    from msgs_yaml.parameters import Range
+    from node_runtime.parameters import Range
     from scenario_publisher import build, scenario, schema
     from scenario_publisher.document import ScenarioError
 

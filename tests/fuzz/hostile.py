@@ -10,7 +10,8 @@ from typing import Any
 import yaml
 from hypothesis import strategies as st
 
-from msgs_yaml import contract, ros, share
+from msgs_yaml import contract, share
+from node_runtime import ros
 
 NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e12, -1.0, 0.5)
 WHOLE = (0, 1, -1, 2, 3, 255, 2**31 - 1, -(2**31), 2**32 - 1, 10**9)

@@ -10,10 +10,10 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from bags.experiments import domain
+from experiments.run import domain
 from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
-from msgs_yaml import contract, encode, overrides, ros
+from msgs_yaml import contract, encode
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -23,6 +23,7 @@ from msgs_yaml.types import (
     RoadEdges,
     VehicleState,
 )
+from node_runtime import overrides, ros
 from scenario_publisher.scenario_node import ScenarioNode
 from vehicle_plant.plant_node import PlantNode
 

@@ -4,7 +4,7 @@ import hostile
 import nodes
 from hypothesis import strategies as st
 
-from msgs_yaml import ros
+from node_runtime import ros
 
 BATCH = 20  # of each kind per example
 

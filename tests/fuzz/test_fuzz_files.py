@@ -16,9 +16,10 @@ from bags.storage.recorder_params import RecorderParams
 from bags.storage.rosbag2_writer import BagWriter
 from bags.storage.simulated_time import SimulatedTime
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import contract, overrides, parameters, ros, share
-from msgs_yaml.parameters import ParameterError
+from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import YamlError
+from node_runtime import overrides, parameters, ros
+from node_runtime.parameters import ParameterError
 from scenario_publisher import scenario
 from vehicle_plant.parameters import NodeParams
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from telling import BATCH, batches, tell_all
 
-from msgs_yaml import conformance, ros
+from msgs_yaml import conformance
+from node_runtime import ros
 
 pytestmark = pytest.mark.ros
 FUZZ = settings.get_profile('fuzz')

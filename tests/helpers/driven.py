@@ -1,4 +1,4 @@
-"""Calls of `bags run`, as a user would make them, and what they leave behind."""
+"""Calls of `experiments run`, as a user would make them, and what they leave behind."""
 
 import json
 import subprocess
@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-BAGS = Path(sys.prefix, 'bin/bags')
+EXPERIMENTS = Path(sys.prefix, 'bin/experiments')
 SECONDS = 240  # of wall time for one call; a run takes a few
 PRINTED = 'printed.txt'
 
 
 class Rings(NamedTuple):
-    """What one call of `bags run` left behind."""
+    """What one call of `experiments run` left behind."""
 
     out: Path
     scenario: str
@@ -28,7 +28,7 @@ def drive(out: Path, scenario: str, *controllers: str) -> None:
     """Drive a scenario through the node graph in a free ROS domain; the runs must complete."""
     chosen = [word for name in controllers for word in ('--controller', name)]
     done = subprocess.run(
-        [BAGS, 'run', scenario, *chosen, '--out', out],
+        [EXPERIMENTS, 'run', scenario, *chosen, '--out', out],
         capture_output=True,
         text=True,
         timeout=SECONDS,

@@ -4,8 +4,9 @@ import time
 
 import numpy as np
 
-from msgs_yaml import encode, ros
+from msgs_yaml import encode
 from msgs_yaml.types import Reference, RoadEdges
+from node_runtime import ros
 
 S = 1_000_000_000
 LATER_NS = 1_795_000_000_987_654_321

@@ -10,7 +10,16 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ('msgs_yaml', 'scenario_publisher', 'mpcc_controller', 'vehicle_plant', 'bags')
+PACKAGES = (
+    'msgs_yaml',
+    'node_runtime',
+    'stage_solver',
+    'scenario_publisher',
+    'mpcc_controller',
+    'vehicle_plant',
+    'bags',
+    'experiments',
+)
 # what a sourced installation, or the bootstrap of the ROS wheels in this process, leaves behind
 INHERITED = (
     *('PYTHONPATH', 'PYTHONHOME', 'LD_LIBRARY_PATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH'),

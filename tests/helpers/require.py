@@ -59,7 +59,7 @@ def has_ipv6() -> bool:
 
 def has_compiler() -> bool:
     """Return whether a C compiler is found where the packages look for one."""
-    from msgs_yaml import compiled
+    from stage_solver import compiled
 
     return compiled.find_compiler() is not None
 

@@ -13,7 +13,7 @@ Text with `make inline`.
 
 ```sh
 source .venv/bin/activate   # a comment
-$ VAR=1 bags run a --set x.y=1 # of 'a'
+$ VAR=1 experiments run a --set x.y=1 # of 'a'
 bags compare a \\
   b
 python3 -m venv v && source v/bin/activate
@@ -30,13 +30,13 @@ def test_every_line_of_a_block_with_a_known_program_is_a_command():
     found = commands(PAGE, {'bags', 'source'})
     assert [one.text for one in found] == [
         'source .venv/bin/activate',
-        'VAR=1 bags run a --set x.y=1',
+        'VAR=1 experiments run a --set x.y=1',
         'bags compare a b',
         'python3 -m venv v',
         'source v/bin/activate',
         'made up',
     ]
-    assert found[1].words == ['bags', 'run', 'a', '--set', 'x.y=1']
+    assert found[1].words == ['experiments', 'run', 'a', '--set', 'x.y=1']
     assert {one.block for one in found} == {0}
 
 

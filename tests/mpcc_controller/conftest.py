@@ -11,8 +11,9 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
-from msgs_yaml import parameters, share
+from msgs_yaml import share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
+from node_runtime import parameters
 
 TICK_S = 0.05
 FINE_STEPS = 10  # of the car per tick
@@ -157,13 +158,6 @@ class Clock:
 
     def __call__(self):
         return self.now
-
-
-@pytest.fixture
-def own_cache(tmp_path, monkeypatch):
-    """Return an empty compile cache, for tests of what is compiled and when."""
-    monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'cache'))
-    return tmp_path / 'cache'
 
 
 @pytest.fixture(scope='session')

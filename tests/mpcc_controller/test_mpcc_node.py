@@ -18,10 +18,11 @@ from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.health import Monitor
 from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, overrides, ros, spin_node
-from msgs_yaml.parameters import leaves
+from msgs_yaml import decode, encode
 from msgs_yaml.types import Actuators, VehicleState
-from msgs_yaml.wall import Wall
+from node_runtime import overrides, ros, spin_node
+from node_runtime.parameters import leaves
+from node_runtime.wall import Wall
 
 pytestmark = pytest.mark.usefixtures('domain')
 START, TICK, MS = 1_000_000_000, 50_000_000, 1_000_000

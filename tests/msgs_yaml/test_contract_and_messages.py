@@ -4,7 +4,8 @@ from importlib import import_module
 
 import pytest
 
-from msgs_yaml import contract, paths, ros
+from msgs_yaml import contract, paths
+from node_runtime import ros
 
 NUMBERS = ('double', 'float', 'int32', 'uint32', 'int64')
 FIELDS = [(t.name, path) for t in contract.load().topics.values() for path in t.fields]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from msgs_yaml import conformance, contract, decode, ros, share
+from msgs_yaml import conformance, contract, decode, share
 from msgs_yaml.types import Obstacle
+from node_runtime import ros
 
 TOPICS = sorted(contract.load().topics)
 DECODED = [name for name in TOPICS if not contract.load().topics[name].on_request]

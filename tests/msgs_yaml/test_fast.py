@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import contract, encode, fast, ros
+from msgs_yaml import contract, encode, fast
 from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
+from node_runtime import ros
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 STAMP = st.integers(0, 2**31 * 10**9 - 1)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from msgs_yaml import decode, encode, facts_node, raw_path, ros
+from msgs_yaml import decode, encode, raw_path
 from msgs_yaml.decode import DecodeError
+from node_runtime import facts_node, ros
 
 TOPIC = raw_path.TOPIC
 MOST_NS = 2**32 - 1  # that a message can hold beside the seconds

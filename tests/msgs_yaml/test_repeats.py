@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from msgs_yaml import encode, raw_path, ros
+from msgs_yaml import encode, raw_path
 from msgs_yaml.repeats import is_repeat
 from msgs_yaml.types import Reference
+from node_runtime import ros
 
 S = 1_000_000_000
 PATH = Reference(

@@ -13,7 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import contract, decode, encode, ring, ros, types, yaw
+from msgs_yaml import contract, decode, encode, ring, types, yaw
+from node_runtime import ros
 
 PADDING = 8  # serialize_message may leave so many bytes of junk behind a message
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -11,8 +11,7 @@ from packaging.utils import parse_wheel_filename
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
 WHERE = f'import {", ".join(PACKAGES)}; print(*(p.__file__ for p in ({", ".join(PACKAGES)})))'
 RESOLVED = (
-    'from bags.experiments.processes import resolve; '
-    'print(resolve("vehicle_plant", "plant_node")[0])'
+    'from node_runtime.executables import resolve; print(resolve("vehicle_plant", "plant_node")[0])'
 )
 # the begin of a straight road: a second and a half
 SHORT = (
@@ -21,15 +20,15 @@ SHORT = (
 )
 
 
-def check_drive(bags, folder, sourced):
-    """Drive with an installed `bags run` and look at what it left."""
-    said_by([*bags, 'run', *SHORT], cwd=folder, env=sourced)
+def check_drive(experiments, bags, folder, sourced):
+    """Drive with an installed `experiments run` and look at what it left."""
+    said_by([experiments, 'run', *SHORT], cwd=folder, env=sourced)
     out = folder / 'bags/runs/straight'
     found = json.loads((out / 'comparison.json').read_text())['runs']['mpcc']
     assert found['ticks'] > 20
     assert found['fallbacks'] == 0
     assert (out / 'report.html').is_file()
-    info = said_by([*bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
+    info = said_by([bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
     assert '/controller/command' in info
 
 
@@ -56,11 +55,14 @@ def test_there_is_a_wheel_of_every_package_for_every_python(wheels):
 def test_a_ring_drives_from_wheels_in_an_empty_environment(installed, tmp_path):
     prefix = installed.parents[1]
     check_place(installed, prefix, tmp_path, environment())
-    check_drive([prefix / 'bin/bags'], tmp_path, environment())
+    check_drive(prefix / 'bin/experiments', prefix / 'bin/bags', tmp_path, environment())
 
 
 def test_a_ring_drives_from_what_colcon_installs(colcon, empty, tmp_path):
     here = [Path(p) for p in colcon['AMENT_PREFIX_PATH'].split(os.pathsep)]
-    (prefix,) = (p for p in here if (p / 'lib/bags/bags').exists())
-    check_place(empty, prefix.parent, tmp_path, colcon)
-    check_drive([prefix / 'lib/bags/bags'], tmp_path, colcon)
+    experiments, bags = (
+        next(p for p in here if (p / f'lib/{name}').exists()) / f'lib/{name}/{name}'
+        for name in ('experiments', 'bags')
+    )
+    check_place(empty, bags.parents[3], tmp_path, colcon)
+    check_drive(experiments, bags, tmp_path, colcon)

@@ -11,17 +11,23 @@ import pytest
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = {
     'msgs_yaml': (),
+    'node_runtime': (),
+    'stage_solver': (),
     'scenario_publisher': ('scenario_node',),
     'mpcc_controller': ('mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('markers_node', 'player_node', 'recorder_node', 'view_node', 'bags'),
+    'experiments': ('experiments',),
 }
 SHARED = {
     'msgs_yaml': 'topics.yaml',
+    'node_runtime': 'package.xml',
+    'stage_solver': 'package.xml',
     'scenario_publisher': 'scenarios/double_lane_change.yaml',
     'mpcc_controller': 'config/mpcc.yaml',
     'vehicle_plant': 'config/bmw_545i.yaml',
-    'bags': 'package.xml',
+    'bags': 'config/recorder.yaml',
+    'experiments': 'launch/closed_loop.launch.py',
 }
 PAIRS = [(package, name) for package, names in EXECUTABLES.items() for name in names]
 

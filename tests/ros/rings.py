@@ -10,10 +10,11 @@ from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
 from until import until
 
-from bags import closed_loop
-from bags.experiments import launch, processes
 from bags.storage import read, repair
-from msgs_yaml import decode, leaving, ros, spin_node
+from experiments.configuration import inputs
+from experiments.run import launch, processes
+from msgs_yaml import decode
+from node_runtime import executables, leaving, ros, spin_node
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 LINES = 8  # of a log
@@ -27,7 +28,7 @@ class Ring:
         """Each of `settings` is called like a role: {dotted name: value} of its parameters."""
         self.folder, self.running, self.mode = folder, {}, mode
         self.bag = folder / launch.BAG
-        facts = closed_loop.scenario_facts(scenario)
+        facts = inputs.scenario_facts(scenario)
         self.nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, settings)}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
         self.namespace = ''  # of every node, '' for the root
@@ -48,7 +49,7 @@ class Ring:
     def start(self, role: str) -> processes.Process:
         """Start a node."""
         node = self.nodes[role]
-        program = self.prefix.get(role, []) + processes.resolve(node.package, node.executable)
+        program = self.prefix.get(role, []) + executables.resolve(node.package, node.executable)
         more = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
         self.running[role] = launch.start(
             node, self.folder, self.environment, program=program, more=more

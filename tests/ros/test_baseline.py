@@ -12,10 +12,10 @@ from msgs_yaml import conformance
 pytestmark = pytest.mark.usefixtures('dds')
 
 
-def bags(*arguments):
-    """Call `bags` as a user would; return what it printed."""
+def said_by(program, *arguments):
+    """Call `bags` or `experiments` as a user would; return what it printed."""
     done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', *map(str, arguments)],
+        [sys.executable, '-m', f'{program}.cli', *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=240,
@@ -44,9 +44,9 @@ def test_the_baseline_drives_the_double_lane_change_through_its_own_node(rings):
 
 
 def test_without_collision_avoidance_the_circle_shows_one_distance_in_two_frames(tmp_path):
-    bags('run', 'circle_20m', '--controller', 'mpcc_no_ca', '--out', tmp_path)
+    said_by('experiments', 'run', 'circle_20m', '--controller', 'mpcc_no_ca', '--out', tmp_path)
     folder = tmp_path / 'circle_20m'
-    printed = bags('distances', folder / 'mpcc_no_ca')
+    printed = said_by('bags', 'distances', folder / 'mpcc_no_ca')
     assert 'closed form' in printed
     found = json.loads((folder / 'distances.json').read_text())
     recorded = found['recorded']

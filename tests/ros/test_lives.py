@@ -16,11 +16,11 @@ from require import lack, need
 from rings import ROLES, Ring
 from until import until
 
-from bags.experiments import processes
-from bags.experiments.domain import reserved
 from bags.storage import read
-from msgs_yaml import compiled
-from msgs_yaml.ranges import RUN_TIME
+from experiments.run import processes
+from experiments.run.domain import reserved
+from node_runtime.ranges import RUN_TIME
+from stage_solver import compiled
 
 pytestmark = pytest.mark.usefixtures('domain')
 END_S = 12.0  # a node may take to end
@@ -154,7 +154,7 @@ def test_nodes_on_two_hosts_make_one_ring(hosts, tmp_path, domain):
             ring.prefix[role] = ['ip', 'netns', 'exec', there[role]]
             ring.start(role)
         assert ring.wait('plant', 100.0) == 0, ring.said('plant')
-        # as in `bags run`: it waits for what the cable lost and is sent again
+        # as in `experiments run`: it waits for what the cable lost and is sent again
         processes.stop([ring.running[role] for role in ('controller', 'scenario')])
         columns = read.columns(ring.recorded(), ['/controller/command'])
     assert len(columns['/controller/command'].stamp_ns) > 5

@@ -23,7 +23,7 @@ def test_a_car_that_spins_is_a_result(tmp_path):
     # the controller believes that the road is dry
     arguments = ('run', file, '--out', tmp_path, '--set', 'plant.friction=0.3')
     done = subprocess.run(
-        [sys.executable, '-m', 'bags.cli', *map(str, arguments)],
+        [sys.executable, '-m', 'experiments.cli', *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=SECONDS,

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from rings import ROLES, Ring
 
-from bags import closed_loop
-from bags.experiments import experiment, launch, notes, processes
+from bags.report import compare
 from bags.storage import losses, read
-from bags.verdict import compare
+from experiments.configuration import experiment, inputs
+from experiments.run import launch, processes
 from msgs_yaml import contract
+from node_runtime import provenance
 
 pytestmark = pytest.mark.usefixtures('domain')
 SHORT = {'stop.x_m': 15.0, 'stop.armed_after_m': 1.0}  # about a second of driving
@@ -31,10 +32,10 @@ def make(folder, domain, plant, namespace=''):
     folder.mkdir()
     ring = Ring(folder, domain, plant=plant)
     ring.namespace = namespace
-    facts = closed_loop.scenario_facts('straight')
-    read = closed_loop.check_parameters(ring.nodes.values())
-    parameters = experiment.noted(ring.nodes.values(), closed_loop.file_values(read))
-    noted = notes.of(facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters)
+    facts = inputs.scenario_facts('straight')
+    read = inputs.check_parameters(ring.nodes.values())
+    parameters = experiment.noted(ring.nodes.values(), inputs.file_values(read))
+    noted = provenance.of(facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters)
     (folder / launch.NOTES).write_text(json.dumps(noted))
     return ring
 

@@ -10,8 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rings import ROLES, Ring
 
-from msgs_yaml import spin_node
-from msgs_yaml.ranges import RUN_TIME
+from node_runtime import spin_node
+from node_runtime.ranges import RUN_TIME
 
 pytestmark = pytest.mark.usefixtures('domain')
 OF_ROS = ('use_sim_time', 'start_type_description_service')

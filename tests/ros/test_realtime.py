@@ -22,7 +22,7 @@ TICK_NS = 50_000_000
 def bag(tmp_path_factory):
     """Four seconds of the double lane change."""
     out = tmp_path_factory.mktemp('realtime')
-    command = [sys.executable, '-m', 'bags.cli', 'run', 'double_lane_change']
+    command = [sys.executable, '-m', 'experiments.cli', 'run', 'double_lane_change']
     command += ['--mode', 'realtime', '--out', out, '--set', 'plant.stop.time_s=4.0']
     # a command that comes late because other processes have the machine does not stop the car
     command += ['--set', 'plant.command_age_s=1.0']

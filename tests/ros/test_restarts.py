@@ -11,8 +11,8 @@ import pytest
 from rings import ROLES, Ring
 from until import until
 
-from bags.experiments import processes
 from bags.storage import read, repair
+from experiments.run import processes
 from msgs_yaml import share
 
 pytestmark = pytest.mark.usefixtures('domain')

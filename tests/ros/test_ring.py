@@ -1,4 +1,4 @@
-"""The whole experiment over real Fast DDS, as `bags run` drives it."""
+"""The whole experiment over real Fast DDS, as `experiments run` drives it."""
 
 from collections import Counter
 from pathlib import Path

@@ -8,7 +8,7 @@ import pytest
 from tyre_files import property_file
 
 from bags.storage import read
-from msgs_yaml import parameters as yaml_parameters
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import parameters
 
 pytestmark = pytest.mark.usefixtures('dds')
@@ -18,7 +18,7 @@ SECONDS = 240  # of wall time
 
 def test_bags_run_drives_with_a_property_file_and_notes_its_coefficients(tmp_path):
     (tmp_path / 'my.tir').write_text(property_file(TYRE))
-    command = [sys.executable, '-m', 'bags.cli', 'run', 'straight', '--out', 'runs']
+    command = [sys.executable, '-m', 'experiments.cli', 'run', 'straight', '--out', 'runs']
     for setting in ('tyre_set=./my.tir', 'stop.x_m=15.0', 'stop.armed_after_m=1.0'):
         command += ['--set', f'plant.{setting}']
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)

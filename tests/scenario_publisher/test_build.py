@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msgs_yaml.parameters import Range
 from msgs_yaml.strict_yaml import YamlError
+from node_runtime.parameters import Range
 from scenario_publisher import build, document
 
 Metres = Annotated[float, Range(0.0, 10.0, 'm')]

@@ -4,9 +4,10 @@ import time
 
 import pytest
 
-from msgs_yaml import encode, ros
+from msgs_yaml import encode
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Health
+from node_runtime import ros
 from scenario_publisher import scenario_node
 
 LONG_S = 0.02  # of processor time; less than half a tick

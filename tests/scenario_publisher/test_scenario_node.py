@@ -10,8 +10,9 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from until import until
 
-from msgs_yaml import contract, decode, encode, qos, ros, spin_node
+from msgs_yaml import contract, decode, encode
 from msgs_yaml.types import Health
+from node_runtime import qos, ros, spin_node
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
 

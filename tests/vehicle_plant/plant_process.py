@@ -13,8 +13,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from until import until
 
-from msgs_yaml import decode, encode, ros, spin_node
+from msgs_yaml import decode, encode
 from msgs_yaml.types import Command
+from node_runtime import ros, spin_node
 from vehicle_plant.simulator import START_NS, TICK_NS
 
 SLOWEST_S = 120.0

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from msgs_yaml import parameters as yaml_parameters
 from msgs_yaml.types import WHEELS, Command
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import circle, double_track, fiala_fit, graph, named, parameters, tyre
 from vehicle_plant.circle import Circle
 from vehicle_plant.simulator import Simulator, Start

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from msgs_yaml import parameters as yaml_parameters
 from msgs_yaml import share
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import circle, fiala_fit, identify, parameters
 from vehicle_plant.circle import AxlePoints, Circle, CircleError
 

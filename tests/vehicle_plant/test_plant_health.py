@@ -2,8 +2,8 @@
 
 import pytest
 
-from msgs_yaml.ages import ERROR, OK, STALE, WARN
 from msgs_yaml.types import Command
+from node_runtime.ages import ERROR, OK, STALE, WARN
 from vehicle_plant import health
 from vehicle_plant.parameters import StopParams
 from vehicle_plant.ring import Hold, Lockstep, Realtime

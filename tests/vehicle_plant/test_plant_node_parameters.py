@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from plant_process import run, weave
 
-from msgs_yaml import decode, encode, ros, spin_node
+from msgs_yaml import decode, encode
 from msgs_yaml.types import Command, Reference
+from node_runtime import ros, spin_node
 from vehicle_plant import parameters, road
 from vehicle_plant.simulator import START_NS, TICK_NS, Simulator, Start
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msgs_yaml.parameters import ParameterError
 from msgs_yaml.types import WHEELS, Command
+from node_runtime.parameters import ParameterError
 from vehicle_plant import graph, parameters, road, stepper
 from vehicle_plant.parameters import PatchParams
 from vehicle_plant.simulator import TICK_STEPS, Simulator, Start, trimmed

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from msgs_yaml import parameters as yaml_parameters
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import circle, parameters
 from vehicle_plant.circle import Circle
 

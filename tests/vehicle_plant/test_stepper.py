@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from msgs_yaml import compiled
+from stage_solver import compiled
 from vehicle_plant import graph, named, stepper
 from vehicle_plant.simulator import Start, trimmed
 from vehicle_plant.state import State

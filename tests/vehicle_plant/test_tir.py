@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from msgs_yaml import parameters as yaml_parameters
-from msgs_yaml.parameters import ParameterError
+from node_runtime import parameters as yaml_parameters
+from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters, tir, tyre
 from vehicle_plant.tyre import Contact
 

@@ -10,8 +10,9 @@ from mpcc_controller import car_file
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import stages
-from msgs_yaml import parameters, share
+from msgs_yaml import share
 from msgs_yaml.types import Command
+from node_runtime import parameters
 from vehicle_plant.simulator import START_NS, TICK_NS, TICK_STEPS, Simulator, Start
 
 FRESH_S = 0.0

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgs_yaml.parameters import Range
+from node_runtime.parameters import Range
 from vehicle_plant.tyre_set import TyreScaling, TyreSet
 
 Ratio = Annotated[float, Range(0.0, 1.0, '-')]

@@ -5,8 +5,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from msgs_yaml.parameters import Choice, Range
 from msgs_yaml.types import Command
+from node_runtime.parameters import Choice, Range
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator, Start
 from vehicle_plant.track import Track, join

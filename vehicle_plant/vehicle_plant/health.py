@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from msgs_yaml.ages import ERROR, OK, STALE, WARN, Held
 from msgs_yaml.types import Health
+from node_runtime.ages import ERROR, OK, STALE, WARN, Held
 from vehicle_plant.ring import Lockstep, Realtime
 
 NODE = 'plant'

@@ -2,7 +2,8 @@
 
 from rclpy.node import Node
 
-from msgs_yaml import encode, ros, spin_node
+from msgs_yaml import encode
+from node_runtime import ros, spin_node
 from vehicle_plant import health
 from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd

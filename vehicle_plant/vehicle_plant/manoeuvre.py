@@ -13,7 +13,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters
 from vehicle_plant.manoeuvres import course, settings
 from vehicle_plant.manoeuvres.catalogue import MANOEUVRES

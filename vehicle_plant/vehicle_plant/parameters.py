@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from msgs_yaml import named_file, parameters, ranges, share
-from msgs_yaml.overrides import NO_SOURCES
-from msgs_yaml.parameters import Choice, ParameterError, Range
+from node_runtime import named_file, parameters, ranges
+from node_runtime.overrides import NO_SOURCES
+from node_runtime.parameters import Choice, ParameterError, Range
 from vehicle_plant import tir
 from vehicle_plant.car import Car, PlantParams
 from vehicle_plant.tyre_set import TyreSet
@@ -63,9 +63,9 @@ class NodeParams:
 
 
 def config(name: str) -> Path:
-    """Return the path of a file as `share.config` finds it; ParameterError when there is none."""
+    """Return the path of a file, see `named_file.config`; ParameterError when there is none."""
     try:
-        return share.config('vehicle_plant', name)
+        return named_file.config('vehicle_plant', name)
     except FileNotFoundError as error:
         raise ParameterError(str(error)) from None
 

@@ -8,12 +8,13 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, facts_node, ros, spin_node, stamp
+from msgs_yaml import decode, encode, stamp
 from msgs_yaml.checked import DecodeError
-from msgs_yaml.parameters import ParameterError
-from msgs_yaml.publishers_node import Publishers
-from msgs_yaml.refusals import Refusals
-from msgs_yaml.wall import Spoken
+from node_runtime import facts_node, ros, spin_node
+from node_runtime.parameters import ParameterError
+from node_runtime.publishers_node import Publishers
+from node_runtime.refusals import Refusals
+from node_runtime.wall import Spoken
 from vehicle_plant import health, parameters, road, starts, stepper
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.lockstep_node import LockstepDrive

@@ -2,8 +2,8 @@
 
 from rclpy.node import Node
 
-from msgs_yaml import realtime, spin_node
-from msgs_yaml.wall import Wall
+from node_runtime import realtime, spin_node
+from node_runtime.wall import Wall
 from vehicle_plant import health
 from vehicle_plant.ring import Hold, Realtime
 from vehicle_plant.run_end import RunEnd

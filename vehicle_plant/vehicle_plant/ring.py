@@ -7,8 +7,8 @@ straight. No ROS, no clock: time is an argument.
 
 from collections import deque
 
-from msgs_yaml.ages import ERROR, Watch
 from msgs_yaml.types import Command
+from node_runtime.ages import ERROR, Watch
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.track import Track, join

@@ -16,7 +16,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
 from vehicle_plant import double_track, named
 from vehicle_plant.parameters import PatchParams, PlantParams
 from vehicle_plant.state import State, Wheels

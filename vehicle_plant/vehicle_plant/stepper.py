@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from msgs_yaml import compiled
+from stage_solver import compiled
 from vehicle_plant import graph, road
 
 # no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine

@@ -15,7 +15,7 @@ Not read: moments, and geometry, stiffness and mass, which are the car's (`wheel
 
 from pathlib import Path
 
-from msgs_yaml import parameters
+from node_runtime import parameters
 from vehicle_plant import tir_file
 from vehicle_plant.tir_file import TirFile
 from vehicle_plant.tyre_set import TyreScaling, TyreSet

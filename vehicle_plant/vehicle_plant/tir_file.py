@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
 
 _SECTION = re.compile(r'\[\s*([^\]]+?)\s*\]$')
 _ENTRY = re.compile(r'([A-Za-z_]\w*)\s*=\s*(.*)$')

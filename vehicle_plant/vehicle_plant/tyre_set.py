@@ -9,7 +9,7 @@ vertical shift with camber: SHY3, a name of ours, is 1 for 6.1 and 0 for 5.2.
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgs_yaml.parameters import Range
+from node_runtime.parameters import Range
 
 Number = Annotated[float, Range(-1e4, 1e4, '-')]
 Positive = Annotated[float, Range(1e-3, 1e3, '-')]

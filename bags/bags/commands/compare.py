@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Compare and show. Raises BagError."""
-    from bags.verdict import compare
+    from bags.report import compare
 
     out = chosen.out or Path(os.path.abspath(chosen.bags[0])).parent
     compare.show(compare.bags(chosen.bags, out, chosen.force, chosen.claims), Console())

@@ -31,9 +31,9 @@ PARAMETERS = (
 
 def run(chosen: argparse.Namespace) -> int:
     """Become the player; it has the terminal and its signals for itself."""
-    from bags.experiments import processes
+    from node_runtime import executables
 
-    words = [*processes.resolve('bags', 'player_node'), '--ros-args']
+    words = [*executables.resolve('bags', 'player_node'), '--ros-args']
     for name in PARAMETERS:
         value = getattr(chosen, name)
         if value is not None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgs_yaml.parameters import Range
+from node_runtime.parameters import Range
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 from bags.storage.losses import Losses
 from msgs_yaml import contract
-from msgs_yaml.ages import OK, STALE, WARN, Held
 from msgs_yaml.types import Health
+from node_runtime.ages import OK, STALE, WARN, Held
 
 NODE = 'recorder'
 NONE = 'none'

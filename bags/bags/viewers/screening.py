@@ -13,7 +13,8 @@ from bags.viewers import shapes
 from bags.viewers.foxglove_server import Served, Server
 from bags.viewers.projector import Projector
 from bags.viewers.stage import Stage
-from msgs_yaml import parameters, share
+from msgs_yaml import share
+from node_runtime import parameters
 
 LOOK_S = 0.01  # of wall time between two looks at the clock
 LATCHED = 'transient_local'

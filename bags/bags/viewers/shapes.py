@@ -11,8 +11,8 @@ import numpy as np
 
 from bags.pictures import palette
 from bags.verdict import geometry, reported
-from msgs_yaml.parameters import Range
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
+from node_runtime.parameters import Range
 
 BOX, DISC, LINE, TEXT = 'box', 'disc', 'line', 'text'
 AXLES = ('front', 'rear')

@@ -9,8 +9,8 @@ from mpcc_controller.driving import commanded
 from mpcc_controller.driving.commanded import Ramp
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
-from mpcc_controller.solvers import shooting
 from msgs_yaml.types import VehicleState
+from stage_solver import shooting
 
 LONGEST_STEP_S = 0.01  # of the integration
 

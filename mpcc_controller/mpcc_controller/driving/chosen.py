@@ -1,10 +1,10 @@
 """The solvers that the parameters name, and how long each may take."""
 
 from mpcc_controller.parameters import ControllerParams, Solver
-from mpcc_controller.solvers import solver
-from mpcc_controller.solvers.shooting import StageProblem
-from mpcc_controller.solvers.solver import OneStep, SolverOptions, StageSolver
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
+from stage_solver import solver
+from stage_solver.shooting import StageProblem
+from stage_solver.solver import OneStep, SolverOptions, StageSolver
 
 CONVERGED = 'converged'
 HAS_ONE_STEP = 'riccati'

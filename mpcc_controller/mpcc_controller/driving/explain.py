@@ -15,9 +15,9 @@ from mpcc_controller.path.path_distance import PathDisc
 from mpcc_controller.path.path_frame import Place
 from mpcc_controller.problem.insight import View
 from mpcc_controller.problem.stages import Numbers, Scene
-from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import SOLVED, Solution
 from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
+from stage_solver.shooting import Plan
+from stage_solver.solver import SOLVED, Solution
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 

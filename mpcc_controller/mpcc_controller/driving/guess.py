@@ -6,8 +6,8 @@ import numpy as np
 from mpcc_controller.model.single_track import Car, Input, State, ideal_split
 from mpcc_controller.path import arc, reference
 from mpcc_controller.path.reference import Path
-from mpcc_controller.solvers import shooting
-from mpcc_controller.solvers.shooting import Plan
+from stage_solver import shooting
+from stage_solver.shooting import Plan
 
 
 def from_path(path: Path, x0: State, car: Car, horizon: int, dt: float) -> Plan:

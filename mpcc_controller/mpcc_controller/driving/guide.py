@@ -9,8 +9,8 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Braking
 from mpcc_controller.path import reference
 from mpcc_controller.path.reference import Path
-from mpcc_controller.solvers.shooting import Plan
 from msgs_yaml.types import VehicleState
+from stage_solver.shooting import Plan
 
 PLAN, PATH, NONE = 'plan', 'path', 'none'
 

@@ -17,10 +17,10 @@ from mpcc_controller.path import reference
 from mpcc_controller.problem import bounds, formulation, ocp, stages
 from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.stages import Numbers, Scene
-from mpcc_controller.solvers import shooting, solver
-from mpcc_controller.solvers.shooting import Bounds, Plan
-from mpcc_controller.solvers.solver import Solution
 from msgs_yaml.types import VehicleState
+from stage_solver import shooting, solver
+from stage_solver.shooting import Bounds, Plan
+from stage_solver.solver import Solution
 
 
 class Outcome(NamedTuple):

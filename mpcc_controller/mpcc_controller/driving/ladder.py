@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.parameters import Fallback
-from mpcc_controller.solvers.shooting import Plan
-from mpcc_controller.solvers.solver import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
+from stage_solver.shooting import Plan
+from stage_solver.solver import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 
 SECOND = 'second_solver'
 SHIFTED = 'shifted'

@@ -7,8 +7,8 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
-from mpcc_controller.solvers.shooting import Plan
 from msgs_yaml.types import Command
+from stage_solver.shooting import Plan
 
 
 class SetPoints(NamedTuple):

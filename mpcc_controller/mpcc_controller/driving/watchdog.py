@@ -7,8 +7,8 @@ On the wall clock (`Awake`) inputs age, and what grew too old makes the car brak
 from mpcc_controller.driving.health import TOLD, Monitor
 from mpcc_controller.parameters import Ages
 from msgs_yaml import stamp
-from msgs_yaml.ages import ERROR, OK, STALE, Held, Watch
 from msgs_yaml.types import Health, Why
+from node_runtime.ages import ERROR, OK, STALE, Held, Watch
 
 STATE, REFERENCE, EDGES, OBSTACLES = 'state', 'reference', 'edges', 'obstacles'
 STATE_STALE = 'state_stale'

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from mpcc_controller.model import fiala
-from mpcc_controller.solvers import shooting
+from stage_solver import shooting
 
 GRAVITY = 9.81  # m/s^2
 SLIP_SPEED_ROUNDING = 0.25  # (m/s)^2; 4 mm/s at 20 m/s for a least speed of 5 m/s

@@ -14,8 +14,8 @@ from mpcc_controller.path.reference import Path
 from mpcc_controller.problem import frenet_stages, stages
 from mpcc_controller.problem.ocp import Formula
 from mpcc_controller.problem.stages import Numbers, Scene
-from mpcc_controller.solvers.shooting import Plan
-from msgs_yaml.parameters import ParameterError
+from node_runtime.parameters import ParameterError
+from stage_solver.shooting import Plan
 
 
 class Formulation(Protocol):

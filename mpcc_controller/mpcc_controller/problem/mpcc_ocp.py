@@ -15,7 +15,7 @@ from mpcc_controller.path import arc, distance
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.ocp import PAPER, Body, Formula, Limited, Rules, Safety
-from mpcc_controller.solvers import shooting
+from stage_solver import shooting
 
 # The solver's units: forces in kN, everything else as it is
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)

@@ -14,7 +14,7 @@ from mpcc_controller.model.single_track import Car, Input
 from mpcc_controller.path import distance
 from mpcc_controller.problem import measure
 from mpcc_controller.problem.measure import Measure
-from mpcc_controller.solvers import shooting
+from stage_solver import shooting
 
 # The solver's units of the inputs: forces in kN, everything else as it is
 SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)

@@ -16,10 +16,11 @@ from one_second import every_message
 from rclpy.duration import Duration
 from until import until
 
-from bags.experiments.domain import reserved
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
-from msgs_yaml import contract, encode, ros, spin_node
+from experiments.run.domain import reserved
+from msgs_yaml import contract, encode
+from node_runtime import ros, spin_node
 
 TIMEOUT_S = 90
 

@@ -8,7 +8,8 @@ import yaml
 
 from bags import cli
 from bags.commands import play
-from msgs_yaml import parameters, share
+from msgs_yaml import share
+from node_runtime import parameters
 
 TEXT = (Path(__file__).parents[3] / 'docs/bags.md').read_text()
 ROW = re.compile(r'^\| `(\w+)` \| ([^|]*) \|', re.MULTILINE)

@@ -19,7 +19,8 @@ from bags import cli
 from bags.player_node import DEPTH, profile
 from bags.storage import read
 from bags.storage.rosbag2_layout import qos_text
-from msgs_yaml import contract, qos
+from msgs_yaml import contract
+from node_runtime import qos
 
 TIMEOUT_S = 90
 pytestmark = pytest.mark.usefixtures('domain')

@@ -15,7 +15,7 @@ from until import until
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import contents, read, repair
-from msgs_yaml import leaving
+from node_runtime import leaving
 
 pytestmark = pytest.mark.usefixtures('domain')
 LOST_BY_A_KILL_S = 1.0

@@ -3,7 +3,7 @@
 from bags.storage.losses import Counter
 from bags.storage.recording_health import Monitor
 from msgs_yaml import contract
-from msgs_yaml.ages import CALM_NS, OK, STALE, WARN
+from node_runtime.ages import CALM_NS, OK, STALE, WARN
 
 MODE = 'realtime'
 STATE, MARKERS = '/vehicle/odometry', '/markers/vehicle'

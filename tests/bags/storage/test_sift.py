@@ -12,8 +12,9 @@ from bags.errors import BagError
 from bags.storage import decoders, in_range, inbox, read
 from bags.storage.read import Bag, Recording
 from bags.storage.sift import sift
-from msgs_yaml import contract, encode, ros
+from msgs_yaml import contract, encode
 from msgs_yaml.types import Actuators, Command, Imu, Obstacles, VehicleState, Wheels
+from node_runtime import ros
 
 S = 1_000_000_000
 FOUR = (0.1, 0.2, 0.3, 0.4)

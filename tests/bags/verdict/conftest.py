@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from bags.experiments import notes
 from bags.storage import inbox
 from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import contract, encode, types
+from node_runtime import provenance
 
 PARAMETERS = {
     'controller': {
@@ -77,7 +77,7 @@ def write_bag(tmp_path):
     def write(drive, name='mpcc', extra=()):
         topics = inbox.bag_topics(contract.load(), 'lockstep')
         index = {topic.name: i for i, topic in enumerate(topics)}
-        info = notes.of('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
+        info = provenance.of('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
         bag = BagWriter(tmp_path / name, topics, {'run': info})
         sent = [(topic, ns, serialize_message(one)) for topic, ns, one in messages(drive)]
         for topic, ns, data in [*sent, *extra]:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bags.errors import BagError
-from bags.verdict import compare, metrics
+from bags.report import compare
 from bags.verdict import drive as drives
+from bags.verdict import metrics
 
 MS, START_NS = 1_000_000, 1_000_000_000
 NONE = np.empty(0, dtype=np.int64)

@@ -11,8 +11,9 @@ from rich.console import Console
 
 from bags import cli
 from bags.errors import BagError
+from bags.report import compare
 from bags.storage import read
-from bags.verdict import compare, metrics, recorded
+from bags.verdict import metrics, recorded
 from bags.verdict.summary import summary
 from msgs_yaml import encode
 from msgs_yaml.types import Actuators, Imu, VehicleState, Why

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bags.experiments import campaign, run
 from bags.pictures import table
-from bags.verdict import compare, geometry, metrics
+from bags.report import compare
 from bags.verdict import drive as drives
+from bags.verdict import geometry, metrics
+from experiments.run import campaign, node_graph
 
 LOST = ('lost', 'lost_how', 'lost_at_m')
 ROAD = ('left_road', 'left_road_at_m', 'beyond_edge_m')
@@ -137,7 +138,7 @@ def test_bags_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
 ):
     bag = write_bag(make_drive(y=lambda x: x * slope))
     # as the plant sees it: its finish line goes on beside the road
-    outcome = run.Outcome('mpcc', True, 'finish line crossed', bag)
+    outcome = node_graph.Outcome('mpcc', True, 'finish line crossed', bag)
     monkeypatch.setattr(campaign, 'run_nodes', lambda plan, console: (tmp_path, [outcome]))
     console = Console(file=io.StringIO(), width=200)
     plan = campaign.Plan('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)

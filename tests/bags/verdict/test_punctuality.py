@@ -14,8 +14,9 @@ from bags.storage import inbox, read
 from bags.storage.read import Bag, Recording
 from bags.storage.rosbag2_writer import BagWriter
 from bags.verdict import punctuality, summary
-from msgs_yaml import contract, encode, ros
+from msgs_yaml import contract, encode
 from msgs_yaml.types import Command, VehicleState, Why
+from node_runtime import ros
 
 MS, S = 1_000_000, 1_000_000_000
 TICK = 50 * MS

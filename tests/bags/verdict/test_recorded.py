@@ -7,12 +7,13 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.experiments import notes
+from bags.report import compare
 from bags.storage import columns, inbox
 from bags.storage.rosbag2_writer import BagWriter
-from bags.verdict import compare, recorded
+from bags.verdict import recorded
 from msgs_yaml import contract, encode
 from msgs_yaml.types import VehicleState
+from node_runtime import provenance
 
 PARAMETERS = {
     'controller': {
@@ -43,7 +44,7 @@ def note():
     """Return note(text): the notes of a run through a scenario of this text."""
 
     def note(text):
-        return notes.of('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
+        return provenance.of('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
 
     return note
 
@@ -124,7 +125,9 @@ def test_notes_say_what_the_numbers_depend_on(note):
     assert versions['numpy'] == np.__version__
     assert 'unknown' not in (versions['python'], versions['casadi'], versions['rclpy'])
     assert json.loads(found['machine'])['cores'] >= 1
-    assert found['scenario_sha256'] == notes.digest('schema: 1') != notes.digest('schema: 2')
+    assert (
+        found['scenario_sha256'] == provenance.digest('schema: 1') != provenance.digest('schema: 2')
+    )
 
 
 def test_damage_is_no_warning_of_python_with_a_source_line(note, make_bag, tmp_path, recwarn):

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from bags import closed_loop
 from bags.viewers import encode as viewer_messages
 from bags.viewers import stage
+from experiments import simulation
 from msgs_yaml import contract, encode, share
 from msgs_yaml.types import Actuators, Command, Health, Imu, VehicleState, Wheels
 
@@ -44,8 +44,8 @@ def text(name):
 @pytest.fixture(scope='module')
 def messages():
     """Return a message of every topic, of the middle of a drive of the default controller."""
-    setup = closed_loop.setup('double_lane_change', 'mpcc')
-    columns = closed_loop.run(setup.scn, setup.params, setup.vehicle, setup.plant)
+    setup = simulation.setup('double_lane_change', 'mpcc')
+    columns = simulation.run(setup.scn, setup.params, setup.vehicle, setup.plant)
     found = {}
     for topic, kind in ROWS.items():
         table = columns[topic]

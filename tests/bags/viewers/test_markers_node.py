@@ -11,9 +11,10 @@ import pytest
 import rclpy
 from until import until
 
-from bags.experiments import experiment
-from msgs_yaml import conformance, contract, encode, parameters, ros, share, spin_node
+from experiments.configuration import experiment
+from msgs_yaml import conformance, contract, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
+from node_runtime import parameters, ros, spin_node
 
 CUT = bytes.fromhex('00010000ff')  # no message of any type
 SECONDS = 60.0

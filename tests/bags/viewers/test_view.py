@@ -21,8 +21,9 @@ from bags.storage import definitions
 from bags.storage.rosbag2_layout import BagTopic, qos_text
 from bags.storage.rosbag2_writer import BagWriter
 from bags.viewers import screening
-from msgs_yaml import contract, encode, fast, ros, spin_node
+from msgs_yaml import contract, encode, fast
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
+from node_runtime import ros, spin_node
 
 SECONDS = 60.0
 PROTOCOL = 'foxglove.sdk.v1'

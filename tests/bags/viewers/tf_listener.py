@@ -7,7 +7,7 @@ import rclpy
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
-from msgs_yaml import spin_node
+from node_runtime import spin_node
 
 DEPTH = 100  # what tf2 listeners use
 

@@ -11,8 +11,9 @@ import numpy as np
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.solvers.shooting import Bounds, Plan
-from msgs_yaml import overrides, share
+from msgs_yaml import share
+from node_runtime import overrides
+from stage_solver.shooting import Bounds, Plan
 
 GIVEN = {
     'formulation.distance': sys.argv[2],

@@ -6,7 +6,7 @@ import pytest
 
 from mpcc_controller.driving import chosen
 from mpcc_controller.problem import formulation, ocp, stages
-from mpcc_controller.solvers import solver
+from stage_solver import solver
 
 TIMELESS = False  # no limit of wall time
 

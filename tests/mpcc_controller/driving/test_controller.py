@@ -5,8 +5,8 @@ import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.ladder import BRAKING
-from mpcc_controller.solvers.solver import SOLVED, STOPPED_EARLY
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
+from stage_solver.solver import SOLVED, STOPPED_EARLY
 
 TICK = 50_000_000
 

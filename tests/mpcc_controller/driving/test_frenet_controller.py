@@ -5,8 +5,8 @@ import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.ladder import SHIFTED
-from mpcc_controller.solvers.solver import FAILED, SOLVED
 from msgs_yaml import conformance, encode
+from stage_solver.solver import FAILED, SOLVED
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.solvers.solver import FAILED, ONE_STEP, SOLVED
 from msgs_yaml import conformance, encode
-from msgs_yaml.parameters import ParameterError
 from msgs_yaml.types import Obstacle, Obstacles
+from node_runtime.parameters import ParameterError
+from stage_solver.solver import FAILED, ONE_STEP, SOLVED
 
 TICKS = 40
 

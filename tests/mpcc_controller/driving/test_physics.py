@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.solvers.solver import SOLVED
 from msgs_yaml.types import Obstacle, Obstacles
+from stage_solver.solver import SOLVED
 
 
 @pytest.fixture(params=['shared_controller', 'baseline_controller'])

@@ -6,8 +6,8 @@ import pytest
 from mpcc_controller.driving import horizon
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.ladder import BRAKING, SECOND, SHIFTED
-from mpcc_controller.solvers.solver import FAILED, SOLVED, STOPPED_EARLY
 from msgs_yaml import conformance, encode
+from stage_solver.solver import FAILED, SOLVED, STOPPED_EARLY
 
 TICK = 50_000_000
 

@@ -7,9 +7,9 @@ import pytest
 from mpcc_controller.driving.controller import unknown_state
 from mpcc_controller.driving.explain import Arrival
 from mpcc_controller.driving.ladder import BRAKING
-from mpcc_controller.solvers.solver import SOLVED
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators
+from stage_solver.solver import SOLVED
 
 TICK = 50_000_000
 

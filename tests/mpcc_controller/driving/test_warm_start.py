@@ -4,8 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from mpcc_controller.solvers.shooting import Multipliers
-from mpcc_controller.solvers.solver import FAILED, SOLVED
+from stage_solver.shooting import Multipliers
+from stage_solver.solver import FAILED, SOLVED
 
 TICK = 50_000_000
 

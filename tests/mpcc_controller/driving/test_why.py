@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.ladder import BRAKING
-from mpcc_controller.solvers.solver import FAILED
 from msgs_yaml import conformance, encode
+from stage_solver.solver import FAILED
 
 TICK = 50_000_000
 

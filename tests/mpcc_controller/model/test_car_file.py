@@ -6,8 +6,9 @@ import pytest
 
 from mpcc_controller import car_file, limits_in_force
 from mpcc_controller.problem import stages
-from msgs_yaml import parameters, share
-from msgs_yaml.parameters import ParameterError
+from msgs_yaml import share
+from node_runtime import parameters
+from node_runtime.parameters import ParameterError
 
 
 def test_a_bare_name_is_a_file_of_config_and_anything_else_a_path(params, tmp_path):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import stages
-from mpcc_controller.solvers import shooting
+from stage_solver import shooting
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
 states = st.tuples(

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgs_yaml import parameters
-from msgs_yaml.parameters import Range
+from node_runtime import parameters
+from node_runtime.parameters import Range
 from vehicle_plant.parameters import config
 
 Speed = Annotated[float, Range(3.0, 60.0, 'm/s')]

@@ -1,1 +1,0 @@
-"""Runs: which nodes, started, watched, stopped, and noted."""

@@ -1,0 +1,194 @@
+"""The plan of one tick: from above, and its states, inputs and distances over the horizon."""
+
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+
+from bags.pictures import palette
+from experiments.replay.resolve import Answer
+from experiments.replay.tick_problem import Solved
+
+WIDTH = 14.0  # inch
+MARGIN_M = 3.0
+CIRCLE_EVERY = 5  # stages
+FAR_M = 5.0  # distances beyond this are not drawn
+KILO = 1e3
+CHANGED = palette.KNOWN['frenet']
+
+
+class Drawn(NamedTuple):
+    """One solution and its look."""
+
+    label: str
+    solved: Solved
+    look: dict
+
+
+class Panel(NamedTuple):
+    """One quantity over the horizon."""
+
+    title: str
+    unit: str
+    name: str  # of a state or input
+    factor: float  # of the SI value
+
+
+PANELS = (
+    Panel('Speed', '$v_x$ [m/s]', 'vx', 1.0),
+    Panel('Road-wheel angle', '$\\delta$ [deg]', 'delta', np.degrees(1.0)),
+    Panel('Longitudinal force', '$F_x$ [kN]', 'Fx', 1 / KILO),
+    Panel('Yaw rate', '$r$ [deg/s]', 'r', np.degrees(1.0)),
+    Panel('Steering rate', '$\\dot\\delta$ [deg/s]', 'd_delta', np.degrees(1.0)),
+    Panel('Force rate', '$\\dot F_x$ [kN/s]', 'd_Fx', 1 / KILO),
+)
+
+
+def write(answer: Answer, stem):
+    """Write the figure as `stem`.png and .svg; return both paths."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    drawn = [
+        Drawn('solved again', answer.solved, {'color': palette.KNOWN['mpcc'], 'linestyle': '-'})
+    ]
+    if answer.changed:
+        look = {'color': CHANGED, 'linestyle': palette.DASHED}
+        drawn.append(Drawn('changed', answer.changed, look))
+    with mpl.rc_context(palette.RC):
+        figure = _sheet(answer, drawn)
+        FigureCanvasAgg(figure)
+        paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
+        figure.savefig(paths[0])
+        # the layout is found; finding it again is half of the time
+        figure.set_layout_engine('none')
+        figure.savefig(paths[1], metadata={'Date': None})
+    return paths
+
+
+def _sheet(answer, drawn):
+    low, high = _view(answer, drawn)
+    top = min(max(WIDTH * (high - low)[1] / (high - low)[0] + 0.6, 2.6), 8.0)
+    figure = Figure(figsize=(WIDTH, top + 6.6), layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.1)
+    grid = figure.add_gridspec(3, 4, height_ratios=[top, 3.0, 3.0])
+    _from_above(figure.add_subplot(grid[0, :]), answer, drawn, low, high)
+    for k, panel in enumerate(PANELS):
+        row, column = divmod(k, 3)
+        _quantity(figure.add_subplot(grid[1 + row, column]), drawn, panel)
+    _distances(figure.add_subplot(grid[1, 3]), drawn)
+    _friction(figure.add_subplot(grid[2, 3]), drawn)
+    tick = answer.tick
+    title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.told}'
+    figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
+    keys = [Line2D([], [], label=one.label, lw=2.2, **one.look) for one in drawn]
+    keys.append(Line2D([], [], label='recorded plan', color=palette.INK, lw=0, marker='.'))
+    keys.append(Line2D([], [], label='limit', color=palette.COLLISION, lw=0.9, ls=':'))
+    figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
+    return figure
+
+
+def _view(answer, drawn):
+    """Return the corners (2,) [m] of what the plans see."""
+    places = [np.column_stack([one.solved.states['X'], one.solved.states['Y']]) for one in drawn]
+    points = np.concatenate(places)
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    edges = answer.tick.told.edges
+    for edge in (edges.left, edges.right):
+        inside = edge[np.all((edge > low - MARGIN_M) & (edge < high + MARGIN_M), axis=1)]
+        if len(inside):
+            low, high = np.minimum(low, inside.min(axis=0)), np.maximum(high, inside.max(axis=0))
+    return low, high
+
+
+def _from_above(ax, answer, drawn, low, high):
+    told = answer.tick.told
+    for edge in (told.edges.left, told.edges.right):
+        ax.plot(*edge.T, color=palette.EDGE, lw=1.6, zorder=2)
+    ax.plot(
+        told.reference.X,
+        told.reference.Y,
+        color=palette.REFERENCE,
+        lw=1.0,
+        ls=(0, (6, 3)),
+        zorder=2,
+    )
+    _unsafe(ax, drawn[0].solved)
+    for one in drawn:
+        _plan(ax, one)
+    recorded = answer.tick.prediction
+    if recorded is not None:
+        ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=palette.INK, zorder=6)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
+    ax.set_aspect('equal')
+    ax.set_title('From above: vehicle circles, and where their centres must not be')
+
+
+def _plan(ax, one):
+    radius, offsets = one.solved.circles
+    x = one.solved.states
+    ax.plot(x['X'], x['Y'], zorder=4, **one.look)
+    for k in range(0, len(one.solved.t), CIRCLE_EVERY):
+        for offset in offsets:
+            centre = (
+                x['X'][k] + offset * np.cos(x['psi'][k]), x['Y'][k] + offset * np.sin(x['psi'][k])
+            )  # fmt: skip
+            colour = one.look['color']
+            ax.add_patch(
+                Circle(centre, radius, facecolor=(colour, 0.06), edgecolor=(colour, 0.5), lw=0.7)
+            )
+
+
+def _unsafe(ax, solved):
+    """Draw obstacles where they are at the first and, if they move, at some later stages."""
+    safe = {one.name: one.safe for one in solved.distances}
+    for one in solved.obstacles:
+        moves = np.hypot(one.vX, one.vY) * solved.t[-1] > one.r_obs
+        touch = one.r_obs + solved.circles[0]
+        for t in solved.t[:: 2 * CIRCLE_EVERY] if moves else solved.t[:1]:
+            centre, strength = (one.X + one.vX * t, one.Y + one.vY * t), 0.4 if moves else 1.0
+            for reach, colour, alpha in (
+                (touch + safe[f'obstacle {one.id}'], palette.UNSAFE, 0.22),
+                (touch, palette.COLLISION, 0.16),
+            ):
+                face = (colour, alpha * strength)
+                ax.add_patch(Circle(centre, reach, facecolor=face, edgecolor=colour, lw=0.7))
+            face = (palette.EDGE, strength)
+            ax.add_patch(Circle(centre, one.r_obs, facecolor=face, edgecolor='none', zorder=3))
+
+
+def _quantity(ax, drawn, panel):
+    for one in drawn:
+        values = one.solved.states.get(panel.name)
+        if values is not None:
+            ax.plot(one.solved.t, panel.factor * values, **one.look)
+        else:
+            held = panel.factor * one.solved.inputs[panel.name]
+            ax.step(one.solved.t, np.append(held, held[-1]), where='post', **one.look)
+        for limit in one.solved.limits.get(panel.name, ()):
+            ax.axhline(panel.factor * limit, color=palette.COLLISION, lw=0.9, ls=':', zorder=1)
+    ax.set(xlabel='t [s]', ylabel=panel.unit, title=panel.title)
+
+
+def _distances(ax, drawn):
+    for one in drawn:
+        for distance in one.solved.distances:
+            strong = distance.name.startswith('obstacle')
+            near = np.where(distance.D < FAR_M, distance.D, np.nan)
+            ax.plot(one.solved.t, near, **one.look, alpha=1.0 if strong else 0.4)
+    safe = max((d.safe for d in drawn[0].solved.distances), default=0.0)
+    ax.axhspan(0.0, safe, color=palette.UNSAFE, alpha=0.22, lw=0)
+    ax.axhspan(-FAR_M, 0.0, color=palette.COLLISION, alpha=0.18, lw=0)
+    least = min((np.min(d.D) for one in drawn for d in one.solved.distances), default=0.0)
+    ax.set(xlim=drawn[0].solved.t[[0, -1]], ylim=(min(least, 0.0) - 0.3, FAR_M))
+    ax.set(xlabel='t [s]', ylabel='D [m]', title='Distances (edges pale)')
+
+
+def _friction(ax, drawn):
+    for one in drawn:
+        for axle, alpha in (('f', 1.0), ('r', 0.45)):
+            ax.plot(one.solved.t, one.solved.friction[axle], **one.look, alpha=alpha)
+    ax.axhline(1.0, color=palette.COLLISION, lw=0.9, ls=':')
+    ax.set(xlabel='t [s]', ylabel='$F / \\mu F_z$', title='Friction use (rear pale)', ylim=(0, 1.1))

@@ -1,0 +1,1 @@
+"""Runs of the node graph: processes started, watched, stopped, recorded and compared."""

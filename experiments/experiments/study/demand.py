@@ -1,0 +1,174 @@
+"""How much lateral acceleration a scenario demands of any car, by a linear program.
+
+A point mass drives along a straight road at constant speed v. Its lateral position y(x) has the
+curvature y'' = a / v^2 (small heading angles), with one acceleration a per STEP_M of road. Required
+are the safety distances to obstacles and edges, on the sides on which the coarse path passes the
+obstacles; the program minimises the largest |a|. No controller and no tyre model is involved, so
+the result says what the task asks for, not what a controller makes of it.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from bags.errors import BagError
+from experiments import simulation
+from experiments.configuration.lateral_limit import lateral_limit
+from experiments.study import provenance, samples, tables
+from experiments.study.variants import SCENARIO
+from experiments.units import KPH
+
+STEM = 'demand'
+COMMAND = 'experiments study demand'
+CONTROLLER = 'mpcc'  # whose circle, safety distances and horizon are used; all have the same
+STEP_M = 0.5
+SPEEDS_KPH = (75.0, 90.0, 110.0, 130.0, 160.0, 190.0)
+
+
+class Circle(NamedTuple):
+    """What the centre of gravity must stay out of, and on which side it passes."""
+
+    x: float  # m, centre
+    y: float  # m
+    radius: float  # m, obstacle + vehicle circle + safety distance
+    on_left: bool  # whether the car passes to the left of the obstacle, y above it
+
+
+class Task(NamedTuple):
+    """A straight road with obstacles, for the centre of gravity; arrays (n,) over x."""
+
+    x: np.ndarray  # m, equally spaced by STEP_M, driving direction
+    low: np.ndarray  # m, least y allowed by the right edge
+    high: np.ndarray  # m, largest y allowed by the left edge
+    circles: tuple[Circle, ...]
+
+
+def least_peak(task: Task, speed: float, start: float | None = None) -> float:
+    """Return the least peak lateral acceleration [m/s^2] that keeps a point mass within a task.
+
+    The car enters at y = 0 without heading angle and may steer from x = `start` [m] on (default:
+    the first x). Returns inf when no acceleration, however large, keeps it within the task.
+    """
+    begins = 0 if start is None else int(np.searchsorted(task.x, start - STEP_M / 2))
+    x = task.x[begins:] - task.x[begins]
+    low, high = (bound[begins:].copy() for bound in (task.low, task.high))
+    for circle in task.circles:
+        beside = np.abs(task.x[begins:] - circle.x) < circle.radius
+        half = np.sqrt(circle.radius**2 - (task.x[begins:][beside] - circle.x) ** 2)
+        if circle.on_left:
+            low[beside] = np.maximum(low[beside], circle.y + half)
+        else:
+            high[beside] = np.minimum(high[beside], circle.y - half)
+    # y at x[i] from the acceleration of each interval [x[k], x[k + 1]] before it
+    behind = np.subtract.outer(x, x[1:])
+    lever = np.where(behind >= 0.0, STEP_M * (STEP_M / 2 + behind), 0.0) / speed**2
+    count = len(x) - 1
+    peak = -np.ones((count, 1))
+    identity, zero = np.eye(count), np.zeros((len(x), 1))
+    rows = np.vstack(
+        [
+            np.hstack([lever, zero]),
+            np.hstack([-lever, zero]),
+            np.hstack([identity, peak]),
+            np.hstack([-identity, peak]),
+        ]
+    )
+    solved = linprog(
+        c=np.append(np.zeros(count), 1.0),
+        A_ub=rows,
+        b_ub=np.concatenate([high, -low, np.zeros(2 * count)]),
+        bounds=[(None, None)] * count + [(0.0, None)],
+    )
+    return float(solved.fun) if solved.success else float('inf')
+
+
+def task_of(scenario: str = SCENARIO) -> tuple[Task, float]:
+    """Return the task of a scenario and the duration of the controller's horizon [s].
+
+    Raises BagError for a road that is not straight along x, for a moving obstacle, and for a car
+    that does not start on the x axis.
+    """
+    prepared = simulation.setup(scenario, CONTROLLER)
+    scn, params = prepared.scn, prepared.params
+    path = np.column_stack([scn.reference.X, scn.reference.Y])
+    edges = {'left': scn.edges.left, 'right': scn.edges.right}
+    if any(np.any(np.diff(edge[:, 0]) <= 0.0) for edge in (path, *edges.values())):
+        raise BagError(f'{scenario}: the linear program needs a straight road along x')
+    if scn.start.Y or scn.start.psi:
+        raise BagError(f'{scenario}: the linear program needs a start on the x axis')
+    x = np.arange(scn.start.X, scn.stop.X + STEP_M / 2, STEP_M)
+    room = params.body.circle_radius_m + params.safety.edge_m
+    circles = []
+    for obstacle in scn.obstacles.items:
+        if obstacle.vX or obstacle.vY:
+            raise BagError(f'{scenario}: the linear program needs obstacles that stand still')
+        radius = obstacle.r_obs + params.body.circle_radius_m + params.safety.obstacle_m
+        on_left = bool(np.interp(obstacle.X, *path.T) > obstacle.Y)
+        circles.append(Circle(obstacle.X, obstacle.Y, radius, on_left))
+    task = Task(
+        x,
+        np.interp(x, *edges['right'].T) + room,
+        np.interp(x, *edges['left'].T) - room,
+        tuple(circles),
+    )
+    return task, params.model.horizon * params.model.step_s
+
+
+def run(
+    out: Path, scenario: str = SCENARIO, speeds_kph: Sequence[float] = SPEEDS_KPH
+) -> list[Path]:
+    """Write demand.md, .csv and .json into the folder `out`; return their paths.
+
+    One row per speed: the least peak acceleration when the whole road is known from the start, and
+    when an obstacle is known from the controller's horizon on; both also as shares of what the
+    plant holds in a steady turn. Raises BagError.
+    """
+    task, horizon_s = task_of(scenario)
+    limit = lateral_limit(simulation.setup(scenario, CONTROLLER).plant)
+    rows = [_row(task, horizon_s, limit, kph) for kph in speeds_kph]
+    where = provenance.of(
+        COMMAND, scenario, samples.SEED, {'limits': CONTROLLER}, plant_limit_mps2=limit
+    )
+    return tables.write(out, STEM, 'What the task demands', rows, _markdown(rows, limit), where)
+
+
+def _row(task, horizon_s, limit, kph) -> dict[str, Any]:
+    speed = kph / KPH
+    first = min(circle.x for circle in task.circles)
+    known = max(float(task.x[0]), first - speed * horizon_s)
+    full, seen = least_peak(task, speed), least_peak(task, speed, known)
+    return {
+        'speed_kph': kph,
+        'needed_mps2': full,
+        'share': full / limit,
+        'needed_within_horizon_mps2': seen,
+        'share_within_horizon': seen / limit,
+    }
+
+
+def _markdown(rows, limit):
+    header = [
+        'speed [km/h]',
+        'needed, road known from the start [m/s²]',
+        'share of the plant',
+        'needed, obstacle known from the horizon on [m/s²]',
+        'share of the plant',
+    ]
+    lines = [
+        [
+            f'{row["speed_kph"]:g}',
+            f'{row["needed_mps2"]:.2f}',
+            f'{row["share"]:.0%}',
+            f'{row["needed_within_horizon_mps2"]:.2f}',
+            f'{row["share_within_horizon"]:.0%}',
+        ]
+        for row in rows
+    ]
+    return (
+        'Least peak lateral acceleration with which a point mass at constant speed keeps the '
+        f'safety distances. The plant holds {limit:.2f} m/s² in a steady turn.\n\n'
+        f'{tables.markdown(header, lines)}'
+    )

@@ -1,0 +1,42 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'experiments'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Runs, replay, studies, tuning, and the claims of the paper.',
+    license='Apache-2.0',
+    maintainer='maintainers',
+    maintainer_email='maintainers@users.noreply.example',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    python_requires='>=3.10',
+    # ROS packages come from apt or from requirements.txt, never from here: a ROS installation
+    # must not pull in the wheels
+    install_requires=[
+        'setuptools',
+        'matplotlib',
+        'mcap',
+        'numpy',
+        'optuna>=5',
+        'pyyaml',
+        'rich',
+        'scipy',
+    ],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        # wheels ignore setup.cfg: these scripts let `ros2 run` find the nodes after pip
+        (f'lib/{NAME}', glob('scripts/*')),
+    ],
+    entry_points={
+        'console_scripts': [
+            'experiments = experiments.cli:main',
+        ],
+    },
+)

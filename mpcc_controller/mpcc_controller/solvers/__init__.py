@@ -1,1 +1,0 @@
-"""Solvers of stage-wise problems; none of them knows a vehicle."""

@@ -1,0 +1,58 @@
+"""Can a Riccati recursion factorise a problem with this Jacobian, whatever is added to its Hessian?
+
+fatrop adds d I to the Hessian, with ever larger d, until every pivot of its recursion is positive.
+It counts neither these attempts nor their time, so it must only see Jacobians for which some d is
+enough. For large d the Hessian itself no longer matters, and the recursion is d times that of the
+Hessian I, in which each inequality g counts as a penalty |g|^2:
+
+    P_N = I + G_N' G_N,   M_k = I + G_k' G_k + [A B]' P_{k+1} [A B],   P_k = M_k / (its u, u block)
+
+P_k, the Schur complement, is never below I. Rounding takes some c eps trace(M_k) away from M_k, and
+no later stage makes a greater share of P out of it: as long as the shares sum up to less than 1,
+all pivots are positive. c eps is below 1e-13 for some ten variables, which gives LARGEST a factor
+of 100 to spare. At 5e15 fatrop was seen to go on for ever.
+"""
+
+import casadi as ca
+
+from stage_solver.shooting import StageProblem
+from stage_solver.stage_functions import StageFunctions
+
+LARGEST = (
+    1e11  # sum of all trace(M_k); at most 1.5e5 in the golden bags and all loops of bench/solver.py
+)
+
+
+def growth(
+    problem: StageProblem, stage: StageFunctions, last: StageFunctions, J: ca.MX, j_last: ca.MX
+) -> ca.MX:
+    """Return the sum of all trace(M_k), inf or NaN where it overflows.
+
+    J holds the nonzeros of the stages' Jacobians, one column per stage, j_last those of the last.
+    """
+    step, end = _step(problem, stage), _end(problem, last)
+    P, first_trace = end(j_last)
+    backwards = J[:, list(reversed(range(problem.horizon)))]
+    _, traces = step.mapaccum(problem.horizon)(P, backwards)
+    return first_trace + ca.sum2(traces)
+
+
+def _end(problem, last):
+    nonzeros = ca.SX.sym('j', last.jacobian_pattern.nnz())
+    G = ca.SX(last.jacobian_pattern, nonzeros)[problem.nx + problem.ng :, :]
+    P = ca.SX.eye(problem.nx) + G.T @ G
+    return ca.Function('riccati_end', [nonzeros], [ca.densify(P), ca.trace(P)])
+
+
+def _step(problem, stage):
+    nx, nu, nc = problem.nx, problem.nu, problem.nx + problem.ng
+    P = ca.SX.sym('P', nx, nx)
+    nonzeros = ca.SX.sym('j', stage.jacobian_pattern.nnz())
+    J = ca.SX(stage.jacobian_pattern, nonzeros)[nc:, :]
+    dynamics, G = J[:nx, :], J[nx:, :]  # the former with the opposite sign, which does not matter
+    M = ca.SX.eye(nx + nu) + G.T @ G + dynamics.T @ P @ dynamics
+    trace = ca.trace(M)
+    for _ in range(nu):  # eliminates the last variable
+        column = M[:-1, -1]
+        M = M[:-1, :-1] - column @ column.T / M[-1, -1]
+    return ca.Function('riccati_step', [P, nonzeros], [ca.densify(M), trace])

@@ -1,0 +1,99 @@
+"""`experiments paper`: what is driven where, in which order, and what must agree.
+
+The drives in process and through the node graph are tested elsewhere; here both come out as told.
+"""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.paper import graph, make, point
+
+
+class Alike:
+    """Drives in process that all come out alike."""
+
+    jobs = 2
+
+    def __init__(self, make_record):
+        self.make_record, self.cases = make_record, []
+
+    def of(self, cases, what, before=0, total=None):
+        self.cases += cases
+        return [self.make_record()._replace(case=case) for case in cases]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+
+class Graph:
+    """The node graph, which comes out like `metrics` wherever it drives."""
+
+    def __init__(self, metrics):
+        self.metrics, self.chosen, self.circles = metrics, [], 0
+
+    def double_lane_change(self, chosen, out, bags, console):
+        self.chosen = list(chosen)
+        runs = {one.controller: self.metrics for one in chosen}
+        return graph.Driven(runs, [out / 'sheet.png', out / 'sheet.svg'])
+
+    def circle(self, out, bags, console):
+        self.circles += 1
+
+
+@pytest.fixture
+def paper(monkeypatch, tmp_path, make_record):
+    """Make the paper quickly into tmp_path; `metrics` are those of the node graph."""
+
+    def made(**metrics):
+        drives = Alike(make_record)
+        through = Graph({**make_record().metrics, **metrics})
+        monkeypatch.setattr(make, 'Drives', lambda jobs, show: drives)
+        monkeypatch.setattr(graph, 'double_lane_change', through.double_lane_change)
+        monkeypatch.setattr(graph, 'circle', through.circle)
+        monkeypatch.setattr(point, 'write', lambda out: None)
+        console = Console(file=io.StringIO(), width=120)
+        return make.everything(tmp_path, True, 2, console), drives, through, console
+
+    return made
+
+
+def test_the_tuned_controllers_play_and_the_median_run_goes_through_the_graph(paper, tmp_path):
+    made, drives, through, _ = paper()
+    assert [case.controller for case in through.chosen] == [
+        'mpcc_no_ca_tuned',
+        'mpcc_tuned',
+        'frenet_tuned',
+    ]
+    assert len({case[3:] for case in through.chosen}) == 1, 'one draw for all'
+    assert set(through.chosen) <= set(drives.cases)
+    assert through.circles == 1
+    assert json.loads(made.claims.read_text()) == made.rows
+    assert made.claims == tmp_path / 'claims.json'
+    noted = json.loads((tmp_path / 'claims_provenance.json').read_text())
+    assert noted['command'] == 'experiments paper --quick'
+
+
+def test_a_node_graph_that_drives_otherwise_is_an_error_that_names_the_number(paper):
+    with pytest.raises(BagError, match=r'min_v2o_per_obstacle_m\.1 is 0\.6000, tracked 0\.5300'):
+        paper(min_v2o_per_obstacle_m={'1': 0.6, '2': 0.57})
+
+
+def test_the_screen_shows_every_claim_with_its_brackets(paper):
+    made, _, _, console = paper()
+    make.show(made, console)
+    said = ' '.join(console.file.getvalue().split())
+    assert '4/4 experiment 1' in said
+    assert said.count('paper ') >= len(made.rows)
+    assert '[' in made.rows[0]['interval']
+    assert made.rows[0]['interval'].split()[-1] in said
+    assert 'sheet.png' in said
+    for row in made.rows:
+        for key, reason in row['reasons'].items():
+            assert f'({key}) {reason}' in said

@@ -1,0 +1,129 @@
+"""A run may be killed at any moment: an older bag survives, and nothing stays behind unsaid."""
+
+from pathlib import Path
+
+import pytest
+
+from experiments.run import folders
+from experiments.run.folders import Workshop
+
+
+class Killed(BaseException):
+    """Stands for a kill: nobody may catch it."""
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    """A workshop with a recorded bag, beside an older one."""
+    made = Workshop(tmp_path, 'mpcc')
+    made.final.mkdir()
+    (made.final / 'metadata.yaml').write_text('old')
+    made.bag.mkdir()
+    (made.bag / 'metadata.yaml').write_text('new')
+    return made
+
+
+def kill_at_rename(workshop, monkeypatch, number):
+    """Let `keep` get as far as before its rename of this number, then give up as a kill does."""
+    done = []
+    rename = Path.rename
+
+    def last(path, target):
+        done.append(path)
+        if len(done) == number:
+            raise Killed
+        return rename(path, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, 'rename', last)
+        with pytest.raises(Killed):
+            workshop.keep()
+    # the kernel opens the lock of a dead program
+    folders.os.close(workshop._lock)
+
+
+@pytest.mark.parametrize('number', [1, 2, 3])
+def test_a_kill_while_a_bag_is_replaced_loses_neither(tmp_path, workshop, monkeypatch, number):
+    kill_at_rename(workshop, monkeypatch, number)
+    said = folders.recover(tmp_path)
+    assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+    assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
+    assert any(str(workshop.bag) in line for line in said)
+    assert any('put back' in line for line in said) == (number == 3)
+
+
+@pytest.mark.parametrize('refused', ['bag', 'final'])
+def test_a_bag_that_cannot_be_put_in_its_place_is_left_whole_with_the_older_one(
+    workshop, refuse_moves, refused
+):
+    (workshop.logs / 'plant_node.log').write_text('said')
+    refuse_moves(lambda path: path == getattr(workshop, refused))
+    for _ in range(2):
+        with pytest.raises(PermissionError):
+            workshop.keep()
+        assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+        assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
+        assert (workshop.logs / 'plant_node.log').read_text() == 'said'
+    folder = workshop.set_aside()
+    assert (folder / 'mpcc/metadata.yaml').read_text() == 'new'
+    assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_folder_that_cannot_be_made_whole_is_not_left_behind(tmp_path, monkeypatch):
+    def full(path, *how, **named):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'touch', full)
+    with pytest.raises(OSError, match='No space left'):
+        Workshop(tmp_path, 'mpcc')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_in_progress_is_left_alone(tmp_path, workshop):
+    assert folders.recover(tmp_path) == []
+    workshop.keep()
+    assert (tmp_path / 'mpcc/metadata.yaml').read_text() == 'new'
+    assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
+
+
+@pytest.mark.parametrize(
+    ('file', 'advice'),
+    [('metadata.yaml', 'is whole'), ('mpcc_0.mcap', 'bags repair'), (None, 'no bag')],
+)
+def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice):
+    left = tmp_path / '.mpcc.abc'
+    (left / 'logs').mkdir(parents=True)
+    (left / folders.MARK).touch()
+    if file:
+        (left / 'mpcc').mkdir()
+        (left / 'mpcc' / file).write_text('')
+    (said,) = folders.recover(tmp_path)
+    assert str(left) in said
+    assert advice in said
+
+
+def test_what_was_replaced_already_is_removed(tmp_path):
+    (tmp_path / 'mpcc').mkdir()
+    (tmp_path / '.mpcc.abc/replaced/mpcc').mkdir(parents=True)
+    (tmp_path / '.mpcc.abc' / folders.MARK).touch()
+    assert folders.recover(tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
+
+
+@pytest.mark.parametrize('name', ['.cache.d', '.mpcc.backup'])
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path, name):
+    file = tmp_path / name / 'replaced' / 'mpcc'
+    file.parent.mkdir(parents=True)
+    file.write_text('precious')
+    assert folders.recover(tmp_path) == []
+    assert file.read_text() == 'precious'
+
+
+def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, workshop):
+    for _ in range(2):
+        folder = (workshop or Workshop(tmp_path, 'mpcc')).set_aside()
+        workshop = None
+    assert folder == tmp_path / 'mpcc.failed'
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc.failed']
+    assert not (tmp_path / 'mpcc.failed/replaced').exists()
+    assert not (tmp_path / 'mpcc.failed' / folders.MARK).exists()

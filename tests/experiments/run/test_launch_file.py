@@ -1,0 +1,224 @@
+"""`ros2 launch experiments closed_loop.launch.py`: what it records, and how it ends.
+
+Run with `launch` where ROS 2 is installed. No wheel of it exists: elsewhere `launch_stand_in`
+stands for it, which starts, watches and ends real processes by the same rules.
+"""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from shell_ring import AWAIT_RECORDER, NODES, RECORD, WAIT
+
+from bags import cli
+from bags.storage import read
+from experiments.configuration import experiment
+from experiments.run import node_graph
+from msgs_yaml import share
+
+NO_DOMAIN = 0  # of shell programs, which talk to nobody
+PATIENCE_S = 240.0  # for what takes seconds on an idle machine
+RUNNER = Path(__file__).with_name('run_launch_file.py')
+
+
+@pytest.fixture
+def launched(tmp_path):
+    """Return launched(number, name=value, ...): the started launch, killed when the test ends.
+
+    The number is that of a ROS domain; it has no effect where shell programs stand for the nodes.
+    """
+    started = []
+    logs = tmp_path / 'log'
+    logs.mkdir()
+
+    def start(number=NO_DOMAIN, **arguments):
+        given = {'scenario': 'straight', 'out': tmp_path / 'runs', **arguments}
+        file = share.path('experiments', 'launch', 'closed_loop.launch.py')
+        process = subprocess.Popen(
+            [sys.executable, RUNNER, file, *(f'{name}:={value}' for name, value in given.items())],
+            env={
+                'AMENT_PREFIX_PATH': sys.prefix,
+                **os.environ,
+                'ROS_DOMAIN_ID': str(number),
+                'ROS_LOG_DIR': str(logs),
+            },
+            stdout=(tmp_path / 'output').open('wb'),
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+    for pid in nodes(tmp_path):
+        os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def shell(tmp_path, prefix):
+    """Return replace(node, script) for a ring of shell programs that launch finds, too."""
+    index = tmp_path / 'prefix/share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    for node in NODES:
+        (index / Path(node).parent).touch()
+    return prefix
+
+
+def nodes(folder, name=''):
+    """Return the process ids of the running nodes that log below a folder."""
+    found = []
+    for process in Path('/proc').glob('[0-9]*'):
+        try:
+            is_ours = f'ROS_LOG_DIR={folder}'.encode() in (process / 'environ').read_bytes()
+            command = (process / 'cmdline').read_bytes()
+        except OSError:
+            continue
+        if is_ours and b'--ros-args' in command and name.encode() in command:
+            found.append(int(process.name))
+    return found
+
+
+def wait_for(launch, happened):
+    """Wait until something has happened; what it gave is returned."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := happened()):
+        assert launch.poll() is None, 'the launch ended'
+        assert time.monotonic() < deadline, 'it never happened'
+        time.sleep(0.05)
+    return found
+
+
+def output(folder):
+    return (folder / 'output').read_text(errors='replace')
+
+
+def recorded_bytes(bag):
+    return sum(file.stat().st_size for file in bag.glob('*.mcap'))
+
+
+@pytest.mark.timeout(600)
+def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, domain, capsys):
+    assert launched(domain).wait(PATIENCE_S) == 0, output(tmp_path)
+    bag = tmp_path / 'runs/straight/mpcc'
+    noted = json.loads(read.load(bag).run_info['parameters'])
+    assert sorted(noted) == sorted(experiment.ROLES)
+    assert noted['plant']['car.body.mass_kg'] > 0.0
+    assert noted['controller']['model.friction'] == noted['plant']['friction']
+    assert cli.main(['compare', str(bag)]) == 0, capsys.readouterr().err
+    runs = json.loads((tmp_path / 'runs/straight/comparison.json').read_text())['runs']
+    assert runs['mpcc']['completed'] is True
+    assert nodes(tmp_path) == []
+
+
+def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
+    tmp_path, launched, domain
+):
+    launch = launched(domain, scenario='double_lane_change')
+    bag = tmp_path / 'runs/double_lane_change/mpcc'
+    empty = wait_for(launch, lambda: recorded_bytes(bag))
+    wait_for(launch, lambda: recorded_bytes(bag) > empty + 50_000)
+    for pid in nodes(tmp_path, 'mpcc_node'):
+        os.kill(pid, signal.SIGKILL)
+    assert launch.wait(PATIENCE_S) == 1
+    assert 'the drive failed: mpcc_node ended by SIGKILL' in output(tmp_path)
+    assert read.load(bag).recordings['/controller/command'].payloads
+    assert (bag / 'metadata.yaml').is_file()
+    assert nodes(tmp_path) == []
+
+
+@pytest.mark.parametrize('node', ['bags/recorder_node', 'mpcc_controller/mpcc_node'])
+def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, launched, node):
+    shell('vehicle_plant/plant_node', WAIT)
+    shell(node, 'kill -KILL $$\n')
+    launch = launched()
+    assert launch.wait(PATIENCE_S) == 1
+    assert f'{Path(node).name} ended by SIGKILL' in output(tmp_path)
+    assert nodes(tmp_path) == []
+
+
+def test_a_drive_that_is_not_completed_is_an_error(tmp_path, shell, launched):
+    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}exit {node_graph.NOT_FINISHED}\n')
+    assert launched().wait(PATIENCE_S) == 1
+    assert f'plant_node ended with exit code {node_graph.NOT_FINISHED}' in output(tmp_path)
+    assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
+
+
+def test_a_node_that_ends_before_the_plant_is_an_error_whatever_its_exit_code(
+    tmp_path, shell, launched
+):
+    shell('vehicle_plant/plant_node', WAIT)
+    shell('scenario_publisher/scenario_node', 'exit 0\n')
+    assert launched().wait(PATIENCE_S) == 1
+    assert 'scenario_node ended with exit code 0' in output(tmp_path)
+
+
+def test_a_bag_that_is_not_closed_is_an_error(tmp_path, shell, launched):
+    shell('bags/recorder_node', re.sub("trap '.*' INT", "trap 'exit 1' INT", RECORD))
+    assert launched().wait(PATIENCE_S) == 1
+    assert 'recorder_node ended with exit code 1' in output(tmp_path)
+
+
+def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
+    shell('vehicle_plant/plant_node', f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
+    launch = launched()
+    wait_for(launch, lambda: 'driving' in output(tmp_path))
+    os.killpg(launch.pid, signal.SIGINT)
+    assert launch.wait(PATIENCE_S) == 1
+    assert 'the drive was interrupted' in output(tmp_path)
+    assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
+    assert nodes(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'said'),
+    [
+        ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
+        ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
+        ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(
+    tmp_path, shell, launched, wrong, said
+):
+    assert launched(**wrong).wait(PATIENCE_S) == 1
+    assert re.search(said, output(tmp_path)), output(tmp_path)
+
+
+def test_scenario_and_controller_that_do_not_suit_each_other_are_warned_of(
+    tmp_path, shell, launched
+):
+    slow = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
+    slow, changed = re.subn('constant_mps: [0-9.]+', 'constant_mps: 1.0', slow)
+    assert changed == 1
+    (tmp_path / 'slow.yaml').write_text(slow)
+    assert launched(scenario=tmp_path / 'slow.yaml').wait(PATIENCE_S) == 0, output(tmp_path)
+    assert re.search('warning, mpcc: the scenario asks for 1 m/s', output(tmp_path))
+
+
+def test_an_older_recording_is_not_touched(tmp_path, shell, launched):
+    (tmp_path / 'runs/straight/mpcc').mkdir(parents=True)
+    assert launched().wait(PATIENCE_S) == 1
+    assert 'runs/straight/mpcc exists already' in output(tmp_path)
+    assert list((tmp_path / 'runs/straight/mpcc').iterdir()) == []
+
+
+def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, launched):
+    own = tmp_path / 'brave.yaml'
+    own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
+    shell('bags/markers_node', WAIT)
+    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{3%/*}}/run_info.json"\n')
+    assert launched(controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
+    said = output(tmp_path)
+    assert r'\"safety.obstacle_m\": 0.1' in said
+    assert 'OPENBLAS_NUM_THREADS=1' in said
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in said
+    assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()

@@ -1,0 +1,37 @@
+"""The draws are the same for everybody, inside their ranges, and spread over them."""
+
+import numpy as np
+import pytest
+
+from bags.errors import BagError
+from experiments.study import samples
+
+
+def test_a_longer_study_begins_with_the_draws_of_a_shorter_one():
+    assert samples.draws(100)[:60] == samples.draws(60)
+
+
+def test_another_seed_gives_other_draws():
+    assert not set(samples.draws(10)[0][1:]) & set(samples.draws(10, seed=2)[0][1:])
+
+
+def test_draws_fill_their_ranges_evenly():
+    _, speed, grip, tolerance = map(np.array, zip(*samples.draws(60)))
+    low, high = samples.TOLERANCE
+    unit = [
+        (speed / samples.SPEED_KPH + 1) / 2,
+        ((grip - 1) / samples.GRIP + 1) / 2,
+        np.log(tolerance / low) / np.log(high / low),
+    ]
+    for values in unit:
+        # no tenth of a range is left out, none is preferred: 6 +- 3 of 60
+        counts, _ = np.histogram(values, bins=10, range=(0, 1))
+        assert counts.sum() == 60
+        assert counts.min() >= 3
+        assert counts.max() <= 9
+
+
+@pytest.mark.parametrize('runs', [0, -1, samples.MOST_RUNS + 1])
+def test_a_number_of_runs_that_cannot_be_made_is_refused_with_the_range(runs):
+    with pytest.raises(BagError, match='from 1 to 10000'):
+        samples.draws(runs)

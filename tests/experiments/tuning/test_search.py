@@ -1,0 +1,121 @@
+"""Short searches with real drives: what they depend on, and what they do not."""
+
+import io
+
+import pytest
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.tuning import result, run, search, tuning_figure, workers
+from experiments.tuning.objective import Condition
+from experiments.tuning.search import Plan
+
+PLAN = Plan(
+    controller='mpcc',
+    seed=3,
+    trials=(3, 2),
+    random=(2, 2),
+    batch=2,
+    conditions=(Condition(60.0, 1.0),),
+    tracking_m=0.3,
+)
+
+
+def ignore(*_):
+    pass
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory):
+    """A search with one process, from start to end."""
+    folder = tmp_path_factory.mktemp('whole')
+    with workers.pool(1) as pool:
+        return folder, search.run(PLAN, folder, pool, ignore, ignore)
+
+
+def test_an_interrupted_search_goes_on_as_if_it_had_not_been(whole, tmp_path):
+    def stop(trial):
+        raise KeyboardInterrupt
+
+    with workers.pool(2) as pool:
+        with pytest.raises(KeyboardInterrupt):
+            search.run(PLAN, tmp_path, pool, ignore, stop)
+        seen = []
+        found = search.run(PLAN, tmp_path, pool, lambda: seen.append(1), ignore)
+    assert found == whole[1]
+    # of five drives the two of the first batch were known
+    assert len(seen) == 3
+
+
+def test_both_stages_begin_with_what_is_known(whole):
+    trials = whole[1]
+    first, second = (next(t for t in trials if t.stage == stage) for stage in (1, 2))
+    assert first.weights['tolerances.contouring_m'] == 0.5
+    best = search.best([trial for trial in trials if trial.stage == 1])
+    assert second.weights == best.weights
+    assert second.scores == best.scores
+
+
+def test_another_plan_does_not_go_on_with_this_search(whole):
+    folder, _ = whole
+    with workers.pool(1) as pool, pytest.raises(BagError, match='other settings'):
+        search.run(PLAN._replace(seed=4), folder, pool, ignore, ignore)
+
+
+def test_a_safe_trial_is_better_than_a_cheap_one(whole):
+    safe = whole[1][0]
+    cheap = safe._replace(
+        violations=(0.1, 0.0, 0.0, 0.0),
+        scores=(safe.scores[0]._replace(sideslip_peak_deg=0.0),),
+    )
+    assert cheap.cost < safe.cost
+    assert search.best([cheap, safe]) is safe
+
+
+def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
+    folder, trials = whole
+    found = result.write(PLAN, trials, folder, tmp_path, ['mpcc_no_ca'])
+    assert [path.name for path in found.files] == ['mpcc_tuned.yaml', 'mpcc_no_ca_tuned.yaml']
+    assert found.summary['best']['cost'] <= found.summary['untuned']['cost']
+    tuned, sibling = (path.read_text() for path in found.files)
+    assert 'experiments tune mpcc --seed 3 --trials 3 2 --tracking 0.3' in tuned
+    assert 'obstacle: 0.0 ' in sibling
+    assert len((folder / result.HISTORY).read_text().splitlines()) == 1 + len(trials)
+    assert all(path.stat().st_size > 10_000 for path in found.figures)
+
+
+def test_an_infeasible_untuned_controller_is_said_to_be_one(whole, tmp_path, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '100')
+    _, trials = whole
+    broken = trials[0]._replace(violations=(0.19, 0.0, 1.0, 0.15))
+    summary = result.summarise(PLAN, [broken, *trials[1:]], '')
+    assert not summary['untuned']['safe']
+    shown = io.StringIO()
+    found = result.Result(summary, [tmp_path], [tmp_path])
+    run.show(found, Console(file=shown))
+    told = shown.getvalue()
+    assert (
+        'untuned: infeasible, min V2O 0.31 m < 0.5 m, not completed, '
+        'path tracked to 0.45 m > 0.3 m' in told
+    )
+    assert 'infeasible' in run._said([broken, *trials[1:]]).partition('->')[0]
+    feasible = result.Result(result.summarise(PLAN, trials, ''), [tmp_path], [tmp_path])
+    run.show(feasible, Console(file=io.StringIO()))
+    assert feasible.summary['untuned']['violated'] == []
+
+
+def test_the_history_shows_every_trial_and_cuts_none_off(whole):
+    _, trials = whole
+    dear = trials[1]._replace(
+        violations=(0.0,) * 4, scores=(trials[1].scores[0]._replace(sideslip_peak_deg=40.0),)
+    )
+    shown = [trials[0], dear, *trials[2:]]
+    ax = Figure().add_subplot()
+    tuning_figure._history(ax, shown, search.best(shown))
+    drawn = {line.get_label(): line for line in ax.get_lines()}
+    costs = {trial.cost for trial in shown}
+    points = {*drawn['feasible'].get_ydata(), *drawn['infeasible'].get_ydata()}
+    assert points == costs
+    low, high = ax.get_ylim()
+    assert low < min(costs) < dear.cost < high

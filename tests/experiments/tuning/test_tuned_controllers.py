@@ -1,0 +1,46 @@
+"""The tuned controllers in config/ are those that the tracked searches found."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.configuration import experiment
+from experiments.tuning import space
+from node_runtime import parameters
+
+SEARCHES = Path(__file__).parents[3] / 'paper/tuning'
+
+
+def numbers(name):
+    return parameters.read_file(experiment.controller(name).config)[0]
+
+
+def found(name):
+    return json.loads((SEARCHES / name / 'tuning.json').read_text())
+
+
+@pytest.mark.parametrize('name', ['mpcc', 'frenet'])
+def test_a_tuned_controller_differs_in_the_weights_that_were_found_only(name):
+    search = found(name)
+    weights = search['best']['weights']
+    assert set(weights) == {*space.COMMON, space.OWN[name]}
+    assert numbers(f'{name}_tuned') == numbers(name) | weights
+    assert search['best']['safe']
+    assert search['best']['cost'] < search['untuned']['cost']
+
+
+def test_without_collision_avoidance_the_tuned_mpcc_has_no_priorities():
+    zero = {'priorities.obstacle': 0.0, 'priorities.edge': 0.0}
+    assert numbers('mpcc_no_ca_tuned') == numbers('mpcc_tuned') | zero
+
+
+def test_both_controllers_were_tuned_alike():
+    mpcc, frenet = found('mpcc')['plan'], found('frenet')['plan']
+    assert mpcc | {'controller': None} == frenet | {'controller': None}
+
+
+def test_tuned_controllers_run_in_the_node_of_the_untuned_ones():
+    for name in ('mpcc', 'mpcc_no_ca', 'frenet'):
+        plain, tuned = (experiment.controller(one) for one in (name, f'{name}_tuned'))
+        assert tuned.executable == plain.executable

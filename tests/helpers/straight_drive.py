@@ -1,0 +1,61 @@
+"""A drive of 100 m of straight road at constant speed: every metric has a closed form."""
+
+import numpy as np
+
+from bags.verdict import drive, geometry
+
+MS = 1_000_000
+START_NS = 1_000_000_000
+SPEED = 20.0  # m/s
+FACTS = drive.Facts(
+    scenario='straight',
+    controller='mpcc',
+    outline=geometry.Outline(front=2.4, rear=2.4, width=1.8),
+    circles=(0.0,),
+    vehicle_radius=1.1,
+    safe_obstacle=0.5,
+    safe_edge=0.5,
+    friction=1.0,
+    tick_ns=50 * MS,
+    stop=(90.0, 0.0),
+    armed_after=20.0,
+)
+
+
+def straight_scene(obstacles=()):
+    """Return a road along x, edges 3 m to either side, with obstacle messages at 20 Hz."""
+    return drive.Scene(
+        reference=np.array([[x, 0.0] for x in np.arange(0.0, 121.0, 1.0)]),
+        left=np.array([[0.0, 3.0], [120.0, 3.0]]),
+        right=np.array([[0.0, -3.0], [120.0, -3.0]]),
+        obstacle_stamp_ns=START_NS + np.arange(0, 101) * 50 * MS,
+        obstacles=tuple(obstacles),
+    )
+
+
+def fixed_obstacle(number, x, y, radius=1.0):
+    """Return an obstacle that stands still throughout."""
+    still = np.zeros(101)
+    return drive.Obstacle(number, np.full(101, x), np.full(101, y), still, still, radius)
+
+
+def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **facts):
+    """Return a Drive along x; functions of x and constants say the rest."""
+    stamp_ns = START_NS + np.arange(0, round(metres / SPEED * 1000) + 1) * MS
+    x = (stamp_ns - START_NS) * 1e-9 * SPEED
+
+    def over(value):
+        return value(x) if callable(value) else np.full(len(x), float(value))
+
+    # the boundary the run ends at is not answered any more
+    answered = stamp_ns[:-1:50]
+    return drive.Drive(
+        drive.Motion(stamp_ns, x, over(y), over(yaw), np.full(len(x), SPEED), over(vy)),
+        drive.Accelerations(stamp_ns, -x / 20.0, 8.0 * np.sin(x / 10.0)),
+        drive.Inputs(stamp_ns, 0.1 * np.sin(x / 10.0), over(force)),
+        drive.Ticks(
+            answered, *np.repeat([[5.0], [4.0]], len(answered), axis=1), np.zeros(len(answered))
+        ),
+        straight_scene() if scene is None else scene,
+        FACTS._replace(**facts),
+    )

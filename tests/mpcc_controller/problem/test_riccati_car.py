@@ -1,0 +1,130 @@
+"""The car's own problem, driven along its plans: cold, warm, disturbed, and with a surprise."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving import guess
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import State
+from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
+from mpcc_controller.path import reference, road
+from mpcc_controller.problem import bounds, ocp, stages
+from mpcc_controller.problem.stages import Scene
+from msgs_yaml import share
+from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from node_runtime import parameters
+from stage_solver import solver
+from stage_solver.shooting import Plan
+from stage_solver.solution import SOLVED
+from stage_solver.solver import SolverOptions
+
+CAR = CarParams(
+    CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
+    Tyre(144e3, 198e3, 0.88, 0.92),
+    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3),
+)
+SPEED = 20.0
+IN_THE_WAY = Obstacle(0, X=40.0, Y=1.9, r_obs=1.0, vX=0.0, vY=0.0)
+POPS_UP = Obstacle(1, X=48.0, Y=-1.6, r_obs=0.8, vX=0.0, vY=0.0)
+X_START = State(X=0.0, Y=0.0, psi=0.0, vx=SPEED, vy=0.0, r=0.0, theta=0.0, delta=0.0, Fx=0.0)
+NOISE = State(X=0.1, Y=0.1, psi=0.02, vx=0.5, vy=0.1, r=0.05, theta=0.0, delta=0.01, Fx=300.0)
+
+
+class Drive:
+    """The plan's numbers at any state, and the problem they belong to."""
+
+    def __init__(self):
+        file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
+        self.params = parameters.load(ControllerParams, file)
+        self.car = stages.car(self.params, CAR)
+        model = self.params.model
+        self.problem = ocp.build(stages.formula(self.params), model.horizon, model.step_s)
+        self.motion = single_track.step(model.step_s)
+        X = np.arange(0.0, 200.0, 1.0)
+        path = reference.build(Reference(0, X, 0 * X, 0 * X, X / SPEED))
+        edges = RoadEdges(0, *(np.array([[-50.0, y], [250.0, y]]) for y in (4.0, -4.0)))
+        self.scene = Scene(path, road.build(edges), Obstacles(0, (IN_THE_WAY,)))
+
+    def numbers(self, x0, plan=None, obstacles=(IN_THE_WAY,)):
+        model = self.params.model
+        scene = self.scene._replace(obstacles=Obstacles(0, obstacles))
+        if plan is None:
+            plan = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
+        plan = guess.start_at(plan, x0)
+        P = stages.numbers(self.params, self.car, scene, plan.X).P
+        limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
+        return np.array(x0), P, limits, plan
+
+    def moved_on(self, plan):
+        return guess.moved_on(plan, self.motion, self.car, State(*plan.X[1]))
+
+
+@pytest.fixture(scope='module')
+def drive():
+    return Drive()
+
+
+@pytest.fixture(scope='module')
+def fatrop(drive):
+    return solver.make(drive.problem, options('fatrop', 1e-8))
+
+
+@pytest.fixture(scope='module')
+def own(drive):
+    return solver.make(drive.problem, options('riccati', 1e-6))
+
+
+def options(name, tolerance):
+    return SolverOptions(name, 200, tolerance, time_limit_s=None, compiled=False)
+
+
+def test_cold_start_finds_the_cost_that_fatrop_finds(drive, own, fatrop):
+    numbers = drive.numbers(X_START)
+    mine, reference = own.solve(*numbers), fatrop.solve(*numbers)
+    assert mine.status == reference.status == SOLVED
+    assert mine.cost == pytest.approx(reference.cost, rel=1e-6)
+    assert np.allclose(mine.plan.X, reference.plan.X, rtol=1e-4, atol=1e-3)
+
+
+def test_drive_past_an_obstacle_stays_warm_and_as_cheap_as_fatrop(drive, own, fatrop):
+    found = own.solve(*drive.numbers(X_START))
+    for _ in range(12):
+        plan = drive.moved_on(found.plan)
+        numbers = drive.numbers(State(*plan.X[0]), plan)
+        found, reference = own.solve(*numbers), fatrop.solve(*numbers)
+        assert found.status == SOLVED
+        assert found.iterations <= 10
+        assert found.primal_residual < 1e-5
+        assert found.cost == pytest.approx(reference.cost, rel=1e-4)
+
+
+def test_disturbed_states_are_solved_from_the_old_plan(drive, own):
+    rng = np.random.default_rng(12)
+    plan = own.solve(*drive.numbers(X_START)).plan
+    for _ in range(20):
+        x0 = State(*(np.array(X_START) + rng.standard_normal(9) * NOISE))
+        found = own.solve(*drive.numbers(x0, plan))
+        assert found.status == SOLVED
+        assert found.primal_residual < 1e-5
+
+
+def test_obstacle_that_pops_up_is_avoided_at_once(drive, own):
+    before = own.solve(*drive.numbers(X_START))
+    after = own.solve(*drive.numbers(X_START, before.plan, (IN_THE_WAY, POPS_UP)))
+    assert after.status == SOLVED
+    gaps = []
+    for plan in (before.plan, after.plan):
+        away = np.hypot(plan.X[:, 0] - POPS_UP.X, plan.X[:, 1] - POPS_UP.Y)
+        gaps.append(away.min())
+    assert gaps[1] > gaps[0]
+
+
+def test_guess_without_inputs_and_far_from_the_dynamics_is_good_enough(drive, own, fatrop):
+    x0, P, limits, plan = drive.numbers(X_START)
+    X = plan.X.copy()
+    X[1:, State._fields.index('vx')] += 3.0
+    X[1:, State._fields.index('Y')] += 1.0
+    bent = Plan(X, 0 * plan.U)
+    mine, reference = own.solve(x0, P, limits, bent), fatrop.solve(x0, P, limits, bent)
+    assert mine.status == SOLVED
+    assert mine.cost <= reference.cost * (1 + 1e-4)

@@ -1,0 +1,207 @@
+"""A parameter is what its dataclass says, or the program does not start."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from node_runtime import parameters
+from node_runtime.parameters import Choice, ParameterError, Range
+
+
+@dataclass(frozen=True)
+class Axle:
+    stiffness: Annotated[float, Range(1.0, 5.0, 'N/rad')]
+    driven: bool
+
+
+@dataclass(frozen=True)
+class Car:
+    mass_kg: Annotated[float, Range(100.0, 5000.0, 'kg')]
+    gears: Annotated[int, Range(1, 8, '-')]
+    kind: Annotated[str, Choice('saloon', 'estate')]
+    name: str
+    ratios: Annotated[tuple[float, ...], Range(0.0, 10.0, '-')]
+    front: Axle
+    rear: Axle
+
+
+VALUES = {
+    'mass_kg': 1500.0,
+    'gears': 6,
+    'kind': 'estate',
+    'name': 'car',
+    'ratios': [4.0, 2, 1.0],
+    'front': {'stiffness': 2.0, 'driven': False},
+    'rear': {'stiffness': 3, 'driven': True},
+}
+CAR = Car(1500.0, 6, 'estate', 'car', (4.0, 2.0, 1.0), Axle(2.0, False), Axle(3.0, True))
+FILE = """\
+/**:
+  ros__parameters:
+    mass_kg: 1.5e3  # kg
+    gears: 6  # -
+    kind: estate  # word
+    name: car  # word
+    ratios: [4.0, 2, 1.0]  # -
+    front:
+      stiffness: 2.0  # N/rad
+      driven: false  # truth
+    rear: {stiffness: 3, driven: true}  # N/rad, truth
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / 'car.yaml'
+    path.write_text(text)
+    return path
+
+
+def without(key):
+    return {name: value for name, value in VALUES.items() if name != key}
+
+
+def test_a_mapping_becomes_the_dataclass_with_whole_numbers_as_floats():
+    car = parameters.build(Car, VALUES, 'here')
+    assert car == CAR
+    assert isinstance(car.rear.stiffness, float)
+    assert isinstance(car.gears, int)
+
+
+def test_flattening_is_undone_by_building():
+    flat = parameters.flatten(CAR)
+    assert flat['rear.driven'] is True
+    assert parameters.build(Car, flat, 'here') == CAR
+
+
+def test_a_ros_parameter_file_becomes_the_dataclass(tmp_path):
+    assert parameters.load(Car, write(tmp_path, FILE)) == CAR
+
+
+MISTAKES = [
+    ({'mass_kg': math.nan}, 'mass_kg: must be finite, is nan; allowed 100 to 5000 kg'),
+    ({'mass_kg': math.inf}, 'mass_kg: must be finite, is inf; allowed 100 to 5000 kg'),
+    ({'mass_kg': 99.9}, 'mass_kg: is out of range with 99.9; allowed 100 to 5000 kg'),
+    ({'mass_kg': '1500'}, "mass_kg: must be a number, is '1500'; allowed 100 to 5000 kg"),
+    ({'mass_kg': True}, 'mass_kg: must be a number, is True; allowed 100 to 5000 kg'),
+    ({'mass_kg': None}, 'mass_kg: must be a number, is None; allowed 100 to 5000 kg'),
+    ({'mass_kg': [1.0]}, r'mass_kg: must be a number, is \[1.0\]; allowed 100 to 5000 kg'),
+    ({'gears': 6.0}, 'gears: must be a whole number, is 6.0; allowed 1 to 8 -'),
+    ({'gears': 9}, 'gears: is out of range with 9; allowed 1 to 8 -'),
+    ({'gears': False}, 'gears: must be a whole number, is False; allowed 1 to 8 -'),
+    ({'kind': 'estat'}, "kind: is 'estat'; did you mean 'estate'.; allowed saloon or estate"),
+    ({'kind': 3}, 'kind: must be a text, is 3; allowed saloon or estate'),
+    ({'name': 3}, 'name: must be a text, is 3; allowed any text'),
+    ({'ratios': 3.0}, 'ratios: must be a list, is 3.0; allowed 0 to 10 -'),
+    ({'ratios': '123'}, "ratios: must be a list, is '123'; allowed 0 to 10 -"),
+    ({'ratios': [1.0, 11.0]}, 'ratios: is out of range with 11.0; allowed 0 to 10 -'),
+    ({'ratios': [1.0, 'x']}, "ratios: must be a number, is 'x'; allowed 0 to 10 -"),
+    ({'front.driven': 1}, 'front.driven: must be true or false, is 1; allowed true or false'),
+    ({'front.stifness': 1}, "front.stifness: unknown parameter; did you mean 'front.stiffness'"),
+    ({'front': 1}, 'front: unknown parameter'),
+    ({'wings': 2}, 'wings: unknown parameter$'),
+]
+
+
+@pytest.mark.parametrize(('change', 'says'), MISTAKES, ids=str)
+def test_a_wrong_value_is_refused_by_key_and_range(change, says):
+    flat = parameters.flatten(CAR)
+    with pytest.raises(ParameterError, match=f'^here: {says}'):
+        parameters.build(Car, {**flat, **change}, 'here')
+
+
+@pytest.mark.parametrize('key', VALUES)
+def test_a_missing_value_is_named(key):
+    with pytest.raises(ParameterError, match=rf'^here: {key}.*: is missing; allowed'):
+        parameters.build(Car, without(key), 'here')
+
+
+@pytest.mark.parametrize(
+    ('line', 'text', 'says'),
+    [
+        (3, '    mass_kg: 1  # kg', r'car.yaml:3: mass_kg: is out of range with 1; allowed 100 to'),
+        (3, '    mas_kg: 1  # kg', r"car.yaml:3: mas_kg: unknown .* did you mean 'mass_kg'"),
+        (9, '      stiffness: x', r"car.yaml:9: front.stiffness: must be a number, is 'x'"),
+        (9, '      driven: true', r'car.yaml:10: .*front.driven: appears twice'),
+        (2, '  ros_parameters:', r"car.yaml:2: .*ros_parameters: unknown key; did you mean 'ros__"),
+        (1, 'controller:', r'car.yaml:1: controller: unknown key'),
+        (4, '    gears: [', r'car.yaml:\d+: no valid YAML'),
+    ],
+)
+def test_a_mistake_in_a_file_is_named_with_its_line(tmp_path, line, text, says):
+    lines = FILE.splitlines()
+    path = write(tmp_path, '\n'.join([*lines[: line - 1], text, *lines[line:]]))
+    with pytest.raises(ParameterError, match=says):
+        parameters.load(Car, path)
+
+
+def test_a_value_missing_from_a_file_names_the_file(tmp_path):
+    path = write(tmp_path, FILE.replace('    gears: 6  # -\n', ''))
+    with pytest.raises(ParameterError, match=r'car.yaml: gears: is missing; allowed 1 to 8 -'):
+        parameters.load(Car, path)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.floats(100.0, 5000.0))
+def test_every_number_in_the_range_is_taken_as_it_is(mass_kg):
+    assert parameters.build(Car, {**VALUES, 'mass_kg': mass_kg}, 'here').mass_kg == mass_kg
+
+
+@dataclass(frozen=True)
+class NoRange:
+    speed: float
+
+
+@dataclass(frozen=True)
+class WrongRule:
+    kind: Annotated[str, Range(0, 1, '-')]
+
+
+@dataclass(frozen=True)
+class OddType:
+    table: dict
+
+
+@pytest.mark.parametrize('cls', [NoRange, WrongRule, OddType])
+def test_a_field_without_a_proper_range_is_a_programming_error(cls):
+    with pytest.raises(TypeError, match='is no parameter'):
+        parameters.leaves(cls)
+
+
+@pytest.mark.parametrize(
+    'value',
+    [
+        '!!python/object:os.system',
+        '!nobody x',
+        '!!bool maybe',
+        '!!int ""',
+        '!!timestamp soon',
+        '2026-13-01',
+        '9' * 400,
+        '&a [*a]',
+    ],
+)
+def test_what_yaml_cannot_make_a_value_of_is_refused_with_its_line(tmp_path, value):
+    path = tmp_path / 'car.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    stiffness: {value}\n    driven: true\n')
+    with pytest.raises(ParameterError, match=r'car\.yaml:3: .*stiffness: '):
+        parameters.load(Axle, path)
+
+
+@dataclass(frozen=True)
+class Drive:
+    share: Annotated[float, Range(0.0, 1.0, '-')] | None
+    name: str
+
+
+def test_an_optional_parameter_may_be_left_out_and_is_checked_when_it_is_not():
+    assert parameters.build(Drive, {'name': 'a'}, 'here') == Drive(None, 'a')
+    assert parameters.build(Drive, {'name': 'a', 'share': None}, 'here') == Drive(None, 'a')
+    assert parameters.build(Drive, {'name': 'a', 'share': 1}, 'here') == Drive(1.0, 'a')
+    with pytest.raises(ParameterError, match='here: share: is out of range with 2; allowed 0 to 1'):
+        parameters.build(Drive, {'name': 'a', 'share': 2}, 'here')
+    with pytest.raises(ParameterError, match='name: is missing'):
+        parameters.build(Drive, {'share': 1.0}, 'here')

@@ -1,0 +1,170 @@
+"""Generated C against CasADi's own evaluation, lane by lane."""
+
+import ctypes
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from stage_solver import compiled, riccati_codegen, riccati_model, riccati_source
+from stage_solver.riccati_graph import Graph
+
+LANES = 8
+STAGES = 24  # lanes in the arrays: three groups
+
+x, p = ca.SX.sym('x', 3), ca.SX.sym('p', 2)
+a, b, c = ca.vertsplit(x)
+m, n = ca.vertsplit(p)
+OPERATIONS = {
+    'arithmetic': [a + b, a - b, a * b, a / b, -a, a**2, 2 * a, 1 / b, a**3, b**-2, b**0.5],
+    'elementary': [ca.sin(a), ca.cos(a), ca.tan(a), ca.exp(a), ca.log(b), ca.sqrt(b), ca.tanh(a)],
+    'inverse': [ca.atan(a), ca.atan2(a, b), ca.asin(a / 4), ca.acos(a / 4), ca.asinh(a)],
+    'library': [ca.sinh(a), ca.cosh(a), ca.erf(a), ca.log1p(b), ca.expm1(a), ca.power(b, c)],
+    'kinks': [ca.fabs(a), ca.fmin(a, c), ca.fmax(a, c), ca.sign(a), ca.floor(a), ca.ceil(a)],
+    'branches': [
+        ca.if_else(a < c, a, b),
+        ca.if_else(ca.logic_and(a <= c, a != 0), ca.sqrt(b), -b),
+        ca.if_else(ca.logic_or(a > 1, ca.logic_not(c < 0)), a * c, ca.log(b)),
+        (a < c) + 2 * (a == c),
+        ca.if_else(a > 0, ca.sqrt(a), 0),
+    ],
+    'parameters': [ca.sin(m) * a, m * n + a, ca.if_else(m > n, a, b), ca.exp(n), m, n < m],
+}
+
+
+def compiled_function(function):
+    """Return the C of a function of p and others, as a function of arrays (rows, STAGES)."""
+    name = function.name()
+    graph = Graph([function], {'p'})
+    emitter = riccati_codegen.Emitter(graph, 'stage', str(STAGES))
+    others = [i for i in function.name_in() if i != 'p'] + function.name_out()
+    names = ['p', 'once', *others]
+    given, moved = (', '.join(f'{kind}{n}' for n in names) for kind in ('double *', 'j + '))
+    entry = (
+        f'void run({given}) {{ for (int j = 0; j < {STAGES}; j += W) {{'
+        f'stage_once(j + p, j + once); {name}({moved}); }} }}'
+    )
+    source = riccati_source.part('vector_math.h') + emitter.source() + entry
+    flags = (*riccati_source.FLAGS, f'-DW={LANES}')
+    library = ctypes.CDLL(str(compiled.shared_library(source, 'codegen', flags)))
+    rows = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
+    rows |= {'once': len(emitter.kept)}
+    rows |= {n: function.nnz_out(i) for i, n in enumerate(function.name_out())}
+
+    def call(**inputs):
+        arrays = {n: aligned(rows[n]) for n in names}
+        for n, value in inputs.items():
+            arrays[n][...] = value
+        library.run(*(ctypes.c_void_p(v.ctypes.data) for v in arrays.values()))
+        return [arrays[n] for n in function.name_out()]
+
+    return call
+
+
+def aligned(rows):
+    memory = np.zeros(rows * STAGES + 8)
+    start = (-memory.ctypes.data % 64) // 8
+    return memory[start : start + rows * STAGES].reshape(rows, STAGES)
+
+
+@pytest.mark.parametrize('kind', OPERATIONS)
+def test_every_operation_computes_what_casadi_computes(kind):
+    function = ca.Function('stage', [x, p], [ca.vertcat(*OPERATIONS[kind])], ['x', 'p'], ['y'])
+    rng = np.random.default_rng(2)
+    X = rng.uniform([-2, 0.1, -2], [2, 4, 2], (STAGES, 3)).T
+    X[0, :3] = X[2, :3]  # ties of the comparisons
+    P = rng.uniform(-2, 2, (2, STAGES))
+    expected = np.column_stack([function(X[:, k], P[:, k]).full().ravel() for k in range(STAGES)])
+    assert np.allclose(compiled_function(function)(x=X, p=P)[0], expected, rtol=1e-13, atol=1e-15)
+
+
+def test_value_of_a_branch_not_taken_is_not_seen():
+    function = ca.Function('stage', [x, p], [ca.if_else(a > 0, ca.log(a), 7)], ['x', 'p'], ['y'])
+    X = np.ones((3, STAGES))
+    X[0, ::2] = -1.0
+    found = compiled_function(function)(x=X, p=np.zeros((2, STAGES)))
+    assert np.array_equal(found[0][0, ::2], np.full(STAGES // 2, 7.0))
+
+
+@pytest.mark.parametrize('kind', [riccati_model.stage, riccati_model.last])
+def test_stage_functions_and_derivatives_are_those_of_casadi(slalom, kind):
+    for function in kind(slalom.problem):
+        rng = np.random.default_rng(4)
+        sizes = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
+        inputs = {n: rng.uniform(-1, 1, (size, STAGES)) for n, size in sizes.items()}
+        found = compiled_function(function)(**inputs)
+        for k in range(STAGES):
+            at_k = function.call([inputs[n][:, k] for n in function.name_in()])
+            for mine, reference in zip(found, at_k):
+                assert np.allclose(mine[:, k], reference.nz[:].full().ravel(), 1e-12, 1e-13)
+
+
+def test_hessian_and_gradients_agree_with_central_differences(slalom):
+    problem = slalom.problem
+    model = riccati_model.stage(problem)
+    rng = np.random.default_rng(6)
+    w, p = rng.uniform(-1, 1, 6), slalom.P[0]
+    lam, y = rng.standard_normal(4), rng.standard_normal(2)
+    zero = np.zeros(8)
+    q, H, JF, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
+    step = 1e-5 * np.eye(6)
+
+    def difference(of):
+        return np.column_stack([(of(w + d) - of(w - d)).ravel() / 2e-5 for d in step])
+
+    values = [lambda w, i=i: model.values(w, p)[i].full() for i in range(3)]
+    assert np.allclose(difference(values[0]), JF, atol=1e-8)
+    assert np.allclose(difference(values[1]), q.T, atol=1e-8)
+    assert np.allclose(difference(values[2]), Jg, atol=1e-7)
+    slope = difference(lambda w: model.slope(w, p, lam, y).full())
+    assert np.allclose(slope, np.triu(H) + np.triu(H, 1).T, atol=1e-7)
+
+
+def test_barrier_terms_enter_hessian_and_gradient_as_their_formulas_say(slalom):
+    model = riccati_model.stage(slalom.problem)
+    rng = np.random.default_rng(8)
+    w, p = rng.uniform(-1, 1, 6), slalom.P[0]
+    lam, y, sigma, push = (rng.uniform(0, 1, size) for size in (4, 2, 8, 8))
+    zero = np.zeros(8)
+    q0, H0, _, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
+    q, H, _, _ = (v.full() for v in model.quadratic(w, p, lam, y, sigma, push))
+    added = np.diag(sigma[:6]) + Jg.T @ np.diag(sigma[6:]) @ Jg
+    assert np.allclose(H - H0, np.triu(added), atol=1e-12)
+    assert np.allclose((q - q0).ravel(), push[:6] + Jg.T @ push[6:], atol=1e-12)
+
+
+def test_what_only_parameters_decide_is_computed_once():
+    y = ca.sin(m) * a + ca.cos(m + n)
+    graph = Graph([ca.Function('stage', [x, p], [y], ['x', 'p'], ['y'])], {'p'})
+    text = riccati_codegen.Emitter(graph, 'stage', '8').source()
+    once, stage = text.split('static void stage(')
+    assert once.count('v_sin') == 1
+    assert once.count('v_cos') == 1
+    assert 'v_sin' not in stage
+    assert 'v_cos' not in stage
+
+
+def test_equal_operations_of_several_functions_are_one_node():
+    first = ca.Function('first', [x], [ca.sin(a * b) + 1], ['x'], ['y'])
+    second = ca.Function('second', [x], [ca.sin(b * a) * 2], ['x'], ['y'])
+    graph = Graph([first, second], set())
+    assert sum(node.op == ca.OP_SIN for node in graph.nodes) == 1
+
+
+def test_quotients_by_the_same_number_share_one_division():
+    function = ca.Function('f', [x], [ca.vertcat(a / c, b / c, 1 / c)], ['x'], ['y'])
+    nodes = Graph([function], set()).nodes
+    assert sum(node.op == ca.OP_INV for node in nodes) == 1
+    assert not any(node.op == ca.OP_DIV for node in nodes)
+
+
+def test_same_problem_gives_the_same_source(slalom):
+    made = riccati_source.source.__wrapped__  # nothing is kept
+    assert made(slalom.problem) == made(slalom.problem)
+
+
+def test_operation_without_counterpart_is_named():
+    function = ca.Function('stage', [x, p], [ca.remainder(a, b)], ['x', 'p'], ['y'])
+    graph = Graph([function], {'p'})
+    with pytest.raises(riccati_codegen.UnsupportedError, match='is not supported'):
+        riccati_codegen.Emitter(graph, 'stage', '8').source()

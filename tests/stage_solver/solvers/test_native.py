@@ -1,0 +1,78 @@
+"""Machine code of the NLP: same results as interpreted, compiled once, and done without."""
+
+import dataclasses
+import stat
+
+import numpy as np
+import pytest
+
+from stage_solver import native, nlp_functions, solver
+
+
+@pytest.fixture
+def functions(slalom):
+    return nlp_functions.build(slalom.problem, 'fatrop')
+
+
+@pytest.fixture
+def arguments(slalom):
+    rng = np.random.default_rng(5)
+    v = np.concatenate(
+        [np.hstack([slalom.guess.X[:-1], slalom.guess.U]).ravel(), slalom.guess.X[-1]]
+    )
+    v = v + 0.1 * rng.standard_normal(v.shape)
+    return v, slalom.P.ravel(), 0.8, rng.standard_normal(30 * 6 + 1)
+
+
+def test_every_function_computes_what_the_interpreter_computes(functions, arguments):
+    compiled = native.compile_all(functions, 'slalom')
+    assert compiled.keys() == functions.keys()
+    for name, function in functions.items():
+        assert compiled[name].class_name() != function.class_name()
+        given = arguments[: function.n_in()]
+        for mine, reference in zip(compiled[name].call(given), function.call(given)):
+            assert mine.sparsity() == reference.sparsity()
+            assert np.allclose(mine.full(), reference.full(), rtol=1e-14, atol=1e-14)
+
+
+def test_same_problem_is_compiled_once_and_another_anew(slalom, double_integrator, own_cache):
+    def libraries():
+        return {f.name: f.stat().st_mtime_ns for f in own_cache.glob('*.so')}
+
+    anew = nlp_functions.build.__wrapped__  # as another process would
+    native.compile_all(anew(slalom.problem, 'fatrop'), 'a')
+    first = libraries()
+    native.compile_all(anew(slalom.problem, 'fatrop'), 'a')
+    assert libraries() == first
+    assert len(first) == 1
+    native.compile_all(nlp_functions.build(double_integrator.problem, 'fatrop'), 'a')
+    assert len(libraries()) == 2
+
+
+def test_code_does_not_grow_with_the_horizon(slalom):
+    short, long = (
+        len(
+            native.c_source(
+                nlp_functions.build(dataclasses.replace(slalom.problem, horizon=N), 'fatrop'), 'a'
+            )
+        )
+        for N in (25, 50)
+    )
+    # patterns do grow; the expanded graph would double
+    assert long < 1.35 * short
+
+
+def test_without_a_compiler_the_functions_are_interpreted(slalom, options, monkeypatch):
+    expected = solver.make(slalom.problem, options('fatrop')).solve(*slalom.numbers)
+    monkeypatch.setenv('CC', 'no-such-compiler')
+    own = solver.make(slalom.problem, options('fatrop', compiled=True))
+    assert np.array_equal(own.solve(*slalom.numbers).plan.U, expected.plan.U)
+
+
+def test_a_broken_compiler_is_reported_and_done_without(functions, tmp_path, monkeypatch):
+    broken = tmp_path / 'broken-cc'
+    broken.write_text('#!/bin/sh\n[ "$1" = --version ] && exit 0\necho no headers >&2; exit 1\n')
+    broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv('CC', str(broken))
+    with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*interpreter is used'):
+        assert native.compile_all(functions, 'slalom') is functions

@@ -1,0 +1,114 @@
+"""The midpoint rule, the shift of a plan, and problems that contradict themselves."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stage_solver import shooting
+from stage_solver.shooting import Multipliers, Plan, ProblemError
+
+
+def pendulum(x, u, p):
+    return np.array([x[1], -p * np.sin(x[0]) - 0.1 * x[1] + u])
+
+
+def drive(dt, duration=2.0):
+    step = shooting.rk2(pendulum, dt)
+    x = np.array([1.0, 0.5])
+    for _ in range(round(duration / dt)):
+        x = step(x, 0.3, 9.81)
+    return x
+
+
+def test_error_over_a_fixed_time_falls_with_the_square_of_the_step():
+    exact = drive(1e-4)
+    coarse, half, quarter = (np.abs(drive(dt) - exact).max() for dt in (0.04, 0.02, 0.01))
+    assert coarse / half == pytest.approx(4, rel=0.15)
+    assert half / quarter == pytest.approx(4, rel=0.1)
+
+
+def test_step_is_the_midpoint_rule_by_hand():
+    # x' = x^2 at x = 1: midpoint 1 + 0.1/2 * 1 = 1.05, step 1 + 0.1 * 1.05^2
+    step = shooting.rk2(lambda x, u, p: x**2, 0.1)
+    assert step(1.0, None, None) == pytest.approx(1.11025, abs=1e-15)
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(st.floats(0.05, 3.0))
+def test_decay_is_stable_up_to_a_step_of_two_time_constants(a_dt):
+    step = shooting.rk2(lambda x, u, p: -x, a_dt)
+    x = 1.0
+    for _ in range(100):
+        x = step(x, None, None)
+    factor = 1 - a_dt + a_dt**2 / 2
+    assert x == pytest.approx(factor**100, rel=1e-9)
+    assert (abs(x) <= 1.0) == (a_dt <= 2.0)
+
+
+def test_symbols_and_numbers_step_alike():
+    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p')
+
+    def symbolic(x, u, p):
+        return ca.vertcat(x[1], -p * ca.sin(x[0]) - 0.1 * x[1] + u)
+
+    F = ca.Function('F', [x, u, p], [shooting.rk2(symbolic, 0.05)(x, u, p)])
+    expected = shooting.rk2(pendulum, 0.05)(np.array([0.7, -1.0]), 0.2, 9.81)
+    assert np.allclose(F([0.7, -1.0], 0.2, 9.81).full().ravel(), expected, atol=1e-15)
+
+
+def test_shift_drops_the_first_stage_and_drives_one_more(double_integrator):
+    rng = np.random.default_rng(1)
+    X, U = rng.standard_normal((16, 2)), rng.standard_normal((15, 1))
+    later = shooting.shift(Plan(X, U), double_integrator.problem.dynamics, np.array([0.1]))
+    assert np.array_equal(later.X[:-1], X[1:])
+    assert np.array_equal(later.U, np.vstack([U[1:], U[-1:]]))
+    position, speed = X[-1]
+    force = U[-1, 0]
+    by_hand = [position + 0.2 * speed + 0.02 * force, speed + 0.2 * force]
+    assert np.allclose(later.X[-1], by_hand, atol=1e-14)
+    assert later.multipliers is None
+
+
+def test_shift_moves_multipliers_with_their_stages(double_integrator):
+    stages = np.arange(15.0)
+    given_ones = Multipliers(
+        x=np.arange(32.0).reshape(16, 2),
+        u=stages[:, None],
+        dynamics=np.column_stack([stages, -stages]),
+        g=np.zeros((15, 0)),
+        h=np.zeros(0),
+    )
+    plan = Plan(np.zeros((16, 2)), np.zeros((15, 1)), given_ones)
+    later = shooting.shift(plan, double_integrator.problem.dynamics, np.array([0.1])).multipliers
+    assert np.array_equal(later.u[:, 0], [*stages[1:], 14.0])
+    assert np.array_equal(later.x[:-1], given_ones.x[1:])
+    assert np.array_equal(later.dynamics[:-1], given_ones.dynamics[1:])
+    assert [part.shape for part in later] == [part.shape for part in given_ones]
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'name': 'a b'}, "name 'a b' is not an identifier"),
+        ({'horizon': 0}, 'a stage, a state and an input are needed'),
+        ({'inputs': ()}, 'a stage, a state and an input are needed'),
+        ({'states': ('position',)}, r'dynamics takes arguments of sizes .*\(2, 1\)'),
+        ({'parameters': ()}, 'dynamics takes arguments of sizes'),
+        ({'scale_x': (1.0,)}, 'one positive scale each is needed'),
+        ({'scale_u': (0.0,)}, r"one positive scale each is needed for \('force',\)"),
+        ({'scale_u': (float('nan'),)}, 'one positive scale each is needed'),
+    ],
+)
+def test_a_problem_that_contradicts_itself_is_refused(change, message, double_integrator):
+    with pytest.raises(ProblemError, match=message):
+        dataclasses.replace(double_integrator.problem, **change)
+
+
+def test_a_cost_must_be_one_number(double_integrator):
+    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p')
+    with pytest.raises(ProblemError, match='stage_cost must return one vector of 1'):
+        dataclasses.replace(double_integrator.problem, stage_cost=ca.Function('l', [x, u, p], [x]))

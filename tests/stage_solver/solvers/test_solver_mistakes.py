@@ -1,0 +1,55 @@
+"""Numbers, shapes and names that make no sense are refused by name."""
+
+import numpy as np
+import pytest
+from small_problems import each_solver
+
+from stage_solver import solver
+from stage_solver.shooting import Plan, ProblemError
+
+
+@each_solver
+@pytest.mark.parametrize(
+    ('spoil', 'message'),
+    [
+        (lambda c: c._replace(x0=c.x0 * np.nan), 'initial state is not finite: X = nan'),
+        (lambda c: c._replace(P=spoilt(c.P, (4, 2))), 'parameters is not finite: r_disc = nan'),
+        (lambda c: c._replace(guess=Plan(spoilt(c.guess.X, (7, 1)), c.guess.U)), 'guess .*: Y = '),
+        (lambda c: c._replace(guess=Plan(c.guess.X, spoilt(c.guess.U, (2, 0)))), 'guess .*: push'),
+        (lambda c: crossed(c, 5, 3.0), r'no value of u\[5, 0\] lies in \[3.0, 2.0\]'),
+        (lambda c: crossed(c, 5, np.nan), r'no value of u\[5, 0\] lies in \[nan, 2.0\]'),
+    ],
+    ids=['x0', 'P', 'guess of states', 'guess of inputs', 'crossed limits', 'limit not a number'],
+)
+def test_numbers_that_make_no_sense_are_refused_by_name(name, spoil, message, slalom, options):
+    case = spoil(slalom)
+    found = solver.make(case.problem, options(name)).solve(*case.numbers)
+    assert found.status == solver.FAILED
+    assert found.iterations == 0
+    assert not np.isfinite(found.primal_residual)
+    with pytest.raises(AssertionError, match=message):
+        raise AssertionError(found.message)
+
+
+def spoilt(array, at):
+    array = array.copy()
+    array[at] = np.nan
+    return array
+
+
+def crossed(case, stage, low):
+    u_low = case.bounds.u_low.copy()
+    u_low[stage, 0] = low
+    return case._replace(bounds=case.bounds._replace(u_low=u_low))
+
+
+@each_solver
+def test_a_wrong_shape_is_the_callers_mistake(name, slalom, options):
+    own = solver.make(slalom.problem, options(name))
+    with pytest.raises(ProblemError, match=r'P has shape \(30, 4\); \(31, 4\) is needed'):
+        own.solve(slalom.x0, slalom.P[:-1], slalom.bounds, slalom.guess)
+
+
+def test_an_unknown_solver_is_named_together_with_the_known_ones(slalom, options):
+    with pytest.raises(ProblemError, match=r"no solver 'snopt'; there are: riccati, fatrop, ipopt"):
+        solver.make(slalom.problem, options('snopt'))
