@@ -1,0 +1,103 @@
+"""The examples: solved by the own solver as by IPOPT, and physically what they claim to be."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stage_solver import SOLVED, SolverOptions, make
+
+FOLDER = Path(__file__).parents[2] / 'stage_solver/examples'
+NAMES = ('cart_pole', 'point_robot', 'quadrotor')
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def solved(name, *numbers):
+    """Return the module, and its solutions by the own solver and by IPOPT."""
+    module = load(name)
+    problem = module.problem()
+    options = {'max_iterations': 500, 'tolerance': 1e-7, 'compiled': False}
+    return module, [
+        make(problem, SolverOptions(solver, **options)).solve(*module.numbers(problem, *numbers))
+        for solver in ('riccati', 'ipopt')
+    ]
+
+
+def check_alike(own, reference):
+    assert own.status == reference.status == SOLVED
+    assert own.cost == pytest.approx(reference.cost, rel=1e-5)
+    assert np.allclose(own.plan.X, reference.plan.X, atol=2e-3)
+
+
+def test_every_example_is_tested():
+    assert sorted(path.stem for path in FOLDER.glob('*.py')) == sorted(NAMES)
+
+
+def test_the_pole_is_swung_up_within_track_and_force():
+    module, (own, reference) = solved('cart_pole')
+    check_alike(own, reference)
+    X, U = own.plan.X, own.plan.U
+    assert np.allclose(X[-1], [module.DISTANCE_M, np.pi, 0.0, 0.0], atol=1e-5)
+    assert np.abs(X[:, 0]).max() <= module.TRACK_M + 1e-6
+    assert np.abs(U).max() <= module.FORCE_N + 1e-5
+
+
+def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone():
+    module = load('cart_pole')
+    m, M, length, g = module.POLE_KG, module.CART_KG, module.LENGTH_M, module.GRAVITY
+
+    def energy(x):
+        _, angle, v, w = x
+        bob = (v + length * w * np.cos(angle)) ** 2 + (length * w * np.sin(angle)) ** 2
+        return M * v**2 / 2 + m * bob / 2 - m * g * length * np.cos(angle)
+
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        x, force = rng.uniform(-2.0, 2.0, 4), rng.uniform(-20.0, 20.0)
+        slope = np.array(module.rates(x, [force], None)).ravel().astype(float)
+        h = 1e-6
+        change = (energy(x + h * slope) - energy(x - h * slope)) / (2 * h)
+        assert change == pytest.approx(force * x[2], abs=1e-6)
+
+
+def test_the_quadrotor_passes_the_discs_as_closely_as_it_may():
+    module, (own, reference) = solved('quadrotor')
+    check_alike(own, reference)
+    assert np.allclose(own.plan.X[-1], [*module.GOAL, 0.0, 0.0, 0.0, 0.0], atol=1e-5)
+    assert own.plan.U.min() >= -1e-6
+    assert own.plan.U.max() <= module.MOST_N + 1e-5
+    assert min(module.clearance(own.plan.X)) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_straight_path_takes_the_time_of_the_closed_form():
+    module, (own, reference) = solved('point_robot', np.zeros(load('point_robot').HORIZON + 1))
+    check_alike(own, reference)
+    assert own.cost == pytest.approx(module.straight_s(), rel=1e-5)
+
+
+def test_in_a_bend_the_whole_acceleration_is_used_everywhere():
+    module, (own, reference) = solved('point_robot', load('point_robot').bend())
+    check_alike(own, reference)
+    lateral = module.bend()[:-1] * own.plan.X[:-1, 0]
+    whole = np.hypot(own.plan.U[:, 0], lateral)
+    assert whole.max() <= module.LIMIT_MPS2 + 1e-5
+    assert np.median(whole) == pytest.approx(module.LIMIT_MPS2, rel=1e-3)
+    assert own.cost > module.straight_s()
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_an_example_runs_as_its_first_lines_say(name):
+    done = subprocess.run(
+        [sys.executable, FOLDER / f'{name}.py'], capture_output=True, text=True, timeout=240
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'solved after' in done.stdout
