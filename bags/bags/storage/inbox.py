@@ -65,6 +65,7 @@ class Filing:
         self._stamp_ns = stamps.reader(topic.type)
         self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
         self._last_log_ns = 0  # in lockstep never beyond /clock
+        self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
 
     def put(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
         """File one message under its stamp (lockstep) or its time of arrival (realtime).
@@ -92,10 +93,19 @@ class Filing:
         file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
         if self._must_wait(stamp_ns):
             self._time.wait(file)
-        elif stamp_ns is not None and self._time.is_ahead(stamp_ns):
-            self._time.wait_until(stamp_ns, file)
+        elif stamp_ns is not None and (self._follows(stamp_ns) or self._time.is_ahead(stamp_ns)):
+            self._ahead_ns.append(stamp_ns)
+            self._time.wait_until(stamp_ns, partial(self._file_reached, stamp_ns, file))
         else:
             file()
+
+    def _follows(self, stamp_ns):
+        """Tell whether an earlier message still waits: /clock may have been heard meanwhile."""
+        return bool(self._ahead_ns) and min(self._ahead_ns) <= stamp_ns
+
+    def _file_reached(self, stamp_ns, file):
+        self._ahead_ns.remove(stamp_ns)
+        file()
 
     def _must_wait(self, stamp_ns):
         """Tell whether it depends on the next /clock how a message is filed."""

@@ -198,6 +198,32 @@ def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
     assert times(filed)[1:] == [2 * S, 3 * S, 4 * S]
 
 
+def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them(filed):
+    heard = deque([None, 2 * S + 700_000_000])
+
+    def listen():
+        if (stamp_ns := heard.popleft()) is not None:
+            time.hear(stamp_ns)
+
+    time = SimulatedTime(listen)
+    topic, clock = (
+        Filing(topic, 'lockstep', write, time=time, owns_time=True)
+        for topic, write in ((TOPIC, lambda *row: filed.append(row)), (CLOCK, lambda *row: None))
+    )
+    put(clock, S)
+    put(topic, 3 * S, 3 * S + 600_000_000)  # the second one is no longer ahead
+    assert filed == []
+    put(clock, 3 * S)
+    assert times(filed) == [3 * S, 3 * S + 600_000_000]
+
+
+def test_a_message_of_another_clock_keeps_no_later_one_waiting(filing, filed, tick):
+    topic = filing('lockstep', owns_time=True)
+    tick(S)
+    put(topic, WALL_NS, S, S + 1)
+    assert times(filed) == [S, S + 1]
+
+
 def test_what_comes_before_the_clock_is_dated_by_the_clock(filing, filed, tick):
     topic, other = filing('lockstep'), filing('lockstep', alone=False)
     put(topic, WALL_NS, S)
