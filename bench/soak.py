@@ -9,9 +9,10 @@ one life of the controller and six of every other node. From the first command o
 node is looked at twice a second, in a short soak more often. After the first fifth of its life, 12
 s at least, in which the writers fill their histories, no node may grow: the program fails when it
 holds more than 3 MB more memory in the end than then (2 MB in a minute or less; medians over a
-tenth of the life), or more files, threads or DDS segments. The recorder may grow by 15 MB more in a
-minute or less: it keeps up to 3 s of messages, about 10 MB, while Fast DDS sends a lost packet
-again, which happens on a busy machine. It fails, too, when a drive ends early,
+tenth of the life), or more files, threads or DDS segments. The recorder may grow by 45 MB more in a
+minute or less: while Fast DDS sends a lost packet of /clock again, which takes 3 s and happens on a
+busy machine, it keeps up to 30,000 messages (`bags.storage.simulated_time`) of about 1.3 kB; 9 and
+27 MB were seen. It fails, too, when a drive ends early,
 and stops by itself when one takes ten times what it simulates. On the wall clock the nodes run with
 real-time priority where the user may give it.
 
@@ -46,7 +47,7 @@ LOOKS = 1200  # at the pace of the wall clock; lockstep may be ten times as fast
 SPARE = 4.0  # looking takes a fifth of a core at most: a faster machine drives and looks faster
 MOST_MB = 3.0
 SHORT_MIN, SHORT_MB = 1.0, 2.0
-KEEPS_BACKLOG, BACKLOG_MB = 'recorder', 15.0  # in a short soak
+KEEPS_BACKLOG, BACKLOG_MB = 'recorder', 45.0  # in a short soak
 STARTED = 'started from the actuators'  # says the controller with the first command
 END_S = 30.0
 SLOWEST = 10.0  # wall time per simulated time, at most

@@ -33,11 +33,11 @@ def test_a_short_soak_is_held_to_less_memory_and_to_the_same_files_threads_and_s
 
 
 def test_the_backlog_of_the_recorder_is_no_growth_in_a_short_soak():
-    looks = [LOOK] * 60 + [LOOK._replace(memory_mb=116.0)] * 40
+    looks = [LOOK] * 60 + [LOOK._replace(memory_mb=146.0)] * 40
     for node in ('recorder', 'recorder.2'):
         assert soak.growth(node, looks, SHORT).grew == []
         assert soak.growth(node, looks, HOUR).grew == ['memory_mb']
-        more = [LOOK] * 60 + [LOOK._replace(memory_mb=118.0)] * 40
+        more = [LOOK] * 60 + [LOOK._replace(memory_mb=148.0)] * 40
         assert soak.growth(node, more, SHORT).grew == ['memory_mb']
 
 
