@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 
 import pytest
 import require
@@ -54,6 +55,18 @@ def domain(dds):
     with reserved({}) as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(number))
         yield number
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """Return a folder with a package `some_pkg` that is installed: no package.xml beside it."""
+    module = tmp_path / 'site-packages/some_pkg'
+    module.mkdir(parents=True)
+    (module / '__init__.py').touch()
+    monkeypatch.syspath_prepend(str(module.parent))
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'venv'))
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    return tmp_path
 
 
 @pytest.fixture(scope='session')

@@ -1,15 +1,17 @@
 """The ring in process, without ROS: the same steps in the same order as the nodes in lockstep."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bags.errors import BagError
+from bags.storage import columns
 from bags.storage.columns import Columns
 from bags.verdict import recorded
 from bags.verdict.drive import Drive
-from experiments import simulated
 from experiments.configuration import experiment, inputs
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -28,6 +30,7 @@ from vehicle_plant.simulator import Simulator, Start
 # scenario's, the others are about messages and wall time
 HONOURED = ('friction', 'tyre_set', experiment.DEFAULTS_NAMED)
 HONOURED_GROUP = 'car.'
+SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
 
 
 class Setup(NamedTuple):
@@ -121,7 +124,7 @@ def run(
         '/controller/prediction': [ring.prediction(one) for one in predictions],
         '/controller/why': whys,
     }
-    return simulated.of(track.join(tracks), commands, values)
+    return tables_of(track.join(tracks), commands, values)
 
 
 def run_info(
@@ -148,3 +151,43 @@ def run_info(
         'mode': 'in process',
         'parameters': json.dumps(noted, sort_keys=True),
     }
+
+
+def tables_of(
+    track: Any,
+    commands: Sequence[Any],
+    values: dict[str, Sequence[Any]],
+) -> dict[str, Columns]:
+    """Return the tables by topic.
+
+    track     the plant's, one row per millisecond, first row the start
+    commands  one per tick
+    values    values of `msgs_yaml.types` for every other topic, each with its stamp
+    """
+    zero_ns = int(track.stamp_ns[0])
+    slow = track.where(track.stamp_ns % SLOW_NS == 0)
+    tables = {
+        '/vehicle/odometry': (columns.Odometry, [ring.odometry(x) for x in track.states()]),
+        '/vehicle/actuators': (columns.Actuators, track.actuators()),
+        '/vehicle/imu': (columns.Imu, slow.imu()),
+        '/vehicle/wheels': (columns.Wheels, slow.wheels()),
+        '/controller/command': (columns.Command, commands),
+    }
+    made = {topic: _table(form, rows, zero_ns) for topic, (form, rows) in tables.items()}
+    return made | {topic: _values(rows, zero_ns) for topic, rows in values.items()}
+
+
+def _table(form, rows, zero_ns):
+    """The fields of the values and the columns after the time stand in the same order."""
+    stamps, *fields = zip(*rows)
+    stamp_ns = np.array(stamps, dtype=np.int64)
+    return form(stamp_ns, _seconds(stamp_ns, zero_ns), *(np.array(f, float) for f in fields))
+
+
+def _values(rows, zero_ns):
+    stamp_ns = np.array([one.stamp_ns for one in rows], dtype=np.int64)
+    return columns.Values(stamp_ns, _seconds(stamp_ns, zero_ns), tuple(rows))
+
+
+def _seconds(stamp_ns, zero_ns):
+    return (stamp_ns - zero_ns) / NS_PER_S

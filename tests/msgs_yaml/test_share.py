@@ -1,29 +1,9 @@
 """Data files are found from the source tree, from a workspace and from a virtual environment."""
 
-import sys
-
 import pytest
+from data_package import put
 
 from msgs_yaml import share
-
-
-@pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """A package that is installed, that is: without package.xml beside its module."""
-    module = tmp_path / 'site-packages/some_pkg'
-    module.mkdir(parents=True)
-    (module / '__init__.py').touch()
-    monkeypatch.syspath_prepend(str(module.parent))
-    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'venv'))
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    return tmp_path
-
-
-def put(prefix, text):
-    file = prefix / 'share/some_pkg/config/a.yaml'
-    file.parent.mkdir(parents=True)
-    file.write_text(text)
-    return file
 
 
 def test_the_source_tree_comes_first(installed):

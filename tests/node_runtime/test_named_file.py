@@ -1,30 +1,11 @@
 """A parameter file is found by its name in a package, or by its path."""
 
 import re
-import sys
 
 import pytest
+from data_package import put
 
 from node_runtime import named_file
-
-
-@pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """A package that is installed, that is: without package.xml beside its module."""
-    module = tmp_path / 'site-packages/some_pkg'
-    module.mkdir(parents=True)
-    (module / '__init__.py').touch()
-    monkeypatch.syspath_prepend(str(module.parent))
-    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'venv'))
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    return tmp_path
-
-
-def put(prefix, text):
-    file = prefix / 'share/some_pkg/config/a.yaml'
-    file.parent.mkdir(parents=True)
-    file.write_text(text)
-    return file
 
 
 def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(installed, monkeypatch):
