@@ -7,7 +7,7 @@ from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import mpcc_ocp
 from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.mpcc_ocp import Limited
-from stage_solver.shooting import Plan, StageProblem
+from stage_solver.stage_problem import Plan, StageProblem
 
 NEAR = 1e-3  # of the scale of the limit: so near counts as active
 FRICTION = ('front', 'rear', 'total')

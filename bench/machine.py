@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from stage_solver import compiled
+from stage_solver import compile_cache
 
 GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
 TIMES = Path('/proc/stat')
@@ -73,7 +73,7 @@ def _cpu():
 
 
 def _compiler():
-    command = compiled.find_compiler()
+    command = compile_cache.find_compiler()
     if command is None:
         return 'none'
     shown = [*command.split(), '--version']

@@ -17,8 +17,8 @@ from variants import OWN
 
 from mpcc_controller.parameters import ControllerParams
 from stage_solver import solver
-from stage_solver.shooting import Bounds, Plan
-from stage_solver.solver import Solution, StageSolver
+from stage_solver.solution import Solution, StageSolver
+from stage_solver.stage_problem import Bounds, Plan
 
 ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}  # whatever comes of the first step
 # scheme -> (mode, other settings); the first one is what the others are compared with

@@ -15,7 +15,7 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import reference
 from mpcc_controller.problem import stages
 from msgs_yaml.types import Obstacle
-from stage_solver.shooting import Bounds, Plan, ProblemError, StageProblem
+from stage_solver.stage_problem import Bounds, Plan, ProblemError, StageProblem
 
 POP_UP_EVERY = 6  # ticks
 POP_UP_AHEAD_M = (15.0, 40.0)

@@ -12,8 +12,8 @@ from mpcc_controller.driving import guess
 from mpcc_controller.driving.ladder import Ladder
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
-from stage_solver.shooting import Bounds, Plan, StageProblem
-from stage_solver.solver import StageSolver
+from stage_solver.solution import StageSolver
+from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
 FIRST, WARM, COLD, POP_UP = 'first', 'warm', 'cold', 'pop-up'
 

@@ -29,7 +29,7 @@ from verdict import Court, Verdict
 
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_ocp
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems

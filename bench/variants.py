@@ -7,10 +7,10 @@ import numpy as np
 
 from mpcc_controller.driving import chosen, ladder
 from mpcc_controller.parameters import ControllerParams
-from stage_solver import native, solver
+from stage_solver import compiled_functions, solver
 from stage_solver.nlpsol_solver import NlpsolSolver
-from stage_solver.shooting import Bounds, Plan, StageProblem
-from stage_solver.solver import Solution, SolverOptions, StageSolver
+from stage_solver.solution import Solution, SolverOptions, StageSolver
+from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
 OWN = 'riccati'
 OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'
@@ -27,7 +27,7 @@ class Variant(NamedTuple):
 
     label: str
     options: SolverOptions
-    flags: tuple[str, ...] = native.FLAGS  # of the compiler, for CasADi's functions
+    flags: tuple[str, ...] = compiled_functions.FLAGS  # of the compiler, for CasADi's functions
 
 
 class Aided:
@@ -46,7 +46,7 @@ class Aided:
         found = self._first.solve(x0, P, bounds, guess)
         if not ladder.fault(found, self._rules):
             return found
-        self._second.limit(max(self._limit_s - found.solve_s, 0.0))
+        self._second.set_time_limit(max(self._limit_s - found.solve_s, 0.0))
         aid = self._second.solve(x0, P, bounds, guess._replace(multipliers=None))
         return aid._replace(
             plan=aid.plan._replace(multipliers=None),
@@ -90,9 +90,9 @@ def make(
 
 
 def _made(problem, variant, params):
-    if variant.flags != native.FLAGS:
+    if variant.flags != compiled_functions.FLAGS:
         return NlpsolSolver(problem, variant.options, variant.flags)
-    made = solver.make(problem, variant.options)
+    made = solver.make_solver(problem, variant.options)
     if variant.label not in (OURS, ONE_STEP):
         return made
     second = chosen.second(with_mode(params, 'converged'), problem, limit_time=True, first=made)

@@ -9,9 +9,9 @@ from judge import Judge
 from race import Answer, Task
 from variants import REFERENCE
 
-from stage_solver import solver
-from stage_solver.shooting import Plan, StageProblem
-from stage_solver.solver import SOLVED, SolverOptions
+from stage_solver.solution import SOLVED, SolverOptions
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan, StageProblem
 
 LARGEST_GAP = 1e-4  # of the cost
 LEAST_COST = 1e-2  # gaps are relative to this where the cost is lower: an error of 1/10 tolerance
@@ -34,7 +34,7 @@ class Court:
 
     def __init__(self, problem: StageProblem, reference: SolverOptions = REFERENCE):
         self.judge = Judge(problem)
-        self._reference = solver.make(problem, reference)
+        self._reference = make_solver(problem, reference)
         self._known: dict[bytes, tuple[Plan, float] | None] = {}
 
     def verdict(self, task: Task, answer: Answer) -> Verdict:

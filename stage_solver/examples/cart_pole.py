@@ -14,7 +14,7 @@ from stage_solver import (
     Plan,
     SolverOptions,
     StageProblem,
-    make,
+    make_solver,
     no_bounds,
     rk2,
     zero_plan,
@@ -75,7 +75,7 @@ def numbers(swing_up):
 def main():
     """Solve it and say what came out."""
     swing_up = problem()
-    solution = make(swing_up, SolverOptions(max_iterations=300)).solve(*numbers(swing_up))
+    solution = make_solver(swing_up, SolverOptions(max_iterations=300)).solve(*numbers(swing_up))
     X, U = solution.plan.X, solution.plan.U
     took_ms = 1e3 * solution.solve_s
     print(f'{solution.status} after {solution.iterations} iterations, {took_ms:.1f} ms')

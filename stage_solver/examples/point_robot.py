@@ -11,7 +11,7 @@ curvature of the path is a parameter of each stage.
 import casadi as ca
 import numpy as np
 
-from stage_solver import Plan, SolverOptions, StageProblem, make, no_bounds
+from stage_solver import Plan, SolverOptions, StageProblem, make_solver, no_bounds
 
 HORIZON, STEP_M = 80, 0.5
 LIMIT_MPS2 = 4.0
@@ -63,7 +63,7 @@ def bend():
 def main():
     """Solve both and say what came out."""
     path = problem()
-    solver = make(path, SolverOptions())  # compiled once, for any curvature
+    solver = make_solver(path, SolverOptions())  # compiled once, for any curvature
     for name, curvature in (('straight', np.zeros(HORIZON + 1)), ('bend', bend())):
         solution = solver.solve(*numbers(path, curvature))
         fastest = np.sqrt(solution.plan.X.max())

@@ -9,7 +9,7 @@ given the discs as parameters, so they may move or change without another compil
 import casadi as ca
 import numpy as np
 
-from stage_solver import SolverOptions, StageProblem, make, no_bounds, rk2, zero_plan
+from stage_solver import SolverOptions, StageProblem, make_solver, no_bounds, rk2, zero_plan
 
 HORIZON, STEP_S = 60, 0.05
 MASS_KG, INERTIA_KGM2, ARM_M, GRAVITY = 0.5, 0.01, 0.2, 9.81
@@ -77,7 +77,7 @@ def clearance(X):
 def main():
     """Solve it and say what came out."""
     flight = problem()
-    solution = make(flight, SolverOptions(max_iterations=300)).solve(*numbers(flight))
+    solution = make_solver(flight, SolverOptions(max_iterations=300)).solve(*numbers(flight))
     took_ms = 1e3 * solution.solve_s
     print(f'{solution.status} after {solution.iterations} iterations, {took_ms:.1f} ms')
     gaps = ', '.join(f'{gap:.4f}' for gap in clearance(solution.plan.X))

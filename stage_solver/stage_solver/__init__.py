@@ -4,7 +4,7 @@
     Bounds          limits of states, inputs and constraints; `no_bounds(problem)` has none
     Plan            states and inputs over the horizon; `zero_plan(problem)` is all zeros
     SolverOptions   which solver ('riccati', 'fatrop', 'ipopt'), and when it stops
-    make            (StageProblem, SolverOptions) -> a solver with `solve(x0, P, bounds, guess)`
+    make_solver     (StageProblem, SolverOptions) -> a solver with `solve(x0, P, bounds, guess)`
     Solution        plan, cost, status (SOLVED, ONE_STEP, STOPPED_EARLY, FAILED), residuals, times
     shift           the plan one stage later: the guess of the next solve
     rk2             explicit midpoint steps of a differential equation
@@ -16,14 +16,14 @@ It needs CasADi and numpy; with a C compiler a problem is compiled once per mach
 from importlib import import_module
 from typing import Any
 
-_SHOOTING = ('Bounds', 'Plan', 'ProblemError', 'StageProblem')
-_SHOOTING += ('no_bounds', 'rk2', 'shift', 'zero_plan')
+_STAGE_PROBLEM = ('Bounds', 'Plan', 'ProblemError', 'StageProblem')
+_STAGE_PROBLEM += ('no_bounds', 'rk2', 'shift', 'zero_plan')
 _SOLUTION = ('FAILED', 'ONE_STEP', 'SOLVED', 'STOPPED_EARLY', 'OneStep', 'Solution')
 _SOLUTION += ('SolverOptions',)
 _MODULE_OF = {
-    **dict.fromkeys(_SHOOTING, 'shooting'),
+    **dict.fromkeys(_STAGE_PROBLEM, 'stage_problem'),
     **dict.fromkeys(_SOLUTION, 'solution'),
-    'make': 'solver',
+    'make_solver': 'solver',
 }
 __all__ = sorted(_MODULE_OF)
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 COMMON = {
     'print_time': False,

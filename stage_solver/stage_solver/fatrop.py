@@ -26,8 +26,8 @@ from stage_solver import backend
 from stage_solver.backend import Call, Ending
 from stage_solver.buffered import Buffered
 from stage_solver.deadline import Deadline
-from stage_solver.shooting import StageProblem
 from stage_solver.solution import SolverOptions
+from stage_solver.stage_problem import StageProblem
 
 # fatrop's IpSolverReturnFlag, in its order
 REASONS = (
@@ -80,7 +80,7 @@ class Fatrop:
         self._fresh = solved or reason == backend.ITERATION_LIMIT
         return results, Ending(solved, reason, stats['iter_count'])
 
-    def limit(self, seconds: float) -> None:
+    def set_time_limit(self, seconds: float) -> None:
         """Stop the runs from now on after so many seconds, where there was a limit before."""
         self._limit_s = seconds
 

@@ -6,8 +6,8 @@ import numpy as np
 from stage_solver import backend
 from stage_solver.backend import Call, Ending
 from stage_solver.buffered import Buffered
-from stage_solver.shooting import StageProblem
 from stage_solver.solution import SolverOptions
+from stage_solver.stage_problem import StageProblem
 
 REASONS = {
     'Solved_To_Acceptable_Level': backend.ACCEPTABLE,
@@ -35,7 +35,7 @@ class Ipopt:
         nlpsol = backend.nlpsol(problem, 'ipopt', functions, {'ipopt': settings})
         self._nlpsol = Buffered(nlpsol)
 
-    def limit(self, seconds: float) -> None:
+    def set_time_limit(self, seconds: float) -> None:
         """Keep the limit of the options: IPOPT is told once."""
 
     def run(self, call: Call, start_s: float) -> tuple[dict[str, np.ndarray], Ending]:

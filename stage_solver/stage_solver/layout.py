@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stage_solver.shooting import Bounds, Multipliers, Plan, ProblemError, StageProblem
+from stage_solver.stage_problem import Bounds, Multipliers, Plan, ProblemError, StageProblem
 
 
 class Vectors(NamedTuple):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from stage_solver import reuse, riccati_growth, stage_functions
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 LARGEST_HESSIAN = 1e100  # sum of all magnitudes; far from both any problem and overflow
 

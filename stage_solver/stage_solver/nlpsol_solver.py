@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from stage_solver import backend, native, nlp_functions, sound, stopwatch
+from stage_solver import backend, compiled_functions, nlp_functions, sound, stopwatch
 from stage_solver.backend import Call
 from stage_solver.buffered import Buffered
 from stage_solver.fatrop import Fatrop
 from stage_solver.ipopt import Ipopt
 from stage_solver.layout import Layout
-from stage_solver.shooting import Bounds, Plan, StageProblem
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions
+from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
 BACKENDS = {'fatrop': Fatrop, 'ipopt': Ipopt}
 
@@ -26,14 +26,16 @@ class NlpsolSolver:
         self,
         problem: StageProblem,
         options: SolverOptions,
-        flags: tuple[str, ...] = native.FLAGS,
+        flags: tuple[str, ...] = compiled_functions.FLAGS,
     ):
         self.name = options.name
         self._problem = problem
         self._layout = Layout(problem)
         functions = nlp_functions.build(problem, options.name)
         if options.compiled:
-            functions = native.compile_all(functions, f'{problem.name}_{options.name}', flags)
+            functions = compiled_functions.compile_functions(
+                functions, f'{problem.name}_{options.name}', flags
+            )
         self._lagrangian = Buffered(functions['nlp_grad'])
         self._backend = BACKENDS[options.name](problem, options, functions)
 
@@ -55,9 +57,9 @@ class NlpsolSolver:
         results, ending = self._backend.run(call, watch.wall_s)
         return self._judge(guess, call, results, ending, watch)
 
-    def limit(self, seconds: float) -> None:
+    def set_time_limit(self, seconds: float) -> None:
         """See `solution.StageSolver`; IPOPT keeps the limit of its options."""
-        self._backend.limit(seconds)
+        self._backend.set_time_limit(seconds)
 
     def _judge(self, guess, call, results, ending, watch):
         v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']

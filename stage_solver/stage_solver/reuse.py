@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 MOST = 8  # a process that drives many cars one after the other has a few problems in turn
 

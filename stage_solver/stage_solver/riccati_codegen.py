@@ -7,7 +7,7 @@ functions of riccati_c/vector_math.h. A branch becomes a mask, so every lane tak
 import casadi as ca
 
 from stage_solver.riccati_graph import Graph
-from stage_solver.shooting import ProblemError
+from stage_solver.stage_problem import ProblemError
 
 # arguments are the C names of the nodes that the operation works on
 EXPRESSIONS = {

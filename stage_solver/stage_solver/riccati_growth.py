@@ -15,8 +15,8 @@ of 100 to spare. At 5e15 fatrop was seen to go on for ever.
 
 import casadi as ca
 
-from stage_solver.shooting import StageProblem
 from stage_solver.stage_functions import StageFunctions
+from stage_solver.stage_problem import StageProblem
 
 LARGEST = (
     1e11  # sum of all trace(M_k); at most 1.5e5 in the golden bags and all loops of bench/solver.py

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 ONCE_INPUTS = {'p'}  # what does not change during a solve
 

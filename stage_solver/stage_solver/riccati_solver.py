@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stage_solver import compiled, riccati_library, riccati_source, sound, stopwatch
+from stage_solver import compile_cache, riccati_library, riccati_source, sound, stopwatch
 from stage_solver.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
 from stage_solver.layout import Layout
 from stage_solver.nlpsol_solver import NlpsolSolver
-from stage_solver.shooting import Bounds, Multipliers, Plan, StageProblem
 from stage_solver.solution import (
     FAILED,
     ONE_STEP,
@@ -20,6 +19,7 @@ from stage_solver.solution import (
     SolverOptions,
     StageSolver,
 )
+from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
 FALLBACK = 'fatrop'
 # Doubles in a vector of the CPU, widest first, by the name that Linux gives the instruction set
@@ -41,27 +41,29 @@ OUTCOMES = (
 )
 
 
-def make(problem: StageProblem, options: SolverOptions) -> StageSolver:
+def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
     """Return the solver, or fatrop with one warning where there is no working C compiler."""
     try:
-        library = shared_library(problem)
-    except compiled.CompileError as error:
+        library = compile_solver(problem)
+    except compile_cache.CompileError as error:
         warnings.warn(f'{error}\n{FALLBACK} is used instead', RuntimeWarning, stacklevel=2)
     else:
         if library is not None:
             return RiccatiSolver(problem, options, library)
-        compiled.warn_once(f'{FALLBACK} replaces the riccati solver, many times slower')
+        compile_cache.warn_no_compiler(f'{FALLBACK} replaces the riccati solver, many times slower')
     given = {'name': FALLBACK, 'compiled': False}
     return NlpsolSolver(problem, SolverOptions(**vars(options) | given))
 
 
-def shared_library(problem: StageProblem) -> Path | None:
+def compile_solver(problem: StageProblem) -> Path | None:
     """Return the solver of a problem as machine code, from the cache or compiled now.
 
     None without a C compiler; raises CompileError when it fails.
     """
     flags = (*riccati_source.FLAGS, f'-DW={lanes()}')
-    return compiled.shared_library(riccati_source.source(problem), f'{problem.name}_riccati', flags)
+    return compile_cache.compile_library(
+        riccati_source.source(problem), f'{problem.name}_riccati', flags
+    )
 
 
 def lanes() -> int:
@@ -124,7 +126,7 @@ class RiccatiSolver:
             **watch.took(),
         )
 
-    def limit(self, seconds: float) -> None:
+    def set_time_limit(self, seconds: float) -> None:
         """See `solution.StageSolver`."""
         self._instance.call.time_limit = seconds
 

@@ -3,7 +3,7 @@
 from importlib import resources
 
 from stage_solver import reuse, riccati_codegen, riccati_graph, riccati_model
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 PARTS = ('stages.h', 'barrier.h', 'riccati.h', 'search.h', 'call.h', 'solve.c')
 # The mathematics stays IEEE: only errno and traps are given up, which vectors do not have.

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from stage_solver.shooting import Bounds, Plan
+from stage_solver.stage_problem import Bounds, Plan
 
 SOLVED, STOPPED_EARLY, FAILED = 'solved', 'stopped_early', 'failed'
 ONE_STEP = 'one_step'  # of a warm start: not converged, but near enough by `OneStep`
@@ -62,7 +62,7 @@ class StageSolver(Protocol):
         Raises ProblemError when an array has the wrong shape.
         """
 
-    def limit(self, seconds: float) -> None:
+    def set_time_limit(self, seconds: float) -> None:
         """Stop later solves after `seconds` of wall time, if there is a limit in the options.
 
         A solver that cannot change its limit keeps that of the options.

@@ -1,42 +1,41 @@
-"""Choose and make the solver of a stage problem."""
+"""Select and build the solver of a stage problem."""
 
-from stage_solver import casadi_version, riccati_solver
+import casadi as ca
+
+from stage_solver import riccati_solver
 from stage_solver.nlpsol_solver import NlpsolSolver
-from stage_solver.shooting import ProblemError, StageProblem
-from stage_solver.solution import (
-    FAILED,
-    ONE_STEP,
-    SOLVED,
-    STOPPED_EARLY,
-    OneStep,
-    Solution,
-    SolverOptions,
-    StageSolver,
-)
+from stage_solver.solution import SolverOptions, StageSolver
+from stage_solver.stage_problem import ProblemError, StageProblem
 
-__all__ = [
-    'FAILED',
-    'ONE_STEP',
-    'SOLVED',
-    'STOPPED_EARLY',
-    'OneStep',
-    'Solution',
-    'SolverOptions',
-    'StageSolver',
-    'make',
-]
+OLDEST_CASADI = (3, 7)  # older versions hold Python's lock during a whole solve
 
-# what makes a StageSolver of a StageProblem and SolverOptions, by the name in the options
-SOLVERS = {'riccati': riccati_solver.make, 'fatrop': NlpsolSolver, 'ipopt': NlpsolSolver}
+# factories (StageProblem, SolverOptions) -> StageSolver, by the name in the options
+SOLVERS = {'riccati': riccati_solver.make_solver, 'fatrop': NlpsolSolver, 'ipopt': NlpsolSolver}
 
 
-def make(problem: StageProblem, options: SolverOptions) -> StageSolver:
-    """Return a solver; where options say so it first compiles the functions of the problem.
+class CasadiTooOldError(ImportError):
+    """The installed CasADi is older than OLDEST_CASADI."""
 
-    Raises CasadiTooOldError, and ProblemError for a solver that does not exist.
+
+def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
+    """Return a solver of `problem`; compiles its functions where the options ask for it.
+
+    Raises CasadiTooOldError, and ProblemError for an unknown solver name.
     """
-    casadi_version.check()
+    check_casadi()
     if options.name not in SOLVERS:
         known = ', '.join(SOLVERS)
         raise ProblemError(f'there is no solver {options.name!r}; there are: {known}')
     return SOLVERS[options.name](problem, options)
+
+
+def check_casadi(version: str = ca.__version__) -> None:
+    """Raise CasadiTooOldError, with the command that upgrades, for a version that is too old."""
+    major, minor, *_ = version.split('.')
+    if (int(major), int(minor)) < OLDEST_CASADI:
+        oldest = '.'.join(map(str, OLDEST_CASADI))
+        raise CasadiTooOldError(
+            f'CasADi {version} is too old: {oldest} or newer is needed, because older ones keep '
+            f"Python's lock during a solve and stall every other thread of the node. "
+            f"Upgrade with: pip install --upgrade 'casadi>={oldest}'"
+        )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stage_solver.shooting import Bounds, Plan, StageProblem
+from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
 
 def complaint(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 
 class StageFunctions(NamedTuple):

@@ -10,7 +10,7 @@ import pytest
 from loops import Loop
 
 from mpcc_controller.problem import mpcc_ocp
-from stage_solver.shooting import Bounds, StageProblem
+from stage_solver.stage_problem import Bounds, StageProblem
 
 HORIZON = 10
 LOOPS = (

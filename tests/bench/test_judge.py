@@ -7,9 +7,9 @@ from judge import Judge
 from race import Answer, Task
 from verdict import DEARER, GOOD, INFEASIBLE, OTHER_MINIMUM, Court, Verdict
 
-from stage_solver import solver
-from stage_solver.shooting import Plan
-from stage_solver.solver import SolverOptions
+from stage_solver.solution import SOLVED, SolverOptions
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan
 
 IPOPT = SolverOptions('ipopt', 500, 1e-8, None, compiled=False)
 P = np.ones((5, 1))
@@ -41,12 +41,12 @@ def test_the_judge_agrees_with_the_formula(wells, limits):
 
 def test_the_judge_agrees_with_a_solver_on_the_control_problem(problem, recorded, params):
     rules = params.solver
-    fatrop = solver.make(problem, SolverOptions('fatrop', 100, rules.tolerance, None, False))
+    fatrop = make_solver(problem, SolverOptions('fatrop', 100, rules.tolerance, None, False))
     judge = Judge(problem)
     for k in (0, 8):
         numbers = recorded.x0[k], recorded.P[k], recorded.bounds_of(k)
         solution = fatrop.solve(*numbers, recorded.cold_start(k))
-        assert solution.status == solver.SOLVED
+        assert solution.status == SOLVED
         assert judge.cost(solution.plan, numbers[1]) == pytest.approx(solution.cost, rel=1e-9)
         residual = judge.residual(solution.plan, *numbers)
         assert residual == pytest.approx(solution.primal_residual, abs=1e-9)
@@ -89,8 +89,8 @@ def test_row_0_of_the_state_bounds_does_not_count(wells, limits):
 
 
 def minimum(wells, limits, near):
-    solution = solver.make(wells, IPOPT).solve(np.array([AT]), P, limits, straight_to(near))
-    assert solution.status == solver.SOLVED
+    solution = make_solver(wells, IPOPT).solve(np.array([AT]), P, limits, straight_to(near))
+    assert solution.status == SOLVED
     return solution.plan
 
 

@@ -9,7 +9,7 @@ import pytest
 from mpcc_controller.model import tree
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem import mpcc_ocp
-from stage_solver.shooting import ProblemError
+from stage_solver.stage_problem import ProblemError
 
 
 def arrays(given):

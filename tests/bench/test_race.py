@@ -14,9 +14,9 @@ from loops import Loop
 from race import COLD, FIRST, POP_UP, WARM
 from variants import BASELINE, NATIVE, Variant
 
-from stage_solver import solver
-from stage_solver.shooting import Plan
-from stage_solver.solver import FAILED, SOLVED, Solution, SolverOptions
+from stage_solver.solution import FAILED, SOLVED, Solution, SolverOptions
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan
 
 FATROP = SolverOptions('fatrop', 100, 1e-6, None, compiled=False)
 
@@ -45,7 +45,7 @@ class Listed:
 
 @pytest.fixture(scope='module')
 def given(problem, recorded, params):
-    return race.tasks(problem, recorded, params.fallback, solver.make(problem, FATROP), 5)
+    return race.tasks(problem, recorded, params.fallback, make_solver(problem, FATROP), 5)
 
 
 def test_only_the_first_tick_of_a_loop_starts_cold_unasked(given, recorded):
@@ -57,7 +57,7 @@ def test_only_the_first_tick_of_a_loop_starts_cold_unasked(given, recorded):
 
 
 def test_a_warm_start_is_the_solvers_own_plan_moved_on(given, problem, recorded):
-    made = solver.make(problem, FATROP)
+    made = make_solver(problem, FATROP)
     for before, after in pairwise(given[2:7]):
         plan = made.solve(*before[1:]).plan
         np.testing.assert_allclose(after.start.U[:-1], plan.U[1:], atol=1e-9)
@@ -107,7 +107,7 @@ class Answers:
     def __init__(self, status, solve_s):
         self.status, self.solve_s, self.limits = status, solve_s, []
 
-    def limit(self, seconds):
+    def set_time_limit(self, seconds):
         self.limits.append(seconds)
 
     def solve(self, x0, P, bounds, guess):

@@ -12,7 +12,7 @@ from mpcc_controller.driving.controller import Controller
 from msgs_yaml import ring as as_received
 from msgs_yaml.stamp import NS_PER_S
 from scenario_publisher import scenario
-from stage_solver.solver import FAILED
+from stage_solver.solution import FAILED
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
 

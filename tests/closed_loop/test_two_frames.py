@@ -18,7 +18,7 @@ from mpcc_controller.problem import formulation, stages
 from mpcc_controller.problem.stages import Scene
 from msgs_yaml import ring as ring_values
 from scenario_publisher import scenario
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 RADIUS, STATION, N = 20.0, 62.83, 50  # m of circle_20m.yaml; stages
 

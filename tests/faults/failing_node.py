@@ -26,9 +26,9 @@ class Spoilt:
         """See `solution.StageSolver`."""
         return self.solver.solve(x0, P * np.nan if self.is_spoilt() else P, bounds, guess)
 
-    def limit(self, seconds):
+    def set_time_limit(self, seconds):
         """Tell the solver how long it may take [s]."""
-        self.solver.limit(seconds)
+        self.solver.set_time_limit(seconds)
 
 
 class FailingNode(ControllerNode):

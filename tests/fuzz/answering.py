@@ -20,12 +20,12 @@ from mpcc_controller.driving import ladder
 from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
 from node_runtime import realtime, ros
-from stage_solver import solver
+from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
 SOLVE, FALLBACK, SILENT = 'answered by a solve', 'answered by a fallback', 'not answered'
 OUTCOMES = {
-    **dict.fromkeys((solver.SOLVED, solver.STOPPED_EARLY, ladder.SECOND), SOLVE),
+    **dict.fromkeys((SOLVED, STOPPED_EARLY, ladder.SECOND), SOLVE),
     **dict.fromkeys((ladder.SHIFTED, ladder.BRAKING), FALLBACK),
 }
 LATE_NS = 10**15  # in lockstep: time goes back at each restart

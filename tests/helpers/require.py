@@ -59,9 +59,9 @@ def has_ipv6() -> bool:
 
 def has_compiler() -> bool:
     """Return whether a C compiler is found where the packages look for one."""
-    from stage_solver import compiled
+    from stage_solver import compile_cache
 
-    return compiled.find_compiler() is not None
+    return compile_cache.find_compiler() is not None
 
 
 class Capability(NamedTuple):

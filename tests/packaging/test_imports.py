@@ -85,7 +85,7 @@ def test_the_plant_takes_the_compiler_alone_from_the_solver():
     """Model and solver of the controller prove nothing about a plant that shares them."""
     plant = [path for path in MODULES if package_of(path) == 'vehicle_plant']
     found = {n for path in plant for n in imported(path) if n.startswith('stage_solver')}
-    assert found == {'stage_solver.compiled'}
+    assert found == {'stage_solver.compile_cache'}
 
 
 def unit_of(path):

@@ -20,7 +20,7 @@ from bags.storage import read
 from experiments.run import processes
 from experiments.run.domain import reserved
 from node_runtime.ranges import RUN_TIME
-from stage_solver import compiled
+from stage_solver import compile_cache
 
 pytestmark = pytest.mark.usefixtures('domain')
 END_S = 12.0  # a node may take to end
@@ -106,7 +106,7 @@ def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path, domain):
                 os.killpg(process.popen.pid, 0)
         bag = ring.recorded()
     assert len(bag.recordings['/vehicle/odometry'].payloads) > 500
-    locks = list(compiled.cache_dir().glob('*.lock'))  # other programs may compile just now
+    locks = list(compile_cache.cache_dir().glob('*.lock'))  # other programs may compile just now
     until(lambda: all(map(free, locks)), END_S, 'a lock on the compile cache is held')
     if number != signal.SIGKILL:  # who is killed cannot clear up; who comes later is not harmed
         left = {role: [f for f in files if Path(f).exists()] for role, files in made.items()}

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import Bounds, Plan, StageProblem, no_bounds, shooting, zero_plan
+from stage_solver import Bounds, Plan, StageProblem, no_bounds, zero_plan
+from stage_solver.stage_problem import rk2
 
 each_solver = pytest.mark.parametrize('name', ['riccati', 'fatrop', 'ipopt'])
 
@@ -73,7 +74,7 @@ def slalom(repulsion=0.0, **limits):
         inputs=('push', 'turn'),
         parameters=('X_disc', 'Y_disc', 'r_disc', 'v_wanted'),
         horizon=30,
-        dynamics=ca.Function('F', [x, u, p], [shooting.rk2(rates, 0.1)(x, u, p)]),
+        dynamics=ca.Function('F', [x, u, p], [rk2(rates, 0.1)(x, u, p)]),
         stage_cost=ca.Function('l', [x, u, p], [wanted + 0.1 * push**2 + turn**2]),
         terminal_cost=ca.Function('m', [x, p], [5 * wanted]),
         constraints=ca.Function('g', [x, u, p], [ca.vertcat(away - r_disc**2, v * turn)]),

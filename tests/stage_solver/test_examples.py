@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stage_solver import SOLVED, SolverOptions, make
+from stage_solver import SOLVED, SolverOptions, make_solver
 
 FOLDER = Path(__file__).parents[2] / 'stage_solver/examples'
 NAMES = ('cart_pole', 'point_robot', 'quadrotor')
@@ -27,7 +27,9 @@ def solved(name, *numbers):
     problem = module.problem()
     options = {'max_iterations': 500, 'tolerance': 1e-7, 'compiled': False}
     return module, [
-        make(problem, SolverOptions(solver, **options)).solve(*module.numbers(problem, *numbers))
+        make_solver(problem, SolverOptions(solver, **options)).solve(
+            *module.numbers(problem, *numbers)
+        )
         for solver in ('riccati', 'ipopt')
     ]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stage_solver import compiled
+from stage_solver import compile_cache
 from vehicle_plant import graph, named, stepper
 from vehicle_plant.simulator import Start, trimmed
 from vehicle_plant.state import State
@@ -68,7 +68,7 @@ def test_without_a_compiler_it_runs_interpreted_and_warns(params, monkeypatch):
     try:
         p = graph.parameter_vector(params, 1.0)
         x = trimmed(params, Start(0.0, 0.0, 0.0, 20.0))
-        with pytest.warns(compiled.NoCompilerWarning, match='interpreted'):
+        with pytest.warns(compile_cache.NoCompilerWarning, match='interpreted'):
             rows = stepper.advance(x, np.zeros((4, 3)), p)
         assert rows[-1, PLACE[0]] == pytest.approx(0.06, rel=1e-3)
     finally:

@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from stage_solver import compiled
+from stage_solver import compile_cache
 from vehicle_plant import graph, road
 
 # no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine
@@ -89,7 +89,7 @@ def _source() -> str:
 @cache
 def library() -> Path | None:
     """Return the compiled plant, or None without a C compiler."""
-    return compiled.shared_library(_source(), 'vehicle_plant', FLAGS)
+    return compile_cache.compile_library(_source(), 'vehicle_plant', FLAGS)
 
 
 @cache
@@ -97,7 +97,7 @@ def compiled_advance():
     """Return the C function of the driver, or None without a C compiler, with one warning."""
     path = library()
     if path is None:
-        compiled.warn_once('the plant runs interpreted, about 20 times slower')
+        compile_cache.warn_no_compiler('the plant runs interpreted, about 20 times slower')
         return None
     function = ctypes.CDLL(str(path)).advance
     pointer = ctypes.c_void_p

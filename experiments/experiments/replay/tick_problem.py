@@ -20,8 +20,8 @@ from mpcc_controller.problem import stages
 from mpcc_controller.problem.ocp import Limited
 from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Obstacle
-from stage_solver.shooting import Plan
-from stage_solver.solver import Solution
+from stage_solver.solution import Solution
+from stage_solver.stage_problem import Plan
 
 
 class Distance(NamedTuple):

@@ -12,7 +12,7 @@ from experiments.configuration import experiment, inputs
 from experiments.run import domain, folders, node_graph
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.progress import Progress
-from stage_solver import compiled
+from stage_solver import compile_cache
 
 NO_COMPILER = (
     '[yellow]no C compiler found:[/] plant and controller run interpreted, several times slower; '
@@ -95,7 +95,7 @@ def run_nodes(plan: Plan, console: Console) -> tuple[Path, list[node_graph.Outco
 def _run_each(plan, facts, chosen, file_values, overrides, folder, console):
     for line in folders.recover(folder):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-    if compiled.find_compiler() is None:
+    if compile_cache.find_compiler() is None:
         console.print(NO_COMPILER)
     outcomes = []
     try:

@@ -13,7 +13,7 @@ from experiments import workers
 from experiments.study import case as cases
 from experiments.study import measure
 from experiments.study.case import Case
-from stage_solver import compiled
+from stage_solver import compile_cache
 
 Progress = Callable[[str, int, int], None]  # what is being driven, drives done, drives in all
 
@@ -39,7 +39,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 def default_cache() -> Path:
     """Return the folder that keeps drives, beside the compiled solvers."""
-    return compiled.cache_dir() / 'drives'
+    return compile_cache.cache_dir() / 'drives'
 
 
 class Drives:

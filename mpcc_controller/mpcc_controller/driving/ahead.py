@@ -10,7 +10,7 @@ from mpcc_controller.driving.commanded import Ramp
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from msgs_yaml.types import VehicleState
-from stage_solver import shooting
+from stage_solver.stage_problem import rk2
 
 LONGEST_STEP_S = 0.01  # of the integration
 
@@ -23,7 +23,7 @@ class Ahead:
         h = ca.SX.sym('h')
         rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
         f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
-        step = shooting.rk2(lambda x, u, p: f(x, u), h)
+        step = rk2(lambda x, u, p: f(x, u), h)
         self._step = ca.Function('step', [x, u, h], [step(x, u, None)])
 
     def __call__(self, measured: VehicleState, told: Ramp, stamp_ns: int) -> VehicleState:

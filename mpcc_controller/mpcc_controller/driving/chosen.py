@@ -2,9 +2,9 @@
 
 from mpcc_controller.parameters import ControllerParams, Solver
 from node_runtime.parameters import ParameterError
-from stage_solver import solver
-from stage_solver.shooting import StageProblem
-from stage_solver.solver import OneStep, SolverOptions, StageSolver
+from stage_solver.solution import OneStep, SolverOptions, StageSolver
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import StageProblem
 
 CONVERGED = 'converged'
 HAS_ONE_STEP = 'riccati'
@@ -40,7 +40,7 @@ def second(
         'time_limit_s': rest_s if limit_time else None,
         'one_step': None,
     }
-    return solver.make(problem, SolverOptions(**vars(options(params, limit_time)) | others))
+    return make_solver(problem, SolverOptions(**vars(options(params, limit_time)) | others))
 
 
 def _one_step(rules: Solver) -> OneStep | None:

@@ -16,8 +16,8 @@ from mpcc_controller.path.path_frame import Place
 from mpcc_controller.problem.insight import View
 from mpcc_controller.problem.stages import Numbers, Scene
 from msgs_yaml.types import Command, Obstacle, Prediction, VehicleState, Why
-from stage_solver.shooting import Plan
-from stage_solver.solver import SOLVED, Solution
+from stage_solver.solution import SOLVED, Solution
+from stage_solver.stage_problem import Plan
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 

@@ -6,8 +6,7 @@ import numpy as np
 from mpcc_controller.model.single_track import Car, Input, State, ideal_split
 from mpcc_controller.path import arc, reference
 from mpcc_controller.path.reference import Path
-from stage_solver import shooting
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan, shift
 
 
 def from_path(path: Path, x0: State, car: Car, horizon: int, dt: float) -> Plan:
@@ -54,4 +53,4 @@ def moved_on(plan: Plan, motion: ca.Function, numbers: tuple, x0: State) -> Plan
 
     `motion` moves (x, u, numbers) on by one step, as `single_track.step` does with those of a car.
     """
-    return start_at(shooting.shift(plan, motion, np.array(numbers)), x0)
+    return start_at(shift(plan, motion, np.array(numbers)), x0)

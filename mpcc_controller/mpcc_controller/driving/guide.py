@@ -10,7 +10,7 @@ from mpcc_controller.parameters import Braking
 from mpcc_controller.path import reference
 from mpcc_controller.path.reference import Path
 from msgs_yaml.types import VehicleState
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 PLAN, PATH, NONE = 'plan', 'path', 'none'
 

@@ -18,9 +18,9 @@ from mpcc_controller.problem import bounds, formulation, ocp, stages
 from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.stages import Numbers, Scene
 from msgs_yaml.types import VehicleState
-from stage_solver import shooting, solver
-from stage_solver.shooting import Bounds, Plan
-from stage_solver.solver import Solution
+from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Bounds, Plan, shift
 
 
 class Outcome(NamedTuple):
@@ -65,7 +65,7 @@ class Horizon:
         self.formulation = formulation.make(params, self.car)
         formula = self.formulation.formula
         self.problem = ocp.build(formula, params.model.horizon, params.model.step_s)
-        self.solver = solver.make(self.problem, chosen.options(params, limit_time))
+        self.solver = make_solver(self.problem, chosen.options(params, limit_time))
         self.second = chosen.second(params, self.problem, limit_time, self.solver)
         self.limit_time = limit_time
         self.insight = Insight(formula)
@@ -174,7 +174,7 @@ class Horizon:
             return first, None
         if self.limit_time:
             left_s = self.params.solver.fallback_limit_s - (self.clock() - began)
-            self.second.limit(max(left_s, 0.0))
+            self.second.set_time_limit(max(left_s, 0.0))
         unaided = posed.begin._replace(multipliers=None)
         return first, self._asked(self.second, posed, unaided)
 
@@ -192,10 +192,10 @@ class Horizon:
         """Return the rung for a tick whose state is not known: the plan goes on as planned."""
         plan = self.ladder.plan
         if plan is not None:
-            plan = shooting.shift(plan, self.motion, np.array(self.car))
+            plan = shift(plan, self.motion, np.array(self.car))
         return self.ladder.without_solution(reason, plan)
 
-    def _asked(self, asked: solver.StageSolver, posed: Posed, begin: Plan) -> Solution:
+    def _asked(self, asked: StageSolver, posed: Posed, begin: Plan) -> Solution:
         """Return the solution, in the map; one that raises is a failed one.
 
         The car needs a command all the same.
@@ -203,9 +203,9 @@ class Horizon:
         try:
             found = asked.solve(*posed.arguments, begin)
         except Exception as error:
-            found = Solution(begin, np.nan, solver.FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
+            found = Solution(begin, np.nan, FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
         plan = self.formulation.leave(found.plan, posed.scene.path)
-        if found.status == solver.ONE_STEP:  # what is driven obeys the dynamics without a rest
+        if found.status == ONE_STEP:  # what is driven obeys the dynamics without a rest
             first = self.motion(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()
             plan = plan._replace(X=np.vstack([plan.X[:1], first, plan.X[2:]]))
         return found._replace(plan=plan)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.parameters import Fallback
-from stage_solver.shooting import Plan
-from stage_solver.solver import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
+from stage_solver.solution import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
+from stage_solver.stage_problem import Plan
 
 SECOND = 'second_solver'
 SHIFTED = 'shifted'

@@ -8,7 +8,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
 from msgs_yaml.types import Command
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 
 class SetPoints(NamedTuple):

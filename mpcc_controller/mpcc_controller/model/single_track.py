@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from mpcc_controller.model import fiala
-from stage_solver import shooting
+from stage_solver.stage_problem import rk2
 
 GRAVITY = 9.81  # m/s^2
 SLIP_SPEED_ROUNDING = 0.25  # (m/s)^2; 4 mm/s at 20 m/s for a least speed of 5 m/s
@@ -196,4 +196,4 @@ def step(dt: float) -> ca.Function:
     car = ca.SX.sym('car', len(Car._fields))
     rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), Car(*ca.vertsplit(car)))
     f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
-    return ca.Function('step', [x, u, car], [shooting.rk2(f, dt)(x, u, car)])
+    return ca.Function('step', [x, u, car], [rk2(f, dt)(x, u, car)])

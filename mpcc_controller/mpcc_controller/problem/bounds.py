@@ -5,7 +5,7 @@ import numpy as np
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
 from mpcc_controller.problem.ocp import Limited, total_use
-from stage_solver.shooting import Bounds
+from stage_solver.stage_problem import Bounds
 
 ROOM = 1e-3  # relative room left between a state that cannot be changed and its bound
 

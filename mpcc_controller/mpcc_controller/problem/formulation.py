@@ -15,7 +15,7 @@ from mpcc_controller.problem import frenet_stages, stages
 from mpcc_controller.problem.ocp import Formula
 from mpcc_controller.problem.stages import Numbers, Scene
 from node_runtime.parameters import ParameterError
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 
 class Formulation(Protocol):

@@ -11,7 +11,7 @@ from mpcc_controller.path.reference import Path
 from mpcc_controller.problem import frenet_ocp, measure, ocp, stages
 from mpcc_controller.problem.frenet_ocp import PathStage, PathState, PathWeights
 from mpcc_controller.problem.stages import Numbers, Scene
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 LEAST_STEP = 1e-3  # m of path in a step, below it the curvature is that of the point
 

@@ -9,7 +9,7 @@ from mpcc_controller.model import single_track, tree
 from mpcc_controller.model.single_track import Axles
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.ocp import Formula
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 
 class View(NamedTuple):

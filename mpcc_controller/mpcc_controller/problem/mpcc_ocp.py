@@ -15,7 +15,7 @@ from mpcc_controller.path import arc, distance
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.ocp import PAPER, Body, Formula, Limited, Rules, Safety
-from stage_solver import shooting
+from stage_solver.stage_problem import StageProblem
 
 # The solver's units: forces in kN, everything else as it is
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
@@ -133,6 +133,6 @@ def formula(circles: int, obstacles: int, rules: Rules = PAPER) -> Formula:
     )
 
 
-def build(horizon: int, dt: float, circles: int, obstacles: int) -> shooting.StageProblem:
+def build(horizon: int, dt: float, circles: int, obstacles: int) -> StageProblem:
     """Return the paper's problem with `horizon` steps of `dt` [s]."""
     return ocp.build(formula(circles, obstacles), horizon, dt)

@@ -14,7 +14,7 @@ from mpcc_controller.model.single_track import Car, Input
 from mpcc_controller.path import distance
 from mpcc_controller.problem import measure
 from mpcc_controller.problem.measure import Measure
-from stage_solver import shooting
+from stage_solver.stage_problem import StageProblem, rk2
 
 # The solver's units of the inputs: forces in kN, everything else as it is
 SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
@@ -139,17 +139,17 @@ def total_use(Fx, car: Car):
     return Fx / (car.mu_f * Fz.f + car.mu_r * Fz.r)
 
 
-def build(formula: Formula, horizon: int, dt: float) -> shooting.StageProblem:
+def build(formula: Formula, horizon: int, dt: float) -> StageProblem:
     """Build the problem once; afterwards only numbers change, never the graph.
 
     `horizon` is the number of steps of `dt` [s].
     """
     (xs, us, ps), x, u, p = symbols(formula)
     rates = ca.Function('rates', [xs, us, ps], [ca.vertcat(*formula.rates(x, u, p))])
-    step = shooting.rk2(rates, dt)
+    step = rk2(rates, dt)
     stage = sum(terms(errors(formula, x, u, p), p.weights).values())
     last = sum(terms(formula.state_errors(x, p), p.weights).values())
-    return shooting.StageProblem(
+    return StageProblem(
         name=formula.name,
         states=formula.state._fields,
         inputs=Input._fields,

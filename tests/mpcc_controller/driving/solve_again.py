@@ -13,7 +13,7 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import share
 from node_runtime import overrides
-from stage_solver.shooting import Bounds, Plan
+from stage_solver.stage_problem import Bounds, Plan
 
 GIVEN = {
     'formulation.distance': sys.argv[2],

@@ -12,7 +12,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import GRAVITY, Input, State
 from mpcc_controller.path import reference
 from mpcc_controller.problem import stages
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 REST = SetPoints(0.0, 0.0)

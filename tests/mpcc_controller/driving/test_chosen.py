@@ -6,7 +6,7 @@ import pytest
 
 from mpcc_controller.driving import chosen
 from mpcc_controller.problem import formulation, ocp, stages
-from stage_solver import solver
+from stage_solver.solver import make_solver
 
 TIMELESS = False  # no limit of wall time
 
@@ -24,7 +24,7 @@ def made(params, problem):
     def names(name, fallback):
         rules = replace(params.solver, name=name, fallback=fallback, compiled=False)
         told = replace(params, solver=rules)
-        first = solver.make(problem, chosen.options(told, TIMELESS))
+        first = make_solver(problem, chosen.options(told, TIMELESS))
         second = chosen.second(told, problem, TIMELESS, first)
         return first.name, second and second.name
 

@@ -6,7 +6,7 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.ladder import BRAKING
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
-from stage_solver.solver import SOLVED, STOPPED_EARLY
+from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 TICK = 50_000_000
 

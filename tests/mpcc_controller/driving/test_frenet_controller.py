@@ -6,7 +6,7 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.ladder import SHIFTED
 from msgs_yaml import conformance, encode
-from stage_solver.solver import FAILED, SOLVED
+from stage_solver.solution import FAILED, SOLVED
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference
 from mpcc_controller.problem import stages
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 
 @pytest.fixture(scope='module')

@@ -6,8 +6,8 @@ import pytest
 from mpcc_controller.driving import ladder as rungs
 from mpcc_controller.driving.ladder import BRAKING, SECOND, SHIFTED, Ladder
 from mpcc_controller.parameters import Fallback
-from stage_solver.shooting import Plan
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
+from stage_solver.stage_problem import Plan
 
 RULES = Fallback(
     acceptable_residual=1e-3,

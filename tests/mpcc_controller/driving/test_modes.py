@@ -7,7 +7,7 @@ from mpcc_controller.driving.controller import Controller
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime.parameters import ParameterError
-from stage_solver.solver import FAILED, ONE_STEP, SOLVED
+from stage_solver.solution import FAILED, ONE_STEP, SOLVED
 
 TICKS = 40
 
@@ -156,7 +156,7 @@ def test_the_second_solver_gets_all_the_time_that_the_first_one_left(late, world
     limits = []
 
     class Second(world.Spoilt):
-        def limit(self, seconds):
+        def set_time_limit(self, seconds):
             limits.append(seconds)
 
     first = late.horizon.solver

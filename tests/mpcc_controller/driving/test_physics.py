@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from msgs_yaml.types import Obstacle, Obstacles
-from stage_solver.solver import SOLVED
+from stage_solver.solution import SOLVED
 
 
 @pytest.fixture(params=['shared_controller', 'baseline_controller'])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import horizon
+from mpcc_controller.driving import chosen, horizon
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.ladder import BRAKING, SECOND, SHIFTED
 from msgs_yaml import conformance, encode
-from stage_solver.solver import FAILED, SOLVED, STOPPED_EARLY
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
 
 TICK = 50_000_000
 
@@ -95,7 +95,8 @@ def test_both_solvers_together_have_the_time_of_the_fallback(world, monkeypatch)
         made.append(options)
         return options  # has the name of the solver
 
-    monkeypatch.setattr(horizon.solver, 'make', make)
+    for module in (horizon, chosen):
+        monkeypatch.setattr(module, 'make_solver', make)
     params, vehicle = world.load(solver__name='ipopt')
     Controller(params, vehicle, limit_time=True)
     Controller(params, vehicle)

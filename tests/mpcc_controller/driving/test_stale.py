@@ -9,7 +9,7 @@ from mpcc_controller.driving.explain import Arrival
 from mpcc_controller.driving.ladder import BRAKING
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators
-from stage_solver.solver import SOLVED
+from stage_solver.solution import SOLVED
 
 TICK = 50_000_000
 

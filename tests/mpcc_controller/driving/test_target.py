@@ -10,7 +10,7 @@ from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import stages
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 DT = 0.05

@@ -4,8 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from stage_solver.shooting import Multipliers
-from stage_solver.solver import FAILED, SOLVED
+from stage_solver.solution import FAILED, SOLVED
+from stage_solver.stage_problem import Multipliers
 
 TICK = 50_000_000
 

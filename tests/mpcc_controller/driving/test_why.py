@@ -5,7 +5,7 @@ import pytest
 
 from mpcc_controller.driving.ladder import BRAKING
 from msgs_yaml import conformance, encode
-from stage_solver.solver import FAILED
+from stage_solver.solution import FAILED
 
 TICK = 50_000_000
 

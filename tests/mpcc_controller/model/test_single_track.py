@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import stages
-from stage_solver import shooting
+from stage_solver.stage_problem import rk2
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
 states = st.tuples(
@@ -148,10 +148,10 @@ def test_error_of_a_midpoint_step_falls_with_the_cube_of_the_step(rates):
     u = np.array([0.2, -5000.0, 0.6, 0.0])
 
     def error(dt):
-        one = shooting.rk2(lambda x, u, p: rates(x, u).full().ravel(), dt)(x, u, None)
+        one = rk2(lambda x, u, p: rates(x, u).full().ravel(), dt)(x, u, None)
         fine = x
         for _ in range(100):
-            fine = shooting.rk2(lambda x, u, p: rates(x, u).full().ravel(), dt / 100)(fine, u, None)
+            fine = rk2(lambda x, u, p: rates(x, u).full().ravel(), dt / 100)(fine, u, None)
         return np.max(np.abs(one - fine))
 
     assert error(0.02) / error(0.01) == pytest.approx(8, rel=0.25)

@@ -12,7 +12,7 @@ from mpcc_controller.path import reference
 from mpcc_controller.problem import bounds, formulation, frenet_stages, ocp, stages
 from mpcc_controller.problem.frenet_ocp import PathState, PathWeights
 from mpcc_controller.problem.insight import Insight
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=30)
 N, DT = 50, 0.05

@@ -11,7 +11,7 @@ from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import bounds, mpcc_ocp, ocp, stages
 from mpcc_controller.problem.insight import Insight
 from mpcc_controller.problem.mpcc_ocp import Weights
-from stage_solver.shooting import Plan
+from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=30)
 N, DT = 50, 0.05

@@ -13,10 +13,9 @@ from mpcc_controller.problem.stages import Scene
 from msgs_yaml import share
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
 from node_runtime import parameters
-from stage_solver import solver
-from stage_solver.shooting import Plan
-from stage_solver.solution import SOLVED
-from stage_solver.solver import SolverOptions
+from stage_solver.solution import SOLVED, SolverOptions
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan
 
 CAR = CarParams(
     CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
@@ -66,12 +65,12 @@ def drive():
 
 @pytest.fixture(scope='module')
 def fatrop(drive):
-    return solver.make(drive.problem, options('fatrop', 1e-8))
+    return make_solver(drive.problem, options('fatrop', 1e-8))
 
 
 @pytest.fixture(scope='module')
 def own(drive):
-    return solver.make(drive.problem, options('riccati', 1e-6))
+    return make_solver(drive.problem, options('riccati', 1e-6))
 
 
 def options(name, tolerance):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import small_problems
 
-from stage_solver import riccati_solver, solver
-from stage_solver.solver import SolverOptions
+from stage_solver import riccati_solver
+from stage_solver.solution import SolverOptions
+from stage_solver.solver import make_solver
 
 
 @pytest.fixture(scope='session')
@@ -22,7 +23,7 @@ def riccati(options):
     """Return a solver of a problem; whatever is passed goes to its options."""
 
     def make(problem, **changes):
-        library = riccati_solver.shared_library(problem)
+        library = riccati_solver.compile_solver(problem)
         return riccati_solver.RiccatiSolver(problem, options(**changes), library)
 
     return make
@@ -31,7 +32,7 @@ def riccati(options):
 @pytest.fixture(scope='session')
 def ipopt(options):
     def make(problem, **changes):
-        return solver.make(problem, options('ipopt', **changes))
+        return make_solver(problem, options('ipopt', **changes))
 
     return make
 

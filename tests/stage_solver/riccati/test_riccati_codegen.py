@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import compiled, riccati_codegen, riccati_model, riccati_source
+from stage_solver import compile_cache, riccati_codegen, riccati_model, riccati_source
 from stage_solver.riccati_graph import Graph
 
 LANES = 8
@@ -46,7 +46,7 @@ def compiled_function(function):
     )
     source = riccati_source.part('vector_math.h') + emitter.source() + entry
     flags = (*riccati_source.FLAGS, f'-DW={LANES}')
-    library = ctypes.CDLL(str(compiled.shared_library(source, 'codegen', flags)))
+    library = ctypes.CDLL(str(compile_cache.compile_library(source, 'codegen', flags)))
     rows = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
     rows |= {'once': len(emitter.kept)}
     rows |= {n: function.nnz_out(i) for i, n in enumerate(function.name_out())}

@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from stage_solver import compiled, riccati_source
+from stage_solver import compile_cache, riccati_source
 
 NAMES = ('sin', 'cos', 'tan', 'atan', 'exp', 'log', 'tanh', 'sqrt')
 EXACT = {'atan': np.arctan} | {n: getattr(np, n) for n in NAMES if n != 'atan'}
@@ -35,7 +35,7 @@ def vector(request):
     """Return the functions for numpy arrays, as compiled for vectors of so many lanes."""
     source = riccati_source.part('vector_math.h') + ''.join(APPLY.format(n) for n in NAMES)
     flags = (*riccati_source.FLAGS, f'-DW={request.param}')
-    library = ctypes.CDLL(str(compiled.shared_library(source, 'vector_math', flags)))
+    library = ctypes.CDLL(str(compile_cache.compile_library(source, 'vector_math', flags)))
 
     def call(name, x):
         padded = aligned(-(-len(x) // 8) * 8)

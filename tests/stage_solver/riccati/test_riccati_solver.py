@@ -4,9 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import shooting
-from stage_solver.shooting import Plan
 from stage_solver.solution import SOLVED
+from stage_solver.stage_problem import Plan, shift
 
 
 def by_hand(matrices, x0, horizon):
@@ -120,7 +119,7 @@ def test_receding_horizon_stays_warm(slalom, riccati):
     steps = []
     for _ in range(12):
         x0 = found.plan.X[1]
-        guess = shooting.shift(found.plan, slalom.problem.dynamics, slalom.P[-1])
+        guess = shift(found.plan, slalom.problem.dynamics, slalom.P[-1])
         found = own.solve(x0, slalom.P, slalom.bounds, guess)
         assert found.status == SOLVED
         steps.append(found.iterations)

@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import riccati_solver, shooting
+from stage_solver import riccati_solver
 from stage_solver.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
-from stage_solver.shooting import Plan, ProblemError
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
+from stage_solver.stage_problem import Plan, ProblemError, shift
 
 
 def test_infeasible_problem_is_said_to_be_so_and_leaves_no_trace(slalom, riccati):
@@ -98,7 +98,7 @@ def test_time_limit_ends_a_long_search(slalom, riccati):
 def test_equal_solves_are_equal_bit_by_bit(slalom, riccati):
     one, other = riccati(slalom.problem), riccati(slalom.problem)
     first = one.solve(*slalom.numbers)
-    shifted = shooting.shift(first.plan, slalom.problem.dynamics, slalom.P[-1])
+    shifted = shift(first.plan, slalom.problem.dynamics, slalom.P[-1])
     one.solve(first.plan.X[1], slalom.P, slalom.bounds, shifted)  # must leave nothing behind
     again, elsewhere = one.solve(*slalom.numbers), other.solve(*slalom.numbers)
     for found in (again, elsewhere):
@@ -148,7 +148,7 @@ def test_other_numbers_are_not_compiled_anew(slalom, riccati, own_cache):
 def test_without_a_compiler_fatrop_takes_over(slalom, options, riccati, monkeypatch):
     expected = riccati(slalom.problem).solve(*slalom.numbers)
     monkeypatch.setenv('CC', 'no-such-compiler')
-    replacement = riccati_solver.make(slalom.problem, options())
+    replacement = riccati_solver.make_solver(slalom.problem, options())
     assert not isinstance(replacement, riccati_solver.RiccatiSolver)
     assert replacement.solve(*slalom.numbers).cost == pytest.approx(expected.cost, rel=1e-6)
 
@@ -159,4 +159,4 @@ def test_broken_compiler_is_reported_and_done_without(slalom, options, tmp_path,
     broken.chmod(0o755)
     monkeypatch.setenv('CC', str(broken))
     with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*fatrop is used'):
-        riccati_solver.make(slalom.problem, options())
+        riccati_solver.make_solver(slalom.problem, options())

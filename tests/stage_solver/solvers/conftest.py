@@ -7,7 +7,7 @@ import small_problems
 from small_problems import Case
 
 from stage_solver import StageProblem, no_bounds, zero_plan
-from stage_solver.solver import SolverOptions
+from stage_solver.solution import SolverOptions
 
 
 @pytest.fixture

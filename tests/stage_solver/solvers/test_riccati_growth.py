@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from stage_solver import nlp_functions, riccati_growth, stage_functions
-from stage_solver.shooting import StageProblem
+from stage_solver.stage_problem import StageProblem
 
 HORIZON = 12
 

@@ -5,7 +5,9 @@ import pytest
 from scipy import optimize
 from small_problems import each_solver
 
-from stage_solver import shooting, solver
+from stage_solver.solution import SOLVED
+from stage_solver.solver import CasadiTooOldError, check_casadi, make_solver
+from stage_solver.stage_problem import shift
 
 
 def riccati(matrices, x0, horizon):
@@ -42,9 +44,9 @@ def condensed(case):
 @each_solver
 def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadratic, options):
     case, matrices = linear_quadratic()
-    found = solver.make(case.problem, options(name)).solve(*case.numbers)
+    found = make_solver(case.problem, options(name)).solve(*case.numbers)
     X, U, cost = riccati(matrices, case.x0, case.problem.horizon)
-    assert found.status == solver.SOLVED
+    assert found.status == SOLVED
     assert np.allclose(found.plan.X, X, atol=1e-8)
     assert np.allclose(found.plan.U, U, atol=1e-8)
     assert found.cost == pytest.approx(cost, abs=1e-9)
@@ -56,8 +58,8 @@ def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadrat
 def test_scaling_changes_nothing_but_the_units_inside(name, linear_quadratic, options):
     plain, _ = linear_quadratic()
     scaled, _ = linear_quadratic(scale_x=(100.0, 0.1, 3.0), scale_u=(20.0, 0.5))
-    a = solver.make(plain.problem, options(name)).solve(*plain.numbers)
-    b = solver.make(scaled.problem, options(name)).solve(*scaled.numbers)
+    a = make_solver(plain.problem, options(name)).solve(*plain.numbers)
+    b = make_solver(scaled.problem, options(name)).solve(*scaled.numbers)
     assert np.allclose(a.plan.U, b.plan.U, atol=1e-7)
     assert np.allclose(a.plan.multipliers.dynamics, b.plan.multipliers.dynamics, atol=1e-6)
     assert a.cost == pytest.approx(b.cost, rel=1e-9)
@@ -66,11 +68,11 @@ def test_scaling_changes_nothing_but_the_units_inside(name, linear_quadratic, op
 @each_solver
 def test_bounded_forces_match_bounded_least_squares(name, double_integrator, options):
     case = double_integrator
-    found = solver.make(case.problem, options(name)).solve(*case.numbers)
+    found = make_solver(case.problem, options(name)).solve(*case.numbers)
     M, b = condensed(case)
     reference = optimize.lsq_linear(M, b, bounds=(-1.0, 0.7), method='bvls', tol=1e-12)
     assert reference.active_mask.any()
-    assert found.status == solver.SOLVED
+    assert found.status == SOLVED
     assert np.allclose(found.plan.U[:, 0], reference.x, atol=1e-6)
     # the first state costs too, and is nobody's choice
     assert found.cost == pytest.approx(2 * reference.cost + case.x0 @ case.x0, rel=1e-7)
@@ -82,7 +84,7 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
     x_low = case.bounds.x_low.copy()
     x_low[:, 1] = -0.8
     bounds = case.bounds._replace(x_low=x_low)
-    found = solver.make(case.problem, options(name)).solve(case.x0, case.P, bounds, case.guess)
+    found = make_solver(case.problem, options(name)).solve(case.x0, case.P, bounds, case.guess)
     M, b = condensed(case)
     speed = optimize.LinearConstraint(np.tril(np.full((15, 15), 0.2)), -0.8 - case.x0[1])
     reference = optimize.minimize(
@@ -101,8 +103,8 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
 
 @pytest.mark.parametrize('name', ['riccati', 'fatrop'])
 def test_every_solver_finds_the_way_of_ipopt_past_the_disc(name, slalom, options):
-    a, b = (solver.make(slalom.problem, options(n)).solve(*slalom.numbers) for n in (name, 'ipopt'))
-    assert a.status == b.status == solver.SOLVED
+    a, b = (make_solver(slalom.problem, options(n)).solve(*slalom.numbers) for n in (name, 'ipopt'))
+    assert a.status == b.status == SOLVED
     assert np.allclose(a.plan.X, b.plan.X, atol=1e-6)
     assert np.allclose(a.plan.U, b.plan.U, atol=1e-6)
     for mine, other in zip(a.plan.multipliers, b.plan.multipliers):
@@ -114,8 +116,8 @@ def test_every_solver_finds_the_way_of_ipopt_past_the_disc(name, slalom, options
 
 @each_solver
 def test_machine_code_and_interpreter_agree(name, slalom, options):
-    interpreted = solver.make(slalom.problem, options(name)).solve(*slalom.numbers)
-    compiled = solver.make(slalom.problem, options(name, compiled=True)).solve(*slalom.numbers)
+    interpreted = make_solver(slalom.problem, options(name)).solve(*slalom.numbers)
+    compiled = make_solver(slalom.problem, options(name, compiled=True)).solve(*slalom.numbers)
     assert compiled.iterations == interpreted.iterations
     assert np.allclose(compiled.plan.X, interpreted.plan.X, rtol=0, atol=1e-9)
     assert np.allclose(compiled.plan.U, interpreted.plan.U, rtol=0, atol=1e-9)
@@ -123,7 +125,7 @@ def test_machine_code_and_interpreter_agree(name, slalom, options):
 
 @each_solver
 def test_same_numbers_give_the_same_bits_whatever_was_solved_before(name, slalom, options):
-    own = solver.make(slalom.problem, options(name))
+    own = make_solver(slalom.problem, options(name))
     first = own.solve(*slalom.numbers)
     closer = slalom.P + np.array([-2.0, 0.1, 0.3, 1.0])
     free = slalom.bounds._replace(g_low=slalom.bounds.g_low - 100, h_low=np.array([-np.inf]))
@@ -138,10 +140,10 @@ def test_same_numbers_give_the_same_bits_whatever_was_solved_before(name, slalom
 @each_solver
 def test_other_limits_are_obeyed_without_a_new_solver(name, slalom, options):
     gentle = slalom.bounds._replace(u_high=slalom.bounds.u_high * 0.5)
-    used = solver.make(slalom.problem, options(name))
+    used = make_solver(slalom.problem, options(name))
     used.solve(*slalom.numbers)
     reused = used.solve(slalom.x0, slalom.P, gentle, slalom.guess)
-    fresh = solver.make(slalom.problem, options(name))
+    fresh = make_solver(slalom.problem, options(name))
     assert np.array_equal(
         reused.plan.U, fresh.solve(slalom.x0, slalom.P, gentle, slalom.guess).plan.U
     )
@@ -150,11 +152,22 @@ def test_other_limits_are_obeyed_without_a_new_solver(name, slalom, options):
 
 @each_solver
 def test_a_shifted_plan_is_a_good_guess(name, slalom, options):
-    own = solver.make(slalom.problem, options(name))
+    own = make_solver(slalom.problem, options(name))
     cold = own.solve(*slalom.numbers)
-    guess = shooting.shift(cold.plan, slalom.problem.dynamics, slalom.P[-1])
+    guess = shift(cold.plan, slalom.problem.dynamics, slalom.P[-1])
     warm = own.solve(guess.X[0], slalom.P, slalom.bounds, guess)
     unaided = own.solve(guess.X[0], slalom.P, slalom.bounds, slalom.guess)
-    assert warm.status == solver.SOLVED
+    assert warm.status == SOLVED
     assert warm.cost == pytest.approx(unaided.cost, rel=1e-6)
     assert warm.iterations <= unaided.iterations
+
+
+@pytest.mark.parametrize('version', ['3.7.0', '3.8.2', '3.10.0', '4.0.0+custom'])
+def test_supported_casadi_versions_pass(version):
+    check_casadi(version)
+
+
+@pytest.mark.parametrize('version', ['3.6.7', '3.6.0', '2.9.1'])
+def test_old_casadi_is_refused_with_the_upgrade_command(version):
+    with pytest.raises(CasadiTooOldError, match=rf"CasADi {version}.*pip install .*'casadi>=3.7'"):
+        check_casadi(version)

@@ -5,13 +5,15 @@ import pytest
 from small_problems import each_solver
 from until import until
 
-from stage_solver import fatrop, solver
+from stage_solver import fatrop
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
+from stage_solver.solver import make_solver
 
 
 @each_solver
 def test_iteration_limit_hands_back_the_iterate_with_honest_residuals(name, slalom, options):
-    early = solver.make(slalom.problem, options(name, max_iterations=3)).solve(*slalom.numbers)
-    assert (early.status, early.message) == (solver.STOPPED_EARLY, 'iteration limit')
+    early = make_solver(slalom.problem, options(name, max_iterations=3)).solve(*slalom.numbers)
+    assert (early.status, early.message) == (STOPPED_EARLY, 'iteration limit')
     assert early.iterations == 3
     X, U = early.plan.X, early.plan.U
     scale = np.array(slalom.problem.scale_x)
@@ -31,9 +33,9 @@ def stopped_in_the_middle(name, problem, numbers, options):
     The limit is a quarter of what the whole solve has just taken. It comes too late on a machine
     that is faster meanwhile.
     """
-    whole = solver.make(problem, options(name)).solve(*numbers)
+    whole = make_solver(problem, options(name)).solve(*numbers)
     limit_s = whole.solve_s / 4
-    found = solver.make(problem, options(name, time_limit_s=limit_s)).solve(*numbers)
+    found = make_solver(problem, options(name, time_limit_s=limit_s)).solve(*numbers)
     return (found, limit_s) if found.iterations < whole.iterations / 2 else None
 
 
@@ -45,15 +47,15 @@ def stopped_by_time(*case):
 @each_solver
 def test_time_limit_ends_a_solve_in_the_middle(name, slalom, options):
     found, limit_s = stopped_by_time(name, slalom.problem, slalom.numbers, options)
-    assert (found.status, found.message) == (solver.STOPPED_EARLY, 'time limit')
+    assert (found.status, found.message) == (STOPPED_EARLY, 'time limit')
     assert found.solve_s > limit_s
     assert np.isfinite(found.plan.X).all()
     assert found.dual_residual > 1e-6
 
 
 def test_fatrop_is_as_good_as_new_after_every_missed_deadline(slalom, options):
-    new = solver.make(slalom.problem, options('fatrop')).solve(*slalom.numbers)
-    own = solver.make(slalom.problem, options('fatrop', time_limit_s=60.0))
+    new = make_solver(slalom.problem, options('fatrop')).solve(*slalom.numbers)
+    own = make_solver(slalom.problem, options('fatrop', time_limit_s=60.0))
     for _ in range(2 * fatrop.MOST_SPOILT + 1):
         own._backend._limit_s = 0.0
         nothing = own.solve(*slalom.numbers)
@@ -70,21 +72,21 @@ def test_options_survive_limits_that_come_and_go(name, slalom, options):
     rough = options(name, tolerance=1e-3)
     free = slalom.bounds._replace(h_low=np.array([-np.inf]), h_high=np.array([np.inf]))
     for bounds in (free, slalom.bounds):
-        used = solver.make(slalom.problem, rough)
+        used = make_solver(slalom.problem, rough)
         for earlier in (slalom.bounds, free):
             early = used.solve(slalom.x0, slalom.P, earlier, slalom.guess)
-            assert early.status == solver.SOLVED
+            assert early.status == SOLVED
         late = used.solve(slalom.x0, slalom.P, bounds, slalom.guess)
-        new = solver.make(slalom.problem, rough).solve(slalom.x0, slalom.P, bounds, slalom.guess)
+        new = make_solver(slalom.problem, rough).solve(slalom.x0, slalom.P, bounds, slalom.guess)
         assert late.iterations == new.iterations
         assert np.array_equal(late.plan.X, new.plan.X)
 
 
 @each_solver
 def test_time_limit_that_is_kept_changes_nothing(name, slalom, options):
-    free = solver.make(slalom.problem, options(name)).solve(*slalom.numbers)
-    timed = solver.make(slalom.problem, options(name, time_limit_s=60.0)).solve(*slalom.numbers)
-    assert timed.status == solver.SOLVED
+    free = make_solver(slalom.problem, options(name)).solve(*slalom.numbers)
+    timed = make_solver(slalom.problem, options(name, time_limit_s=60.0)).solve(*slalom.numbers)
+    assert timed.status == SOLVED
     assert np.array_equal(free.plan.U, timed.plan.U)
 
 
@@ -98,12 +100,12 @@ def unreachable(case):
 @each_solver
 def test_impossible_task_is_a_failure_not_an_exception(name, double_integrator, options):
     case = double_integrator
-    own = solver.make(case.problem, options(name, tolerance=1e-8))
+    own = make_solver(case.problem, options(name, tolerance=1e-8))
     found = own.solve(case.x0, case.P, unreachable(case), case.guess)
-    assert found.status == solver.FAILED
+    assert found.status == FAILED
     assert found.message in ('locally infeasible', 'line search failed')
     assert found.primal_residual > 1.0
-    assert own.solve(*case.numbers).status == solver.SOLVED
+    assert own.solve(*case.numbers).status == SOLVED
 
 
 @each_solver
@@ -111,15 +113,15 @@ def test_time_limit_ends_an_impossible_task_too(name, double_integrator, options
     case = double_integrator
     numbers = case.x0, case.P, unreachable(case), case.guess
     found, _ = stopped_by_time(name, case.problem, numbers, options)
-    assert (found.status, found.message) == (solver.STOPPED_EARLY, 'time limit')
+    assert (found.status, found.message) == (STOPPED_EARLY, 'time limit')
     assert found.primal_residual > 1.0
 
 
 @each_solver
 def test_solvers_say_nothing_on_the_terminal(name, slalom, double_integrator, options, capfd):
-    solver.make(slalom.problem, options(name, time_limit_s=60.0)).solve(*slalom.numbers)
-    solver.make(slalom.problem, options(name, time_limit_s=0.001)).solve(*slalom.numbers)
+    make_solver(slalom.problem, options(name, time_limit_s=60.0)).solve(*slalom.numbers)
+    make_solver(slalom.problem, options(name, time_limit_s=0.001)).solve(*slalom.numbers)
     case = double_integrator
-    failing = solver.make(case.problem, options(name))
+    failing = make_solver(case.problem, options(name))
     failing.solve(case.x0, case.P, unreachable(case), case.guess)
     assert capfd.readouterr() == ('', '')

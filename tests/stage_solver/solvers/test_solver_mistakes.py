@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from small_problems import each_solver
 
-from stage_solver import solver
-from stage_solver.shooting import Plan, ProblemError
+from stage_solver.solution import FAILED
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan, ProblemError
 
 
 @each_solver
@@ -23,8 +24,8 @@ from stage_solver.shooting import Plan, ProblemError
 )
 def test_numbers_that_make_no_sense_are_refused_by_name(name, spoil, message, slalom, options):
     case = spoil(slalom)
-    found = solver.make(case.problem, options(name)).solve(*case.numbers)
-    assert found.status == solver.FAILED
+    found = make_solver(case.problem, options(name)).solve(*case.numbers)
+    assert found.status == FAILED
     assert found.iterations == 0
     assert not np.isfinite(found.primal_residual)
     with pytest.raises(AssertionError, match=message):
@@ -45,11 +46,11 @@ def crossed(case, stage, low):
 
 @each_solver
 def test_a_wrong_shape_is_the_callers_mistake(name, slalom, options):
-    own = solver.make(slalom.problem, options(name))
+    own = make_solver(slalom.problem, options(name))
     with pytest.raises(ProblemError, match=r'P has shape \(30, 4\); \(31, 4\) is needed'):
         own.solve(slalom.x0, slalom.P[:-1], slalom.bounds, slalom.guess)
 
 
 def test_an_unknown_solver_is_named_together_with_the_known_ones(slalom, options):
     with pytest.raises(ProblemError, match=r"no solver 'snopt'; there are: riccati, fatrop, ipopt"):
-        solver.make(slalom.problem, options('snopt'))
+        make_solver(slalom.problem, options('snopt'))

@@ -28,7 +28,7 @@ class NoCompilerWarning(RuntimeWarning):
     """There is no C compiler; interpreted code runs instead, which is slower."""
 
 
-def shared_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path | None:
+def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path | None:
     """Return the shared library of a C source, from the cache or compiled now.
 
     `name` begins the file name, `flags` go to the compiler after -shared -fPIC. Returns None when
@@ -68,7 +68,7 @@ def find_compiler() -> str | None:
     return None
 
 
-def warn_once(what: str) -> None:
+def warn_no_compiler(what: str) -> None:
     """Give a NoCompilerWarning that says what is lost, once per process and loss."""
     _warn_first(what)
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stage_solver import shooting
-from stage_solver.shooting import Multipliers, Plan, ProblemError
+from stage_solver.stage_problem import Multipliers, Plan, ProblemError, rk2, shift
 
 
 def pendulum(x, u, p):
@@ -17,7 +16,7 @@ def pendulum(x, u, p):
 
 
 def drive(dt, duration=2.0):
-    step = shooting.rk2(pendulum, dt)
+    step = rk2(pendulum, dt)
     x = np.array([1.0, 0.5])
     for _ in range(round(duration / dt)):
         x = step(x, 0.3, 9.81)
@@ -33,14 +32,14 @@ def test_error_over_a_fixed_time_falls_with_the_square_of_the_step():
 
 def test_step_is_the_midpoint_rule_by_hand():
     # x' = x^2 at x = 1: midpoint 1 + 0.1/2 * 1 = 1.05, step 1 + 0.1 * 1.05^2
-    step = shooting.rk2(lambda x, u, p: x**2, 0.1)
+    step = rk2(lambda x, u, p: x**2, 0.1)
     assert step(1.0, None, None) == pytest.approx(1.11025, abs=1e-15)
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(st.floats(0.05, 3.0))
 def test_decay_is_stable_up_to_a_step_of_two_time_constants(a_dt):
-    step = shooting.rk2(lambda x, u, p: -x, a_dt)
+    step = rk2(lambda x, u, p: -x, a_dt)
     x = 1.0
     for _ in range(100):
         x = step(x, None, None)
@@ -55,15 +54,15 @@ def test_symbols_and_numbers_step_alike():
     def symbolic(x, u, p):
         return ca.vertcat(x[1], -p * ca.sin(x[0]) - 0.1 * x[1] + u)
 
-    F = ca.Function('F', [x, u, p], [shooting.rk2(symbolic, 0.05)(x, u, p)])
-    expected = shooting.rk2(pendulum, 0.05)(np.array([0.7, -1.0]), 0.2, 9.81)
+    F = ca.Function('F', [x, u, p], [rk2(symbolic, 0.05)(x, u, p)])
+    expected = rk2(pendulum, 0.05)(np.array([0.7, -1.0]), 0.2, 9.81)
     assert np.allclose(F([0.7, -1.0], 0.2, 9.81).full().ravel(), expected, atol=1e-15)
 
 
 def test_shift_drops_the_first_stage_and_drives_one_more(double_integrator):
     rng = np.random.default_rng(1)
     X, U = rng.standard_normal((16, 2)), rng.standard_normal((15, 1))
-    later = shooting.shift(Plan(X, U), double_integrator.problem.dynamics, np.array([0.1]))
+    later = shift(Plan(X, U), double_integrator.problem.dynamics, np.array([0.1]))
     assert np.array_equal(later.X[:-1], X[1:])
     assert np.array_equal(later.U, np.vstack([U[1:], U[-1:]]))
     position, speed = X[-1]
@@ -83,7 +82,7 @@ def test_shift_moves_multipliers_with_their_stages(double_integrator):
         h=np.zeros(0),
     )
     plan = Plan(np.zeros((16, 2)), np.zeros((15, 1)), given_ones)
-    later = shooting.shift(plan, double_integrator.problem.dynamics, np.array([0.1])).multipliers
+    later = shift(plan, double_integrator.problem.dynamics, np.array([0.1])).multipliers
     assert np.array_equal(later.u[:, 0], [*stages[1:], 14.0])
     assert np.array_equal(later.x[:-1], given_ones.x[1:])
     assert np.array_equal(later.dynamics[:-1], given_ones.dynamics[1:])

@@ -8,7 +8,7 @@ import warnings
 
 import pytest
 
-from stage_solver import compiled
+from stage_solver import compile_cache
 
 SOURCE = 'double twice(double x) { return 2.0 * x; }'
 FLAGS = ('-O2',)
@@ -29,7 +29,7 @@ def twice(library, x):
 
 @needs_compiler
 def test_a_source_becomes_a_library_that_runs(cache):
-    library = compiled.shared_library(SOURCE, 'twice', FLAGS)
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
     assert library.parent == cache
     assert library.name.startswith('twice-')
     assert twice(library, 21.0) == 42.0
@@ -37,9 +37,9 @@ def test_a_source_becomes_a_library_that_runs(cache):
 
 @needs_compiler
 def test_the_second_time_nothing_is_compiled():
-    first = compiled.shared_library(SOURCE, 'twice', FLAGS)
+    first = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
     before = first.stat()
-    assert compiled.shared_library(SOURCE, 'twice', FLAGS) == first
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == first
     assert first.stat().st_mtime_ns == before.st_mtime_ns
     assert first.stat().st_ino == before.st_ino
 
@@ -47,11 +47,11 @@ def test_the_second_time_nothing_is_compiled():
 @needs_compiler
 def test_source_flags_and_name_decide_the_library():
     made = {
-        compiled.shared_library(SOURCE, 'twice', FLAGS),
-        compiled.shared_library(SOURCE + ' ', 'twice', FLAGS),
-        compiled.shared_library(SOURCE, 'twice', ('-O1',)),
-        compiled.shared_library(SOURCE, 'double', FLAGS),
-        compiled.shared_library(SOURCE, 'twice', (*FLAGS, '-march=native')),
+        compile_cache.compile_library(SOURCE, 'twice', FLAGS),
+        compile_cache.compile_library(SOURCE + ' ', 'twice', FLAGS),
+        compile_cache.compile_library(SOURCE, 'twice', ('-O1',)),
+        compile_cache.compile_library(SOURCE, 'double', FLAGS),
+        compile_cache.compile_library(SOURCE, 'twice', (*FLAGS, '-march=native')),
     }
     assert len(made) == 5
 
@@ -59,17 +59,17 @@ def test_source_flags_and_name_decide_the_library():
 @needs_compiler
 def test_the_processor_counts_only_when_the_code_is_made_for_it(monkeypatch):
     native = (*FLAGS, '-march=native')
-    generic, tuned = (compiled.shared_library(SOURCE, 'twice', f) for f in (FLAGS, native))
-    monkeypatch.setattr(compiled, '_cpu', lambda: 'another processor')
-    assert compiled.shared_library(SOURCE, 'twice', FLAGS) == generic
-    assert compiled.shared_library(SOURCE, 'twice', native) != tuned
+    generic, tuned = (compile_cache.compile_library(SOURCE, 'twice', f) for f in (FLAGS, native))
+    monkeypatch.setattr(compile_cache, '_cpu', lambda: 'another processor')
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == generic
+    assert compile_cache.compile_library(SOURCE, 'twice', native) != tuned
 
 
 @needs_compiler
 def test_processes_that_start_together_get_one_library(cache):
     code = (
-        'import sys; from stage_solver import compiled;'
-        f'print(compiled.shared_library({SOURCE!r}, "twice", {FLAGS!r}))'
+        'import sys; from stage_solver import compile_cache;'
+        f'print(compile_cache.compile_library({SOURCE!r}, "twice", {FLAGS!r}))'
     )
     started = [
         subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
@@ -84,39 +84,39 @@ def test_processes_that_start_together_get_one_library(cache):
 
 @needs_compiler
 def test_a_source_with_a_mistake_shows_what_the_compiler_says(cache):
-    with pytest.raises(compiled.CompileError, match=r'(?s)refuses broken.*error:'):
-        compiled.shared_library('int main( {', 'broken', ())
+    with pytest.raises(compile_cache.CompileError, match=r'(?s)refuses broken.*error:'):
+        compile_cache.compile_library('int main( {', 'broken', ())
     assert not list(cache.glob('*.so'))
 
 
 def test_without_a_compiler_there_is_no_library(monkeypatch):
     monkeypatch.setenv('CC', 'no-such-compiler')
-    assert compiled.find_compiler() is None
-    assert compiled.shared_library(SOURCE, 'twice', FLAGS) is None
+    assert compile_cache.find_compiler() is None
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) is None
     monkeypatch.delenv('CC')
     monkeypatch.setenv('PATH', '')
-    assert compiled.shared_library(SOURCE, 'twice', FLAGS) is None
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) is None
 
 
 def test_what_is_lost_without_a_compiler_is_said_once():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         for _ in range(3):
-            compiled.warn_once('the test runs ten times slower')
-    assert [warning.category for warning in caught] == [compiled.NoCompilerWarning]
+            compile_cache.warn_no_compiler('the test runs ten times slower')
+    assert [warning.category for warning in caught] == [compile_cache.NoCompilerWarning]
     assert 'no C compiler found: the test runs ten times slower' in str(caught[0].message)
 
 
 def test_the_cache_is_where_the_environment_says(monkeypatch, tmp_path):
     monkeypatch.delenv('MPCC_CACHE_DIR')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
-    assert compiled.cache_dir() == tmp_path / 'xdg/mpcc'
+    assert compile_cache.cache_dir() == tmp_path / 'xdg/mpcc'
     monkeypatch.delenv('XDG_CACHE_HOME')
     monkeypatch.setenv('HOME', str(tmp_path))
-    assert compiled.cache_dir() == tmp_path / '.cache/mpcc'
+    assert compile_cache.cache_dir() == tmp_path / '.cache/mpcc'
 
 
 @needs_compiler
 def test_the_cache_may_be_on_a_path_with_spaces(monkeypatch, tmp_path):
     monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'a cache'))
-    assert os.path.exists(compiled.shared_library(SOURCE, 'twice', FLAGS))
+    assert os.path.exists(compile_cache.compile_library(SOURCE, 'twice', FLAGS))

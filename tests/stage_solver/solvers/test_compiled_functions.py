@@ -6,7 +6,8 @@ import stat
 import numpy as np
 import pytest
 
-from stage_solver import native, nlp_functions, solver
+from stage_solver import compiled_functions, nlp_functions
+from stage_solver.solver import make_solver
 
 
 @pytest.fixture
@@ -25,7 +26,7 @@ def arguments(slalom):
 
 
 def test_every_function_computes_what_the_interpreter_computes(functions, arguments):
-    compiled = native.compile_all(functions, 'slalom')
+    compiled = compiled_functions.compile_functions(functions, 'slalom')
     assert compiled.keys() == functions.keys()
     for name, function in functions.items():
         assert compiled[name].class_name() != function.class_name()
@@ -40,19 +41,21 @@ def test_same_problem_is_compiled_once_and_another_anew(slalom, double_integrato
         return {f.name: f.stat().st_mtime_ns for f in own_cache.glob('*.so')}
 
     anew = nlp_functions.build.__wrapped__  # as another process would
-    native.compile_all(anew(slalom.problem, 'fatrop'), 'a')
+    compiled_functions.compile_functions(anew(slalom.problem, 'fatrop'), 'a')
     first = libraries()
-    native.compile_all(anew(slalom.problem, 'fatrop'), 'a')
+    compiled_functions.compile_functions(anew(slalom.problem, 'fatrop'), 'a')
     assert libraries() == first
     assert len(first) == 1
-    native.compile_all(nlp_functions.build(double_integrator.problem, 'fatrop'), 'a')
+    compiled_functions.compile_functions(
+        nlp_functions.build(double_integrator.problem, 'fatrop'), 'a'
+    )
     assert len(libraries()) == 2
 
 
 def test_code_does_not_grow_with_the_horizon(slalom):
     short, long = (
         len(
-            native.c_source(
+            compiled_functions.c_source(
                 nlp_functions.build(dataclasses.replace(slalom.problem, horizon=N), 'fatrop'), 'a'
             )
         )
@@ -63,9 +66,9 @@ def test_code_does_not_grow_with_the_horizon(slalom):
 
 
 def test_without_a_compiler_the_functions_are_interpreted(slalom, options, monkeypatch):
-    expected = solver.make(slalom.problem, options('fatrop')).solve(*slalom.numbers)
+    expected = make_solver(slalom.problem, options('fatrop')).solve(*slalom.numbers)
     monkeypatch.setenv('CC', 'no-such-compiler')
-    own = solver.make(slalom.problem, options('fatrop', compiled=True))
+    own = make_solver(slalom.problem, options('fatrop', compiled=True))
     assert np.array_equal(own.solve(*slalom.numbers).plan.U, expected.plan.U)
 
 
@@ -75,4 +78,4 @@ def test_a_broken_compiler_is_reported_and_done_without(functions, tmp_path, mon
     broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv('CC', str(broken))
     with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*interpreter is used'):
-        assert native.compile_all(functions, 'slalom') is functions
+        assert compiled_functions.compile_functions(functions, 'slalom') is functions

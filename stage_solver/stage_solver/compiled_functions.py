@@ -9,13 +9,13 @@ import warnings
 
 import casadi as ca
 
-from stage_solver import compiled, reuse
+from stage_solver import compile_cache, reuse
 
 # no -ffast-math and no fused multiply-add, so that interpreter and machine code agree
 FLAGS = ('-O2', '-ffp-contract=off')
 
 
-def compile_all(
+def compile_functions(
     functions: dict[str, ca.Function], name: str, flags: tuple[str, ...] = FLAGS
 ) -> dict[str, ca.Function]:
     """Return the functions loaded from a shared library called `name`.
@@ -23,12 +23,14 @@ def compile_all(
     Without a working C compiler the functions come back as they are, with one warning.
     """
     try:
-        library = compiled.shared_library(c_source(functions, name), name, flags)
-    except compiled.CompileError as error:
+        library = compile_cache.compile_library(c_source(functions, name), name, flags)
+    except compile_cache.CompileError as error:
         warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
         return functions
     if library is None:
-        compiled.warn_once('the control problem is interpreted, two to five times slower')
+        compile_cache.warn_no_compiler(
+            'the control problem is interpreted, two to five times slower'
+        )
         return functions
     return {name: ca.external(name, str(library)) for name in functions}
 
