@@ -33,8 +33,8 @@ from typing import NamedTuple
 import numpy as np
 import realtime
 
-from experiments.configuration import inputs
-from experiments.run import domain, launch, processes
+from experiments.configuration import inputs, node_config
+from experiments.run import domain, processes
 
 LONGEST_DRIVE_MIN = 10.0
 LEAST_MIN, MOST_MIN = 0.1, 600.0
@@ -136,12 +136,12 @@ def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth
     """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
     road = folder / 'road.yaml'
     road.write_text(ROAD)
-    facts = inputs.scenario_facts(str(road))
+    facts = inputs.load_facts(str(road))
     # other programs may not stop the car: what is asked is what ten minutes leave behind
     wanted = realtime.FIFO if mode == 'realtime' else {}
     given = {role: {'realtime.priority': priority} for role, priority in wanted.items()}
-    nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, given)}
-    environment = launch.environment(domain_id, folder)
+    nodes = {node.role: node for node in node_config.build_mpcc_nodes(facts, mode, folder, given)}
+    environment = processes.node_environment(domain_id, folder)
     drives = math.ceil(minutes / LONGEST_DRIVE_MIN)
     drive_s = 60.0 * minutes / drives
     look_s = min(LOOK_S, drive_s / LOOKS)
@@ -152,7 +152,7 @@ def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth
         one_life = drives == 1 or role == SURVIVOR
         life = role if one_life else f'{role}.{number}'
         node = nodes[role]._replace(parameters=nodes[role].parameters | parameters)
-        running[role] = launch.start(node, folder, environment, log=f'{life}.log')
+        running[role] = processes.start_node(node, folder, environment, log=f'{life}.log')
         return lives.setdefault(life, [])
 
     try:
@@ -166,7 +166,7 @@ def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth
             }
             watch(running, looks, number, look_s, drive_s * SLOWEST + 60.0)
             if ENDED not in running['plant'].log.read_text(errors='replace'):
-                raise RuntimeError(processes.obituary(running['plant']))
+                raise RuntimeError(processes.exit_report(running['plant']))
             processes.stop([running['scenario'], running['recorder']], END_S)
             shutil.rmtree(bag)
     finally:
@@ -179,7 +179,7 @@ def watch(running, looks, drive, look_s, seconds):
     deadline = time.monotonic() + seconds
     while running['plant'].code is None:
         began = time.thread_time()
-        processes.check([one for role, one in running.items() if role != 'plant'])
+        processes.check_running([one for role, one in running.items() if role != 'plant'])
         said = running['controller'].log.read_text(errors='replace')
         for role, process in running.items() if said.count(STARTED) >= drive else ():
             found = look(process.popen.pid)

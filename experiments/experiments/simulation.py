@@ -12,7 +12,7 @@ from bags.storage import columns
 from bags.storage.columns import Columns
 from bags.verdict import recorded
 from bags.verdict.drive import Drive
-from experiments.configuration import experiment, inputs
+from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import ring
@@ -28,7 +28,7 @@ from vehicle_plant.simulator import Simulator, Start
 
 # of the plant's parameters, what a drive in process follows; start, end and patches are the
 # scenario's, the others are about messages and wall time
-HONOURED = ('friction', 'tyre_set', experiment.DEFAULTS_NAMED)
+HONOURED = ('friction', 'tyre_set', node_config.PLANT_DEFAULTS)
 HONOURED_GROUP = 'car.'
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
 
@@ -47,7 +47,7 @@ class Setup(NamedTuple):
 def setup(
     scenario_name: str,
     controller: str,
-    settings: Mapping[str, Mapping[str, Any]] = experiment.NO_OVERRIDES,
+    settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     speed_mps: float | None = None,
 ) -> Setup:
     """Return a drive as `experiments run` would make it.
@@ -61,11 +61,11 @@ def setup(
         if name not in HONOURED and not name.startswith(HONOURED_GROUP):
             allowed = f'{", ".join(HONOURED)} and {HONOURED_GROUP}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
-    chosen = experiment.controller(controller)
+    chosen = node_config.find_controller(controller)
     scn = inputs.load_scenario(scenario_name, speed_mps)
     nowhere = Path()
-    ring = experiment.nodes(
-        inputs.facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
+    ring = node_config.build_nodes(
+        inputs.scenario_facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
     )
     read = inputs.check_parameters(ring)
     params, vehicle = read['controller']

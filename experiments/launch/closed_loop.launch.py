@@ -1,11 +1,11 @@
-"""One drive through a scenario: scenario, controller, plant and recorder, until the plant ends.
+"""One run of the node graph: scenario, controller, plant and recorder, until the plant ends.
 
 ros2 launch experiments closed_loop.launch.py scenario:=double_lane_change controller:=mpcc
 
 Exit code 0 means that the car crossed the finish line, on the road or beside it, and that the
-recorder completed the bag; `bags compare BAG` judges whether the car was on the road. Whatever else
-ends the drive gives 1, the only code of `ros2 launch` for errors: another end of the plant, the
-death of a node, Ctrl-C, an argument that cannot be used. What was recorded is kept.
+recorder completed the bag; `bags compare BAG` checks whether the car was on the road. Any other end
+gives 1, the only code of `ros2 launch` for errors: another end of the plant, the failure of a node,
+Ctrl-C, an argument that cannot be used. The recording is kept.
 """
 
 import os
@@ -24,9 +24,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from bags.errors import BagError
-from experiments.configuration import experiment, inputs
-from experiments.run import folders, node_graph, processes
-from experiments.run.launch import DEFAULT_ENVIRONMENT, FIXED_ENVIRONMENT, NOTES, note
+from experiments.configuration import inputs, node_config
+from experiments.run import node_graph, processes, staging
 from launch import LaunchDescription
 
 ARGUMENTS = (
@@ -58,18 +57,18 @@ ARGUMENTS = (
         description='whether markers_node draws the run for RViz and Foxglove',
     ),
 )
-# in seconds, from SIGINT until launch sends SIGTERM
-PATIENCE_S = {'recorder': node_graph.RECORDER_S}
+# seconds from SIGINT until launch sends SIGTERM
+SHUTDOWN_S = {'recorder': node_graph.RECORDER_S}
 
 
-class DriveFailedError(Exception):
-    """The drive was not completed, or not recorded completely."""
+class RunFailedError(Exception):
+    """The run was not completed, or not recorded completely."""
 
 
-class Drive:
-    """Decides what the end of a node means: launch goes on, shuts down, or fails.
+class RunMonitor:
+    """Decides at the end of a node whether launch goes on, shuts down, or fails.
 
-    Launch returns 1 when a handler of an event raises, and shuts down what still runs.
+    Launch returns 1 when an event handler raises, and shuts down the remaining nodes.
     """
 
     def __init__(self):
@@ -77,12 +76,12 @@ class Drive:
 
     def on_exit(self, role, executable):
         """Return the handler for the exit of a node."""
-        return lambda event, context: self._ended(role, executable, event.returncode, context)
+        return lambda event, context: self._on_exit(role, executable, event.returncode, context)
 
-    def _ended(self, role, executable, code, context):
+    def _on_exit(self, role, executable, code, context):
         if role == 'plant' and code == node_graph.FINISHED and not context.is_shutdown:
             self.is_finished = True
-            # the state at the end is answered, too, and the answer is recorded
+            # the final state is answered, too, and the answer is recorded
             return TimerAction(
                 period=node_graph.SETTLE_S, actions=[Shutdown(reason='the plant ended')]
             )
@@ -90,58 +89,65 @@ class Drive:
             return None
         interrupted = code == 0 and context.is_shutdown
         self.has_failed = True
-        raise DriveFailedError(
+        raise RunFailedError(
             'the drive was interrupted'
             if interrupted
-            else f'the drive failed: {executable} ended {processes.how_it_ended(code)}'
+            else f'the drive failed: {executable} ended {processes.describe_exit(code)}'
         )
 
 
 def start_nodes(context):
     """Return the actions that start the nodes; raise BagError for arguments that cannot be used."""
-    given = {one.name: LaunchConfiguration(one.name).perform(context) for one in ARGUMENTS}
-    facts = inputs.scenario_facts(given['scenario'])
-    chosen = experiment.controller(given['controller'])
-    bag = Path(given['out'], facts.name, chosen.name).absolute()
-    if os.path.exists(bag):  # not Path.exists, which raises below a folder that may not be entered
+    given = {
+        argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS
+    }
+    facts = inputs.load_facts(given['scenario'])
+    controller = node_config.find_controller(given['controller'])
+    bag = Path(given['out'], facts.name, controller.name).absolute()
+    if os.path.exists(bag):  # Path.exists raises below a folder without permission to enter
         raise BagError(f'out: {bag} exists already; move it, or name another folder')
-    with folders.created(bag.parent, f'out:={given["out"]}'):
-        pass  # it can be created, which is what the recorder does
-    folder = Path(launch_config.log_dir)
-    run_info = folder / NOTES
-    ring = experiment.nodes(facts, chosen, given['mode'], bag, run_info, experiment.NO_OVERRIDES)
-    read = inputs.check_parameters(ring)
-    warnings = inputs.warnings_of(facts, read)
-    note(facts, chosen, given['mode'], ring, run_info, inputs.file_values(read))
+    with staging.created_folder(bag.parent, f'out:={given["out"]}'):
+        pass  # a check: the recorder creates it
+    folder, mode = Path(launch_config.log_dir), given['mode']
+    run_info = folder / node_config.RUN_INFO_FILE
+    nodes = node_config.build_nodes(
+        facts, controller, mode, bag, run_info, node_config.NO_OVERRIDES
+    )
+    checked = inputs.check_parameters(nodes)
+    file_values = inputs.file_values(checked)
+    node_config.write_run_info(facts, controller, mode, nodes, run_info, file_values)
     if given['markers'] == 'true':
-        ring = [experiment.markers(ring), *ring]
-    drive = Drive()
+        nodes = [node_config.build_markers_node(nodes), *nodes]
+    monitor = RunMonitor()
     return [
-        *(LogInfo(msg=f'warning, {chosen.name}: {text}') for text in warnings),
-        *(_start(node, folder, drive) for node in ring),
+        *(
+            LogInfo(msg=f'warning, {controller.name}: {text}')
+            for text in inputs.find_warnings(facts, checked)
+        ),
+        *(_start(node, folder, monitor) for node in nodes),
     ]
 
 
-def _start(node, folder, drive):
-    written = experiment.write_parameters(node, folder)
+def _start(node, folder, monitor):
+    parameter_file = node_config.write_parameter_file(node, folder)
     return Node(
         package=node.package,
         executable=node.executable,
-        parameters=[*map(str, node.files), str(written)],
+        parameters=[*map(str, node.files), str(parameter_file)],
         output='screen',
-        sigterm_timeout=str(PATIENCE_S.get(node.role, processes.INTERRUPT_S)),
-        on_exit=drive.on_exit(node.role, node.executable),
+        sigterm_timeout=str(SHUTDOWN_S.get(node.role, processes.INTERRUPT_S)),
+        on_exit=monitor.on_exit(node.role, node.executable),
     )
 
 
 def generate_launch_description():
     """Return what `ros2 launch` runs."""
-    environment = {**DEFAULT_ENVIRONMENT, **os.environ, **FIXED_ENVIRONMENT}
-    names = (*DEFAULT_ENVIRONMENT, *FIXED_ENVIRONMENT)
+    defaults, fixed = processes.DEFAULT_ENVIRONMENT, processes.FIXED_ENVIRONMENT
+    environment = {**defaults, **os.environ, **fixed}
     return LaunchDescription(
         [
             *ARGUMENTS,
-            *(SetEnvironmentVariable(name, environment[name]) for name in names),
+            *(SetEnvironmentVariable(name, environment[name]) for name in (*defaults, *fixed)),
             OpaqueFunction(function=start_nodes),
         ]
     )

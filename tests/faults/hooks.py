@@ -6,7 +6,7 @@ from pathlib import Path
 
 from catalogue import HERE, Fault
 
-from experiments.configuration import experiment
+from experiments.configuration import node_config
 from node_runtime import executables
 
 HARMED, SOUND = '/harmed', '/sound'  # put before the names of topics
@@ -65,7 +65,7 @@ def relay(fault: Fault, go: Path) -> list[str]:
     return command
 
 
-def command(fault: Fault, node: experiment.Node) -> list[str]:
+def command(fault: Fault, node: node_config.Node) -> list[str]:
     """Return the program of a node."""
     if fault.does == 'fail_ticks' and node.role == 'controller':
         return [sys.executable, str(HERE / 'failing_node.py'), str(FROM_TICK), str(fault.to)]

@@ -14,8 +14,8 @@ from catalogue import ROLES, Fault
 from stalls import Stalls
 from states import BEFORE_NS
 
-from experiments.configuration import inputs
-from experiments.run import launch, processes
+from experiments.configuration import inputs, node_config
+from experiments.run import processes
 from experiments.run.processes import Process
 from node_runtime import leaving
 
@@ -57,8 +57,8 @@ class Ring:
         folder.mkdir(parents=True)
         scenario = folder / 'road.yaml'
         scenario.write_text(yaml.safe_dump(fault.scenario))
-        facts = inputs.scenario_facts(str(scenario))
-        self.bag = self.witness = folder / launch.BAG
+        facts = inputs.load_facts(str(scenario))
+        self.bag = self.witness = folder / node_config.BAG_FOLDER
         self.go = folder / 'go'
         given = {'realtime.priority': hooks.PRIORITY} if fault.mode == 'realtime' else {}
         self.doubted = fault.does == 'disk_bytes' or fault.to == 'recorder'
@@ -69,11 +69,11 @@ class Ring:
         overrides['recorder'].pop('recorders', None)
         overrides['controller']['recorders'] = given.get('recorders', 1) + 1  # and the relay
         overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
-        found = launch.plain_ring(facts, fault.mode, folder, overrides)
+        found = node_config.build_mpcc_nodes(facts, fault.mode, folder, overrides)
         self.nodes = {node.role: node for node in found}
         # whatever the shell says
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        self.environment = launch.environment(domain, folder) | here
+        self.environment = processes.node_environment(domain, folder) | here
         self.clock = hooks.MachineClock(folder) if fault.does == 'clock_s' else None
         self.running: dict[str, Process] = {}
         self.spared: list[Process] = []  # that were killed on purpose
@@ -110,13 +110,13 @@ class Ring:
         node, environment = self.nodes[role], self.environment
         if self.clock and role not in ('recorder', 'witness'):
             environment = environment | self.clock.environment()
-        self.running[role] = launch.start(
+        self.running[role] = processes.start_node(
             node,
             self.folder,
             environment,
             log=f'{role}{len(self.spared) or ""}.log',
             program=hooks.command(self.fault, node),
-            more=hooks.remaps(self.fault, role),
+            extra_arguments=hooks.remaps(self.fault, role),
         )
         prefer(self.running[role])
 

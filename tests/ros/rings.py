@@ -11,8 +11,8 @@ from rclpy.task import Future
 from until import until
 
 from bags.storage import read, repair
-from experiments.configuration import inputs
-from experiments.run import launch, processes
+from experiments.configuration import inputs, node_config
+from experiments.run import processes
 from msgs_yaml import decode
 from node_runtime import executables, leaving, ros, spin_node
 
@@ -27,14 +27,15 @@ class Ring:
     def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
         """Each of `settings` is called like a role: {dotted name: value} of its parameters."""
         self.folder, self.running, self.mode = folder, {}, mode
-        self.bag = folder / launch.BAG
-        facts = inputs.scenario_facts(scenario)
-        self.nodes = {node.role: node for node in launch.plain_ring(facts, mode, folder, settings)}
+        self.bag = folder / node_config.BAG_FOLDER
+        facts = inputs.load_facts(scenario)
+        nodes = node_config.build_mpcc_nodes(facts, mode, folder, settings)
+        self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
         self.namespace = ''  # of every node, '' for the root
         # whatever the shell says
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        self.environment = launch.environment(domain, folder) | here
+        self.environment = processes.node_environment(domain, folder) | here
 
     def __enter__(self):
         return self
@@ -51,8 +52,8 @@ class Ring:
         node = self.nodes[role]
         program = self.prefix.get(role, []) + executables.resolve(node.package, node.executable)
         more = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
-        self.running[role] = launch.start(
-            node, self.folder, self.environment, program=program, more=more
+        self.running[role] = processes.start_node(
+            node, self.folder, self.environment, program=program, extra_arguments=more
         )
         if self.mode == 'realtime':
             group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')

@@ -9,8 +9,8 @@ from rings import ROLES, Ring
 
 from bags.report import compare
 from bags.storage import losses, read
-from experiments.configuration import experiment, inputs
-from experiments.run import launch, processes
+from experiments.configuration import inputs, node_config
+from experiments.run import processes
 from msgs_yaml import contract
 from node_runtime import provenance
 
@@ -32,11 +32,11 @@ def make(folder, domain, plant, namespace=''):
     folder.mkdir()
     ring = Ring(folder, domain, plant=plant)
     ring.namespace = namespace
-    facts = inputs.scenario_facts('straight')
+    facts = inputs.load_facts('straight')
     read = inputs.check_parameters(ring.nodes.values())
-    parameters = experiment.noted(ring.nodes.values(), inputs.file_values(read))
+    parameters = node_config.collect_parameters(ring.nodes.values(), inputs.file_values(read))
     noted = provenance.of(facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters)
-    (folder / launch.NOTES).write_text(json.dumps(noted))
+    (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
     return ring
 
 

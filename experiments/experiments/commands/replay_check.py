@@ -25,9 +25,10 @@ def run(chosen: argparse.Namespace) -> int:
     """Check every bag; 0 when all ticks of all bags are the same. Raises BagError."""
     # the cores take a second to load: only who replays waits for them
     from bags.storage import read
-    from experiments.replay import check, settings, show
+    from experiments.configuration import set_option
+    from experiments.replay import check, show
 
-    changed = settings.of_controller(chosen.settings)
+    changed = set_option.parse_controller_settings(chosen.settings)
     reports = []
     for bag in chosen.bags:
         reports.append(check.check(read.load(bag), changed))

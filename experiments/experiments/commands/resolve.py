@@ -38,10 +38,11 @@ def run(chosen: argparse.Namespace) -> int:
     """Solve and show; 0 when the command is the recorded one. Raises BagError."""
     # the cores and matplotlib take a second to load
     from bags.storage import read
-    from experiments.replay import horizon_figure, resolve, settings, show_answer
+    from experiments.configuration import set_option
+    from experiments.replay import horizon_figure, resolve, show_answer
 
     bag = read.load(chosen.bag)
-    changes = settings.of_problem(chosen.settings)
+    changes = set_option.parse_tick_changes(chosen.settings)
     answer = resolve.ask(bag, resolve.Question(chosen.tick, changes, chosen.sensitivities))
     console = Console()
     show_answer.show(answer, console)

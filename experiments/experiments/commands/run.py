@@ -1,17 +1,18 @@
-"""Start the nodes of an experiment, record them, stop them, and compare what was driven."""
+"""The command `experiments run`: run controllers through a scenario, record and compare them."""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'drive a scenario, record it, compare what drove'
+HELP = 'run controllers through a scenario, record and compare them'
+EPILOG = 'example: experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
 RUNS = Path('bags', 'runs')
 TIME_LIMIT_S = 900.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments run`."""
+    """Add the arguments of `experiments run`."""
     parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
     parser.add_argument(
         '--controller',
@@ -24,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--mode',
         choices=('lockstep', 'realtime'),
         default='lockstep',
-        help='lockstep: simulated time, as fast as it goes, repeatable; realtime: wall clock',
+        help='lockstep: simulated time, as fast as possible, repeatable; realtime: wall clock '
+        '(default: lockstep)',
     )
     parser.add_argument(
         '--out',
@@ -39,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         dest='settings',
         metavar='NODE.param=value',
-        help='set a parameter of the plant, controller, scenario or recorder',
+        help='set a parameter of the plant, controller, scenario or recorder; may be given several '
+        'times',
     )
     parser.add_argument(
         '--markers',
@@ -51,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_seconds,
         default=TIME_LIMIT_S,
         metavar='S',
-        help=f'wall time after which a run is given up (default: {TIME_LIMIT_S:.0f} s)',
+        help=f'wall time after which a run is stopped (default: {TIME_LIMIT_S:.0f} s)',
     )
 
 
@@ -62,20 +65,20 @@ def _seconds(text):
     return value
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Make the runs; 0 when every one completed. Raises BagError."""
-    # the cores take a second to load: only who runs waits for them
-    from experiments.run import campaign
+def run(options: argparse.Namespace) -> int:
+    """Run and compare; return 0 when every run was completed. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
+    from experiments.run import batch
 
-    return campaign.run_all(
-        campaign.Plan(
-            chosen.scenario,
-            chosen.controller or ['mpcc'],
-            chosen.mode,
-            chosen.out,
-            chosen.settings,
-            chosen.time_limit,
-            chosen.markers,
+    return batch.run_and_compare(
+        batch.Batch(
+            options.scenario,
+            options.controller or ['mpcc'],
+            options.mode,
+            options.out,
+            options.settings,
+            options.time_limit,
+            options.markers,
         ),
         Console(),
     )

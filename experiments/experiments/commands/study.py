@@ -58,13 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Study one part; 0 when it was written. Raises BagError."""
     # the cores take a second to load: only who studies waits for them
+    from experiments.progress import CountProgress
     from experiments.study import parts
-    from experiments.study.bars import Bars
     from experiments.study.drives import Drives
 
     roles = dict(_role(text) for text in chosen.role)
     console = Console()
-    with Bars(console) as bars, Drives(chosen.jobs, bars.show, chosen.cache) as drives:
+    with CountProgress(console) as bars, Drives(chosen.jobs, bars.show, chosen.cache) as drives:
         written = parts.run(
             chosen.part,
             drives,

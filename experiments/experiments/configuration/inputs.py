@@ -1,10 +1,10 @@
-"""Scenario and parameters as the nodes will read them, checked before anything starts.
+"""The inputs of a run, read as the nodes will read them and checked before any node starts.
 
-Loads no model and no solver: an error in the input is found at once.
+Loads no solver and no model of the controller: a mistake in the input is reported at once.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -12,34 +12,61 @@ import yaml
 from bags.errors import BagError
 from bags.storage.recorder_params import RecorderParams
 from bags.verdict import metrics
-from experiments.configuration import experiment, warnings
-from experiments.configuration.experiment import Node, ScenarioFacts
-from mpcc_controller import car_file, limits_in_force
-from mpcc_controller.parameters import ControllerParams
+from experiments.configuration import node_config
+from experiments.configuration.node_config import Node, ScenarioFacts
+from mpcc_controller import car_file, least_speed, limits_in_force
+from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import overrides, parameters
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
+from vehicle_plant import capability
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 
-# what a node reads, and how the file that this names is read, None where it names none
-READ = {
+KPH = 3.6  # km/h per m/s
+# parameter class of each executable, and the loader of the file that the parameters name
+LOADERS = {
     'recorder_node': (RecorderParams, None),
     'scenario_node': (ScenarioParams, None),
     'mpcc_node': (ControllerParams, car_file.load),
     'frenet_node': (ControllerParams, car_file.load),
     'plant_node': (NodeParams, plant_parameters.plant),
 }
-# what the plant declares beside them
-BY_HAND = {
+# parameters that the plant declares besides those of its class
+PLANT_EXTRAS = {
     'start.from': parameters.Leaf(str, False, plant_parameters.START_FROM),
-    experiment.DEFAULTS_NAMED: parameters.Leaf(str, False, None),
+    node_config.PLANT_DEFAULTS: parameters.Leaf(str, False, None),
 }
+START, PLANT_START = 'start.', 'plant.start.speed_mps'
+SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
+
+
+class SlowSpeedWarning(NamedTuple):
+    """The wording of a warning about one kind of speed."""
+
+    subject: str
+    margin_mps: float  # above the least speed, within which the warning is given, too
+    below: str  # behaviour of the car below the least speed
+    near: str  # and within the margin
+
+
+START_SLOW = SlowSpeedWarning(
+    'the car starts at',
+    least_speed.START_MARGIN_MPS,
+    'does not pull away',
+    'may not pull away',
+)
+DESIRED_SLOW = SlowSpeedWarning(
+    'the scenario asks for',
+    least_speed.DESIRED_MARGIN_MPS,
+    'stops where it is so',
+    'may stop where it is so',
+)
 
 
 def stop_params(scn: Scenario) -> StopParams:
-    """Return the end of a scenario as the plant takes it."""
+    """Return the finish line and time limit of a scenario as parameters of the plant."""
     x, y, yaw, armed_after, time = scn.stop
     return StopParams(x_m=x, y_m=y, yaw_rad=yaw, armed_after_m=armed_after, time_s=time)
 
@@ -57,13 +84,13 @@ def load_scenario(name_or_path: str, speed_mps: float | None = None) -> Scenario
         raise BagError(str(error)) from None
 
 
-def scenario_facts(name_or_path: str) -> ScenarioFacts:
-    """Return what the nodes are told about a scenario. Raises BagError when it cannot be used."""
-    return facts(load_scenario(name_or_path), name_or_path)
+def load_facts(name_or_path: str) -> ScenarioFacts:
+    """Return the ScenarioFacts of a name or file. Raises BagError."""
+    return scenario_facts(load_scenario(name_or_path), name_or_path)
 
 
-def facts(scn: Scenario, source: str) -> ScenarioFacts:
-    """Return the same of a loaded scenario; `source` is how scenario_node finds it."""
+def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
+    """Return the ScenarioFacts of a loaded scenario; `source` is what scenario_node is given."""
     x, y, yaw, speed = scn.start
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     return ScenarioFacts(
@@ -81,52 +108,33 @@ def facts(scn: Scenario, source: str) -> ScenarioFacts:
 
 
 def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
-    """Read the parameters of scenario, controller, plant and recorder as they will.
+    """Load the parameters of scenario, controller, plant and recorder as the nodes will.
 
-    Returns by role the parameters and what is read from the file that they name, None where they
-    name none. Raises BagError for what a node refuses, and for a limit of the controller that is
-    set beyond what the car can do: it would have no effect.
+    Returns by role the parameters and the contents of the file that they name (car, plant), None
+    without one. Raises BagError for what a node refuses, and for a limit of the controller that is
+    set beyond the car's ability: it would have no effect.
     """
-    read = {node.role: _read(node) for node in nodes if node.executable in READ}
+    checked = {node.role: _load(node) for node in nodes if node.executable in LOADERS}
     for node in nodes:
         if node.role == 'controller':
-            _refuse_impossible(node, *read[node.role])
-    return read
+            _refuse_impossible(node, *checked[node.role])
+    return checked
 
 
-def file_values(read: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the parameters in the files that controller and plant name, for the notes of a run.
-
-    By role and dotted name: the controller's car, the plant's tyre. `read` is from
-    `check_parameters`.
-    """
-    return {
-        role: parameters.flatten(named.tyre if isinstance(named, PlantParams) else named)
-        for role, (_, named) in read.items()
-        if named is not None
-    }
-
-
-def warnings_of(facts: ScenarioFacts, read: Mapping[str, tuple[Any, Any]]) -> list[str]:
-    """Return what to tell a user before a run; `read` is from `check_parameters`."""
-    node, plant = read['plant']
-    return warnings.of(facts, node.start.speed_mps, read['controller'], plant)
-
-
-def _read(node):
+def _load(node):
     """Return the parameters of a node, and those in the file that they name."""
-    cls, load = READ[node.executable]
+    cls, load = LOADERS[node.executable]
     try:
-        given, sources = experiment.given(node), experiment.sources(node)
-        by_hand = BY_HAND if node.role == 'plant' else {}
-        for name in by_hand.keys() & given.keys():
-            parameters.check(by_hand[name], given.pop(name), name, sources.get)
-        defaults = experiment.defaults(node)
-        made, _ = overrides.resolve(cls, defaults, given, sources)
+        given, sources = node_config.given_parameters(node), node_config.parameter_sources(node)
+        extras = PLANT_EXTRAS if node.role == 'plant' else {}
+        for name in extras.keys() & given.keys():
+            parameters.check(extras[name], given.pop(name), name, sources.get)
+        defaults = node_config.defaults_file(node)
+        params, _ = overrides.resolve(cls, defaults, given, sources)
         if load is None:
-            return made, None
+            return params, None
         lines = parameters.read_file(defaults)[1].items()
-        return made, load(made, {name: f'{defaults}:{line}' for name, line in lines} | sources)
+        return params, load(params, {name: f'{defaults}:{line}' for name, line in lines} | sources)
     except (parameters.ParameterError, OSError) as error:
         files = ''.join(f' ({file})' for file in node.files)
         raise BagError(f'the {node.role}{files} would not start: {error}') from None
@@ -137,3 +145,70 @@ def _refuse_impossible(node, params, vehicle):
         limits_in_force.refuse(params, vehicle, node.origins)
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
+
+
+def file_values(checked: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, Any]]:
+    """Return {role: {dotted name: value}} of the files that controller and plant name.
+
+    These are the controller's car and the plant's tyre; `checked` is from `check_parameters`.
+    """
+    return {
+        role: parameters.flatten(named.tyre if isinstance(named, PlantParams) else named)
+        for role, (_, named) in checked.items()
+        if named is not None
+    }
+
+
+def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) -> list[str]:
+    """Return one line for each mismatch of scenario, controller and plant; [] without any.
+
+    A mismatch is allowed, since it may be the subject of the experiment. `checked` is from
+    `check_parameters`.
+    """
+    (params, vehicle), (node, plant) = checked['controller'], checked['plant']
+    start_mps = node.start.speed_mps
+    desired = [(key, speed) for key, speed in facts.speeds if not key.startswith(START)]
+    given = [key for key, _ in facts.speeds if key.startswith(START)]
+    is_set = start_mps != facts.start['speed_mps']
+    # without a start speed of its own the scenario starts at the desired speed, checked anyway
+    start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
+    least = params.limits.least_speed_mps
+    return [
+        *_slow_speeds(START_SLOW, start, least),
+        *_slow_speeds(DESIRED_SLOW, desired, least),
+        *_drive_layout(params, vehicle, plant),
+        *filter(None, [limits_in_force.told(params, vehicle)]),
+    ]
+
+
+def _slow_speeds(kind: SlowSpeedWarning, speeds: Sequence[tuple[str, float]], least_mps: float):
+    """Return the warning about speeds (key, m/s) at which the controller stops, at most one."""
+
+    def relation(speed):
+        return least_speed.relation(speed, least_mps, kind.margin_mps)
+
+    slow = [(speed, key) for key, speed in speeds if relation(speed)]
+    if not slow:
+        return []
+    speed, key = min(slow, key=lambda pair: pair[0])
+    others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
+    consequence = kind.below if relation(speed) == least_speed.BELOW else kind.near
+    return [
+        f'{kind.subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
+        f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '
+        f'below that speed, so the car {consequence}'
+    ]
+
+
+def _drive_layout(params: ControllerParams, vehicle: CarParams, plant: PlantParams):
+    """Return the warning that the controller drives other axles than the plant, at most one."""
+    share, key = params.model.drive_front_share, 'model.drive_front_share'
+    if share is None:
+        share, key = vehicle.actuators.drive_front_share, f'car_file {params.car_file}'
+    driven = capability.of(plant.car).drive_front_share
+    if abs(share - driven) <= SHARE_TOLERANCE:
+        return []
+    return [
+        f'the controller believes that {share:.0%} of the drive is at the front axle ({key}), the '
+        f'plant has {driven:.0%} there: give controller.car_file a file that identify made of it'
+    ]

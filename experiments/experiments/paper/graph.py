@@ -10,10 +10,10 @@ from bags.errors import BagError
 from bags.pictures import distances
 from bags.report import compare
 from experiments.configuration import inputs
-from experiments.run import campaign
+from experiments.configuration.inputs import KPH
+from experiments.run import batch
 from experiments.study import tables
 from experiments.study.case import Case
-from experiments.units import KPH
 
 CIRCLE, CIRCLE_CONTROLLER = 'circle_20m', 'mpcc_no_ca'
 SHEET = 'double_lane_change'
@@ -67,8 +67,8 @@ def double_lane_change(chosen: Sequence[Case], out: Path, bags: Path, console: C
 
 def _driven(scenario, controllers, bags, settings, console):
     """Make the runs and return their bags; BagError when one of them did not complete."""
-    plan = campaign.Plan(scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S)
-    _, outcomes = campaign.run_nodes(plan, console)
+    plan = batch.Batch(scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S)
+    _, outcomes = batch.run_controllers(plan, console)
     for outcome in outcomes:
         if not outcome.completed:
             raise BagError(f'{outcome.controller}: {outcome.message}')

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from bags.errors import BagError
 from experiments.paper import graph, point, readme
+from experiments.progress import CountProgress
 from experiments.study import claims, distributions, variants
-from experiments.study.bars import Bars
 from experiments.study.distributions import POINT_KPH
 from experiments.study.drives import Drives
 
@@ -41,7 +41,7 @@ def everything(out: Path, quick: bool, jobs: int | None, console: Console) -> Ma
     _say(console, '1/4 the operating point, in process')
     point.write(out)
     _say(console, f'2/4 distributions of {runs} paired runs and their causes')
-    with Bars(console) as bars, Drives(jobs, bars.show) as drives:
+    with CountProgress(console) as bars, Drives(jobs, bars.show) as drives:
         cast = variants.cast(ROLES)
         found = distributions.run(drives, out / STUDY, cast, runs, speeds, command=command)
         told = claims.run(drives, out, runs, cause_runs, speeds, ROLES, command=command)

@@ -17,7 +17,7 @@ from bags.errors import BagError
 from bags.storage import read
 from bags.storage.rosbag2_writer import BagWriter
 from experiments.replay import feed
-from experiments.run import campaign
+from experiments.run import batch
 
 LARGEST_BYTES = 2_000_000
 TIME_LIMIT_S = 300.0
@@ -34,8 +34,8 @@ def refresh(scenario: str, controllers: Sequence[str], out: Path, console: Conso
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix='.golden.', dir=out) as folder:
         work = Path(folder)
-        plan = campaign.Plan(scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S)
-        code = campaign.run_all(plan, console)
+        plan = batch.Batch(scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S)
+        code = batch.run_and_compare(plan, console)
         if code:
             return code
         for bag in sorted(work.glob('*/*/metadata.yaml')):

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 from bags.errors import BagError
 from bags.storage import read
+from experiments.configuration.set_option import Changes
 from experiments.replay import check, feed, fields, replayed_controller, sensitivity, tick_problem
 from experiments.replay.feed import Tick
 from experiments.replay.fields import Pair
 from experiments.replay.sensitivity import Sensitivity
-from experiments.replay.settings import Changes
 from experiments.replay.tick_problem import Problem, Solved
 
 

@@ -1,4 +1,4 @@
-"""A ROS domain that nobody on this machine uses."""
+"""Reservation of a ROS domain that is unused on this machine."""
 
 import fcntl
 import os
@@ -13,31 +13,32 @@ from bags.errors import BagError
 LAST = 101  # beyond it the ports meet the range that Linux gives to clients
 HIGHEST = 232  # beyond it there are no ports
 PORT_BASE, PORTS_PER_DOMAIN, FIRST_UNICAST = 7400, 250, 10  # DDSI-RTPS 2.2, section 9.6.1
-PORTS_PER_PARTICIPANT, PARTICIPANTS = 2, 10  # as many are looked for
+PORTS_PER_PARTICIPANT, PARTICIPANTS = 2, 10  # so many ports are probed
 
 
 @contextmanager
 def reserved(environment) -> Iterator[int]:
-    """Yield the ROS_DOMAIN_ID of `environment`, or one that is free, reserved while in use.
+    """Yield the ROS_DOMAIN_ID of `environment`, or a free one, reserved while in use.
 
-    Free means that no participant listens on its discovery ports, and that no other run holds its
-    lock file: two rings in one domain would answer each other. In a domain that is given somebody
-    may look on, so there only the lock counts. Raises BagError when the given one or all are taken.
+    Free means that no participant listens on its discovery ports and no other run holds its lock
+    file: the nodes of two runs in one domain would answer each other. In a given domain other
+    participants (viewers) are allowed, so only the lock counts. Raises BagError when the given
+    domain or all domains are taken.
     """
     given = environment.get('ROS_DOMAIN_ID')
-    # begin anywhere: runs started together do not all try the same one first
-    anywhere = ((os.getpid() + k) % LAST + 1 for k in range(LAST))
-    for domain in (_number(given),) if given else anywhere:
+    # start at different domains: runs started together do not all try the same one first
+    candidates = ((os.getpid() + k) % LAST + 1 for k in range(LAST))
+    for domain in (_number(given),) if given else candidates:
         lock = _lock(domain)
         if lock is None:
             continue
         with lock:
-            if given or _silent(domain):
+            if given or _is_silent(domain):
                 yield domain
                 return
     if given:
         raise BagError(
-            f'ROS_DOMAIN_ID={given}: another run is in this domain, and two rings in one domain '
+            f'ROS_DOMAIN_ID={given}: another run uses this domain, and the nodes of two runs would '
             'answer each other; choose another one, or unset it to be given a free one'
         )
     raise BagError(f'all ROS domains from 1 to {LAST} are in use; set ROS_DOMAIN_ID')
@@ -61,7 +62,7 @@ def _lock(domain):
     return handle
 
 
-def _silent(domain):
+def _is_silent(domain):
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + FIRST_UNICAST
     return all(_is_free(first + PORTS_PER_PARTICIPANT * k) for k in range(PARTICIPANTS))
 

@@ -1,20 +1,20 @@
-"""Signals as something to ask about, so that they never tear what is being started or written."""
+"""Signals as flags to poll, so that they never interrupt the start of a node or a file write."""
 
 import signal
 import time
 from pathlib import Path
 
-# what shells report for a program that a signal ended: this plus its number
+# exit code that shells report for a program ended by a signal: this plus its number
 SHELL_SIGNAL = 128
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LOOK_EVERY_S = 0.1
+POLL_S = 0.1
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asked this program to end.
+    """A signal requested the end of this program.
 
     number  of the signal
-    kept    where the recording so far was kept, None for nowhere
+    kept    path of the recording that was kept, None without one
     """
 
     def __init__(self, number: int, *message: str):
@@ -29,10 +29,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Interrupt:
-    """Within this context a signal only raises a flag; `sleep` and `check` see it.
+    """A context in which a signal only sets a flag, which `sleep` and `check` read.
 
-    SIGHUP stays ignored where it was, as under nohup. SIGINT and SIGTERM always count: a shell lets
-    programs in the background ignore SIGINT, but a SIGINT that is sent to one is meant.
+    An ignored SIGHUP stays ignored, as under nohup. SIGINT and SIGTERM always count: shells make
+    background programs ignore SIGINT, but a SIGINT sent to one is intended.
     """
 
     def __init__(self):
@@ -40,17 +40,16 @@ class Interrupt:
         self._before = {}
 
     def __enter__(self):
-        # a hang-up that is ignored stays so: that is what nohup asks for
         keeps_hangup_ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
         caught = [n for n in SIGNALS if n != signal.SIGHUP or not keeps_hangup_ignored]
-        self._before = {number: signal.signal(number, self._note) for number in caught}
+        self._before = {number: signal.signal(number, self._set_flag) for number in caught}
         return self
 
     def __exit__(self, *error):
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _note(self, number, frame):
+    def _set_flag(self, number, frame):
         self._number = self._number or number
 
     def check(self):
@@ -59,6 +58,6 @@ class Interrupt:
             raise Interrupted(self._number)
 
     def sleep(self):
-        """Wait a moment, then check."""
-        time.sleep(LOOK_EVERY_S)
+        """Wait POLL_S, then check."""
+        time.sleep(POLL_S)
         self.check()

@@ -1,4 +1,7 @@
-"""One run: start the nodes of the ring, watch until the plant ends, stop them, keep the bag."""
+"""One run of the node graph: start the nodes, watch until the plant ends, stop them, keep the bag.
+
+Each node is a process of its own.
+"""
 
 import os
 import re
@@ -9,40 +12,40 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from experiments.configuration import experiment
-from experiments.configuration.experiment import Controller, ScenarioFacts
-from experiments.run import launch, processes
-from experiments.run.folders import Workshop
-from experiments.run.follow import Follower
+from experiments.configuration import node_config
+from experiments.configuration.node_config import Controller, ScenarioFacts
+from experiments.progress import RunProgress
+from experiments.run import processes
 from experiments.run.interrupt import Interrupt, Interrupted
+from experiments.run.live_position import PositionReader
 from experiments.run.processes import Process, ProcessError
-from experiments.run.progress import Progress
+from experiments.run.staging import StagingDirectory
 
-LOOK_S = {'lockstep': 0.0, 'realtime': 1.0}  # least between two looks at the growing bag
-STAND_BACK = {'recorder': 5}  # niceness, realtime: messages wait for it without harm
-RECORDER_S = 30.0  # to write what is still under way, and to complete the bag
+POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of the growing bag
+NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
+RECORDER_S = 30.0  # to write the messages still queued, and to complete the bag
 SETTLE_S = 0.3
 TRACEBACK = 'traceback.txt'  # beside the logs of the nodes
-# what ROS puts before a message: [INFO] [1700000000.123456789] [plant]:
+# the prefix of ROS before a message: [INFO] [1700000000.123456789] [plant]:
 PREFIX = re.compile(r'^(\[[^\]]*\] ?)+: ')
-# exit codes of the plant that end a run as they should: finish line, neither reached, no controller
+# exit codes of the plant after a regular end: finish line, neither reached, no controller
 FINISHED, NOT_FINISHED, CONTROLLER_GONE = 0, 2, 3
-ENDINGS = (FINISHED, NOT_FINISHED, CONTROLLER_GONE)
+REGULAR_ENDS = (FINISHED, NOT_FINISHED, CONTROLLER_GONE)
 
 
-class Settings(NamedTuple):
-    """How runs are made."""
+class RunSettings(NamedTuple):
+    """The settings shared by the runs of a batch."""
 
     mode: str  # lockstep or realtime
     folder: Path  # that receives <controller>/
     overrides: Mapping[str, Mapping[str, Any]]  # parameters by role
     domain: int  # ROS_DOMAIN_ID
     time_limit_s: float  # of wall time per run
-    markers: bool = False  # whether a node draws the ring for 3D viewers
+    markers: bool = False  # whether to start the node that draws for 3D viewers
 
 
-class Outcome(NamedTuple):
-    """How one run ended."""
+class RunOutcome(NamedTuple):
+    """The end of one run."""
 
     controller: str
     completed: bool
@@ -50,119 +53,118 @@ class Outcome(NamedTuple):
     bag: Path | None  # where the bag was kept
 
 
-def one(
+def run_once(
     facts: ScenarioFacts,
-    chosen: Controller,
+    controller: Controller,
     file_values: Mapping[str, Mapping[str, Any]],
-    settings: Settings,
+    settings: RunSettings,
     interrupt: Interrupt,
-    progress: Progress,
-) -> Outcome:
-    """Run one controller through a scenario with every node a process of its own.
+    progress: RunProgress,
+) -> RunOutcome:
+    """Run one controller through a scenario; `file_values` (`inputs.file_values`) are recorded.
 
-    `file_values` are noted with the run; they come from `inputs.file_values`.
-    Whatever happens, no process is left behind, what was recorded is kept, and an older bag is left
-    alone unless the new one is complete. A node that ends early, a run beyond its time limit, a bag
-    that is not closed or an exception that nobody expects give an Outcome that is not completed;
-    the logs (with the traceback of such an exception) and the recording are then in
-    `<controller>.failed`. After a signal a complete bag is in `<controller>.interrupted`, one that
-    was not closed in `<controller>.failed`, and nothing is kept where nothing was recorded. Where
-    the disk allows no such move, all stays in a hidden folder, which the Outcome names. Raises
-    Interrupted.
+    In any case no process is left behind, the recording is kept, and an older bag is replaced by a
+    complete one only. A node that ends early, a run beyond its time limit, a bag that is not
+    closed and an unexpected exception give an outcome that is not completed; recording and logs,
+    with the traceback of such an exception, are then in `<controller>.failed`. Where they cannot
+    be moved there, they stay in a hidden folder, which the outcome names. After a signal raises
+    Interrupted: a complete bag is then in `<controller>.interrupted`, one that was not closed in
+    `<controller>.failed`; without a recording nothing is kept.
     """
     try:
-        workshop = Workshop(settings.folder, chosen.name)
+        staging = StagingDirectory(settings.folder, controller.name)
     except OSError as error:
-        return Outcome(chosen.name, False, f'no folder for the run: {error}', None)
+        return RunOutcome(controller.name, False, f'no folder for the run: {error}', None)
     try:
-        run_info = workshop.logs / launch.NOTES
-        ring = experiment.nodes(
-            facts, chosen, settings.mode, workshop.bag, run_info, settings.overrides
+        run_info = staging.logs / node_config.RUN_INFO_FILE
+        nodes = node_config.build_nodes(
+            facts, controller, settings.mode, staging.bag, run_info, settings.overrides
         )
-        launch.note(facts, chosen, settings.mode, ring, run_info, file_values)
+        node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, file_values)
         if settings.markers:
-            ring = [experiment.markers(ring), *ring]
-        follower = Follower(workshop.bag, facts.path, LOOK_S[settings.mode])
-        message, code = _drive(ring, settings, workshop, interrupt, progress, follower)
+            nodes = [node_config.build_markers_node(nodes), *nodes]
+        reader = PositionReader(staging.bag, facts.path, POLL_S[settings.mode])
+        message, code = _drive(nodes, settings, staging, interrupt, progress, reader)
     except Interrupted as interrupted:
-        interrupted.kept = workshop.root
+        interrupted.kept = staging.root
         with suppress(OSError):
-            interrupted.kept = workshop.keep_interrupted()
+            interrupted.kept = staging.keep_interrupted()
         raise
     except ProcessError as error:
-        return Outcome(chosen.name, False, _set_aside(workshop, str(error)), None)
+        return RunOutcome(controller.name, False, _keep_failed(staging, str(error)), None)
     except Exception as error:
-        # one run must not end those that follow it, nor the comparison of those before
+        # one run must not end the later ones, nor the comparison of the earlier ones
         with suppress(OSError):
-            (workshop.logs / TRACEBACK).write_text(traceback.format_exc())
+            (staging.logs / TRACEBACK).write_text(traceback.format_exc())
         message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
-        return Outcome(chosen.name, False, _set_aside(workshop, message), None)
-    return Outcome(chosen.name, code == FINISHED, message, workshop.final)
+        return RunOutcome(controller.name, False, _keep_failed(staging, message), None)
+    return RunOutcome(controller.name, code == FINISHED, message, staging.final)
 
 
-def _set_aside(workshop, message):
-    """Keep what there is of a failed run; return the message with where that is."""
-    text = f'{message}\n  {workshop.describe_recording()}\n  logs: {workshop.logs}'
+def _keep_failed(staging, message):
+    """Keep the files of a failed run; return the message with their location."""
+    text = f'{message}\n  {staging.describe_recording()}\n  logs: {staging.logs}'
     try:
-        workshop.set_aside()
+        staging.keep_failed()
     except OSError as error:
-        return f'{text}\n  left in {workshop.root}: {error}'
-    return workshop.after_set_aside(text)
+        return f'{text}\n  left in {staging.root}: {error}'
+    return staging.relocate(text)
 
 
-def _drive(ring, settings, workshop, interrupt, progress, follower):
-    """Return the plant's last words and its exit code; the bag is in its place by then."""
-    environment = launch.environment(settings.domain, workshop.logs)
+def _drive(nodes, settings, staging, interrupt, progress, reader):
+    """Run the nodes and keep the bag; return the last message of the plant and its exit code."""
+    environment = processes.node_environment(settings.domain, staging.logs)
     cores = _cores(settings.mode)
     running: dict[str, Process] = {}
     try:
-        for node in ring:
-            running[node.role] = launch.start(
+        for node in nodes:
+            running[node.role] = processes.start_node(
                 node,
-                workshop.logs,
+                staging.logs,
                 environment,
                 name=node.executable,
                 cores=cores.get(node.role),
-                nice=STAND_BACK.get(node.role, 0) if cores else 0,
+                nice=NICE.get(node.role, 0) if cores else 0,
             )
-        code = _watch(running, settings.time_limit_s, interrupt, progress, follower)
-        # the state at the end is answered, too: so the same run always records the same messages
+        code = _watch(running, settings.time_limit_s, interrupt, progress, reader)
+        # the final state is answered, too: so the same run always records the same messages
         time.sleep(SETTLE_S)
     finally:
         recorder = [process for role, process in running.items() if role == 'recorder']
         processes.stop([p for role, p in running.items() if role != 'recorder'])
         processes.stop(recorder, RECORDER_S)
-    if running['recorder'].code != 0 or not workshop.is_closed:
-        raise ProcessError(f'the bag was not closed: {processes.obituary(running["recorder"])}')
-    said = PREFIX.sub('', processes.last_line(running['plant'].log))
-    workshop.keep()
-    return said or f'the plant ended with exit code {code}', code
+    if running['recorder'].code != 0 or not staging.is_closed:
+        report = processes.exit_report(running['recorder'])
+        raise ProcessError(f'the bag was not closed: {report}')
+    message = PREFIX.sub('', processes.last_line(running['plant'].log))
+    staging.keep()
+    return message or f'the plant ended with exit code {code}', code
 
 
-def _watch(running, time_limit_s, interrupt, progress, follower):
-    """Return the plant's exit code; ProcessError when anything ends that should not."""
+def _watch(running, time_limit_s, interrupt, progress, reader):
+    """Return the plant's exit code; ProcessError when a node ends early or time runs out."""
     plant = running['plant']
     others = [process for process in running.values() if process is not plant]
     deadline = time.monotonic() + time_limit_s
     while plant.code is None:
-        processes.check(others)
-        sight = follower.look()
-        if sight:
-            progress.show(sight)
+        processes.check_running(others)
+        position = reader.poll()
+        if position:
+            progress.show(*position)
         if time.monotonic() > deadline:
-            said = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
+            lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
             raise ProcessError(
-                f'the run took longer than {time_limit_s:g} s of wall time; the nodes said last:'
-                + ''.join(said)
+                f'the run took longer than {time_limit_s:g} s of wall time; last messages of the '
+                f'nodes:{"".join(lines)}'
             )
         interrupt.sleep()
-    if plant.code not in ENDINGS:
-        raise ProcessError(processes.obituary(plant))
+    if plant.code not in REGULAR_ENDS:
+        raise ProcessError(processes.exit_report(plant))
     return plant.code
 
 
 def _cores(mode):
-    """Return the core of its own that plant and controller get on the wall clock."""
+    """Return a core each for plant and controller in realtime, {} otherwise."""
     available = sorted(os.sched_getaffinity(0))
     if mode != 'realtime' or len(available) < 2:
         return {}

@@ -1,4 +1,7 @@
-"""Start programs, watch over them, stop them: each with its own log file and session, by pid."""
+"""Programs and nodes as processes: start, watch and stop them.
+
+Each process has a log file and a session of its own and is ended by its process id.
+"""
 
 import contextlib
 import ctypes
@@ -10,21 +13,27 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from node_runtime import leaving
+from experiments.configuration import node_config
+from experiments.configuration.node_config import Node
+from node_runtime import executables, leaving
 
-INTERRUPT_S = 12.0  # to end after SIGINT: last words take 5 s at most, leaving 4
+INTERRUPT_S = 12.0  # to end after SIGINT: the last messages take 5 s at most, shutdown 4
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AUTOGROUP = Path('/proc/self/autogroup')
+# for every node, unless the user's environment sets it: discovery on this machine only
+DEFAULT_ENVIRONMENT = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+# for every node: one thread, the matrices are small
+FIXED_ENVIRONMENT = {'OPENBLAS_NUM_THREADS': '1'}
 TAIL_LINES = 15
 TAIL_BYTES = 2000
 
 
 class ProcessError(RuntimeError):
-    """A program ended when it should not have; the message shows its last lines."""
+    """A program ended too early; the message shows its last lines."""
 
 
 class Process(NamedTuple):
-    """One running program and where it writes."""
+    """A started program and its log file."""
 
     name: str
     popen: subprocess.Popen
@@ -32,7 +41,7 @@ class Process(NamedTuple):
 
     @property
     def code(self):
-        """Exit code, None while it runs, negative for a signal."""
+        """The exit code: None while it runs, negative for a signal."""
         return self.popen.poll()
 
 
@@ -44,19 +53,17 @@ def start(
     cores: set[int] | None = None,
     nice: int = 0,
 ) -> Process:
-    """Start a program; its output goes to `log`, unbuffered, `cores` are the only ones it may use.
+    """Start a program with its output, unbuffered, in `log`.
 
-    `nice` is how far it stands back behind others (0 to 19).
-
-    SIGINT ends it, even if this program was started with SIGINT ignored, as a shell does for
-    background jobs: `stop` relies on that. It runs in a session of its own: Ctrl-C in the terminal
-    reaches this program only, which then stops the others in order. Should this program be killed,
-    the kernel interrupts them.
+    `cores` are the only ones that it may use, `nice` (0 to 19) lowers its priority. SIGINT ends it
+    even if this program ignores SIGINT, as background jobs of a shell do: `stop` relies on that.
+    It runs in a session of its own: Ctrl-C in the terminal reaches this program only, which then
+    stops the others in order. When this program is killed, the kernel interrupts them.
     """
     libc, parent = ctypes.CDLL(None), os.getpid()
 
-    def tie():
-        # stays through exec, so through the shell scripts that nodes are started by, too
+    def prepare_child():
+        # kept through exec, also of the shell scripts that start nodes
         libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         if cores:
@@ -65,7 +72,7 @@ def start(
             os.nice(nice)
             with contextlib.suppress(OSError):  # kernels that share time among sessions
                 AUTOGROUP.write_text(str(nice))
-        if os.getppid() != parent:  # killed before that
+        if os.getppid() != parent:  # killed before prctl took effect
             os.kill(os.getpid(), signal.SIGKILL)
 
     with log.open('wb') as output:
@@ -76,13 +83,13 @@ def start(
             stderr=subprocess.STDOUT,
             env={**environment, 'PYTHONUNBUFFERED': '1'},
             start_new_session=True,
-            preexec_fn=tie,
+            preexec_fn=prepare_child,
         )
     return Process(name, popen, log)
 
 
 def stop(processes: Sequence[Process], patience_s: float = INTERRUPT_S) -> None:
-    """End programs: SIGINT to all, `patience_s` of time together, then SIGKILL to the rest."""
+    """End programs: SIGINT to all, wait `patience_s` in total, then SIGKILL to the rest."""
     for process in processes:
         if process.code is None:
             process.popen.send_signal(signal.SIGINT)
@@ -95,42 +102,82 @@ def stop(processes: Sequence[Process], patience_s: float = INTERRUPT_S) -> None:
 
 
 def kill(process: Process) -> None:
-    """End a program and whatever it started, at once."""
+    """End a program and everything that it started, at once."""
     if process.code is None:
-        # the session is its own, so is the group
+        # session and process group are its own
         os.killpg(process.popen.pid, signal.SIGKILL)
     process.popen.wait()
 
 
-def check(processes: Sequence[Process]) -> None:
+def check_running(processes: Sequence[Process]) -> None:
     """Raise ProcessError when one of the programs has ended."""
     for process in processes:
         if process.code is not None:
-            raise ProcessError(obituary(process))
+            raise ProcessError(exit_report(process))
 
 
-def obituary(process: Process) -> str:
-    """Return how a program ended and the last lines it wrote."""
-    lines = process.log.read_text(errors='replace').splitlines()[-TAIL_LINES:]
-    said = ''.join(f'\n  | {line}' for line in lines)
-    words = f':{said}' if said else ' without a word'
-    return f'{process.name} ended early {how_it_ended(process.code)}{words}'
+def exit_report(process: Process) -> str:
+    """Return how a program ended, with the last lines of its log."""
+    tail = process.log.read_text(errors='replace').splitlines()[-TAIL_LINES:]
+    lines = ''.join(f'\n  | {line}' for line in tail)
+    output = f':{lines}' if lines else ' without any output'
+    return f'{process.name} ended early {describe_exit(process.code)}{output}'
 
 
-def how_it_ended(code: int) -> str:
+def describe_exit(code: int) -> str:
     """Return an exit code in words; a negative one is that of a signal."""
     return f'with exit code {code}' if code >= 0 else f'by {signal.Signals(-code).name}'
 
 
 def last_line(log: Path) -> str:
-    """Return the last whole line of a log, '' without one; reads its end only.
+    """Return the last complete line of a log, '' without one; reads the end of the file only.
 
-    Of a node that was held when it left, what it said before counts.
+    Lines that follow the report of a blocked shutdown do not count.
     """
     with log.open('rb') as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - TAIL_BYTES))
         text = file.read().decode(errors='replace').partition(f'\n{leaving.HELD}')
-    # what follows the last line feed is still being written
+    # the text after the last line feed is still being written
     lines = (text[0] + text[1]).split('\n')[:-1]
     return next((line for line in reversed(lines) if line.strip()), '')
+
+
+def node_environment(domain: int, logs: Path) -> dict[str, str]:
+    """Return the environment of nodes in a ROS domain, reachable from this machine only.
+
+    The user's ROS_AUTOMATIC_DISCOVERY_RANGE overrides the latter.
+    """
+    return {
+        **DEFAULT_ENVIRONMENT,
+        **os.environ,
+        **FIXED_ENVIRONMENT,
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_LOG_DIR': str(logs),
+        'RCUTILS_COLORIZED_OUTPUT': '0',
+    }
+
+
+def start_node(
+    node: Node,
+    folder: Path,
+    environment: Mapping[str, str],
+    *,
+    name: str = '',
+    log: str = '',
+    program: Sequence[str] = (),
+    extra_arguments: Sequence[str] = (),
+    cores: set[int] | None = None,
+    nice: int = 0,
+) -> Process:
+    """Start a node; its parameter file and its log go to `folder`.
+
+    The process is called `name` (default: the role), the log file `log` (default: <name>.log).
+    `program` replaces the installed executable, `extra_arguments` follow the ROS arguments; `cores`
+    and `nice` as in `start`.
+    """
+    parameter_file = node_config.write_parameter_file(node, folder)
+    command = [*(program or executables.resolve(node.package, node.executable))]
+    command += [*node_config.ros_arguments(node, parameter_file), *extra_arguments]
+    name = name or node.role
+    return start(name, command, folder / (log or f'{name}.log'), environment, cores, nice)

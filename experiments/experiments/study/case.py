@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 from experiments import simulation
 from experiments.configuration import inputs
+from experiments.configuration.inputs import KPH
 from experiments.study import code_version
 from experiments.study.samples import Draw
 from experiments.study.variants import Variant
-from experiments.units import KPH
 
 
 class Case(NamedTuple):

@@ -16,10 +16,10 @@ from scipy.optimize import linprog
 
 from bags.errors import BagError
 from experiments import simulation
+from experiments.configuration.inputs import KPH
 from experiments.configuration.lateral_limit import lateral_limit
 from experiments.study import provenance, samples, tables
 from experiments.study.variants import SCENARIO
-from experiments.units import KPH
 
 STEM = 'demand'
 COMMAND = 'experiments study demand'

@@ -4,15 +4,14 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
-from experiments import workers
 from experiments.study import case as cases
 from experiments.study import measure
 from experiments.study.case import Case
+from experiments.worker_pool import WorkerPool
 from stage_solver import compile_cache
 
 Progress = Callable[[str, int, int], None]  # what is being driven, drives done, drives in all
@@ -57,7 +56,7 @@ class Drives:
         self.progress = progress
         self.cache = cache or default_cache()
         self.driven = 0  # anew, not read
-        self._pool = None
+        self._pool = WorkerPool(self.jobs)
         if self.jobs < 1:
             raise BagError(f'jobs: must be at least 1, is {jobs}')
 
@@ -66,8 +65,7 @@ class Drives:
         return self
 
     def __exit__(self, *error):
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+        self._pool.__exit__(*error)
 
     def of(
         self, chosen: Sequence[Case], what: str, before: int = 0, total: int | None = None
@@ -82,20 +80,16 @@ class Drives:
         total = len(files) if total is None else total
         done = before + len(files) - len(missing)
         self.progress(what, done, total)
-        if missing:
-            pool = self._started()
-            waiting = {pool.submit(_drive, case, files[case]): case for case in missing}
-            for future in as_completed(waiting):
-                kept[waiting[future]] = future.result()
-                done += 1
-                self.driven += 1
-                self.progress(what, done, total)
-        return [Record(case, kept[case]['metrics'], kept[case]['solver']) for case in chosen]
 
-    def _started(self):
-        if self._pool is None:
-            self._pool = workers.started(self.jobs)
-        return self._pool
+        def count():
+            nonlocal done
+            done += 1
+            self.driven += 1
+            self.progress(what, done, total)
+
+        results = self._pool.run(_drive, [(case, files[case]) for case in missing], count)
+        kept |= zip(missing, results)
+        return [Record(case, kept[case]['metrics'], kept[case]['solver']) for case in chosen]
 
 
 def _drive(case, file):

@@ -17,7 +17,7 @@ import numpy as np
 
 from bags.verdict import metrics
 from experiments import simulation
-from experiments.units import KPH
+from experiments.configuration.inputs import KPH
 
 SCENARIO = 'double_lane_change'
 VELOCITY_SCALE_MPS = 1.0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
-from experiments.configuration import experiment
+from experiments.configuration import node_config
 from experiments.tuning import objective, search, space, tuned_file, tuning_figure
 from experiments.tuning.search import Plan, Trial
 from node_runtime import provenance
@@ -100,7 +100,7 @@ def _history(rows, path):
 
 
 def _file(controller, weights, summary, folder):
-    base = experiment.controller(controller).config
+    base = node_config.find_controller(controller).config
     path = folder / f'{base.stem}{SUFFIX}.yaml'
     folder.mkdir(parents=True, exist_ok=True)
     path.write_text(tuned_file.text(base.read_text(), weights, _header(base, weights, summary)))

@@ -9,11 +9,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from experiments.configuration import experiment
-from experiments.tuning import result, search, workers
+from experiments.configuration import node_config
+from experiments.tuning import result, search
 from experiments.tuning.objective import Condition
 from experiments.tuning.result import Result
 from experiments.tuning.search import Plan, Trial
+from experiments.worker_pool import WorkerPool
 
 RANDOM = (18, 6)  # trials of each stage before its model begins to choose
 BATCH = 4
@@ -48,7 +49,7 @@ def plan(asked: Asked, conditions: Sequence[Condition]) -> Plan:
 def tune(asked: Asked, conditions: Sequence[Condition], console: Console) -> Result:
     """Tune and write; raises BagError, and KeyboardInterrupt that says how to go on."""
     for name in (asked.controller, *asked.also):
-        experiment.controller(name)
+        node_config.find_controller(name)
     made = plan(asked, conditions)
     bars = Progress(
         TextColumn('{task.description}', style='bold'),
@@ -62,7 +63,7 @@ def tune(asked: Asked, conditions: Sequence[Condition], console: Console) -> Res
     )
     trials: list[Trial] = []
     try:
-        with bars, workers.pool(asked.jobs) as pool:
+        with bars, WorkerPool(asked.jobs) as pool:
             task = bars.add_task(asked.controller, total=search.drives_of(made), said='')
 
             def on_drive():

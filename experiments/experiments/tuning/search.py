@@ -9,7 +9,6 @@ longer stage are those of a shorter one.
 import fcntl
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -23,8 +22,9 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from bags.errors import BagError
-from experiments.tuning import objective, space, tuned_file, workers
+from experiments.tuning import objective, space, tuned_file
 from experiments.tuning.objective import Condition, Score
+from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 
 JOURNAL = 'trials.journal'
@@ -66,7 +66,7 @@ class Trial(NamedTuple):
 def run(
     plan: Plan,
     folder: Path,
-    pool: ProcessPoolExecutor,
+    pool: WorkerPool,
     on_drive: Callable[[], None],
     on_trial: Callable[[Trial], None],
 ) -> list[Trial]:
@@ -173,7 +173,7 @@ def _drive(study, plan, trials, pool, on_drive):
         for trial in trials
         for condition in plan.conditions
     ]
-    scores = workers.drives(pool, tasks, on_drive)
+    scores = pool.run(objective.drive, tasks, on_drive)
     count = len(plan.conditions)
     for k, trial in enumerate(trials):
         own = scores[k * count : (k + 1) * count]

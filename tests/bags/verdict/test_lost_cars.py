@@ -11,7 +11,7 @@ from bags.pictures import table
 from bags.report import compare
 from bags.verdict import drive as drives
 from bags.verdict import geometry, metrics
-from experiments.run import campaign, node_graph
+from experiments.run import batch, node_graph
 
 LOST = ('lost', 'lost_how', 'lost_at_m')
 ROAD = ('left_road', 'left_road_at_m', 'beyond_edge_m')
@@ -138,11 +138,11 @@ def test_bags_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
 ):
     bag = write_bag(make_drive(y=lambda x: x * slope))
     # as the plant sees it: its finish line goes on beside the road
-    outcome = node_graph.Outcome('mpcc', True, 'finish line crossed', bag)
-    monkeypatch.setattr(campaign, 'run_nodes', lambda plan, console: (tmp_path, [outcome]))
+    outcome = node_graph.RunOutcome('mpcc', True, 'finish line crossed', bag)
+    monkeypatch.setattr(batch, 'run_controllers', lambda plan, console: (tmp_path, [outcome]))
     console = Console(file=io.StringIO(), width=200)
-    plan = campaign.Plan('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
-    assert campaign.run_all(plan, console) == code
+    plan = batch.Batch('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
+    assert batch.run_and_compare(plan, console) == code
     said = (
         'mpcc: not completed, although the plant reports "finish line crossed": '
         'passed the finish line beside the road at 90 m'

@@ -11,7 +11,7 @@ import pytest
 import rclpy
 from until import until
 
-from experiments.configuration import experiment
+from experiments.configuration import node_config
 from msgs_yaml import conformance, contract, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 from node_runtime import parameters, ros, spin_node
@@ -91,20 +91,21 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
 
 
 def test_bags_run_tells_it_what_car_drives_and_what_is_safe():
-    facts = experiment.ScenarioFacts('name', '', 'name', 0.9, {}, {}, {}, np.zeros((2, 2)), 10.0)
-    chosen = experiment.controller('mpcc')
+    facts = node_config.ScenarioFacts('name', '', 'name', 0.9, {}, {}, {}, np.zeros((2, 2)), 10.0)
+    chosen = node_config.find_controller('mpcc')
     overrides = {'controller': {'safety.obstacle_m': 0.7}}
-    ring = experiment.nodes(facts, chosen, 'realtime', '/bag', '/notes', overrides)
-    told = experiment.markers(ring).parameters
+    ring = node_config.build_nodes(facts, chosen, 'realtime', '/bag', '/notes', overrides)
+    told = node_config.build_markers_node(ring).parameters
     assert told['mode'] == 'realtime'
     assert told['safety.obstacle_m'] == 0.7
     assert told['outline.front_m'] == pytest.approx(1.43 + 0.84)
 
 
 def test_its_defaults_are_those_of_the_shipped_car():
-    facts = experiment.ScenarioFacts('name', '', 'name', 1.0, {}, {}, {}, np.zeros((2, 2)), 10.0)
-    ring = experiment.nodes(facts, experiment.controller('mpcc'), 'lockstep', '/b', '/n', {})
-    told = experiment.markers(ring).parameters
+    facts = node_config.ScenarioFacts('name', '', 'name', 1.0, {}, {}, {}, np.zeros((2, 2)), 10.0)
+    mpcc = node_config.find_controller('mpcc')
+    ring = node_config.build_nodes(facts, mpcc, 'lockstep', '/b', '/n', {})
+    told = node_config.build_markers_node(ring).parameters
     defaults, _ = parameters.read_file(share.path('bags', 'config', 'markers.yaml'))
     for name, value in defaults.items():
         assert told[name] == pytest.approx(value), name

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from bags.errors import BagError
-from experiments.configuration import experiment, inputs
+from experiments.configuration import inputs, node_config
 from node_runtime.ranges import ROAD_FRICTION, RUN_TIME, SPEED
 from scenario_publisher import scenario
 
@@ -30,9 +30,9 @@ def test_the_ends_of_a_range_are_taken_by_controller_and_plant(end, controller, 
     document = yaml.safe_load(scenario.load('straight').text) | ENDS[end]
     source = tmp_path / 'own.yaml'
     source.write_text(yaml.safe_dump(document))
-    facts = inputs.scenario_facts(str(source))
-    chosen = experiment.controller(controller)
-    ring = experiment.nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, {})
+    facts = inputs.load_facts(str(source))
+    chosen = node_config.find_controller(controller)
+    ring = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, {})
     read = inputs.check_parameters(ring)
     assert read['controller'][0].model.friction == facts.friction == read['plant'][0].friction
     assert read['plant'][0].start.speed_mps == facts.start['speed_mps']
@@ -41,10 +41,10 @@ def test_the_ends_of_a_range_are_taken_by_controller_and_plant(end, controller, 
 
 @pytest.mark.parametrize('time_s', [0.4, 601.0])
 def test_a_time_that_no_scenario_may_say_is_refused_by_the_plant(time_s, tmp_path):
-    facts = inputs.scenario_facts('straight')
+    facts = inputs.load_facts('straight')
     settings = {'plant': {'stop.time_s': time_s}}
-    chosen = experiment.controller('mpcc')
-    ring = experiment.nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
+    chosen = node_config.find_controller('mpcc')
+    ring = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
     allowed = rf'{RUN_TIME.low:g} to {RUN_TIME.high:g} s'
     with pytest.raises(BagError, match=rf'--set plant\.stop\.time_s: stop\.time_s: .*{allowed}'):
         inputs.check_parameters(ring)

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from bags.errors import BagError
-from experiments.configuration import experiment, inputs
+from experiments.configuration import inputs, node_config
 from msgs_yaml import share
 from scenario_publisher import scenario
 
@@ -16,10 +16,12 @@ def told(tmp_path):
     def told(changes, settings=None):
         document = yaml.safe_load(scenario.load('straight').text) | changes
         (tmp_path / 'own.yaml').write_text(yaml.safe_dump(document))
-        facts = inputs.scenario_facts(str(tmp_path / 'own.yaml'))
-        chosen = experiment.controller('mpcc')
-        ring = experiment.nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings or {})
-        return inputs.warnings_of(facts, inputs.check_parameters(ring))
+        facts = inputs.load_facts(str(tmp_path / 'own.yaml'))
+        chosen = node_config.find_controller('mpcc')
+        ring = node_config.build_nodes(
+            facts, chosen, 'lockstep', tmp_path, tmp_path, settings or {}
+        )
+        return inputs.find_warnings(facts, inputs.check_parameters(ring))
 
     return told
 

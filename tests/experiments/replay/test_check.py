@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bags.errors import BagError, OlderRunWarning
-from experiments.replay import check, feed, fields, replayed_controller, settings
+from experiments.configuration import set_option
+from experiments.replay import check, feed, fields, replayed_controller
 from experiments.replay.topic import Topic
 from mpcc_controller import limits_in_force
 from mpcc_controller.parameters import CarParams
@@ -273,12 +274,15 @@ def test_a_parameter_of_the_car_that_the_run_lacks_is_an_error(golden):
 )
 def test_a_setting_of_another_form_is_refused(text, said):
     with pytest.raises(BagError, match=said):
-        settings.of_controller([text])
+        set_option.parse_controller_settings([text])
 
 
 def test_a_parameter_of_the_controller_needs_no_node_before_it():
     texts = ['solver.name=ipopt', 'controller.tolerances.lag_m=4e-1']
-    assert settings.of_controller(texts) == {'solver.name': 'ipopt', 'tolerances.lag_m': 0.4}
+    assert set_option.parse_controller_settings(texts) == {
+        'solver.name': 'ipopt',
+        'tolerances.lag_m': 0.4,
+    }
 
 
 def test_a_misspelt_setting_is_answered_with_the_closest_parameter(golden):

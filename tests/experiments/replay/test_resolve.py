@@ -7,17 +7,17 @@ import pytest
 
 from bags.errors import BagError
 from experiments import cli
+from experiments.configuration import set_option
+from experiments.configuration.set_option import Changes
 from experiments.replay import (
     active,
     feed,
     replayed_controller,
     resolve,
     sensitivity,
-    settings,
     tick_problem,
 )
 from experiments.replay.resolve import Question
-from experiments.replay.settings import Changes
 
 from .conftest import GOLDEN
 
@@ -204,7 +204,7 @@ def test_a_limit_that_does_not_exist_is_never_in_force():
 @pytest.mark.parametrize('text', ['weights.lag', 'weights.lag=little', 'weights.lag='])
 def test_a_factor_that_is_no_number_is_refused(text):
     with pytest.raises(BagError, match=r'must be weights\.<term>=<factor>'):
-        settings.of_problem([text])
+        set_option.parse_tick_changes([text])
 
 
 def test_the_command_prints_tables_that_fit_and_draws_the_horizon(tmp_path, capsys, monkeypatch):

@@ -12,7 +12,7 @@ from tyre_files import property_file
 
 from bags.errors import BagError
 from experiments import cli
-from experiments.configuration import experiment, inputs
+from experiments.configuration import inputs, node_config, set_option
 from experiments.run import domain, node_graph
 from msgs_yaml import share
 from node_runtime import named_file, parameters
@@ -22,7 +22,7 @@ SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
 
 @pytest.fixture(scope='module')
 def facts():
-    return inputs.scenario_facts('double_lane_change')
+    return inputs.load_facts('double_lane_change')
 
 
 @pytest.fixture
@@ -30,10 +30,10 @@ def ring(facts, tmp_path):
     """Return ring(settings): the nodes of the double lane change."""
 
     def ring(*settings):
-        overrides = experiment.overrides(list(settings))
-        chosen = experiment.controller('mpcc')
+        overrides = set_option.parse_overrides(list(settings))
+        chosen = node_config.find_controller('mpcc')
         places = (tmp_path / 'bag', tmp_path / 'notes')
-        made = experiment.nodes(facts, chosen, 'realtime', *places, overrides)
+        made = node_config.build_nodes(facts, chosen, 'realtime', *places, overrides)
         return {node.role: node for node in made}
 
     return ring
@@ -41,7 +41,7 @@ def ring(facts, tmp_path):
 
 def noted(nodes):
     read = inputs.check_parameters(nodes)
-    return experiment.noted(nodes, inputs.file_values(read))
+    return node_config.collect_parameters(nodes, inputs.file_values(read))
 
 
 def test_everybody_is_told_the_mode(ring):
@@ -68,7 +68,7 @@ def test_what_is_set_by_hand_wins_and_is_noted(ring):
 
 def test_the_notes_hold_every_parameter_of_every_node_and_of_the_files_they_name(ring):
     notes = noted(ring().values())
-    assert list(notes) == list(experiment.ROLES)
+    assert list(notes) == list(node_config.ROLES)
     assert notes['controller']['tyre.front_friction'] > 0.0
     assert notes['controller']['priorities.obstacle'] > 0.0
     assert notes['plant']['car.body.mass_kg'] > 0.0
@@ -77,7 +77,7 @@ def test_the_notes_hold_every_parameter_of_every_node_and_of_the_files_they_name
 
 def test_parameters_are_written_as_ros_reads_them(ring, tmp_path):
     node = ring()['plant']
-    written = experiment.write_parameters(node, tmp_path)
+    written = node_config.write_parameter_file(node, tmp_path)
     assert written == tmp_path / 'plant.yaml'
     read = yaml.safe_load(written.read_text())
     assert read == {'/**': {'ros__parameters': node.parameters}}
@@ -95,13 +95,15 @@ def test_parameters_are_written_as_ros_reads_them(ring, tmp_path):
 )
 def test_a_setting_that_is_refused_says_what_may_be_meant(text, said):
     with pytest.raises(BagError) as refused:
-        experiment.overrides([text])
+        set_option.parse_overrides([text])
     assert str(refused.value).startswith(f'--set {text}: ')
     assert said in str(refused.value)
 
 
 def test_what_every_node_has_may_be_set_of_every_node():
-    assert experiment.overrides(['recorder.realtime.priority=5', 'scenario.mode=realtime']) == {
+    assert set_option.parse_overrides(
+        ['recorder.realtime.priority=5', 'scenario.mode=realtime']
+    ) == {
         'recorder': {'realtime.priority': 5},
         'scenario': {'mode': 'realtime'},
     }
@@ -110,33 +112,33 @@ def test_what_every_node_has_may_be_set_of_every_node():
 @pytest.mark.parametrize('text', ['plant.friction', 'friction=1', 'wheel.size=1', 'plant.x=[1'])
 def test_a_setting_in_another_form_is_refused(text):
     with pytest.raises(BagError, match='--set'):
-        experiment.overrides([text])
+        set_option.parse_overrides([text])
 
 
 def test_a_controller_may_be_a_file_of_its_own(tmp_path):
     own = tmp_path / 'brave.yaml'
     own.write_text('')
-    assert experiment.controller(str(own)) == ('brave', 'mpcc_node', own)
-    assert experiment.controller('mpcc_no_ca').config.name == 'mpcc_no_ca.yaml'
+    assert node_config.find_controller(str(own)) == ('brave', 'mpcc_node', own)
+    assert node_config.find_controller('mpcc_no_ca').config.name == 'mpcc_no_ca.yaml'
     for wrong in ('timid', str(tmp_path / 'timid.yaml')):
         with pytest.raises(BagError, match='timid'):
-            experiment.controller(wrong)
+            node_config.find_controller(wrong)
 
 
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
     known = 'frenet, frenet_tuned, mpcc, mpcc_no_ca, mpcc_no_ca_tuned, mpcc_tuned'
     for wrong in ('timid', 'car'):
         with pytest.raises(BagError, match=f"'{wrong}'; there are {known}"):
-            experiment.controller(wrong)
+            node_config.find_controller(wrong)
 
 
 def test_two_controllers_of_one_name_are_refused(tmp_path):
     own = tmp_path / 'mpcc.yaml'
     own.write_text('')
     with pytest.raises(BagError, match="called 'mpcc'"):
-        experiment.controllers(['mpcc', str(own)])
-    mpcc = experiment.controller('mpcc')
-    assert experiment.controllers(['mpcc', 'mpcc', str(mpcc.config)]) == [mpcc]
+        node_config.find_controllers(['mpcc', str(own)])
+    mpcc = node_config.find_controller('mpcc')
+    assert node_config.find_controllers(['mpcc', 'mpcc', str(mpcc.config)]) == [mpcc]
 
 
 def test_a_number_is_read_as_ros_reads_it(ring):
@@ -148,8 +150,8 @@ def test_a_controller_file_with_few_keys_is_noted_with_the_defaults_of_the_node(
     own = tmp_path / 'brave.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
     places = (tmp_path / 'bag', tmp_path / 'notes')
-    chosen = experiment.controller(str(own))
-    made = experiment.nodes(facts, chosen, 'lockstep', *places, {})
+    chosen = node_config.find_controller(str(own))
+    made = node_config.build_nodes(facts, chosen, 'lockstep', *places, {})
     notes = noted(made)['controller']
     assert notes['safety.obstacle_m'] == 0.1
     assert notes['safety.edge_m'] == 0.5
@@ -158,15 +160,16 @@ def test_a_controller_file_with_few_keys_is_noted_with_the_defaults_of_the_node(
 
 
 def test_a_value_of_the_scenario_that_a_node_refuses_is_cited_with_file_and_key(facts, tmp_path):
+    mpcc = node_config.find_controller('mpcc')
     odd = facts._replace(friction=0.01, source='ice.yaml')
-    made = experiment.nodes(odd, experiment.controller('mpcc'), 'lockstep', tmp_path, tmp_path, {})
+    made = node_config.build_nodes(odd, mpcc, 'lockstep', tmp_path, tmp_path, {})
     for node, name in ((made[2], r'model\.friction'), (made[3], 'friction')):
         with pytest.raises(
             BagError, match=rf'scenario ice\.yaml: friction: {name}: .* 0.05 to 1.5'
         ):
             inputs.check_parameters([node])
     far = facts._replace(start={**facts.start, 'x_m': 1e9}, source='ice.yaml')
-    made = experiment.nodes(far, experiment.controller('mpcc'), 'lockstep', tmp_path, tmp_path, {})
+    made = node_config.build_nodes(far, mpcc, 'lockstep', tmp_path, tmp_path, {})
     with pytest.raises(BagError, match=r'scenario ice\.yaml: start: start\.x_m: '):
         inputs.check_parameters(made)
 
@@ -178,8 +181,8 @@ def test_what_is_set_or_written_in_a_controller_file_is_cited_as_such(facts, tmp
         (str(own), {}, r'own\.yaml:4: safety\.obstacle_m: '),
         ('mpcc', {'controller': {'model.friction': 9.0}}, r'--set controller\.model\.friction: '),
     ):
-        made = experiment.nodes(
-            facts, experiment.controller(chosen), 'lockstep', tmp_path, tmp_path, settings
+        made = node_config.build_nodes(
+            facts, node_config.find_controller(chosen), 'lockstep', tmp_path, tmp_path, settings
         )
         with pytest.raises(BagError, match=said):
             inputs.check_parameters(made)
@@ -198,8 +201,8 @@ def test_files_of_the_working_directory_are_named_by_a_path(facts, folder, tmp_p
         name = f'my_{role}.yaml'
         (tmp_path / name).write_text(text.replace('mass_kg: 1850.0', 'mass_kg: 1234.0'))
         settings[role] = {parameter: f'{folder.format(here=tmp_path)}/{name}'}
-    made = experiment.nodes(
-        facts, experiment.controller('mpcc'), 'lockstep', tmp_path, tmp_path, settings
+    made = node_config.build_nodes(
+        facts, node_config.find_controller('mpcc'), 'lockstep', tmp_path, tmp_path, settings
     )
     read = inputs.check_parameters(made)
     assert read['controller'][1].car.mass_kg == read['plant'][1].car.body.mass_kg == 1234.0
@@ -347,7 +350,7 @@ def test_a_time_limit_is_a_time(limit, capsys):
 
 def test_a_scenario_that_does_not_exist_is_refused_with_those_that_do():
     with pytest.raises(BagError, match='double_lane_change'):
-        inputs.scenario_facts('double_lane')
+        inputs.load_facts('double_lane')
 
 
 def test_two_runs_never_share_a_domain():

@@ -18,7 +18,7 @@ from shell_ring import AWAIT_RECORDER, NODES, RECORD, WAIT
 
 from bags import cli
 from bags.storage import read
-from experiments.configuration import experiment
+from experiments.configuration import node_config
 from experiments.run import node_graph
 from msgs_yaml import share
 
@@ -59,7 +59,7 @@ def launched(tmp_path):
     for process in started:
         process.kill()
         process.wait()
-    for pid in nodes(tmp_path):
+    for pid in running_nodes(tmp_path):
         os.kill(pid, signal.SIGKILL)
 
 
@@ -73,7 +73,7 @@ def shell(tmp_path, prefix):
     return prefix
 
 
-def nodes(folder, name=''):
+def running_nodes(folder, name=''):
     """Return the process ids of the running nodes that log below a folder."""
     found = []
     for process in Path('/proc').glob('[0-9]*'):
@@ -110,13 +110,13 @@ def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, dom
     assert launched(domain).wait(PATIENCE_S) == 0, output(tmp_path)
     bag = tmp_path / 'runs/straight/mpcc'
     noted = json.loads(read.load(bag).run_info['parameters'])
-    assert sorted(noted) == sorted(experiment.ROLES)
+    assert sorted(noted) == sorted(node_config.ROLES)
     assert noted['plant']['car.body.mass_kg'] > 0.0
     assert noted['controller']['model.friction'] == noted['plant']['friction']
     assert cli.main(['compare', str(bag)]) == 0, capsys.readouterr().err
     runs = json.loads((tmp_path / 'runs/straight/comparison.json').read_text())['runs']
     assert runs['mpcc']['completed'] is True
-    assert nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == []
 
 
 def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
@@ -126,13 +126,13 @@ def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
     bag = tmp_path / 'runs/double_lane_change/mpcc'
     empty = wait_for(launch, lambda: recorded_bytes(bag))
     wait_for(launch, lambda: recorded_bytes(bag) > empty + 50_000)
-    for pid in nodes(tmp_path, 'mpcc_node'):
+    for pid in running_nodes(tmp_path, 'mpcc_node'):
         os.kill(pid, signal.SIGKILL)
     assert launch.wait(PATIENCE_S) == 1
     assert 'the drive failed: mpcc_node ended by SIGKILL' in output(tmp_path)
     assert read.load(bag).recordings['/controller/command'].payloads
     assert (bag / 'metadata.yaml').is_file()
-    assert nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == []
 
 
 @pytest.mark.parametrize('node', ['bags/recorder_node', 'mpcc_controller/mpcc_node'])
@@ -142,7 +142,7 @@ def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, la
     launch = launched()
     assert launch.wait(PATIENCE_S) == 1
     assert f'{Path(node).name} ended by SIGKILL' in output(tmp_path)
-    assert nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == []
 
 
 def test_a_drive_that_is_not_completed_is_an_error(tmp_path, shell, launched):
@@ -175,7 +175,7 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
     assert launch.wait(PATIENCE_S) == 1
     assert 'the drive was interrupted' in output(tmp_path)
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
-    assert nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == []
 
 
 @pytest.mark.parametrize(

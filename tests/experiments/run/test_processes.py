@@ -65,9 +65,9 @@ def test_a_kill_reaches_what_the_program_started(shell):
 def test_an_early_end_is_an_error_with_the_last_words(shell):
     alive, dead = shell(ENDS_ON_SIGINT), shell('seq 40; echo no road >&2; exit 7')
     dead.popen.wait(10)
-    processes.check([alive])
+    processes.check_running([alive])
     with pytest.raises(processes.ProcessError) as caught:
-        processes.check([alive, dead])
+        processes.check_running([alive, dead])
     said = str(caught.value)
     assert 'node ended early with exit code 7' in said
     assert '| no road' in said
@@ -78,7 +78,7 @@ def test_an_early_end_is_an_error_with_the_last_words(shell):
 def test_a_crash_is_named_by_its_signal(shell):
     process = shell('kill -SEGV $$')
     process.popen.wait(10)
-    assert 'by SIGSEGV without a word' in processes.obituary(process)
+    assert 'by SIGSEGV without any output' in processes.exit_report(process)
 
 
 def test_what_a_node_said_before_it_was_held_is_what_it_said_last(tmp_path):

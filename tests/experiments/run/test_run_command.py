@@ -13,7 +13,7 @@ from shell_ring import AWAIT_RECORDER, WAIT, left_over
 from until import until
 
 from bags.storage import read
-from experiments.run import folders
+from experiments.run import staging
 
 RUN = (sys.executable, '-m', 'experiments.cli', 'run', 'straight')
 
@@ -137,7 +137,7 @@ def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it
     command.communicate(timeout=10)
     until(lambda: not left_over(tmp_path), 30.0, lambda: f'left: {left_over(tmp_path)}')
     (left,) = (tmp_path / 'runs/straight').iterdir()
-    (said,) = folders.recover(tmp_path / 'runs/straight')
+    (said,) = staging.recover(tmp_path / 'runs/straight')
     assert str(left / 'mpcc') in said
 
 

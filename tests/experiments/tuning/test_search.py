@@ -7,9 +7,10 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.tuning import result, run, search, tuning_figure, workers
+from experiments.tuning import result, run, search, tuning_figure
 from experiments.tuning.objective import Condition
 from experiments.tuning.search import Plan
+from experiments.worker_pool import WorkerPool
 
 PLAN = Plan(
     controller='mpcc',
@@ -30,7 +31,7 @@ def ignore(*_):
 def whole(tmp_path_factory):
     """A search with one process, from start to end."""
     folder = tmp_path_factory.mktemp('whole')
-    with workers.pool(1) as pool:
+    with WorkerPool(1) as pool:
         return folder, search.run(PLAN, folder, pool, ignore, ignore)
 
 
@@ -38,7 +39,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(whole, tmp_path):
     def stop(trial):
         raise KeyboardInterrupt
 
-    with workers.pool(2) as pool:
+    with WorkerPool(2) as pool:
         with pytest.raises(KeyboardInterrupt):
             search.run(PLAN, tmp_path, pool, ignore, stop)
         seen = []
@@ -59,7 +60,7 @@ def test_both_stages_begin_with_what_is_known(whole):
 
 def test_another_plan_does_not_go_on_with_this_search(whole):
     folder, _ = whole
-    with workers.pool(1) as pool, pytest.raises(BagError, match='other settings'):
+    with WorkerPool(1) as pool, pytest.raises(BagError, match='other settings'):
         search.run(PLAN._replace(seed=4), folder, pool, ignore, ignore)
 
 

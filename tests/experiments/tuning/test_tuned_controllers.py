@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.configuration import experiment
+from experiments.configuration import node_config
 from experiments.tuning import space
 from node_runtime import parameters
 
@@ -13,7 +13,7 @@ SEARCHES = Path(__file__).parents[3] / 'paper/tuning'
 
 
 def numbers(name):
-    return parameters.read_file(experiment.controller(name).config)[0]
+    return parameters.read_file(node_config.find_controller(name).config)[0]
 
 
 def found(name):
@@ -42,5 +42,5 @@ def test_both_controllers_were_tuned_alike():
 
 def test_tuned_controllers_run_in_the_node_of_the_untuned_ones():
     for name in ('mpcc', 'mpcc_no_ca', 'frenet'):
-        plain, tuned = (experiment.controller(one) for one in (name, f'{name}_tuned'))
+        plain, tuned = (node_config.find_controller(one) for one in (name, f'{name}_tuned'))
         assert tuned.executable == plain.executable

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from experiments.run import progress
-from experiments.run.follow import Sight
-from experiments.run.progress import Progress
+from experiments import progress
+from experiments.progress import RunProgress
 
 
 @pytest.fixture
@@ -21,11 +20,11 @@ def shown(monkeypatch):
     def run(is_terminal):
         text = io.StringIO()
         console = Console(file=text, force_terminal=is_terminal, width=200)
-        with Progress(console) as bars:
+        with RunProgress(console) as bars:
             bars.begin('mpcc', 100.0)
             for tenth in range(600):
                 now[0] = tenth / 10
-                bars.show(Sight(tenth / 10, tenth / 6, 20.0))
+                bars.show(tenth / 10, tenth / 6, 20.0)
             bars.end('mpcc', True, 'finish line crossed')
         return text.getvalue()
 

@@ -10,11 +10,10 @@ from until import until
 TIMEOUT_S = 60.0
 ASKING = """
 import os, time
-from experiments import workers
-pool = workers.started(1)
-print(pool.submit(os.getpid).result(), flush=True)
-pool.submit(time.sleep, 1000)
-time.sleep(1000)
+from experiments.worker_pool import WorkerPool
+with WorkerPool(1) as pool:
+    print(*pool.run(os.getpid, [()], int), flush=True)
+    pool.run(time.sleep, [(1000,)], int)
 """
 
 

@@ -11,12 +11,12 @@ import pytest
 from rich.console import Console
 from shell_ring import AWAIT_RECORDER, NODES, WAIT, left_over
 
-from experiments.configuration import experiment
+from experiments.configuration import node_config
+from experiments.progress import RunProgress
 from experiments.run import node_graph
 from experiments.run.interrupt import SIGNALS, Interrupt, Interrupted
-from experiments.run.progress import Progress
 
-FACTS = experiment.ScenarioFacts(
+FACTS = node_config.ScenarioFacts(
     name='somewhere',
     text='schema: 1\n',
     source='somewhere',
@@ -34,11 +34,11 @@ def drive(tmp_path, prefix):
     """Return drive(): one run with the MPCC in tmp_path/runs."""
 
     def drive(time_limit_s=60.0):
-        settings = node_graph.Settings('lockstep', tmp_path / 'runs', {}, 50, time_limit_s)
-        chosen = experiment.controller('mpcc')
-        with Interrupt() as interrupt, Progress(Console(quiet=True)) as progress:
+        settings = node_graph.RunSettings('lockstep', tmp_path / 'runs', {}, 50, time_limit_s)
+        chosen = node_config.find_controller('mpcc')
+        with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
             progress.begin('mpcc', FACTS.length_m)
-            return node_graph.one(FACTS, chosen, {}, settings, interrupt, progress)
+            return node_graph.run_once(FACTS, chosen, {}, settings, interrupt, progress)
 
     return drive
 
@@ -61,7 +61,7 @@ def hidden(folder):
 
 def test_a_run_that_ends_well_is_kept_with_what_the_nodes_said(tmp_path, drive, old_bag):
     outcome = drive()
-    assert outcome == node_graph.Outcome('mpcc', True, 'finish line crossed', old_bag)
+    assert outcome == node_graph.RunOutcome('mpcc', True, 'finish line crossed', old_bag)
     assert (old_bag / 'metadata.yaml').read_text() == ''
     assert 'finish line crossed' in (old_bag / 'logs/plant_node.log').read_text()
     assert 'somewhere' in (old_bag / 'logs/run_info.json').read_text()
@@ -140,9 +140,9 @@ def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(
     assert '/.mpcc.' not in outcome.message
 
 
-def fail_once_recording(follower):
+def fail_once_recording(reader):
     """Stand for an error that nobody expects while a run is watched."""
-    if (follower.folder.parent / 'logs/recording').exists():
+    if (reader.folder.parent / 'logs/recording').exists():
         raise ZeroDivisionError('no such speed')
 
 
@@ -150,7 +150,7 @@ def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
     tmp_path, drive, prefix, monkeypatch
 ):
     prefix('vehicle_plant/plant_node', WAIT)
-    monkeypatch.setattr(node_graph.Follower, 'look', fail_once_recording)
+    monkeypatch.setattr(node_graph.PositionReader, 'poll', fail_once_recording)
     outcome = drive()
     failed = tmp_path / 'runs/mpcc.failed'
     assert (outcome.completed, outcome.bag) == (False, None)
@@ -209,7 +209,7 @@ def test_a_run_for_which_no_folder_can_be_made_is_an_outcome_too(drive, monkeypa
     def full(*how, **named):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(node_graph.Workshop, '__init__', full)
+    monkeypatch.setattr(node_graph.StagingDirectory, '__init__', full)
     outcome = drive()
     assert (outcome.completed, outcome.bag) == (False, None)
     assert outcome.message == 'no folder for the run: [Errno 28] No space left on device'

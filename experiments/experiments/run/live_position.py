@@ -1,6 +1,6 @@
-"""Follow a bag while it is being recorded: where the car is now, from the chunks closed so far.
+"""The live position of the car in a run, read from the bag that is being recorded.
 
-Costs a look at each new chunk, about twice a second, and takes no part in the ROS graph.
+Reads each new chunk of the bag, about twice a second, and takes no part in the ROS graph.
 """
 
 import time
@@ -23,72 +23,72 @@ from msgs_yaml.stamp import NS_PER_S
 
 STATE = '/vehicle/odometry'
 MAGIC_BYTES = 8
-AHEAD = 60.0  # m, that the car may drive between two looks
+AHEAD = 60.0  # m, the most that the car may drive between two reads
 
 
-class Sight(NamedTuple):
-    """Where the car was when the last chunk was closed."""
+class LivePosition(NamedTuple):
+    """The position of the car when the last chunk was closed."""
 
     t: float  # s, since the first state
     station: float  # m, along the reference
     speed: float  # m/s
 
 
-class Follower:
-    """Reads what has been added to a growing bag at each `look`."""
+class PositionReader:
+    """Reads the new chunks of a growing bag at each `poll`."""
 
-    def __init__(self, folder: Path, reference: np.ndarray, rest_s: float = 0.0):
+    def __init__(self, folder: Path, reference: np.ndarray, pause_s: float = 0.0):
         """`folder` is that of the bag, `reference` (n, 2) [m] the coarse path.
 
-        For `rest_s` of wall time after a look the next one sees nothing, and costs nothing.
+        A poll within `pause_s` of wall time after the last one returns None and costs nothing.
         """
-        self.rest_s, self._next_s = rest_s, time.monotonic()
+        self.pause_s, self._next_s = pause_s, time.monotonic()
         self.folder = folder
         self.reference = reference
-        self._positions = {}  # in each file of the bag
+        self._offsets = {}  # bytes read of each file of the bag
         self._schemas, self._channel = {}, None
         self._begin_ns = None
-        self._passed = []  # one point per look: the station never jumps
+        self._track = []  # one point per poll: the station never jumps
 
-    def look(self) -> Sight | None:
-        """Return where the car was last, None when nothing new is there.
+    def poll(self) -> LivePosition | None:
+        """Return the latest position, None when nothing new was recorded.
 
-        A state that breaks the contract, or is torn, is none: what follows the run must not end it.
+        An invalid or torn state is ignored: the display must not end the run.
         """
         if time.monotonic() < self._next_s:
             return None
-        self._next_s = time.monotonic() + self.rest_s
+        self._next_s = time.monotonic() + self.pause_s
         chunks = list(self._new_chunks())
         if self._begin_ns is not None:
-            chunks = chunks[-1:]  # the others say nothing about now
+            chunks = chunks[-1:]  # the others are out of date
         state = None
         for chunk in chunks:
             with suppress(*decoders.INVALID):
                 state = self._last_state(chunk) or state
         if state is None:
             return None
-        self._passed.append((state.X, state.Y))
-        station = geometry.track(self._passed, self.reference, AHEAD).distance[-1]
+        self._track.append((state.X, state.Y))
+        station = geometry.track(self._track, self.reference, AHEAD).distance[-1]
         t = (state.stamp_ns - self._begin_ns) / NS_PER_S
-        return Sight(t, float(station), float(np.hypot(state.vx, state.vy)))
+        return LivePosition(t, float(station), float(np.hypot(state.vx, state.vy)))
 
     def _new_chunks(self):
-        # files are made one after the other; times of writing need not tell them apart
+        # files are written one after the other; their times may be equal
         for file in sorted(
             self.folder.glob('*.mcap'), key=lambda file: (len(file.name), file.name)
         ):
-            position = self._positions.get(file, MAGIC_BYTES)
+            offset = self._offsets.get(file, MAGIC_BYTES)
             with file.open('rb') as stream:
-                stream.seek(position)
+                stream.seek(offset)
                 data = stream.read()
             for opcode, begin, end in inner(data):
-                position += PREFIX.size + end - begin
-                self._positions[file] = position
+                offset += PREFIX.size + end - begin
+                self._offsets[file] = offset
                 if opcode == Opcode.CHUNK:
                     yield Chunk.read(ReadDataStream(BytesIO(data[begin:end])))
 
     def _last_state(self, chunk):
-        """Return the last state in a chunk; note the first one, and what describes it."""
+        """Return the last state in a chunk; store channel, schema and the time of the first."""
         first = last = None
         for record in breakup_chunk(chunk):
             if isinstance(record, Schema):

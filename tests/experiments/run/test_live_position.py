@@ -6,7 +6,7 @@ from rclpy.serialization import serialize_message
 
 from bags.storage import inbox
 from bags.storage.rosbag2_writer import BagWriter
-from experiments.run.follow import Follower, Sight
+from experiments.run.live_position import LivePosition, PositionReader
 from msgs_yaml import contract, encode
 from msgs_yaml.types import VehicleState
 
@@ -34,28 +34,28 @@ def drive(tmp_path):
 
 def test_each_look_tells_where_the_car_was_when_the_last_chunk_was_closed(drive):
     record, folder = drive
-    follower = Follower(folder, REFERENCE)
-    assert follower.look() is None
+    reader = PositionReader(folder, REFERENCE)
+    assert reader.poll() is None
     record(0, 1001)
-    assert follower.look() == pytest.approx(Sight(t=1.0, station=20.0, speed=20.0))
-    assert follower.look() is None
+    assert reader.poll() == pytest.approx(LivePosition(t=1.0, station=20.0, speed=20.0))
+    assert reader.poll() is None
     record(1001, 1501)
     record(1501, 2001)
-    assert follower.look() == pytest.approx(Sight(t=2.0, station=40.0, speed=20.0))
+    assert reader.poll() == pytest.approx(LivePosition(t=2.0, station=40.0, speed=20.0))
 
 
 def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
     topics = inbox.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'bag', topics, {})
-    follower = Follower(tmp_path / 'bag', REFERENCE)
+    reader = PositionReader(tmp_path / 'bag', REFERENCE)
     for ms, vx in ((0, 20.0), (1000, float('nan')), (2000, 20.0)):
         stamp_ns = (1000 + ms) * MS
         message = encode.odometry(VehicleState(stamp_ns, 0.02 * ms, 1.0, 0.0, 20.0, 0.0, 0.0))
         message.twist.twist.linear.x = vx
         bag.write(index, stamp_ns, stamp_ns, serialize_message(message))
         bag.flush()
-        seen = follower.look()
+        seen = reader.poll()
         assert (seen is None) == (vx != vx)
     bag.close()
 
@@ -65,18 +65,18 @@ def test_a_torn_state_is_not_shown_and_ends_nothing(tmp_path, size):
     topics = inbox.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'torn', topics, {})
-    follower = Follower(tmp_path / 'torn', REFERENCE)
+    reader = PositionReader(tmp_path / 'torn', REFERENCE)
     for ms, end in ((0, None), (1000, size), (2000, None)):
         stamp_ns = (1000 + ms) * MS
         state = encode.odometry(VehicleState(stamp_ns, 0.02 * ms, 1.0, 0.0, 20.0, 0.0, 0.0))
         bag.write(index, stamp_ns, stamp_ns, serialize_message(state)[:end])
         bag.flush()
-        assert (follower.look() is None) == (end is not None)
+        assert (reader.poll() is None) == (end is not None)
     bag.close()
 
 
 def test_a_bag_that_is_not_there_yet_is_waited_for(tmp_path):
-    assert Follower(tmp_path / 'later', REFERENCE).look() is None
+    assert PositionReader(tmp_path / 'later', REFERENCE).poll() is None
 
 
 def test_half_a_chunk_is_left_for_the_next_look(drive, tmp_path):
@@ -86,12 +86,12 @@ def test_half_a_chunk_is_left_for_the_next_look(drive, tmp_path):
     whole = (folder / 'bag_0.mcap').read_bytes()
     growing = tmp_path / 'growing/growing_0.mcap'
     growing.parent.mkdir()
-    follower = Follower(growing.parent, REFERENCE)
+    reader = PositionReader(growing.parent, REFERENCE)
     seen = []
     for size in range(0, len(whole), 997):
         growing.write_bytes(whole[:size])
-        seen.append(follower.look())
+        seen.append(reader.poll())
     growing.write_bytes(whole)
-    seen.append(follower.look())
+    seen.append(reader.poll())
     stations = [sight.station for sight in seen if sight]
     assert stations == pytest.approx([10.0, 20.0])

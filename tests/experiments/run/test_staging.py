@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.run import folders
-from experiments.run.folders import Workshop
+from experiments.run import staging
+from experiments.run.staging import StagingDirectory
 
 
 class Killed(BaseException):
@@ -13,9 +13,9 @@ class Killed(BaseException):
 
 
 @pytest.fixture
-def workshop(tmp_path):
-    """A workshop with a recorded bag, beside an older one."""
-    made = Workshop(tmp_path, 'mpcc')
+def staged(tmp_path):
+    """A staging directory with a recorded bag, beside an older one."""
+    made = StagingDirectory(tmp_path, 'mpcc')
     made.final.mkdir()
     (made.final / 'metadata.yaml').write_text('old')
     made.bag.mkdir()
@@ -23,7 +23,7 @@ def workshop(tmp_path):
     return made
 
 
-def kill_at_rename(workshop, monkeypatch, number):
+def kill_at_rename(staged, monkeypatch, number):
     """Let `keep` get as far as before its rename of this number, then give up as a kill does."""
     done = []
     rename = Path.rename
@@ -37,36 +37,36 @@ def kill_at_rename(workshop, monkeypatch, number):
     with monkeypatch.context() as patched:
         patched.setattr(Path, 'rename', last)
         with pytest.raises(Killed):
-            workshop.keep()
+            staged.keep()
     # the kernel opens the lock of a dead program
-    folders.os.close(workshop._lock)
+    staging.os.close(staged._lock)
 
 
 @pytest.mark.parametrize('number', [1, 2, 3])
-def test_a_kill_while_a_bag_is_replaced_loses_neither(tmp_path, workshop, monkeypatch, number):
-    kill_at_rename(workshop, monkeypatch, number)
-    said = folders.recover(tmp_path)
-    assert (workshop.final / 'metadata.yaml').read_text() == 'old'
-    assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
-    assert any(str(workshop.bag) in line for line in said)
+def test_a_kill_while_a_bag_is_replaced_loses_neither(tmp_path, staged, monkeypatch, number):
+    kill_at_rename(staged, monkeypatch, number)
+    said = staging.recover(tmp_path)
+    assert (staged.final / 'metadata.yaml').read_text() == 'old'
+    assert (staged.bag / 'metadata.yaml').read_text() == 'new'
+    assert any(str(staged.bag) in line for line in said)
     assert any('put back' in line for line in said) == (number == 3)
 
 
 @pytest.mark.parametrize('refused', ['bag', 'final'])
 def test_a_bag_that_cannot_be_put_in_its_place_is_left_whole_with_the_older_one(
-    workshop, refuse_moves, refused
+    staged, refuse_moves, refused
 ):
-    (workshop.logs / 'plant_node.log').write_text('said')
-    refuse_moves(lambda path: path == getattr(workshop, refused))
+    (staged.logs / 'plant_node.log').write_text('said')
+    refuse_moves(lambda path: path == getattr(staged, refused))
     for _ in range(2):
         with pytest.raises(PermissionError):
-            workshop.keep()
-        assert (workshop.final / 'metadata.yaml').read_text() == 'old'
-        assert (workshop.bag / 'metadata.yaml').read_text() == 'new'
-        assert (workshop.logs / 'plant_node.log').read_text() == 'said'
-    folder = workshop.set_aside()
+            staged.keep()
+        assert (staged.final / 'metadata.yaml').read_text() == 'old'
+        assert (staged.bag / 'metadata.yaml').read_text() == 'new'
+        assert (staged.logs / 'plant_node.log').read_text() == 'said'
+    folder = staged.keep_failed()
     assert (folder / 'mpcc/metadata.yaml').read_text() == 'new'
-    assert (workshop.final / 'metadata.yaml').read_text() == 'old'
+    assert (staged.final / 'metadata.yaml').read_text() == 'old'
 
 
 def test_a_folder_that_cannot_be_made_whole_is_not_left_behind(tmp_path, monkeypatch):
@@ -75,13 +75,13 @@ def test_a_folder_that_cannot_be_made_whole_is_not_left_behind(tmp_path, monkeyp
 
     monkeypatch.setattr(Path, 'touch', full)
     with pytest.raises(OSError, match='No space left'):
-        Workshop(tmp_path, 'mpcc')
+        StagingDirectory(tmp_path, 'mpcc')
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_run_in_progress_is_left_alone(tmp_path, workshop):
-    assert folders.recover(tmp_path) == []
-    workshop.keep()
+def test_a_run_in_progress_is_left_alone(tmp_path, staged):
+    assert staging.recover(tmp_path) == []
+    staged.keep()
     assert (tmp_path / 'mpcc/metadata.yaml').read_text() == 'new'
     assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
 
@@ -93,11 +93,11 @@ def test_a_run_in_progress_is_left_alone(tmp_path, workshop):
 def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice):
     left = tmp_path / '.mpcc.abc'
     (left / 'logs').mkdir(parents=True)
-    (left / folders.MARK).touch()
+    (left / staging.MARKER_FILE).touch()
     if file:
         (left / 'mpcc').mkdir()
         (left / 'mpcc' / file).write_text('')
-    (said,) = folders.recover(tmp_path)
+    (said,) = staging.recover(tmp_path)
     assert str(left) in said
     assert advice in said
 
@@ -105,8 +105,8 @@ def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice)
 def test_what_was_replaced_already_is_removed(tmp_path):
     (tmp_path / 'mpcc').mkdir()
     (tmp_path / '.mpcc.abc/replaced/mpcc').mkdir(parents=True)
-    (tmp_path / '.mpcc.abc' / folders.MARK).touch()
-    assert folders.recover(tmp_path) == []
+    (tmp_path / '.mpcc.abc' / staging.MARKER_FILE).touch()
+    assert staging.recover(tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
 
 
@@ -115,15 +115,15 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path, name):
     file = tmp_path / name / 'replaced' / 'mpcc'
     file.parent.mkdir(parents=True)
     file.write_text('precious')
-    assert folders.recover(tmp_path) == []
+    assert staging.recover(tmp_path) == []
     assert file.read_text() == 'precious'
 
 
-def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, workshop):
+def test_a_run_that_fails_replaces_the_failed_one_before(tmp_path, staged):
     for _ in range(2):
-        folder = (workshop or Workshop(tmp_path, 'mpcc')).set_aside()
-        workshop = None
+        folder = (staged or StagingDirectory(tmp_path, 'mpcc')).keep_failed()
+        staged = None
     assert folder == tmp_path / 'mpcc.failed'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc.failed']
     assert not (tmp_path / 'mpcc.failed/replaced').exists()
-    assert not (tmp_path / 'mpcc.failed' / folders.MARK).exists()
+    assert not (tmp_path / 'mpcc.failed' / staging.MARKER_FILE).exists()

@@ -1,4 +1,4 @@
-"""Where a run is recorded, and where it ends up: an older run stays until the new one is whole."""
+"""Staging of a run: recorded in a hidden folder, moved to its final one when it is complete."""
 
 import fcntl
 import os
@@ -12,22 +12,22 @@ from bags.errors import BagError
 
 LOGS = 'logs'
 REPLACED = 'replaced'
-MARK = '.bags_workshop'  # in a folder that `recover` may clear
+MARKER_FILE = '.bags_workshop'  # in a folder that `recover` may remove
 
 
 @contextmanager
-def created(folder: Path, option: str) -> Iterator[None]:
-    """Create a folder and its parents; at the end remove those of them that are still empty.
+def created_folder(folder: Path, option: str) -> Iterator[None]:
+    """Create a folder and its parents for a `with` block; afterwards remove the empty ones.
 
-    Raises BagError when it cannot be created or written to; the message begins with `option`, which
-    is what the user gave.
+    Raises BagError when it cannot be created or written to; the message begins with `option`, the
+    argument of the user.
     """
     # not Path.exists, which raises below a folder that may not be entered
-    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    created = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        _remove_empty(made)
+        _remove_empty(created)
         raise BagError(
             f'{option}: cannot create the folder {folder}: {_reason(folder, error)}'
         ) from None
@@ -36,7 +36,7 @@ def created(folder: Path, option: str) -> Iterator[None]:
             raise BagError(f'{option}: no permission to write to the folder {folder}')
         yield
     finally:
-        _remove_empty(made)
+        _remove_empty(created)
 
 
 def _reason(folder, error):
@@ -47,19 +47,19 @@ def _reason(folder, error):
 
 
 def _remove_empty(folders):
-    """Remove folders, the innermost first, as far as nothing is in them."""
+    """Remove folders, the innermost first, up to the first that is not empty."""
     with suppress(OSError):
         for folder in folders:
             folder.rmdir()
 
 
-class Workshop:
-    """A hidden folder beside the final place, so that moving is one rename.
+class StagingDirectory:
+    """A hidden folder beside the final one, so that moving is one rename.
 
-    It is locked while this program lives; `recover` cares for those whose program was killed.
+    It is locked while this program runs; `recover` clears those of killed programs.
 
-    bag     folder that the recorder makes
-    logs    what the nodes said, and the parameters they were given
+    bag     folder that the recorder creates
+    logs    logs and parameter files of the nodes
     """
 
     def __init__(self, scenario_folder: Path, name: str):
@@ -72,7 +72,7 @@ class Workshop:
         self.bag = self.root / name
         self.logs = self.root / LOGS
         try:
-            (self.root / MARK).touch()
+            (self.root / MARKER_FILE).touch()
             self.logs.mkdir()
         except OSError:
             self.discard()
@@ -80,71 +80,71 @@ class Workshop:
 
     @property
     def is_closed(self) -> bool:
-        """Tell whether the recorder completed the bag."""
+        """Whether the recorder completed the bag."""
         return _is_closed(self.bag)
 
     def keep(self) -> Path:
-        """Put the bag with its logs in the final place; return it."""
+        """Move the bag with its logs to its final folder; return that."""
         return self._keep(self.final)
 
     def keep_interrupted(self) -> Path | None:
-        """Put the recording so far beside the final place; return where it is.
+        """Move an interrupted recording beside the final folder; return its path.
 
         A complete bag goes to `<name>.interrupted`, one that was not closed to `<name>.failed`.
-        Returns None when nothing was recorded; then nothing is kept.
+        Without a recording nothing is kept, and None returned.
         """
         if self.is_closed:
             return self._keep(self.interrupted)
         if _has_recording(self.bag):
-            return self.set_aside() / self.bag.name
+            return self.keep_failed() / self.bag.name
         self.discard()
         return None
 
-    def set_aside(self) -> Path:
-        """Put everything in `<name>.failed`, for a look at what went wrong; return that folder."""
+    def keep_failed(self) -> Path:
+        """Move everything to `<name>.failed`, for inspection; return that folder."""
         return self._replace(self.failed, self.root)
 
     def describe_recording(self) -> str:
-        """Return one line about the recording so far: where it is, and what it lacks."""
+        """Return one line about the recording: its path, and whether it is complete."""
         if self.is_closed:
             return f'recorded until then: {self.bag}'
         if _has_recording(self.bag):
             return f'recorded until then, not closed: `bags repair {self.bag}` completes it'
         return 'nothing was recorded'
 
-    def after_set_aside(self, text: str) -> str:
-        """Return a text with the paths in this workshop as they are after `set_aside`."""
+    def relocate(self, text: str) -> str:
+        """Return a text with the paths of this folder as they are after `keep_failed`."""
         return text.replace(str(self.root), str(self.failed))
 
-    def _keep(self, place):
+    def _keep(self, target):
         self.logs.rename(self.bag / LOGS)
         try:
-            return self._replace(place, self.bag)
+            return self._replace(target, self.bag)
         except OSError:
             with suppress(OSError):
                 (self.bag / LOGS).rename(self.logs)
             raise
 
-    def _replace(self, place, new):
-        """Put a folder in a place; on an OSError everything is where it was."""
-        # a kill between the two renames leaves the old one where `recover` finds it
-        old = self.root / REPLACED / place.name
-        if place.exists():
+    def _replace(self, target, new):
+        """Move a folder to `target`, replacing it; an OSError leaves everything unchanged."""
+        # after a kill between the two renames `recover` finds the old one
+        old = self.root / REPLACED / target.name
+        if target.exists():
             old.parent.mkdir(exist_ok=True)
-            place.rename(old)
+            target.rename(old)
         try:
-            new.rename(place)
+            new.rename(target)
         except OSError:
             if old.exists():
-                old.rename(place)
+                old.rename(target)
             raise
-        shutil.rmtree(place / REPLACED, ignore_errors=True)
-        (place / MARK).unlink(missing_ok=True)
+        shutil.rmtree(target / REPLACED, ignore_errors=True)
+        (target / MARKER_FILE).unlink(missing_ok=True)
         self.discard()
-        return place
+        return target
 
     def discard(self):
-        """Remove what was not kept."""
+        """Remove the folder and release its lock."""
         shutil.rmtree(self.root, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)
@@ -152,41 +152,41 @@ class Workshop:
 
 
 def recover(scenario_folder: Path) -> list[str]:
-    """Clear up after runs that were killed; return a line about each that left something.
+    """Clear up after killed runs; return a line about each that left something.
 
-    What they were about to replace is put back. Runs in progress are left alone, and so is every
-    folder that no Workshop made.
+    Bags that they were replacing are restored. Runs in progress and folders that no
+    StagingDirectory created are left alone.
     """
-    said = []
-    for root in sorted(mark.parent for mark in scenario_folder.glob(f'.*.*/{MARK}')):
+    lines = []
+    for root in sorted(marker.parent for marker in scenario_folder.glob(f'.*.*/{MARKER_FILE}')):
         lock = _lock(root)
         if lock is not None:
-            said += _cleared(root)
+            lines += _clear(root)
             os.close(lock)
-    return said
+    return lines
 
 
-def _cleared(root):
+def _clear(root):
     for old in root.glob(f'{REPLACED}/*'):
-        place = root.parent / old.name
-        if not place.exists():
-            old.rename(place)
-            yield f'{place}: put back; a run was killed while it was replaced'
+        target = root.parent / old.name
+        if not target.exists():
+            old.rename(target)
+            yield f'{target}: put back; a run was killed while it was replaced'
     name = root.name[1:].rpartition('.')[0]
     if (root / name).exists() or (root / LOGS).exists():
-        yield _left(root, name)
+        yield _describe_remains(root, name)
     else:
         shutil.rmtree(root)
 
 
-def _left(root, name):
+def _describe_remains(root, name):
     bag = root / name
-    told = f'a run of {name} was killed and left {root}'
+    remains = f'a run of {name} was killed and left {root}'
     if _is_closed(bag):
-        return f'{told}: its bag {bag} is whole; move it where you want it, or delete the folder'
+        return f'{remains}: its bag {bag} is whole; move it where you want it, or delete the folder'
     if _has_recording(bag):
-        return f'{told}: `bags repair {bag}` makes a complete bag of it; or delete the folder'
-    return f'{told}: it holds no bag, only what the nodes said; delete it'
+        return f'{remains}: `bags repair {bag}` makes a complete bag of it; or delete the folder'
+    return f'{remains}: it holds no bag, only the logs of the nodes; delete it'
 
 
 def _is_closed(bag):

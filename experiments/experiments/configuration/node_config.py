@@ -1,0 +1,272 @@
+"""The nodes of a run: which executables, with which parameters, and what is recorded of them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from bags.errors import BagError
+from msgs_yaml import share
+from node_runtime import named_file, parameters, provenance
+from node_runtime.overrides import NO_SOURCES
+
+NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+ROLES = ('recorder', 'scenario', 'controller', 'plant')
+# package and file of the defaults that each executable loads by itself
+DEFAULTS = {
+    'recorder_node': ('bags', 'recorder.yaml'),
+    'frenet_node': ('mpcc_controller', 'frenet.yaml'),
+    'mpcc_node': ('mpcc_controller', 'mpcc.yaml'),
+    'plant_node': ('vehicle_plant', 'bmw_545i.yaml'),
+    'scenario_node': ('scenario_publisher', 'scenario_node.yaml'),
+}
+SHIPPED = {
+    'controller': DEFAULTS['mpcc_node'],
+    'plant': DEFAULTS['plant_node'],
+    'recorder': DEFAULTS['recorder_node'],
+    'scenario': DEFAULTS['scenario_node'],
+}
+PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another file of defaults
+BAG_FOLDER, RUN_INFO_FILE = 'bag', 'run_info.json'
+# the scenario key that sets a parameter, or the parameters below a name; for error messages
+SCENARIO_KEYS = {
+    'controller': {'model.friction': 'friction'},
+    'plant': {
+        'friction': 'friction',
+        'start': 'start',
+        'stop': 'stop',
+        'patches': 'friction_patches',
+    },
+}
+
+
+class ScenarioFacts(NamedTuple):
+    """The properties of a scenario that set parameters of nodes, or are recorded with a run."""
+
+    name: str
+    text: str  # of the file
+    source: str  # name or absolute path, as scenario_node takes it
+    friction: float
+    start: Mapping[str, float]  # x_m, y_m, yaw_rad, speed_mps
+    stop: Mapping[str, float]  # x_m, y_m, yaw_rad, armed_after_m, time_s
+    patches: Mapping[str, tuple[float, ...]]  # corners_m, friction; empty without patches
+    path: np.ndarray  # (n, 2) m, the coarse path
+    length_m: float  # along the path to the finish line
+    speeds: Sequence[tuple[str, float]] = ()  # key in the scenario file and m/s: start, desired
+
+    def __repr__(self) -> str:
+        return f'ScenarioFacts({self.name!r}, {self.length_m:.0f} m, source={self.source!r})'
+
+
+class Controller(NamedTuple):
+    """A controller: its parameter file and the executable that runs it."""
+
+    name: str
+    executable: str
+    config: Path
+
+
+class Node(NamedTuple):
+    """A node as it is started."""
+
+    role: str
+    package: str
+    executable: str
+    files: tuple[Path, ...]  # parameter files, the later ones win
+    parameters: dict[str, Any]  # dotted; they win over the files
+    origins: Mapping[str, str] = NO_SOURCES  # the source of some `parameters`, for errors
+
+
+def find_controller(name_or_path: str) -> Controller:
+    """Return the controller of a name in mpcc_controller/config, or of a YAML file.
+
+    Raises BagError, which lists the known names, when there is none.
+    """
+    path = Path(name_or_path)
+    if path.suffix not in ('.yaml', '.yml'):
+        known = _known_controllers()
+        if name_or_path not in known:
+            raise BagError(
+                f'no controller {name_or_path!r}; there are {", ".join(known)}, or give a YAML file'
+            )
+        path = known[name_or_path]
+    if not path.is_file():
+        raise BagError(f'no controller {name_or_path!r}: there is no such file')
+    executable = 'frenet_node' if path.stem.startswith('frenet') else 'mpcc_node'
+    return Controller(path.stem, executable, path.absolute())
+
+
+def find_controllers(names_or_paths: Sequence[str]) -> list[Controller]:
+    """Return the controllers without repetition; BagError also for two files of one name."""
+    controllers = list(dict.fromkeys(find_controller(name) for name in names_or_paths))
+    names = [controller.name for controller in controllers]
+    for name in names:
+        if names.count(name) > 1:
+            raise BagError(
+                f'two controllers are called {name!r}: their runs would go to the same folder; '
+                'give one of the files another name'
+            )
+    return controllers
+
+
+def _known_controllers():
+    """Return the controller files in config/ by name; a file without a car is no controller."""
+    files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
+    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file)[0]}
+
+
+def build_nodes(
+    facts: ScenarioFacts,
+    controller: Controller,
+    mode: str,
+    bag: Path,
+    run_info: Path,
+    overrides: Mapping[str, Mapping[str, Any]],
+) -> list[Node]:
+    """Return the nodes of a run in starting order; `overrides` are parameters by role."""
+    plant = {
+        'friction': facts.friction,
+        'start.from': 'parameters',
+        **{f'start.{name}': value for name, value in facts.start.items()},
+        **{f'stop.{name}': value for name, value in facts.stop.items()},
+        **{f'patches.{name}': list(value) for name, value in facts.patches.items() if value},
+    }
+    nodes = (
+        Node('recorder', 'bags', 'recorder_node', (), {'out': str(bag), 'run_info': str(run_info)}),
+        Node('scenario', 'scenario_publisher', 'scenario_node', (), {'scenario': facts.source}),
+        Node(
+            'controller',
+            'mpcc_controller',
+            controller.executable,
+            (controller.config,),
+            {'model.friction': facts.friction},
+        ),
+        Node('plant', 'vehicle_plant', 'plant_node', (), plant),
+    )
+    return [
+        node._replace(
+            parameters={
+                'mode': mode,
+                # the run starts when the recorder listens; the recorder does not wait for itself
+                'recorders': int(node.role != 'recorder'),
+                **node.parameters,
+                **overrides.get(node.role, {}),
+            },
+            origins=_origins(node, facts, overrides.get(node.role, {})),
+        )
+        for node in nodes
+    ]
+
+
+def build_mpcc_nodes(
+    facts: ScenarioFacts, mode: str, folder: Path, overrides: Mapping[str, Mapping[str, Any]]
+) -> list[Node]:
+    """Return the nodes of a run of `mpcc`, recorded to `folder`/bag without run information."""
+    run_info = folder / RUN_INFO_FILE
+    run_info.write_text('{}')
+    mpcc = find_controller('mpcc')
+    return build_nodes(facts, mpcc, mode, folder / BAG_FOLDER, run_info, overrides)
+
+
+def _origins(node, facts, settings):
+    keys = SCENARIO_KEYS.get(node.role, {})
+    origins = {}
+    for name in node.parameters:
+        key = keys.get(name) or keys.get(name.partition('.')[0])
+        if key:
+            origins[name] = f'scenario {facts.source}: {key}'
+    return origins | {name: f'--set {node.role}.{name}' for name in settings}
+
+
+def build_markers_node(nodes: Sequence[Node]) -> Node:
+    """Return the node that draws the run for 3D viewers, with the car and safety distances."""
+    values = {node.role: _all_values(node) for node in nodes}
+    plant, controller = values['plant'], values['controller']
+    shapes = {
+        'outline.front_m': plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
+        'outline.rear_m': plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
+        'outline.width_m': plant['car.outline.width_m'],
+        'safety.circle_offsets_m': controller['body.circle_offsets_m'],
+        'safety.circle_radius_m': controller['body.circle_radius_m'],
+        'safety.obstacle_m': controller['safety.obstacle_m'],
+        'safety.edge_m': controller['safety.edge_m'],
+    }
+    # no node waits for this one, nor this one for others: `recorders` is not set
+    return Node('markers', 'bags', 'markers_node', (), {'mode': plant['mode'], **shapes})
+
+
+def collect_parameters(
+    nodes: Sequence[Node], file_values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return every parameter of every node by role: files first, then the values that were set.
+
+    `file_values` are the dotted parameters in the files that a node's parameters name (car, tyre),
+    by role, from `inputs.file_values`: only the package of a node can read every form of them.
+    """
+    return {node.role: {**file_values.get(node.role, {}), **_all_values(node)} for node in nodes}
+
+
+def write_run_info(
+    facts: ScenarioFacts,
+    controller: Controller,
+    mode: str,
+    nodes: Sequence[Node],
+    path: Path,
+    file_values: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Write the run information, which the recorder stores in the bag and `bags compare` needs.
+
+    It holds scenario, versions, machine and the parameters of every node (`collect_parameters`).
+    """
+    values = collect_parameters(nodes, file_values)
+    run_info = provenance.of(facts.name, facts.text, controller.name, mode, values)
+    path.write_text(json.dumps(run_info, indent=2))
+
+
+def _all_values(node):
+    values = given_parameters(node)
+    if node.executable in DEFAULTS:
+        values = parameters.read_file(defaults_file(node))[0] | values
+    return values
+
+
+def defaults_file(node: Node) -> Path:
+    """Return the parameter file that a node of DEFAULTS loads by itself."""
+    package, name = DEFAULTS[node.executable]
+    if node.role == 'plant':
+        chosen = str(node.parameters.get(PLANT_DEFAULTS, name))
+        return named_file.find(package, PLANT_DEFAULTS, chosen, 'tyre_set', parameter_sources(node))
+    return named_file.config(package, name)
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """Return the parameters that a node is given by dotted name: files first, then settings."""
+    values = {}
+    for file in node.files:
+        values |= parameters.read_file(file)[0]
+    return values | node.parameters
+
+
+def parameter_sources(node: Node) -> dict[str, str]:
+    """Return the source of each given parameter: file and line, scenario key, or --set."""
+    sources = {}
+    for file in node.files:
+        sources |= {name: f'{file}:{line}' for name, line in parameters.read_file(file)[1].items()}
+    return sources | dict(node.origins)
+
+
+def write_parameter_file(node: Node, folder: Path) -> Path:
+    """Write the set parameters of a node as the ROS file `folder`/<role>.yaml; return its path."""
+    path = folder / f'{node.role}.yaml'
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': node.parameters}}))
+    return path
+
+
+def ros_arguments(node: Node, parameter_file: Path) -> list[str]:
+    """Return the command line arguments of a node; `parameter_file` wins over its other files."""
+    files = (*node.files, parameter_file)
+    return ['--ros-args', *(part for file in files for part in ('--params-file', str(file)))]

@@ -1,0 +1,127 @@
+"""The option `--set`: parameters of the nodes of a run, and of a recorded controller.
+
+Values are read as ROS reads YAML. A replay has no node but the controller, so there `controller.`
+may be left out; `weights.<term>=<factor>` scales the weight of one cost term of one tick.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from bags.errors import BagError
+from experiments.configuration import node_config
+from msgs_yaml import share, strict_yaml
+from node_runtime import parameters
+
+CONTROLLER = 'controller'
+WEIGHTS = 'weights.'
+OTHER_ROLES = tuple(role for role in node_config.ROLES if role != CONTROLLER)
+
+
+class Changes(NamedTuple):
+    """What `--set` changes in the problem of one tick."""
+
+    parameters: Mapping[str, Any]  # by dotted name
+    weight_factors: Mapping[str, float]  # by the name of the cost term
+
+
+def parse_value(setting: str, text: str) -> Any:
+    """Return the value of a setting as ROS reads it: 1e-1 is a number.
+
+    Raises BagError for text that is no YAML value.
+    """
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        return None if node is None else strict_yaml.Item(Path('--set'), setting, node).value()
+    except (yaml.YAMLError, strict_yaml.YamlError):
+        raise BagError(f'--set {setting}: {text!r} is no value') from None
+
+
+def parse_overrides(settings: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return {role: {parameter: value}} of `ROLE.parameter=value` texts.
+
+    Raises BagError for text of another form; `inputs.check_parameters` checks names and values.
+    """
+    overrides = {}
+    for setting in settings:
+        target, equals, text = setting.partition('=')
+        role, _, name = target.partition('.')
+        if not equals or not name or role not in node_config.ROLES:
+            raise BagError(
+                f'--set {setting}: must be NODE.parameter=value, NODE one of '
+                f'{", ".join(node_config.ROLES)}{_hint(target)}'
+            )
+        overrides.setdefault(role, {})[name] = parse_value(setting, text)
+    return overrides
+
+
+def _hint(target):
+    """Return the setting that may have been meant by a target that names no node."""
+    role, _, name = target.partition('.')
+    if f'{role}.' == WEIGHTS:
+        return (
+            '; weights.<term> are factors of `experiments resolve`; '
+            'a run takes controller.tolerances.*'
+        )
+    roles = node_config.ROLES
+    near = [node for node in roles if f"'{node}'" in strict_yaml.closest(role, roles)]
+    if near and name:
+        return f'; did you mean {f"{near[0]}.{name}"!r}?'
+    known = {f'{node}.{parameter}' for node in roles for parameter in _shipped(node)}
+    exact = sorted(full for full in known if full.partition('.')[2] == target)
+    if exact:
+        return f'; did you mean {" or ".join(map(repr, exact))}?'
+    return strict_yaml.closest(f'{CONTROLLER}.{target}', known)
+
+
+def _shipped(role):
+    package, file = node_config.SHIPPED[role]
+    return parameters.read_file(share.path(package, 'config', file))[0]
+
+
+def parse_controller_settings(settings: Sequence[str]) -> dict[str, Any]:
+    """Return {parameter: value} of `[controller.]parameter=value` texts for a replay.
+
+    Raises BagError for another form and for another node; the names are checked together with the
+    parameters of the run.
+    """
+    values = {}
+    for setting in settings:
+        target, equals, text = setting.partition('=')
+        if target.startswith(WEIGHTS):
+            raise BagError(
+                f'--set {setting}: weights.<term>=<factor> is for one tick (experiments resolve); '
+                'here, change controller.tolerances.* or controller.priorities.*'
+            )
+        if target.partition('.')[0] in OTHER_ROLES:
+            raise BagError(
+                f'--set {setting}: only parameters of the controller can be changed in a replay'
+            )
+        name = target.removeprefix(f'{CONTROLLER}.')
+        if not equals or not name:
+            raise BagError(f'--set {setting}: must be [controller.]parameter=value')
+        values[name] = parse_value(setting, text)
+    return values
+
+
+def parse_tick_changes(settings: Sequence[str]) -> Changes:
+    """Return controller parameters, and weight factors given as `weights.<term>=<factor>`.
+
+    Raises BagError as `parse_controller_settings`, and for a factor that is no number.
+    """
+    factors, others = {}, []
+    for setting in settings:
+        if not setting.startswith(WEIGHTS):
+            others.append(setting)
+            continue
+        name, _, text = setting.removeprefix(WEIGHTS).partition('=')
+        try:
+            factors[name] = float(text)
+        except ValueError:
+            raise BagError(
+                f'--set {setting}: must be weights.<term>=<factor>; 1 changes nothing, 0 switches '
+                'the term off'
+            ) from None
+    return Changes(parse_controller_settings(others), factors)

@@ -1,0 +1,132 @@
+"""Runs of several controllers through one scenario, one after the other, and their comparison."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.configuration import inputs, node_config, set_option
+from experiments.progress import RunProgress
+from experiments.run import domain, node_graph, staging
+from experiments.run.interrupt import Interrupt, Interrupted
+from experiments.run.node_graph import RunOutcome, RunSettings
+from stage_solver import compile_cache
+
+NO_COMPILER = (
+    '[yellow]no C compiler found:[/] plant and controller run interpreted, several times slower; '
+    'what they compute stays the same. On Debian and Ubuntu: apt install gcc'
+)
+WARNING = '[yellow]warning, {}:[/] '
+
+
+class Batch(NamedTuple):
+    """The arguments of `experiments run`."""
+
+    scenario: str  # a name, or the path of a file
+    controllers: Sequence[str]  # names in mpcc_controller/config, or paths
+    mode: str
+    out: Path
+    settings: Sequence[str]  # NODE.parameter=value
+    time_limit_s: float  # of wall time per run
+    markers: bool = False  # whether to start the node that draws for 3D viewers
+
+
+def run_and_compare(batch: Batch, console: Console) -> int:
+    """Run the controllers and compare their bags; return 0 when every run was completed.
+
+    A car that crosses the finish line beside the road has not completed the run. Raises BagError
+    for a scenario, controller, setting or folder that cannot be used, before any node starts, and
+    Interrupted, which names the bags kept, after a signal. No process is left behind in any case.
+    """
+    folder, outcomes = run_controllers(batch, console)
+    bags = _kept_bags(outcomes)
+    completed = [outcome.completed for outcome in outcomes]
+    if bags:
+        # figures and report take seconds to import: an error in the input must not wait for them
+        from bags.report import compare
+
+        try:
+            compared = compare.bags(bags, folder)
+        except Exception as error:
+            kept = ' '.join(os.path.relpath(bag) for bag in bags)
+            raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
+        compare.show(compared, console)
+        runs = compared.values['runs']
+        completed += [run['completed'] for run in runs.values()]
+        _show_disagreement(outcomes, runs, console)
+    return 0 if all(completed) else 1
+
+
+def _show_disagreement(outcomes, runs, console):
+    """Explain exit code 1 for the runs that are completed by the plant, not by the comparison."""
+    for outcome in outcomes:
+        run = runs.get(outcome.controller)
+        if outcome.completed and run and not run['completed']:
+            console.print(
+                f'{outcome.controller}: not completed, although the plant reports '
+                f'"{outcome.message}": {run["verdict"]}; the exit code is 1',
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
+
+
+def run_controllers(batch: Batch, console: Console) -> tuple[Path, list[RunOutcome]]:
+    """Run the controllers as `run_and_compare`; return the folder of the scenario and outcomes."""
+    controllers = node_config.find_controllers(batch.controllers)
+    overrides = set_option.parse_overrides(batch.settings)
+    facts = inputs.load_facts(batch.scenario)
+    folder = batch.out / facts.name
+    file_values = {}
+    for controller in controllers:
+        nodes = node_config.build_nodes(facts, controller, batch.mode, folder, folder, overrides)
+        checked = inputs.check_parameters(nodes)
+        file_values[controller.name] = inputs.file_values(checked)
+        for text in inputs.find_warnings(facts, checked):
+            console.print(WARNING.format(controller.name), end='')
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    with staging.created_folder(folder, f'--out {batch.out}'):
+        return folder, _run_each(batch, facts, controllers, file_values, overrides, folder, console)
+
+
+def _run_each(batch, facts, controllers, file_values, overrides, folder, console):
+    for line in staging.recover(folder):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if compile_cache.find_compiler() is None:
+        console.print(NO_COMPILER)
+    outcomes = []
+    try:
+        with (
+            Interrupt() as interrupt,
+            RunProgress(console) as progress,
+            domain.reserved(os.environ) as domain_id,
+        ):
+            run_settings = RunSettings(
+                batch.mode,
+                folder.absolute(),
+                overrides,
+                domain_id,
+                batch.time_limit_s,
+                batch.markers,
+            )
+            for controller in controllers:
+                progress.begin(controller.name, facts.length_m)
+                values = file_values[controller.name]
+                outcome = node_graph.run_once(
+                    facts, controller, values, run_settings, interrupt, progress
+                )
+                progress.end(outcome.controller, outcome.completed, outcome.message)
+                outcomes.append(outcome)
+    except Interrupted as interrupted:
+        bags = _kept_bags(outcomes) + [bag for bag in (interrupted.kept,) if bag]
+        kept = ', '.join(map(os.path.relpath, bags)) or 'nothing'
+        message = f'every node was stopped; kept: {kept}'
+        raise Interrupted(interrupted.number, message) from None
+    return outcomes
+
+
+def _kept_bags(outcomes):
+    return [outcome.bag for outcome in outcomes if outcome.bag]
