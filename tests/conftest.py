@@ -12,9 +12,12 @@ from once import made_once
 
 from experiments.run.domain import reserved
 
-# a shell that starts the tests in the background ignores SIGINT, which programs inherit
+# A shell that starts the tests in the background ignores SIGINT, nohup ignores SIGHUP; the programs
+# that the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_configure(config):
