@@ -21,7 +21,8 @@ REPEATS = 5
 def main() -> int:
     """Print median time and size."""
     drives = {
-        name: simulation.drive(simulation.setup('double_lane_change', name)) for name in CONTROLLERS
+        name: simulation.drive(simulation.prepare('double_lane_change', name))
+        for name in CONTROLLERS
     }
     colours = palette.colours(list(drives))
     runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]

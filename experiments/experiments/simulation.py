@@ -1,4 +1,4 @@
-"""The ring in process, without ROS: the same steps in the same order as the nodes in lockstep."""
+"""The closed loop in process, without ROS: the steps of the nodes in lockstep, in their order."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -26,143 +26,127 @@ from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import Simulator, Start
 
-# of the plant's parameters, what a drive in process follows; start, end and patches are the
-# scenario's, the others are about messages and wall time
-HONOURED = ('friction', 'tyre_set', node_config.PLANT_DEFAULTS)
-HONOURED_GROUP = 'car.'
+# the plant's parameters that a simulation uses; start, end and patches are the scenario's, the
+# others concern messages and wall time
+PLANT_SETTINGS = ('friction', 'tyre_set', node_config.PLANT_DEFAULTS)
+PLANT_SETTING_GROUP = 'car.'
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
 
 
 class Setup(NamedTuple):
-    """All that decides a drive in process; it can be sent to another process."""
+    """All that decides a simulation; it can be sent to another process."""
 
-    name: str  # of the controller
+    controller: str  # its name
     scn: Scenario
     params: ControllerParams
     vehicle: CarParams
     plant: PlantParams
-    friction: float  # of the road; what the controller believes is params.model.friction
+    friction: float  # of the road; the controller assumes params.model.friction
+
+    def __repr__(self) -> str:
+        return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
 
 
-def setup(
+def prepare(
     scenario_name: str,
     controller: str,
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     speed_mps: float | None = None,
 ) -> Setup:
-    """Return a drive as `experiments run` would make it.
+    """Return the setup that `experiments run` would use.
 
     `controller` is a name in mpcc_controller/config or a YAML file; `settings` are parameters of
     `plant` and `controller` by role and dotted name, as of --set; `speed_mps` replaces the
-    scenario's desired speed by a constant. Raises BagError for what cannot be used, and for a
-    setting of the plant that a drive in process would not follow.
+    scenario's desired speed by a constant. Raises BagError for unusable input, and for a setting of
+    the plant that has no effect in process.
     """
     for name in settings.get('plant', ()):
-        if name not in HONOURED and not name.startswith(HONOURED_GROUP):
-            allowed = f'{", ".join(HONOURED)} and {HONOURED_GROUP}*'
+        if name not in PLANT_SETTINGS and not name.startswith(PLANT_SETTING_GROUP):
+            allowed = f'{", ".join(PLANT_SETTINGS)} and {PLANT_SETTING_GROUP}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     scn = inputs.load_scenario(scenario_name, speed_mps)
-    nowhere = Path()
-    ring = node_config.build_nodes(
-        inputs.scenario_facts(scn, scenario_name), chosen, 'lockstep', nowhere, nowhere, settings
+    unused = Path()
+    nodes = node_config.build_nodes(
+        inputs.scenario_facts(scn, scenario_name), chosen, 'lockstep', unused, unused, settings
     )
-    read = inputs.check_parameters(ring)
-    params, vehicle = read['controller']
-    node, plant = read['plant']
+    checked = inputs.check_parameters(nodes)
+    params, vehicle = checked['controller']
+    node, plant = checked['plant']
     return Setup(chosen.name, scn, params, vehicle, plant, node.friction)
 
 
-def drive(prepared: Setup) -> Drive:
-    """Drive once and return what a recording of it would say, ready for `metrics.of`."""
-    name, scn, params, vehicle, plant, friction = prepared
-    columns = run(scn, params, vehicle, plant, friction)
-    info = run_info(scn, name, params, vehicle, plant, friction)
-    return recorded.of(columns, info, name)
+def drive(setup: Setup) -> Drive:
+    """Simulate once and return the Drive of an equivalent recording, ready for the metrics."""
+    return recorded.of(run(setup), run_info(setup), setup.controller)
 
 
-def run(
-    scn: Scenario,
-    params: ControllerParams,
-    vehicle: CarParams,
-    plant: PlantParams,
-    friction: float | None = None,
-) -> dict[str, Columns]:
-    """Drive a scenario until its end and return the columns, as `read.columns` does of a bag.
+def run(setup: Setup) -> dict[str, Columns]:
+    """Simulate until the run ends and return the columns by topic, as `read.columns` of a bag.
 
-    `friction` is that of the road, the scenario's unless given; the controller believes its own
-    parameter. The same arguments give the same columns, times of the solver excepted.
+    The same setup gives the same columns, except for the times of the solver.
     """
+    scn = setup.scn
     car = Simulator(
-        plant,
-        scn.friction if friction is None else friction,
-        Start(*scn.start),
-        patches=road.patches(*scn.patches),
+        setup.plant, setup.friction, Start(*scn.start), patches=road.patches(*scn.patches)
     )
     plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = Controller(params, vehicle)
+    controller = Controller(setup.params, setup.vehicle)
     controller.reset(car.actuators)
     controller.set_reference(ring.reference(scn.reference))
     controller.set_edges(scn.edges)
-    tracks, seen, answers = [car.now], [], []
+    tracks, obstacles, answers = [car.now], [], []
     while True:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-        seen.append(scenario.obstacles_at(scn, t, car.stamp_ns))
-        controller.set_obstacles(seen[-1])
-        # over ROS, too, the state at the end is still answered
+        obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
+        controller.set_obstacles(obstacles[-1])
+        # as over ROS, the final state is still answered
         answers.append(controller.step(ring.odometry(car.state)))
         if plant_side.outcome:
             break
         controller.prepare()
         command, _, _ = answers[-1]
         tracks.append(plant_side.tick(command))
-    commands, predictions, whys = zip(*answers)
+    commands, plans, reports = zip(*answers)
     values = {
         '/scenario/reference': [ring.reference(scn.reference)],
         '/scenario/road_edges': [scn.edges],
-        '/scenario/obstacles': seen,
-        '/controller/prediction': [ring.prediction(one) for one in predictions],
-        '/controller/why': whys,
+        '/scenario/obstacles': obstacles,
+        '/controller/prediction': [ring.prediction(plan) for plan in plans],
+        '/controller/why': reports,
     }
-    return tables_of(track.join(tracks), commands, values)
+    return build_columns(track.join(tracks), commands, values)
 
 
-def run_info(
-    scn: Scenario,
-    controller: str,
-    params: ControllerParams,
-    vehicle: CarParams,
-    plant: PlantParams,
-    friction: float | None = None,
-) -> dict[str, str]:
-    """Return the notes that `experiments run` would write for the same run."""
+def run_info(setup: Setup) -> dict[str, str]:
+    """Return the run information that `experiments run` would record for the same run."""
+    scn = setup.scn
     stop = parameters.flatten(inputs.stop_params(scn))
-    noted = {
-        'controller': parameters.flatten(vehicle) | parameters.flatten(params),
-        'plant': {f'car.{name}': value for name, value in parameters.flatten(plant.car).items()}
+    car = parameters.flatten(setup.plant.car)
+    values = {
+        'controller': parameters.flatten(setup.vehicle) | parameters.flatten(setup.params),
+        'plant': {f'car.{name}': value for name, value in car.items()}
         | {f'stop.{name}': value for name, value in stop.items()}
-        | {'friction': scn.friction if friction is None else friction},
+        | {'friction': setup.friction},
     }
     return {
         'scenario': scn.name,
         'scenario_text': scn.text,
         'scenario_sha256': provenance.digest(scn.text),
-        'controller': controller,
+        'controller': setup.controller,
         'mode': 'in process',
-        'parameters': json.dumps(noted, sort_keys=True),
+        'parameters': json.dumps(values, sort_keys=True),
     }
 
 
-def tables_of(
-    track: Any,
-    commands: Sequence[Any],
-    values: dict[str, Sequence[Any]],
+def build_columns(
+    track: Any, commands: Sequence[Any], values: Mapping[str, Sequence[Any]]
 ) -> dict[str, Columns]:
-    """Return the tables by topic.
+    """Return the columns by topic.
 
-    track     the plant's, one row per millisecond, first row the start
+    track     states of the plant, one row per millisecond, the first row is the start
     commands  one per tick
-    values    values of `msgs_yaml.types` for every other topic, each with its stamp
+    values    values of `msgs_yaml.types` of every other topic, each with its stamp
     """
     zero_ns = int(track.stamp_ns[0])
     slow = track.where(track.stamp_ns % SLOW_NS == 0)
@@ -173,19 +157,21 @@ def tables_of(
         '/vehicle/wheels': (columns.Wheels, slow.wheels()),
         '/controller/command': (columns.Command, commands),
     }
-    made = {topic: _table(form, rows, zero_ns) for topic, (form, rows) in tables.items()}
-    return made | {topic: _values(rows, zero_ns) for topic, rows in values.items()}
+    return {
+        **{topic: _numbers(form, rows, zero_ns) for topic, (form, rows) in tables.items()},
+        **{topic: _values(rows, zero_ns) for topic, rows in values.items()},
+    }
 
 
-def _table(form, rows, zero_ns):
-    """The fields of the values and the columns after the time stand in the same order."""
+def _numbers(form, rows, zero_ns):
+    """Fields of the values and the columns after the time have the same order."""
     stamps, *fields = zip(*rows)
     stamp_ns = np.array(stamps, dtype=np.int64)
     return form(stamp_ns, _seconds(stamp_ns, zero_ns), *(np.array(f, float) for f in fields))
 
 
 def _values(rows, zero_ns):
-    stamp_ns = np.array([one.stamp_ns for one in rows], dtype=np.int64)
+    stamp_ns = np.array([row.stamp_ns for row in rows], dtype=np.int64)
     return columns.Values(stamp_ns, _seconds(stamp_ns, zero_ns), tuple(rows))
 
 

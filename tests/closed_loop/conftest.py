@@ -1,4 +1,4 @@
-"""Runs of the ring in process, each made once."""
+"""Runs simulated in process, each once."""
 
 import dataclasses
 from functools import cache
@@ -15,8 +15,8 @@ from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 
 
-class Ring:
-    """The double lane change and whatever else a test drives, by controller name."""
+class SimulatedRuns:
+    """Runs of the shipped controllers, simulated once each, by scenario and controller name."""
 
     def __init__(self):
         self.plant = plant_parameters.load()
@@ -28,32 +28,33 @@ class Ring:
         params = parameters.load(ControllerParams, file)
         return scenario.load(scene), params, car_file.load(params)
 
+    def setup(self, scene, controller):
+        """Return the setup with the parameters of the files as they are."""
+        scn, params, vehicle = self.parts(scene, controller)
+        return simulation.Setup(controller, scn, params, vehicle, self.plant, scn.friction)
+
     def fresh(self, scene, controller):
-        """Drive once more, whatever was driven before."""
-        return simulation.run(*self.parts(scene, controller), self.plant)
+        """Return the columns of a new simulation."""
+        return simulation.run(self.setup(scene, controller))
 
     def drive(self, scene, controller):
-        """Return the columns of a drive, and the drive as the judge takes it."""
-        columns = self.fresh(scene, controller)
-        scn, *params = self.parts(scene, controller)
-        notes = simulation.run_info(scn, controller, *params, self.plant)
-        return columns, recorded.of(columns, notes, controller)
+        """Return the columns of a run, and its Drive."""
+        setup = self.setup(scene, controller)
+        columns = simulation.run(setup)
+        return columns, recorded.of(columns, simulation.run_info(setup), controller)
 
     def ablated(self, scene, controller, **rules):
-        """Drive with other rules of the cost and return the drive as the judge takes it."""
-        scn, params, vehicle = self.parts(scene, controller)
-        changed = dataclasses.replace(params.formulation, **rules)
-        parts = scn, dataclasses.replace(params, formulation=changed), vehicle
-        columns = simulation.run(*parts, self.plant)
-        scn, *params = parts
-        notes = simulation.run_info(scn, controller, *params, self.plant)
-        return recorded.of(columns, notes, controller)
+        """Return the Drive of a run with other rules of the cost."""
+        setup = self.setup(scene, controller)
+        formulation = dataclasses.replace(setup.params.formulation, **rules)
+        params = dataclasses.replace(setup.params, formulation=formulation)
+        return simulation.drive(setup._replace(params=params))
 
     def metrics(self, scene, controller):
-        """Return the metrics of a drive."""
+        """Return the metrics of a run."""
         return metrics.of(self.drive(scene, controller)[1])
 
 
 @pytest.fixture(scope='session')
-def ring():
-    return Ring()
+def simulated():
+    return SimulatedRuns()

@@ -81,23 +81,23 @@ def check(seed: int, index: int, keep: Path | None = None) -> dict[str, Any]:
 
 
 def _driven(one: Draw, file: Path, report: Path | None) -> dict[str, Any]:
-    prepared = simulation.setup(str(file), one.controller)
-    scn = prepared.scn
+    setup = simulation.prepare(str(file), one.controller)
+    scn = setup.scn
     scn = scn._replace(start=one.start or scn.start, stop=scn.stop._replace(time=one.time_s))
-    name, _, params, vehicle, plant, friction = prepared
-    columns = simulation.run(scn, params, vehicle, plant, friction)
-    info = simulation.run_info(scn, name, params, vehicle, plant, friction)
-    drive = recorded.of(columns, info, name)
+    setup = setup._replace(scn=scn)
+    params, plant = setup.params, setup.plant
+    columns = simulation.run(setup)
+    drive = recorded.of(columns, simulation.run_info(setup), setup.controller)
     found = metrics.of(drive)
     json.dumps(found, allow_nan=False)
     if report:
-        written = compare.write({name: drive}, report / 'report')
+        written = compare.write({setup.controller: drive}, report / 'report')
         json.loads(written.file.read_text(), parse_constant=_refuse_constant)
     judged = _judged(scn, columns['/vehicle/odometry'], params, plant)
     findings = [
         *_finite(columns),
-        *_commands(columns, params, vehicle),
-        *_plant_gate(columns['/controller/command'], plant, friction),
+        *_commands(columns, params, setup.vehicle),
+        *_plant_gate(columns['/controller/command'], plant, setup.friction),
         *_contract(columns),
         *_verdicts(judged, found, params),
     ]

@@ -20,7 +20,7 @@ def car(tmp_path_factory):
 
 def driven(car, **more):
     settings = {'plant': PLANT, 'controller': {'car_file': car, **more}}
-    return metrics.of(simulation.drive(simulation.setup(SCENARIO, 'mpcc', settings)))
+    return metrics.of(simulation.drive(simulation.prepare(SCENARIO, 'mpcc', settings)))
 
 
 def test_a_front_wheel_drive_car_drives_the_double_lane_change_with_its_file_alone(car):
@@ -40,8 +40,8 @@ def test_the_drive_layout_in_the_controller_wins_over_the_car_file(car):
 
 def test_the_steering_rate_of_the_car_is_not_exceeded(car):
     settings = {'plant': PLANT, 'controller': {'car_file': car}}
-    prepared = simulation.setup(SCENARIO, 'mpcc', settings)
+    prepared = simulation.prepare(SCENARIO, 'mpcc', settings)
     assert prepared.params.limits.steer_rate_radps > 0.5
-    columns = simulation.run(prepared.scn, prepared.params, prepared.vehicle, prepared.plant)
+    columns = simulation.run(prepared)
     rate = abs(columns['/controller/command'].steer_rate_radps).max()
     assert rate == pytest.approx(0.349, rel=1e-6)

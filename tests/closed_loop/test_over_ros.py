@@ -1,4 +1,4 @@
-"""The ring in process against the ring of nodes over Fast DDS."""
+"""The closed loop in process against the node graph over Fast DDS."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ def bags(rings, tmp_path_factory):
 
 
 @pytest.mark.parametrize('name', SCENARIOS)
-def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bags, name):
-    made, _ = ring.drive(name, 'mpcc')
+def test_over_ros_and_in_process_the_ring_computes_the_same_bits(simulated, bags, name):
+    made, _ = simulated.drive(name, 'mpcc')
     recorded_ = read.columns(bags[name])
     for topic in made.keys() - set(REPEATED):
         for column, one in made[topic]._asdict().items():
@@ -35,13 +35,13 @@ def test_over_ros_and_in_process_the_ring_computes_the_same_bits(ring, bags, nam
     assert made['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
 
 
-def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(ring, bags):
-    _, driven = ring.drive(SCENARIO, 'mpcc')
+def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(simulated, bags):
+    _, driven = simulated.drive(SCENARIO, 'mpcc')
     assert recorded.of_bag(bags[SCENARIO]).facts == driven.facts
 
 
-def test_a_slippery_patch_is_felt_by_the_wheels_on_it(ring):
-    made, _ = ring.drive('split_mu', 'mpcc')
+def test_a_slippery_patch_is_felt_by_the_wheels_on_it(simulated):
+    made, _ = simulated.drive('split_mu', 'mpcc')
     left, right = 0, 1
     kappa = made['/vehicle/wheels'].slip[:, 2:]
     force = made['/vehicle/wheels'].force_x_n[:, 2:]

@@ -61,9 +61,9 @@ class Run(NamedTuple):
 
 
 @pytest.fixture(scope='module')
-def parts(ring):
-    scn, params, vehicle = ring.parts(DOUBLE, 'mpcc')
-    return scn, params, vehicle, ring.plant
+def parts(simulated):
+    scn, params, vehicle = simulated.parts(DOUBLE, 'mpcc')
+    return scn, params, vehicle, simulated.plant
 
 
 def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):

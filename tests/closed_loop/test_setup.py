@@ -7,9 +7,9 @@ from bags.errors import BagError
 from experiments import simulation
 
 
-def test_a_drive_without_settings_is_the_run_of_the_files(ring):
-    _, recorded = ring.drive('double_lane_change', 'mpcc')
-    again = simulation.drive(simulation.setup('double_lane_change', 'mpcc'))
+def test_a_drive_without_settings_is_the_run_of_the_files(simulated):
+    _, recorded = simulated.drive('double_lane_change', 'mpcc')
+    again = simulation.drive(simulation.prepare('double_lane_change', 'mpcc'))
     assert np.array_equal(again.motion.x, recorded.motion.x)
     assert np.array_equal(again.inputs.force, recorded.inputs.force)
     assert again.facts == recorded.facts
@@ -17,14 +17,14 @@ def test_a_drive_without_settings_is_the_run_of_the_files(ring):
 
 def test_settings_reach_controller_and_plant():
     settings = {'controller': {'tolerances.lag_m': 0.3}, 'plant': {'friction': 0.95}}
-    made = simulation.setup('double_lane_change', 'frenet', settings)
+    made = simulation.prepare('double_lane_change', 'frenet', settings)
     assert made.params.tolerances.lag_m == 0.3
     assert made.params.model.friction == 1.0
     assert made.friction == 0.95
 
 
 def test_another_speed_is_that_of_path_and_start():
-    made = simulation.setup('double_lane_change', 'mpcc', speed_mps=18.0)
+    made = simulation.prepare('double_lane_change', 'mpcc', speed_mps=18.0)
     *_, speed = made.scn.start
     assert speed == pytest.approx(18.0)
 
@@ -32,7 +32,7 @@ def test_another_speed_is_that_of_path_and_start():
 @pytest.mark.parametrize('role', ['controller', 'plant'])
 def test_a_setting_that_does_not_exist_is_named(role):
     with pytest.raises(BagError, match=r'tolerances\.lag'):
-        simulation.setup('double_lane_change', 'mpcc', {role: {'tolerances.lag': 0.3}})
+        simulation.prepare('double_lane_change', 'mpcc', {role: {'tolerances.lag': 0.3}})
 
 
 @pytest.mark.parametrize(
@@ -48,15 +48,15 @@ def test_a_setting_that_does_not_exist_is_named(role):
 def test_a_setting_of_the_plant_that_would_not_be_followed_is_refused(setting):
     (name,) = setting
     with pytest.raises(BagError, match=rf'plant\.{name} has no effect .*friction, tyre_set.*car\.'):
-        simulation.setup('double_lane_change', 'mpcc', {'plant': setting})
+        simulation.prepare('double_lane_change', 'mpcc', {'plant': setting})
 
 
 def test_settings_of_the_car_and_its_tyre_are_followed():
-    heavy = simulation.setup(
+    heavy = simulation.prepare(
         'double_lane_change',
         'mpcc',
         {'plant': {'car.body.mass_kg': 2000.0, 'tyre_set': 'tyre_245_40r18.yaml'}},
     )
-    usual = simulation.setup('double_lane_change', 'mpcc')
+    usual = simulation.prepare('double_lane_change', 'mpcc')
     assert heavy.plant.car.body.mass_kg == 2000.0
     assert heavy.plant.tyre != usual.plant.tyre

@@ -32,9 +32,9 @@ def on_path(s):
     )
 
 
-def distances(ring, controller, states, inside, rules=None):
+def distances(simulated, controller, states, inside, rules=None):
     """Return D_V2O [m] of the only obstacle at states on the path, as the controller sees it."""
-    scn, params, vehicle = ring.parts('circle_20m', controller)
+    scn, params, vehicle = simulated.parts('circle_20m', controller)
     if rules:
         rules = dataclasses.replace(params.formulation, **rules)
         params = dataclasses.replace(params, formulation=rules)
@@ -62,21 +62,21 @@ def gaps():
 
 
 @pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_mpcc_sees_the_chord_of_the_circle(ring, gaps, inside):
-    found = distances(ring, 'mpcc', on_path(STATION + gaps), inside)
+def test_the_mpcc_sees_the_chord_of_the_circle(simulated, gaps, inside):
+    found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside)
     closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.cartesian, abs=1e-9)
 
 
 @pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_baseline_sees_the_path_as_straight(ring, gaps, inside):
-    found = distances(ring, 'frenet', on_path(STATION + gaps), inside)
+def test_the_baseline_sees_the_path_as_straight(simulated, gaps, inside):
+    found = distances(simulated, 'frenet', on_path(STATION + gaps), inside)
     closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.frenet, abs=1e-9)
 
 
 @pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_mpcc_that_measures_along_the_path_sees_what_the_baseline_sees(ring, gaps, inside):
-    found = distances(ring, 'mpcc', on_path(STATION + gaps), inside, {'distance': 'path'})
+def test_the_mpcc_that_measures_along_the_path_sees_what_the_baseline_sees(simulated, gaps, inside):
+    found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside, {'distance': 'path'})
     closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.frenet, abs=1e-9)

@@ -46,7 +46,7 @@ class Deviation(NamedTuple):
 
 def drive(controller: str) -> dict[str, float]:
     """Drive once in process and return the numbers of TOLERANCES."""
-    return numbers(metrics.of(simulation.drive(simulation.setup(SCENARIO, controller))))
+    return numbers(metrics.of(simulation.drive(simulation.prepare(SCENARIO, controller))))
 
 
 def numbers(found: dict[str, Any]) -> dict[str, float]:

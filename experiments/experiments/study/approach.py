@@ -37,8 +37,8 @@ class Seen(NamedTuple):
 def drive(variant: Variant, speed_kph: float, scenario: str) -> Approach:
     """Drive a variant once, undisturbed. Raises BagError."""
     chosen = case.of(variant, speed_kph, UNDISTURBED, scenario)
-    _, scn, params, *others = case.prepared(chosen)
-    return Approach(params, simulation.run(scn, params, *others))
+    prepared = case.prepared(chosen)
+    return Approach(prepared.params, simulation.run(prepared))
 
 
 def seen(approach: Approach) -> list[Seen]:

@@ -55,13 +55,15 @@ def prepared(case: Case) -> simulation.Setup:
 def key(case: Case) -> str:
     """Return the SHA-256 of all that decides the result: setup, code, libraries, processor."""
     base = _base(case.scenario, case.controller, case.settings)
-    content = [code_version.digest(), base.name, base.scn.text, repr(base[2:]), *case[3:]]
+    decides = (base.params, base.vehicle, base.plant, base.friction)
+    drawn = (case.speed_kph, case.grip, case.tolerance)
+    content = [code_version.digest(), base.controller, base.scn.text, repr(decides), *drawn]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 @cache
 def _base(scenario, controller, settings):
-    return simulation.setup(scenario, controller, {'controller': dict(settings)})
+    return simulation.prepare(scenario, controller, {'controller': dict(settings)})
 
 
 @cache

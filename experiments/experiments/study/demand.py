@@ -91,7 +91,7 @@ def task_of(scenario: str = SCENARIO) -> tuple[Task, float]:
     Raises BagError for a road that is not straight along x, for a moving obstacle, and for a car
     that does not start on the x axis.
     """
-    prepared = simulation.setup(scenario, CONTROLLER)
+    prepared = simulation.prepare(scenario, CONTROLLER)
     scn, params = prepared.scn, prepared.params
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     edges = {'left': scn.edges.left, 'right': scn.edges.right}
@@ -127,7 +127,7 @@ def run(
     plant holds in a steady turn. Raises BagError.
     """
     task, horizon_s = task_of(scenario)
-    limit = lateral_limit(simulation.setup(scenario, CONTROLLER).plant)
+    limit = lateral_limit(simulation.prepare(scenario, CONTROLLER).plant)
     rows = [_row(task, horizon_s, limit, kph) for kph in speeds_kph]
     where = provenance.of(
         COMMAND, scenario, samples.SEED, {'limits': CONTROLLER}, plant_limit_mps2=limit

@@ -15,11 +15,10 @@ def measured(case: cases.Case) -> dict:
     Raises BagError for a drive that cannot be set up.
     """
     prepared = cases.prepared(case)
-    name, scn, params, vehicle, plant, friction = prepared
-    columns = simulation.run(scn, params, vehicle, plant, friction)
-    info = simulation.run_info(scn, name, params, vehicle, plant, friction)
+    columns = simulation.run(prepared)
+    info = simulation.run_info(prepared)
     return {
-        'metrics': metrics.of(recorded.of(columns, info, name)),
+        'metrics': metrics.of(recorded.of(columns, info, prepared.controller)),
         'solver': solver([why.values for why in columns['/controller/why'].values]),
     }
 

@@ -129,7 +129,7 @@ def _row(name, controller, settings):
 
 def _weighed(controller, share, scenario):
     """Return the settings that multiply the priorities of a controller."""
-    weights = simulation.setup(scenario, controller).params.priorities
+    weights = simulation.prepare(scenario, controller).params.priorities
     return {
         'priorities.obstacle': share * weights.obstacle,
         'priorities.edge': share * weights.edge,

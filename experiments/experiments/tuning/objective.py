@@ -73,7 +73,7 @@ def drive(controller: str, weights: Mapping[str, Any], condition: Condition) -> 
     """
     settings = {'controller': dict(weights), 'plant': {'friction': condition.friction}}
     speed = condition.speed_kmh / KPH
-    return score(simulation.drive(simulation.setup(SCENARIO, controller, settings, speed)), speed)
+    return score(simulation.drive(simulation.prepare(SCENARIO, controller, settings, speed)), speed)
 
 
 def score(driven, speed_mps: float) -> Score:

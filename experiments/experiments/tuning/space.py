@@ -48,7 +48,7 @@ def untuned(controller: str) -> dict[str, float]:
     Raises BagError for a controller that does not exist, or one of whose weights is zero: there is
     nothing to search for around zero.
     """
-    given = parameters.flatten(simulation.setup(objective.SCENARIO, controller).params)
+    given = parameters.flatten(simulation.prepare(objective.SCENARIO, controller).params)
     names = (*COMMON, OWN[given['formulation.name']])
     found = {name: float(given[name]) for name in names}
     for name, value in found.items():
@@ -59,7 +59,7 @@ def untuned(controller: str) -> dict[str, float]:
 
 def safety(controller: str) -> dict[str, float]:
     """Return the safety distances D_sft [m] of a controller: v2o to obstacles, v2e to edges."""
-    given = simulation.setup(objective.SCENARIO, controller).params.safety
+    given = simulation.prepare(objective.SCENARIO, controller).params.safety
     return {'v2o': given.obstacle_m, 'v2e': given.edge_m}
 
 

@@ -44,8 +44,8 @@ def text(name):
 @pytest.fixture(scope='module')
 def messages():
     """Return a message of every topic, of the middle of a drive of the default controller."""
-    setup = simulation.setup('double_lane_change', 'mpcc')
-    columns = simulation.run(setup.scn, setup.params, setup.vehicle, setup.plant)
+    setup = simulation.prepare('double_lane_change', 'mpcc')
+    columns = simulation.run(setup)
     found = {}
     for topic, kind in ROWS.items():
         table = columns[topic]

@@ -165,5 +165,5 @@ def test_inside_a_curve_the_overestimation_grows_with_curvature_everywhere_outsi
 
 def test_rules_and_targets_have_the_safety_distances_of_the_controllers():
     for controller in ROLES:
-        safety = simulation.setup(variants.SCENARIO, controller).params.safety
+        safety = simulation.prepare(variants.SCENARIO, controller).params.safety
         assert safety.obstacle_m == safety.edge_m == claim_rules.D_SFT

@@ -32,7 +32,7 @@ def rows():
 
 def settings(variant):
     chosen = {'controller': dict(variant.settings)}
-    made = simulation.setup(variants.SCENARIO, variant.controller, chosen)
+    made = simulation.prepare(variants.SCENARIO, variant.controller, chosen)
     return parameters.flatten(made.params)
 
 
