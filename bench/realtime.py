@@ -23,8 +23,8 @@ import machine
 from rich.console import Console
 
 from bags.commands import timing
+from bags.evaluation import tick_timing
 from bags.storage import read
-from bags.verdict import punctuality
 
 TICK_S = 0.05
 LEAST = 0.98  # of the ticks that were asked for: the car is not always as fast as it should be
@@ -142,7 +142,7 @@ def targets(found: dict) -> list[Target]:
 
 def page(found: dict, judged: list[Target], noted: dict) -> str:
     """Return the figures as Markdown."""
-    names = list(punctuality.QUANTILES)
+    names = list(tick_timing.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
     rows['state sent after its stamp'] = found['state_sent_after_its_stamp_ms']
     ticks = found['ticks']
@@ -201,7 +201,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
         beside = None if options.bag or not before else machine.spent().since(before)._asdict()
-        found = punctuality.report(read.load(bag))
+        found = tick_timing.timing_report(read.load(bag))
     timing.show(found, Console())
     if found['ticks']['count'] < LEAST * options.ticks and not options.bag:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')

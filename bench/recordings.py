@@ -24,9 +24,9 @@ from rich.table import Table
 from ring_messages import NS_PER_MS, START_NS, RingMessages
 
 from bags.storage import read
-from bags.storage.inbox import bag_topics
-from bags.storage.losses import RECORD
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.bag_writer import BagWriter
+from bags.storage.message_filing import bag_topics
+from bags.storage.message_loss import LOSS_RECORD
 from msgs_yaml import contract
 from node_runtime import ros, spin_node
 
@@ -162,7 +162,7 @@ def lockstep(folder: Path, options) -> dict[str, float]:
 
 def _lost_per_topic(bag, history):
     """What the recorder noted, of the topics whose publishers keep that much in lockstep."""
-    noted = {topic: json.loads(text)['lost'] for topic, text in bag.records[RECORD].items()}
+    noted = {topic: json.loads(text)['lost'] for topic, text in bag.records[LOSS_RECORD].items()}
     topics = contract.load().topics.values()
     names = [topic.name for topic in topics if topic.qos['lockstep'].history == history]
     return {name: noted[name] or 0 for name in names}

@@ -9,9 +9,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from bags.pictures import palette, panels
+from bags.evaluation import metrics
+from bags.evaluation.series import compute_series
+from bags.figures import panels, style
 from bags.report import page
-from bags.verdict import judge, metrics
 from experiments import simulation
 
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -24,16 +25,16 @@ def main() -> int:
         name: simulation.drive(simulation.prepare('double_lane_change', name))
         for name in CONTROLLERS
     }
-    colours = palette.colours(list(drives))
-    runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
-    found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
-    material = page.Material({'scenario': 'double_lane_change', 'runs': found}, runs, {})
+    colours = style.assign_colours(list(drives))
+    runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    found = {run.name: metrics.compute_metrics_of_series(run.drive, run.series) for run in runs}
+    material = page.ReportData({'scenario': 'double_lane_change', 'runs': found}, runs, {})
     took = []
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, page.FILE)
+        file = Path(folder, page.REPORT_FILE)
         for _ in range(REPEATS):
             start = time.process_time()
-            page.write(material, file)
+            page.write_report(material, file)
             took.append(time.process_time() - start)
         size = file.stat().st_size
     print(f'{statistics.median(took):.2f} s of CPU time, {size / 1e6:.2f} MB')

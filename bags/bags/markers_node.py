@@ -10,7 +10,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from bags.viewers import encode, shapes, stage
+from bags.viewers import encode, marker_scene
 from msgs_yaml import contract, decode, share
 from node_runtime import facts_node, qos, ros, spin_node
 
@@ -20,14 +20,14 @@ except ImportError:  # there is no wheel of it
     TFMessage = None
 
 DECODERS = {
-    stage.STATE: decode.odometry,
-    stage.PLAN: decode.prediction,
-    stage.WHY: decode.why,
+    marker_scene.STATE: decode.odometry,
+    marker_scene.PLAN: decode.prediction,
+    marker_scene.WHY: decode.why,
 }
 READERS = {  # of serialised messages
-    stage.REFERENCE: facts_node.read_reference,
-    stage.EDGES: facts_node.read_edges,
-    stage.OBSTACLES: facts_node.read_obstacles,
+    marker_scene.REFERENCE: facts_node.read_reference,
+    marker_scene.EDGES: facts_node.read_edges,
+    marker_scene.OBSTACLES: facts_node.read_obstacles,
 }
 THROTTLE_S = 1.0
 TF_DEPTH = 100  # what tf2 listeners use
@@ -39,13 +39,13 @@ class MarkersNode(Node):
     def __init__(self):
         super().__init__('markers')
         defaults = share.path('bags', 'config', 'markers.yaml')
-        self.stage = stage.Stage(ros.declare(self, shapes.ShapeParams, defaults))
-        drawn = (stage.VEHICLE, stage.SAFETY, stage.PREDICTION)
+        self.stage = marker_scene.MarkerScene(ros.declare(self, marker_scene.ShapeParams, defaults))
+        drawn = (marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION)
         self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
         self.tf = self.create_publisher(TFMessage, 'tf', TF_DEPTH) if TFMessage else None
         if self.tf is None:
             self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
-        for topic in stage.WATCHED:
+        for topic in marker_scene.WATCHED:
             offered = contract.load().topics[topic].qos[ros.mode(self)]
             callback, kind = partial(self.on_message, topic), ros.message_type(topic)
             self.create_subscription(
@@ -55,7 +55,9 @@ class MarkersNode(Node):
     def on_message(self, topic, raw):
         """Draw what a message changes, and nothing of one that breaks the contract."""
         try:
-            if not self.stage.wants(topic, decode.stamp_ns_of(raw) if topic == stage.STATE else 0):
+            if not self.stage.wants(
+                topic, decode.stamp_ns_of(raw) if topic == marker_scene.STATE else 0
+            ):
                 return
             value = read(topic, raw)
         except decode.DecodeError as error:
@@ -63,8 +65,8 @@ class MarkersNode(Node):
             self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
             return
         for picture in self.stage.take(topic, value):
-            self.pubs[picture.topic].publish(encode.markers(*picture))
-        if topic == stage.STATE and self.tf:
+            self.pubs[picture.topic].publish(encode.marker_array(*picture))
+        if topic == marker_scene.STATE and self.tf:
             self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
 
 

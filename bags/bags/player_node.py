@@ -25,11 +25,9 @@ from rclpy.qos import (
 )
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.playback import playlist
-from bags.playback.keyboard import Keyboard
-from bags.playback.pace import Pace
+from bags.playback import Keyboard, Part, PlaybackClock, build_playlist
 from bags.storage import read
-from bags.storage.rosbag2_layout import offered
+from bags.storage.rosbag2_metadata import parse_qos
 from msgs_yaml import share
 from msgs_yaml.stamp import NS_PER_S
 from node_runtime import ros, spin_node
@@ -77,13 +75,13 @@ class PlayerNode(Node):
         given = self.params
         if not given.bag:
             raise ParameterError('bag: is not given; it names the bag to play')
-        part = playlist.Part(given.start_s, given.duration_s, given.topics)
+        part = Part(given.start_s, given.duration_s, given.topics)
         try:
             with warnings.catch_warnings():
                 # said below, as what a node says
                 warnings.simplefilter('ignore', DamagedBagWarning)
                 bag = read.load(given.bag)
-            made = playlist.of(bag, part, given.clock_hz)
+            made = build_playlist(bag, part, given.clock_hz)
         except BagError as error:
             raise ParameterError(f'bag: {error}') from error
         if bag.damage:
@@ -131,7 +129,7 @@ class PlayerNode(Node):
 
     def _once(self, paused):
         """Send everything once; return False when told to end."""
-        pace = Pace(self.params.rate, time.monotonic_ns(), paused)
+        pace = PlaybackClock(self.params.rate, time.monotonic_ns(), paused)
         late_ns = []
         rows = zip(self.playlist.due_ns.tolist(), self.playlist.topic.tolist())
         for (due_ns, topic), data in zip(rows, self.playlist.payloads):
@@ -195,7 +193,7 @@ def profile(text: str) -> QoSProfile:
 
     What the bag does not say is reliable, volatile, the last DEPTH messages.
     """
-    (found, *_) = [*offered(text), {}]
+    (found, *_) = [*parse_qos(text), {}]
     depth = found.get('depth')
     made = QoSProfile(
         history=HistoryPolicy[(found.get('history') or 'keep_last').upper()],

@@ -18,11 +18,16 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
-from bags.storage import losses
-from bags.storage.inbox import CLOCK, LOCKSTEP, ClockError, Filing, bag_topics
-from bags.storage.recorder_params import RecorderParams
-from bags.storage.recording_health import Monitor
-from bags.storage.rosbag2_writer import BagWriter, Split
+from bags.storage.bag_writer import BagWriter, Split
+from bags.storage.message_filing import (
+    CLOCK,
+    LOCKSTEP,
+    ClockError,
+    Filing,
+    RecorderParams,
+    bag_topics,
+)
+from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from bags.storage.simulated_time import ClockQueue, SimulatedTime
 from msgs_yaml import contract, encode, share
 from msgs_yaml.stamp import NS_PER_S
@@ -55,7 +60,7 @@ class RecorderNode(Node):
         self.heard, self.warned = set(), set()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if ros.mode(self) != LOCKSTEP:  # there a bag does not depend on how fast this machine is
-            self.monitor = Monitor(ros.mode(self))
+            self.monitor = RecordingHealth(ros.mode(self))
             self.health_pub = ros.publisher(self, ros.HEALTH)
             period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
             self.create_timer(period_s, self.tell_health, clock=steady)
@@ -191,7 +196,7 @@ class RecorderNode(Node):
                 f'{left_out} messages are left out whose stamp fell back before {CLOCK} did'
             )
         counted = self.counted()
-        span = self.bag.close({losses.RECORD: losses.record(counted)})
+        span = self.bag.close({LOSS_RECORD: loss_record(counted)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
         for topic, found in counted.items():
             if found.lost:

@@ -8,11 +8,10 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from bags.errors import BagError
-from bags.storage import definitions
-from bags.viewers import shapes
-from bags.viewers.foxglove_server import PORT, Served, Server, invitation
-from bags.viewers.projector import Projector
-from bags.viewers.stage import STATE, Stage
+from bags.storage.message_definitions import schema_text
+from bags.viewers import marker_scene
+from bags.viewers.foxglove_server import PORT, Forwarder, Served, Server, connection_hint
+from bags.viewers.marker_scene import STATE, MarkerScene
 from msgs_yaml import contract, decode, share
 from node_runtime import qos, ros, spin_node
 from node_runtime.parameters import ParameterError
@@ -27,15 +26,15 @@ class ViewNode(Node):
     def __init__(self, port: int):
         super().__init__('view')
         defaults = share.path('bags', 'config', 'markers.yaml')
-        params = ros.declare(self, shapes.ShapeParams, defaults)
+        params = ros.declare(self, marker_scene.ShapeParams, defaults)
         topics = contract.load().topics.values()
-        self.schemas = {topic.type: definitions.schema_text(topic.type) for topic in topics}
+        self.schemas = {topic.type: schema_text(topic.type) for topic in topics}
         heard = [topic for topic in topics if not topic.on_request]
         try:
             self.server = Server([self._served(topic) for topic in heard], port)
         except BagError as error:
             raise ParameterError(str(error)) from error
-        self.projector = Projector(self.server, Stage(params))
+        self.projector = Forwarder(self.server, MarkerScene(params))
         self.now_ns = 0
         for topic in heard:
             offered = topic.qos['realtime']
@@ -43,7 +42,7 @@ class ViewNode(Node):
             self.create_subscription(
                 kind, ros.relative(topic.name), callback, qos.watching(offered), raw=True
             )
-        print(invitation(self.server.url), flush=True)
+        print(connection_hint(self.server.url), flush=True)
 
     def _served(self, topic):
         latched = topic.qos['realtime'].durability == LATCHED

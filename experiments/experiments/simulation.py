@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError
+from bags.evaluation.drive import Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
-from bags.verdict import recorded
-from bags.verdict.drive import Drive
 from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -78,7 +77,7 @@ def prepare(
 
 def drive(setup: Setup) -> Drive:
     """Simulate once and return the Drive of an equivalent recording, ready for the metrics."""
-    return recorded.of(run(setup), run_info(setup), setup.controller)
+    return drive_from_columns(run(setup), run_info(setup), setup.controller)
 
 
 def run(setup: Setup) -> dict[str, Columns]:

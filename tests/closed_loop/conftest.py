@@ -5,7 +5,8 @@ from functools import cache
 
 import pytest
 
-from bags.verdict import metrics, recorded
+from bags.evaluation.drive import drive_from_columns
+from bags.evaluation.metrics import compute_metrics
 from experiments import simulation
 from mpcc_controller import car_file
 from mpcc_controller.parameters import ControllerParams
@@ -41,7 +42,7 @@ class SimulatedRuns:
         """Return the columns of a run, and its Drive."""
         setup = self.setup(scene, controller)
         columns = simulation.run(setup)
-        return columns, recorded.of(columns, simulation.run_info(setup), controller)
+        return columns, drive_from_columns(columns, simulation.run_info(setup), controller)
 
     def ablated(self, scene, controller, **rules):
         """Return the Drive of a run with other rules of the cost."""
@@ -52,7 +53,7 @@ class SimulatedRuns:
 
     def metrics(self, scene, controller):
         """Return the metrics of a run."""
-        return metrics.of(self.drive(scene, controller)[1])
+        return compute_metrics(self.drive(scene, controller)[1])
 
 
 @pytest.fixture(scope='session')

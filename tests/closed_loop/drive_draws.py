@@ -31,8 +31,9 @@ from draw_driver import Driver
 from independent_verdict import Body, Motion
 from random_scenarios import Draw
 
-from bags.report import compare
-from bags.verdict import metrics, recorded
+from bags.evaluation import metrics
+from bags.evaluation.drive import drive_from_columns
+from bags.report.comparison import compare_drives
 from experiments import simulation
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
@@ -87,11 +88,11 @@ def _driven(one: Draw, file: Path, report: Path | None) -> dict[str, Any]:
     setup = setup._replace(scn=scn)
     params, plant = setup.params, setup.plant
     columns = simulation.run(setup)
-    drive = recorded.of(columns, simulation.run_info(setup), setup.controller)
-    found = metrics.of(drive)
+    drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
+    found = metrics.compute_metrics(drive)
     json.dumps(found, allow_nan=False)
     if report:
-        written = compare.write({setup.controller: drive}, report / 'report')
+        written = compare_drives({setup.controller: drive}, report / 'report')
         json.loads(written.file.read_text(), parse_constant=_refuse_constant)
     judged = _judged(scn, columns['/vehicle/odometry'], params, plant)
     findings = [

@@ -1,4 +1,4 @@
-"""A second judge of a drive: brute-force plane geometry that shares no code with `bags.verdict`.
+"""A second judge of a drive: brute-force plane geometry that shares no code with `bags.evaluation`.
 
 It knows the scenario as it was written and the columns of the drive, and looks at every sample.
 Metres, seconds, radians, frame map. Where a rounding decides, it gives no verdict (None).

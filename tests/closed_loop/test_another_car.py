@@ -2,7 +2,7 @@
 
 import pytest
 
-from bags.verdict import metrics
+from bags.evaluation import metrics
 from experiments import simulation
 from vehicle_plant import identify
 
@@ -20,7 +20,7 @@ def car(tmp_path_factory):
 
 def driven(car, **more):
     settings = {'plant': PLANT, 'controller': {'car_file': car, **more}}
-    return metrics.of(simulation.drive(simulation.prepare(SCENARIO, 'mpcc', settings)))
+    return metrics.compute_metrics(simulation.drive(simulation.prepare(SCENARIO, 'mpcc', settings)))
 
 
 def test_a_front_wheel_drive_car_drives_the_double_lane_change_with_its_file_alone(car):

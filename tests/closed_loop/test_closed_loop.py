@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from bags.evaluation import metrics
 from bags.storage.columns import Values
-from bags.verdict import metrics
 
 DOUBLE = 'double_lane_change'
 
@@ -112,7 +112,7 @@ def test_the_baseline_drives_the_double_lane_change_past_both_obstacles(simulate
 def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(simulated, rule, aside_m):
     """By a millimetre at least; the same rules repeat a drive to the last bit."""
     driven = simulated.ablated(DOUBLE, 'mpcc', **rule)
-    found = metrics.of(driven)
+    found = metrics.compute_metrics(driven)
     assert found['completed']
     assert not found['collided']
     X = np.linspace(5.0, 150.0, 500)
@@ -124,5 +124,5 @@ def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(simula
 
 
 def test_a_step_pushes_harder_than_a_gaussian_of_the_same_priority(simulated):
-    step = metrics.of(simulated.ablated(DOUBLE, 'mpcc', priority='step'))
+    step = metrics.compute_metrics(simulated.ablated(DOUBLE, 'mpcc', priority='step'))
     assert step['min_v2o_m'] > simulated.metrics(DOUBLE, 'mpcc')['min_v2o_m'] + 0.02

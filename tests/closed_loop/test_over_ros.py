@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from driven import drive
 
+from bags.evaluation.drive import drive_from_bag
 from bags.storage import read
 from bags.storage.columns import Values
-from bags.verdict import recorded
 
 SCENARIO = 'double_lane_change'
 # friction patches go another way to the plant than everything else
@@ -37,7 +37,7 @@ def test_over_ros_and_in_process_the_ring_computes_the_same_bits(simulated, bags
 
 def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(simulated, bags):
     _, driven = simulated.drive(SCENARIO, 'mpcc')
-    assert recorded.of_bag(bags[SCENARIO]).facts == driven.facts
+    assert drive_from_bag(bags[SCENARIO]).facts == driven.facts
 
 
 def test_a_slippery_patch_is_felt_by_the_wheels_on_it(simulated):

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bags.verdict import two_frames
+from bags.evaluation import frame_distances
 from mpcc_controller.model import tree
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference, road
@@ -64,19 +64,19 @@ def gaps():
 @pytest.mark.parametrize('inside', [1.0, -1.0])
 def test_the_mpcc_sees_the_chord_of_the_circle(simulated, gaps, inside):
     found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside)
-    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.cartesian, abs=1e-9)
 
 
 @pytest.mark.parametrize('inside', [1.0, -1.0])
 def test_the_baseline_sees_the_path_as_straight(simulated, gaps, inside):
     found = distances(simulated, 'frenet', on_path(STATION + gaps), inside)
-    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.frenet, abs=1e-9)
 
 
 @pytest.mark.parametrize('inside', [1.0, -1.0])
 def test_the_mpcc_that_measures_along_the_path_sees_what_the_baseline_sees(simulated, gaps, inside):
     found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside, {'distance': 'path'})
-    closed = two_frames.on_circle(RADIUS, gaps, inside, 2.1)
+    closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
     assert found == pytest.approx(closed.frenet, abs=1e-9)

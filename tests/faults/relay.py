@@ -24,7 +24,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bags.storage import stamps
+from bags.storage.decoding import stamp_reader
 from msgs_yaml import contract
 from msgs_yaml.decode import DecodeError
 from node_runtime import qos, realtime, ros, spin_node
@@ -51,7 +51,7 @@ class Relay(Node):
         self.told = False
         self.held: list[tuple[float, Callable[[], None]]] = []  # when to send, what
         topics = contract.load().topics
-        self.stamps = {name: stamps.reader(topics[name].type) for name in topics}
+        self.stamps = {name: stamp_reader(topics[name].type) for name in topics}
         for name in given.topics:
             profile = qos.profile(topics[name].qos[given.mode])
             kind = ros.message_type(name)

@@ -99,7 +99,7 @@ def harmful(fault: Fault, bag: read.Bag) -> int:
 
 def readable(folder: Path) -> read.Bag:
     """Return a bag, mended where its recorder could not complete it."""
-    repair.repair(folder)
+    repair.repair_bag(folder)
     with warnings.catch_warnings():
         warnings.simplefilter('error', DamagedBagWarning)
         return read.load(folder)

@@ -14,9 +14,9 @@ with guided.instrumented('bags', 'msgs_yaml'):
     from mcap_pieces import changed, small_bags
 
     from bags.errors import BagError, DamagedBagWarning
-    from bags.playback import playlist
+    from bags.evaluation.bag_summary import summarize_bag
+    from bags.playback import build_playlist
     from bags.storage import read, repair
-    from bags.verdict.summary import summary
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
 FOLDER = guided.scratch() / 'bag'
@@ -42,9 +42,9 @@ def judge(data: bytes) -> None:
         before = attempt(read.load, FOLDER)
         if before is not None:
             use(before)
-        done = attempt(repair.repair, FOLDER)
+        done = attempt(repair.repair_bag, FOLDER)
         if done is not None:
-            assert repair.report(done)
+            assert repair.describe_repair(done)
             compare(before, done, data)
 
 
@@ -60,8 +60,8 @@ def attempt(action, *arguments):
 
 def use(bag: read.Bag) -> None:
     """Ask for everything that can be asked of a bag."""
-    attempt(summary, bag)
-    attempt(playlist.of, bag)
+    attempt(summarize_bag, bag)
+    attempt(build_playlist, bag)
     for topic in bag.recordings:
         attempt(read.columns, bag, [topic])
         attempt(read.values, bag, topic)

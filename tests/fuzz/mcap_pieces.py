@@ -19,7 +19,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from bags.storage import contents, read, scan
+from bags.storage import mcap_scan, read
+from bags.storage.mcap_reader import MESSAGE_HEADER
 
 KINDS = {
     Opcode.SCHEMA: Schema,
@@ -83,7 +84,7 @@ def changed(data: bytes, choose: random.Random) -> bytes:
 
 
 def _several(data, choose):
-    records = [(opcode, data[begin:end]) for opcode, begin, end in scan.inner(data)]
+    records = [(opcode, data[begin:end]) for opcode, begin, end in mcap_scan.records_in_chunk(data)]
     if not records:
         return guided.scrambled(data, choose)
     at = choose.randrange(len(records))
@@ -97,12 +98,14 @@ def _several(data, choose):
         moved = records.pop(at)
         if how < 0.95:
             records.insert(choose.randrange(len(records) + 1), moved)
-    return b''.join(scan.PREFIX.pack(opcode, len(body)) + body for opcode, body in records)
+    return b''.join(
+        mcap_scan.RECORD_PREFIX.pack(opcode, len(body)) + body for opcode, body in records
+    )
 
 
 def _record(opcode, body, choose):
     if opcode == Opcode.MESSAGE:
-        head = contents.HEAD.itemsize
+        head = MESSAGE_HEADER.itemsize
         if choose.random() < 0.8:
             return body[:head] + guided.scrambled(body[head:], choose)
     elif opcode in KINDS and choose.random() < 0.9:
@@ -113,7 +116,7 @@ def _record(opcode, body, choose):
             return guided.scrambled(body, choose)
         built = RecordBuilder()
         record.write(built)
-        return built.end()[scan.PREFIX.size :]
+        return built.end()[mcap_scan.RECORD_PREFIX.size :]
     return guided.scrambled(body, choose)
 
 

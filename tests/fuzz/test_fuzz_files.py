@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read, repair
-from bags.storage.inbox import ClockError, Filing, bag_topics
-from bags.storage.recorder_params import RecorderParams
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.bag_writer import BagWriter
+from bags.storage.message_filing import ClockError, Filing, RecorderParams, bag_topics
 from bags.storage.simulated_time import SimulatedTime
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import contract, share
@@ -205,13 +204,13 @@ def look(file):
     """Read, mend and read a bag: BagError may come, and names the file; a mended one is sound."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DamagedBagWarning)
-        for use in (read.columns, repair.repair):
+        for use in (read.columns, repair.repair_bag):
             told = complaint(BagError, use, file)
             assert told is None or str(file) in told
     if told is None:
         with warnings.catch_warnings():
             warnings.simplefilter('error', DamagedBagWarning)
-            assert repair.repair(file).intact
+            assert repair.repair_bag(file).intact
             told = complaint(BagError, read.load, file)
             assert told in (None, f'{file}: the bag holds no message')
     for left in file.parent.glob('damaged_0.mcap*'):

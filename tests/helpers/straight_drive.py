@@ -2,12 +2,22 @@
 
 import numpy as np
 
-from bags.verdict import drive, geometry
+from bags.evaluation import geometry
+from bags.evaluation.drive import (
+    Accelerations,
+    Drive,
+    Facts,
+    Inputs,
+    Motion,
+    Obstacle,
+    Scene,
+    Ticks,
+)
 
 MS = 1_000_000
 START_NS = 1_000_000_000
 SPEED = 20.0  # m/s
-FACTS = drive.Facts(
+FACTS = Facts(
     scenario='straight',
     controller='mpcc',
     outline=geometry.Outline(front=2.4, rear=2.4, width=1.8),
@@ -24,7 +34,7 @@ FACTS = drive.Facts(
 
 def straight_scene(obstacles=()):
     """Return a road along x, edges 3 m to either side, with obstacle messages at 20 Hz."""
-    return drive.Scene(
+    return Scene(
         reference=np.array([[x, 0.0] for x in np.arange(0.0, 121.0, 1.0)]),
         left=np.array([[0.0, 3.0], [120.0, 3.0]]),
         right=np.array([[0.0, -3.0], [120.0, -3.0]]),
@@ -36,7 +46,7 @@ def straight_scene(obstacles=()):
 def fixed_obstacle(number, x, y, radius=1.0):
     """Return an obstacle that stands still throughout."""
     still = np.zeros(101)
-    return drive.Obstacle(number, np.full(101, x), np.full(101, y), still, still, radius)
+    return Obstacle(number, np.full(101, x), np.full(101, y), still, still, radius)
 
 
 def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **facts):
@@ -49,13 +59,11 @@ def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **f
 
     # the boundary the run ends at is not answered any more
     answered = stamp_ns[:-1:50]
-    return drive.Drive(
-        drive.Motion(stamp_ns, x, over(y), over(yaw), np.full(len(x), SPEED), over(vy)),
-        drive.Accelerations(stamp_ns, -x / 20.0, 8.0 * np.sin(x / 10.0)),
-        drive.Inputs(stamp_ns, 0.1 * np.sin(x / 10.0), over(force)),
-        drive.Ticks(
-            answered, *np.repeat([[5.0], [4.0]], len(answered), axis=1), np.zeros(len(answered))
-        ),
+    return Drive(
+        Motion(stamp_ns, x, over(y), over(yaw), np.full(len(x), SPEED), over(vy)),
+        Accelerations(stamp_ns, -x / 20.0, 8.0 * np.sin(x / 10.0)),
+        Inputs(stamp_ns, 0.1 * np.sin(x / 10.0), over(force)),
+        Ticks(answered, *np.repeat([[5.0], [4.0]], len(answered), axis=1), np.zeros(len(answered))),
         straight_scene() if scene is None else scene,
         FACTS._replace(**facts),
     )

@@ -134,7 +134,7 @@ def test_who_stores_does_not_judge():
     storing = [path for path in MODULES if path.parent.name == 'storage']
     assert storing
     judging = offences(
-        storing, lambda path: {n for n in imported(path) if n.startswith('bags.verdict')}
+        storing, lambda path: {n for n in imported(path) if n.startswith('bags.evaluation')}
     )
     assert judging == {}
 

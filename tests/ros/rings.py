@@ -105,5 +105,5 @@ class Ring:
     def recorded(self) -> read.Bag:
         """End the recorder, mend its bag where it could not, and read it."""
         processes.stop([self.running['recorder']], 20.0)
-        repair.repair(self.bag)
+        repair.repair_bag(self.bag)
         return read.load(self.bag)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from rings import ROLES, Ring
 
-from bags.report import compare
-from bags.storage import losses, read
+from bags.report.comparison import compare_bags
+from bags.storage import read
+from bags.storage.message_loss import LOSS_RECORD
 from experiments.configuration import inputs, node_config
 from experiments.run import processes
 from msgs_yaml import contract
@@ -109,7 +110,7 @@ def test_a_ring_hears_only_its_own_clock_and_health(pair):
 
 def test_nothing_is_lost_beside_another_ring(together):
     for bag in together.values():
-        for topic, text in bag.records[losses.RECORD].items():
+        for topic, text in bag.records[LOSS_RECORD].items():
             assert json.loads(text)['lost'] in (0, None), f'{bag.path}: {topic}'
 
 
@@ -122,6 +123,6 @@ def test_a_bag_has_the_names_of_the_contract_and_notes_its_namespace(pair):
 
 def test_both_bags_can_be_compared(together, tmp_path):
     folders = [bag.path.parent for bag in together.values()]
-    compare.bags(folders, tmp_path, force=True)
+    compare_bags(folders, tmp_path, force=True)
     compared = json.loads((tmp_path / 'comparison.json').read_text())
     assert set(compared['runs']) == {'mpcc_car1', 'mpcc_car2'}

@@ -127,7 +127,7 @@ def realtime(highway, tmp_path_factory, domain):
         ring.wait_for('plant', 'holding the car at its start', PATIENCE_S)
         second_whys = whys(ring)
         x_m = read.columns(read.load(ring.bag), [STATE])[STATE].x_m
-    repair.repair(first)
+    repair.repair_bag(first)
     first_whys = read.values(read.load(first), WHY)
     return SimpleNamespace(
         first_whys=first_whys, second_whys=second_whys, second_x_m=x_m, folder_in_use=in_use

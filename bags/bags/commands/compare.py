@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Compare and show. Raises BagError."""
-    from bags.report import compare
+    from bags.report.comparison import compare_bags, show_comparison
 
     out = chosen.out or Path(os.path.abspath(chosen.bags[0])).parent
-    compare.show(compare.bags(chosen.bags, out, chosen.force, chosen.claims), Console())
+    show_comparison(compare_bags(chosen.bags, out, chosen.force, chosen.claims), Console())
     return 0

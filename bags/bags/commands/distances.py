@@ -22,8 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Measure and show. Raises BagError."""
-    from bags.pictures import distances
+    from bags.figures import frame_distance_figure
 
     out = chosen.out or Path(os.path.abspath(chosen.bag)).parent
-    distances.show(distances.bag(chosen.bag, out), Console())
+    frame_distance_figure.show_frame_distances(
+        frame_distance_figure.write_from_bag(chosen.bag, out), Console()
+    )
     return 0

@@ -19,13 +19,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print the summary. Raises BagError when the bag cannot be read."""
+    from bags.evaluation.bag_summary import summarize_bag
     from bags.storage import info, read
-    from bags.verdict.summary import summary
 
     with warnings.catch_warnings():
         # the damage is part of what is printed
         warnings.simplefilter('ignore', DamagedBagWarning)
-        found = summary(read.load(chosen.bag))
+        found = summarize_bag(read.load(chosen.bag))
     if chosen.json:
         print(json.dumps(found, indent=2))
     else:

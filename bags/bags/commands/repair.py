@@ -20,7 +20,7 @@ def run(chosen: argparse.Namespace) -> int:
     failed = 0
     for bag in chosen.bag:
         try:
-            print(repair.report(repair.repair(bag)))
+            print(repair.describe_repair(repair.repair_bag(bag)))
         except BagError as error:
             failed = 1
             print(f'error: {error}', file=sys.stderr)

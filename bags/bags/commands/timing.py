@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print the report. Raises BagError when the bag cannot be read."""
+    from bags.evaluation import tick_timing
     from bags.storage import read
-    from bags.verdict import punctuality
 
-    found = punctuality.report(read.load(chosen.bag))
+    found = tick_timing.timing_report(read.load(chosen.bag))
     if chosen.json:
         print(json.dumps(found, indent=2))
     else:
@@ -41,8 +41,9 @@ def run(chosen: argparse.Namespace) -> int:
 
 def show(found: dict[str, Any], console: Console) -> None:
     """Print a report for a person; a dash for what its bag does not tell."""
-    from bags.storage import info, sift
-    from bags.verdict.punctuality import QUANTILES
+    from bags.evaluation.tick_timing import QUANTILES
+    from bags.storage import info
+    from bags.storage.invalid_messages import describe_invalid
 
     table = Table(box=None, header_style='bold', pad_edge=False)
     table.add_column('ms')
@@ -51,7 +52,7 @@ def show(found: dict[str, Any], console: Console) -> None:
     for title, values in _rows(found):
         table.add_row(title, *(_number((values or {}).get(name), 2) for name in QUANTILES))
     console.print(table)
-    for line in sift.lines(found):
+    for line in describe_invalid(found):
         console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(info.told(found['ticks']), highlight=False)
     console.print(f'mean interval {_number(found["interval_ms"]["mean"], 3)} ms', highlight=False)

@@ -51,14 +51,14 @@ def run(chosen: argparse.Namespace) -> int:
         os.execv(command[0], [*command, '--port', str(chosen.port)])
     # Foxglove's library takes half a second to load
     from bags.storage import read
-    from bags.viewers.foxglove_server import invitation
-    from bags.viewers.screening import Screening
+    from bags.viewers.foxglove_server import connection_hint
+    from bags.viewers.playback_server import PlaybackServer
 
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    screening = Screening(read.load(chosen.bag), chosen.port, chosen.rate, chosen.loop)
-    print(invitation(screening.server.url), flush=True)
+    screening = PlaybackServer(read.load(chosen.bag), chosen.port, chosen.rate, chosen.loop)
+    print(connection_hint(screening.server.url), flush=True)
     try:
         screening.run(stop.is_set)
     finally:

@@ -1,8 +1,12 @@
-"""Put figures, film, numbers and provenance into one HTML file that needs nothing else."""
+"""The claims of the paper with their verdicts, as `claims.json` holds them.
 
+Put figures, film, numbers and provenance into one HTML file that needs nothing else."""
+
+import json
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jinja2
@@ -11,63 +15,117 @@ from bokeh.embed import components
 from bokeh.models import CustomJS, Range1d
 from bokeh.resources import Resources
 
-from bags.pictures import palette, table
-from bags.pictures.panels import Run
-from bags.report import plots, provenance, top_view
-from bags.report.account import NOTHING, Account
-from bags.report.claims import Claim
-from bags.report.curves import PANELS
-from bags.storage import sift
+from bags.errors import BagError
+from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
+from bags.figures import style
+from bags.figures.panels import Run
+from bags.report import animation, interactive_panels, metrics_table
+from bags.report.comparability import origin_rows, parameter_rows
+from bags.report.interactive_panels import PANELS
+from bags.storage.invalid_messages import KEY
 
-FILE = 'report.html'
+CLAIMS_FILE = 'claims.json'
+
+
+class Claim(NamedTuple):
+    """One claim: what the paper says, what came out here, and why; texts for a person."""
+
+    claim: str
+    paper: str
+    ours: str
+    verdict: str  # reproduced, partly, not, not decided here
+    cause: str
+    reasons: Mapping[str, str] = MappingProxyType({})  # by the letters behind the verdict
+
+
+TEXTS = tuple(name for name in Claim._fields if name not in Claim._field_defaults)
+
+
+def claims_beside(folder: Path) -> Path | None:
+    """Return the claims.json in `folder`, None where there is none."""
+    file = folder / CLAIMS_FILE
+    return file if file.is_file() else None
+
+
+def load_claims(file: Path) -> list[Claim]:
+    """Read a list of {claim, paper, ours, verdict, cause}; BagError says what is wrong with it.
+
+    `reasons` may be added: what the letters behind a verdict mean. Further keys are left alone.
+    """
+    try:
+        found = json.loads(file.read_text())
+    except (OSError, ValueError) as error:
+        raise BagError(f'{file}: no claims can be read: {error}') from None
+    if not isinstance(found, list):
+        raise BagError(f'{file}: must be a list of claims, is a {type(found).__name__}')
+    return [_claim(file, k, one) for k, one in enumerate(found)]
+
+
+def _claim(file, k, one):
+    missing = [key for key in TEXTS if not isinstance(one, dict) or key not in one]
+    if missing:
+        raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
+    reasons = one.get('reasons', {})
+    if not isinstance(reasons, dict) or not all(isinstance(it, str) for it in reasons.values()):
+        raise BagError(f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}')
+    return Claim(*(_claim_text(one[key]) for key in TEXTS), reasons)
+
+
+def _claim_text(value: Any):
+    if value is None:
+        return '–'
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+REPORT_FILE = 'report.html'
 PAGE = files('bags.report') / 'page'
 START = 'startReport(film, panels)'  # in report.js
 GOOD = {True: 'good', False: 'bad', None: ''}
 
 
-class Material(NamedTuple):
+class ReportData(NamedTuple):
     """What the report is made of."""
 
     values: Mapping[str, Any]  # comparison.json
     runs: Sequence[Run]
-    accounts: Mapping[str, Account]  # by run; a run may lack one
+    accounts: Mapping[str, ControllerLog]  # by run; a run may lack one
     claims: Sequence[Claim] = ()
 
 
-def write(material: Material, file: Path) -> Path:
+def write_report(material: ReportData, file: Path) -> Path:
     """Write the report of a comparison; return `file`."""
-    file.write_text(html(material), encoding='utf-8')
+    file.write_text(report_html(material), encoding='utf-8')
     return file
 
 
-def html(material: Material) -> str:
+def report_html(material: ReportData) -> str:
     """Return the page: styles, scripts and data are inside, and nothing is fetched."""
     runs = material.runs
-    accounts = {run.name: material.accounts.get(run.name, NOTHING) for run in runs}
+    accounts = {run.name: material.accounts.get(run.name, EMPTY_LOG) for run in runs}
     infos = [accounts[run.name].info for run in runs]
-    view = top_view.build(runs, accounts)
+    view = animation.build_top_view(runs, accounts)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [plots.panel(one, runs, accounts, time_axis) for one in PANELS]
-    panels = [plot for plot in panels if plot] + [plots.gg(runs)]
+    panels = [interactive_panels.plot_panel(one, runs, accounts, time_axis) for one in PANELS]
+    panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
     script, divs = _embedded(view, panels)
     return _template().render(
         scenario=material.values['scenario'],
-        runs=[(run.name, run.colour, run.name in palette.KNOWN_DASHES) for run in runs],
+        runs=[(run.name, run.colour, run.name in style.KNOWN_DASHES) for run in runs],
         damage=material.values.get('damage', {}),
-        invalid=material.values.get(sift.KEY, {}),
+        invalid=material.values.get(KEY, {}),
         verdicts={name: found['verdict'] for name, found in material.values['runs'].items()},
         duration=duration,
         film=divs.pop('film'),
         gg=divs.pop('gg'),
         panels=divs,
-        lines=table.lines(material.values['runs']),
-        paper_note=table.PAPER_NOTE,
+        lines=metrics_table.table_lines(material.values['runs']),
+        paper_note=metrics_table.PAPER_NOTE,
         good=GOOD,
         claims=material.claims,
         reasons={key: text for one in material.claims for key, text in one.reasons.items()},
-        origin=provenance.origin(infos),
-        parameters=provenance.parameters(infos),
+        origin=origin_rows(infos),
+        parameters=parameter_rows(infos),
         bokeh_js='\n'.join(Resources(mode='inline', components=['bokeh']).js_raw),
         bokeh_script=script,
         style=(PAGE / 'report.css').read_text(),

@@ -11,7 +11,7 @@ from functools import lru_cache
 from itertools import groupby
 
 from bags.errors import BagError
-from bags.storage.definition_text import parse
+from bags.storage.message_definitions import parse_definition
 
 HEADER = 4  # bytes of encapsulation; alignment counts from its end
 CODES = {
@@ -51,7 +51,7 @@ def decode(data: bytes, text: str, type_name: str) -> tuple:
 @lru_cache(maxsize=64)
 def _reader(text, type_name, order) -> Callable:
     """Compile the definition into read(data, position) -> (value, position)."""
-    types = parse(text, type_name)
+    types = parse_definition(text, type_name)
     compiled = {}
 
     def message(name):

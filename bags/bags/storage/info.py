@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bags.storage import sift
+from bags.storage.invalid_messages import describe_invalid
 
 MB = 1e6
 NOT_KNOWN = '-'
@@ -43,7 +43,7 @@ def show(found: dict[str, Any], console: Console) -> None:
     if found['damage']:
         console.print(Text(found['damage'], style='red'))
     console.print(table(found['topics']))
-    for line in sift.lines(found):
+    for line in describe_invalid(found):
         console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     for line in _loop(found):
         console.print(line, markup=False, highlight=False)

@@ -14,11 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage import contents, decoders, stamps, tables
 from bags.storage.columns import SOURCES, Columns, Values
-from bags.storage.decoders import DECODERS, INVALID
-from bags.storage.files import mcap_files, missing_before
-from bags.storage.rosbag2_layout import BagTopic
+from bags.storage.decoding import (
+    DECODE_ERRORS,
+    DECODERS,
+    build_columns,
+    decode_message,
+    header_stamps_ns,
+)
+from bags.storage.mcap_reader import mcap_files, missing_before, read_mcap
+from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml.stamp import NS_PER_S
 
 STATE = '/vehicle/odometry'
@@ -34,7 +39,7 @@ class Recording(NamedTuple):
     payloads: list[bytes]  # CDR with its encapsulation header
 
 
-class Invalid(NamedTuple):
+class InvalidMessages(NamedTuple):
     """The messages of one topic that break the contract."""
 
     count: int
@@ -54,7 +59,7 @@ class Bag(NamedTuple):
     records: dict[str, dict[str, str]]  # what else was noted, by the name of the MCAP record
     damage: str | None  # where it is damaged; what lies behind was not read
     # of a bag that was sifted (`sift.sift`): what was left out, by topic, and values decoded then
-    invalid: Mapping[str, Invalid] = NOTHING
+    invalid: Mapping[str, InvalidMessages] = NOTHING
     decoded: Mapping[str, list[Any]] = NOTHING
     sifted: bool = False
 
@@ -78,7 +83,7 @@ def load(path: Path | str) -> Bag:
         if missing:
             damage = f'{place}: {missing} is missing; read up to there'
             break
-        found.append(contents.load(file, whole=False))
+        found.append(read_mcap(file, whole=False))
         if found[-1].damage:
             damage = _where(file, found[-1].damage[0], path)
             break
@@ -180,7 +185,7 @@ def _zero_ns(bag):
     """Stamp of the first state; of the first message where no state was recorded."""
     if _has(bag, STATE):
         try:
-            return int(stamps.of(STATE, bag.recordings[STATE].payloads[:1])[0])
+            return int(header_stamps_ns(STATE, bag.recordings[STATE].payloads[:1])[0])
         except BagError as error:
             raise BagError(f'{bag.path}: {error}') from error
     return min(int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads)
@@ -191,7 +196,7 @@ def _table(bag, name, zero_ns):
     payloads = _changes(recorded.payloads)
     if name in SOURCES:
         try:
-            return tables.build(SOURCES[name], recorded.topic, payloads, zero_ns)
+            return build_columns(SOURCES[name], recorded.topic, payloads, zero_ns)
         except BagError as error:
             raise BagError(f'{bag.path}: {name}: {error}') from error
     found = _decoded(bag, recorded.topic, payloads)
@@ -212,7 +217,7 @@ def _decoded(bag, topic, payloads):
         if payload in found:
             continue
         try:
-            found[payload] = decoders.value(topic, payload)
-        except INVALID as error:
+            found[payload] = decode_message(topic, payload)
+        except DECODE_ERRORS as error:
             raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
     return [found[payload] for payload in payloads]

@@ -15,12 +15,10 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.storage.contents import NOTHING, Contents, load
-from bags.storage.files import mcap_files, missing_before
-from bags.storage.mcap_file import McapFile
-from bags.storage.rosbag2_layout import NO_YAML, FileFacts, Span, metadata
-from bags.storage.rosbag2_writer import METADATA, mcap_name, write_metadata
-from bags.storage.scan import Damage
+from bags.storage.bag_writer import METADATA, McapFile, mcap_name, write_metadata
+from bags.storage.mcap_reader import EMPTY_FILE, Contents, mcap_files, missing_before, read_mcap
+from bags.storage.mcap_scan import Damage
+from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, Span, build_metadata
 from msgs_yaml.stamp import NS_PER_S
 
 COMPARED = ('message_count', 'starting_time', 'relative_file_paths')
@@ -58,7 +56,7 @@ class Repair(NamedTuple):
         return max(file.facts.span.last_ns for file in self.files)
 
 
-def repair(path: Path | str) -> Repair:
+def repair_bag(path: Path | str) -> Repair:
     """Rebuild summary, footer and metadata.yaml of a bag (its folder or one MCAP file).
 
     A complete file stays untouched. A file of a split bag that describes no topic becomes an
@@ -67,13 +65,15 @@ def repair(path: Path | str) -> Repair:
     """
     files = mcap_files(path)
     place = files[0] if len(files) == 1 else Path(path)
-    found = [load(file) if len(files) == 1 or file.stat().st_size else NOTHING for file in files]
+    found = [
+        read_mcap(file) if len(files) == 1 or file.stat().st_size else EMPTY_FILE for file in files
+    ]
     topics = {topic.name: topic for one in found for topic in one.topics.values()}
     if not topics:
         raise BagError(f'{place}: nothing can be recovered: no topic is described in it')
     described = tuple(topics.values())
     done = [_one(file, contents, described) for file, contents in zip(files, found)]
-    information = metadata(described, [file.facts for file in done])
+    information = build_metadata(described, [file.facts for file in done])
     counts = sum((file.facts.counts for file in done), Counter())
     return Repair(
         path=place,
@@ -143,13 +143,13 @@ def _complete_folder(folder, information, is_bag):
         written = yaml.safe_load(text)['rosbag2_bagfile_information']
         if all(written[key] == information[key] for key in COMPARED):
             return False
-    except (OSError, TypeError, *NO_YAML):
+    except (OSError, TypeError, *YAML_ERRORS):
         pass
     write_metadata(folder, information)
     return True
 
 
-def report(done: Repair) -> str:
+def describe_repair(done: Repair) -> str:
     """Return what was found and done, for a person."""
     if done.intact:
         text = f'{done.path}: complete, nothing to repair'

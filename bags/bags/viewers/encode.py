@@ -7,20 +7,20 @@ from geometry_msgs.msg import Point, TransformStamped
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from bags.viewers import shapes
-from bags.viewers.shapes import Shape
+from bags.viewers import marker_scene
+from bags.viewers.marker_scene import Shape
 from msgs_yaml import contract, stamp, yaw
 from msgs_yaml.types import VehicleState
 
 TYPES = {
-    shapes.BOX: Marker.CUBE,
-    shapes.DISC: Marker.CYLINDER,
-    shapes.LINE: Marker.LINE_STRIP,
-    shapes.TEXT: Marker.TEXT_VIEW_FACING,
+    marker_scene.BOX: Marker.CUBE,
+    marker_scene.DISC: Marker.CYLINDER,
+    marker_scene.LINE: Marker.LINE_STRIP,
+    marker_scene.TEXT: Marker.TEXT_VIEW_FACING,
 }
 
 
-def markers(topic: str, stamp_ns: int, drawn: Sequence[Shape]) -> MarkerArray:
+def marker_array(topic: str, stamp_ns: int, drawn: Sequence[Shape]) -> MarkerArray:
     """Return the message of a marker topic: the shapes drawn now, and nothing of before."""
     frame = contract.load().topics[topic].frame
     header = Header(stamp=_time(stamp_ns), frame_id=frame)
@@ -43,7 +43,7 @@ def _marker(header, one):
     position, orientation = msg.pose.position, msg.pose.orientation
     position.x, position.y, position.z = one.at
     orientation.z, orientation.w = yaw.to_quaternion(one.yaw)
-    if one.kind == shapes.TEXT:
+    if one.kind == marker_scene.TEXT:
         msg.scale.z = one.size[0]
     else:
         msg.scale.x, msg.scale.y, msg.scale.z = one.size

@@ -2,7 +2,9 @@
 
 Messages keep the schema and the bytes (CDR) of ROS 2, so that Foxglove shows them as it would a
 bag; shapes and the frame of the car are sent in Foxglove's own schemas.
-"""
+
+
+Passes messages on to a server, and draws what they change."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -13,9 +15,19 @@ from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
 from foxglove.websocket import ServerListener
 
 from bags.errors import BagError
-from bags.viewers import shapes
-from bags.viewers.shapes import Shape
-from bags.viewers.stage import PREDICTION, SAFETY, VEHICLE, Picture
+from bags.storage.decoding import DECODE_ERRORS, decode_message
+from bags.storage.rosbag2_metadata import BagTopic
+from bags.viewers import marker_scene
+from bags.viewers.marker_scene import (
+    PREDICTION,
+    SAFETY,
+    STATE,
+    VEHICLE,
+    WATCHED,
+    Drawing,
+    MarkerScene,
+    Shape,
+)
 from msgs_yaml import share, stamp, yaw
 from msgs_yaml.types import VehicleState
 
@@ -85,15 +97,15 @@ class Server(ServerListener):
             self._latched[topic] = (payload, log_ns)
         self._channels[topic].log(payload, log_time=log_ns)
 
-    def draw(self, picture: Picture, log_ns: int) -> None:
+    def draw(self, picture: Drawing, log_ns: int) -> None:
         """Show a picture, unless its topic is among those that are sent as they are."""
         if picture.topic in self._scenes:
-            update = scene(picture)
+            update = scene_update(picture)
             self._scenes[picture.topic].log(update, log_time=log_ns)
 
     def place(self, state: VehicleState, log_ns: int) -> None:
         """Say where the car is."""
-        self._frames.log(frame(state), log_time=log_ns)
+        self._frames.log(frame_transforms(state), log_time=log_ns)
 
     def tell_time(self, now_ns: int) -> None:
         """Tell the clients what time it is in the recording, or on the clock of the ring."""
@@ -119,7 +131,7 @@ class Server(ServerListener):
         return self._control(request) if self._control else None
 
 
-def invitation(url: str) -> str:
+def connection_hint(url: str) -> str:
     """Return what a person has to do to see what is served."""
     layout = share.path('bags', 'viewers', 'foxglove.json')
     return (
@@ -133,7 +145,7 @@ def _channel(topic, context):
     return foxglove.Channel(topic.name, schema=schema, message_encoding='cdr', context=context)
 
 
-def frame(x: VehicleState) -> messages.FrameTransforms:
+def frame_transforms(x: VehicleState) -> messages.FrameTransforms:
     """Return the pose of base_link in map."""
     z, w = yaw.to_quaternion(x.psi)
     one = messages.FrameTransform(
@@ -146,19 +158,24 @@ def frame(x: VehicleState) -> messages.FrameTransforms:
     return messages.FrameTransforms(transforms=[one])
 
 
-def scene(picture: Picture) -> messages.SceneUpdate:
+def scene_update(picture: Drawing) -> messages.SceneUpdate:
     """Return a picture as one entity: the next of its topic replaces it whole."""
-    found = {shapes.BOX: [], shapes.DISC: [], shapes.LINE: [], shapes.TEXT: []}
+    found = {
+        marker_scene.BOX: [],
+        marker_scene.DISC: [],
+        marker_scene.LINE: [],
+        marker_scene.TEXT: [],
+    }
     for one in picture.shapes:
         found[one.kind].append(PRIMITIVES[one.kind](one))
     entity = messages.SceneEntity(
         timestamp=_time(picture.stamp_ns),
         frame_id=FRAME,
         id=picture.topic,
-        cubes=found[shapes.BOX],
-        cylinders=found[shapes.DISC],
-        lines=found[shapes.LINE],
-        texts=found[shapes.TEXT],
+        cubes=found[marker_scene.BOX],
+        cylinders=found[marker_scene.DISC],
+        lines=found[marker_scene.LINE],
+        texts=found[marker_scene.TEXT],
     )
     return messages.SceneUpdate(entities=[entity])
 
@@ -211,4 +228,34 @@ def _text(one):
     return messages.TextPrimitive(pose=_pose(one), text=one.text, **look)
 
 
-PRIMITIVES = {shapes.BOX: _box, shapes.DISC: _disc, shapes.LINE: _line, shapes.TEXT: _text}
+PRIMITIVES = {
+    marker_scene.BOX: _box,
+    marker_scene.DISC: _disc,
+    marker_scene.LINE: _line,
+    marker_scene.TEXT: _text,
+}
+
+
+class Forwarder:
+    """A server and the stage that it shows."""
+
+    def __init__(self, server: Server, stage: MarkerScene):
+        self.server = server
+        self._stage = stage
+
+    def show(self, topic: str, kind: str, schema: str, payload: bytes, log_ns: int) -> None:
+        """Send a message (CDR) of the type `kind`, whose definition is `schema`; draw the scene.
+
+        A message that breaks the contract is sent all the same, and nothing is drawn of it.
+        """
+        self.server.send(topic, payload, log_ns)
+        if topic not in WATCHED or not self._stage.wants(topic, log_ns):
+            return
+        try:
+            value = decode_message(BagTopic(topic, kind, schema, '', ''), payload)
+        except DECODE_ERRORS:
+            return
+        for picture in self._stage.take(topic, value):
+            self.server.draw(picture, log_ns)
+        if topic == STATE:
+            self.server.place(value, log_ns)

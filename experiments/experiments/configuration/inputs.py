@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.storage.recorder_params import RecorderParams
-from bags.verdict import metrics
+from bags.evaluation import metrics
+from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Node, ScenarioFacts
 from mpcc_controller import car_file, least_speed, limits_in_force

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from bags.errors import BagError
-from bags.pictures import distances
-from bags.report import compare
+from bags.figures import frame_distance_figure
+from bags.report.comparison import compare_bags, show_comparison
 from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.run import batch
@@ -35,7 +35,7 @@ def circle(out: Path, bags: Path, console: Console) -> dict[str, Any]:
     The bag goes to `bags`, figure and numbers to `out`/circle_20m. Raises BagError.
     """
     (bag,) = _driven(CIRCLE, [CIRCLE_CONTROLLER], bags, [], console)
-    return distances.bag(bag, out / CIRCLE).values
+    return frame_distance_figure.write_from_bag(bag, out / CIRCLE).values
 
 
 def double_lane_change(chosen: Sequence[Case], out: Path, bags: Path, console: Console) -> Driven:
@@ -60,8 +60,8 @@ def double_lane_change(chosen: Sequence[Case], out: Path, bags: Path, console: C
         tables.dumped({'controllers': controllers, 'speed_kph': first.speed_kph, 'set': settings})
     )
     made = _driven(str(file), controllers, bags, settings, console)
-    found = compare.bags(made, folder)
-    compare.show(found, console)
+    found = compare_bags(made, folder)
+    show_comparison(found, console)
     return Driven(found.values['runs'], found.figures)
 
 

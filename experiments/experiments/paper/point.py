@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
-from bags.verdict import metrics
+from bags.evaluation import metrics
 from experiments import simulation
 from experiments.study import tables
 
@@ -46,7 +46,9 @@ class Deviation(NamedTuple):
 
 def drive(controller: str) -> dict[str, float]:
     """Drive once in process and return the numbers of TOLERANCES."""
-    return numbers(metrics.of(simulation.drive(simulation.prepare(SCENARIO, controller))))
+    return numbers(
+        metrics.compute_metrics(simulation.drive(simulation.prepare(SCENARIO, controller)))
+    )
 
 
 def numbers(found: dict[str, Any]) -> dict[str, float]:

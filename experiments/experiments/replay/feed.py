@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bags.evaluation.controller_log import report_number
+from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
-from bags.verdict import reported
-from bags.verdict.recorded import LOCKSTEP
 from experiments.replay.topic import Topic
 from msgs_yaml.stamp import NS_PER_S
 from msgs_yaml.types import (
@@ -186,7 +186,7 @@ def _began_ns(reports, row):
 
 def _took_ns(why, *parts):
     """Return how long parts of a tick took; what is no time from 0 to LONGEST_MS counts as 0."""
-    ms = (reported.number(why.values, f'time.{part}_ms') for part in parts)
+    ms = (report_number(why.values, f'time.{part}_ms') for part in parts)
     return round(sum(one for one in ms if 0.0 <= one <= LONGEST_MS) * NS_PER_MS)
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from bags.errors import BagError
 from bags.storage import read
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.bag_writer import BagWriter
 from experiments.replay import feed
 from experiments.run import batch
 

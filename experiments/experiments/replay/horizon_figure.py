@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from bags.pictures import palette
+from bags.figures import style
 from experiments.replay.resolve import Answer
 from experiments.replay.tick_problem import Solved
 
@@ -18,7 +18,7 @@ MARGIN_M = 3.0
 CIRCLE_EVERY = 5  # stages
 FAR_M = 5.0  # distances beyond this are not drawn
 KILO = 1e3
-CHANGED = palette.KNOWN['frenet']
+CHANGED = style.KNOWN['frenet']
 
 
 class Drawn(NamedTuple):
@@ -51,13 +51,11 @@ PANELS = (
 def write(answer: Answer, stem):
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    drawn = [
-        Drawn('solved again', answer.solved, {'color': palette.KNOWN['mpcc'], 'linestyle': '-'})
-    ]
+    drawn = [Drawn('solved again', answer.solved, {'color': style.KNOWN['mpcc'], 'linestyle': '-'})]
     if answer.changed:
-        look = {'color': CHANGED, 'linestyle': palette.DASHED}
+        look = {'color': CHANGED, 'linestyle': style.DASHED}
         drawn.append(Drawn('changed', answer.changed, look))
-    with mpl.rc_context(palette.RC):
+    with mpl.rc_context(style.RC):
         figure = _sheet(answer, drawn)
         FigureCanvasAgg(figure)
         paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
@@ -84,8 +82,8 @@ def _sheet(answer, drawn):
     title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.told}'
     figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
     keys = [Line2D([], [], label=one.label, lw=2.2, **one.look) for one in drawn]
-    keys.append(Line2D([], [], label='recorded plan', color=palette.INK, lw=0, marker='.'))
-    keys.append(Line2D([], [], label='limit', color=palette.COLLISION, lw=0.9, ls=':'))
+    keys.append(Line2D([], [], label='recorded plan', color=style.INK, lw=0, marker='.'))
+    keys.append(Line2D([], [], label='limit', color=style.COLLISION, lw=0.9, ls=':'))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
     return figure
 
@@ -106,11 +104,11 @@ def _view(answer, drawn):
 def _from_above(ax, answer, drawn, low, high):
     told = answer.tick.told
     for edge in (told.edges.left, told.edges.right):
-        ax.plot(*edge.T, color=palette.EDGE, lw=1.6, zorder=2)
+        ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
     ax.plot(
         told.reference.X,
         told.reference.Y,
-        color=palette.REFERENCE,
+        color=style.REFERENCE,
         lw=1.0,
         ls=(0, (6, 3)),
         zorder=2,
@@ -120,7 +118,7 @@ def _from_above(ax, answer, drawn, low, high):
         _plan(ax, one)
     recorded = answer.tick.prediction
     if recorded is not None:
-        ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=palette.INK, zorder=6)
+        ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=style.INK, zorder=6)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
     ax.set_aspect('equal')
     ax.set_title('From above: vehicle circles, and where their centres must not be')
@@ -150,12 +148,12 @@ def _unsafe(ax, solved):
         for t in solved.t[:: 2 * CIRCLE_EVERY] if moves else solved.t[:1]:
             centre, strength = (one.X + one.vX * t, one.Y + one.vY * t), 0.4 if moves else 1.0
             for reach, colour, alpha in (
-                (touch + safe[f'obstacle {one.id}'], palette.UNSAFE, 0.22),
-                (touch, palette.COLLISION, 0.16),
+                (touch + safe[f'obstacle {one.id}'], style.UNSAFE, 0.22),
+                (touch, style.COLLISION, 0.16),
             ):
                 face = (colour, alpha * strength)
                 ax.add_patch(Circle(centre, reach, facecolor=face, edgecolor=colour, lw=0.7))
-            face = (palette.EDGE, strength)
+            face = (style.EDGE, strength)
             ax.add_patch(Circle(centre, one.r_obs, facecolor=face, edgecolor='none', zorder=3))
 
 
@@ -168,7 +166,7 @@ def _quantity(ax, drawn, panel):
             held = panel.factor * one.solved.inputs[panel.name]
             ax.step(one.solved.t, np.append(held, held[-1]), where='post', **one.look)
         for limit in one.solved.limits.get(panel.name, ()):
-            ax.axhline(panel.factor * limit, color=palette.COLLISION, lw=0.9, ls=':', zorder=1)
+            ax.axhline(panel.factor * limit, color=style.COLLISION, lw=0.9, ls=':', zorder=1)
     ax.set(xlabel='t [s]', ylabel=panel.unit, title=panel.title)
 
 
@@ -179,8 +177,8 @@ def _distances(ax, drawn):
             near = np.where(distance.D < FAR_M, distance.D, np.nan)
             ax.plot(one.solved.t, near, **one.look, alpha=1.0 if strong else 0.4)
     safe = max((d.safe for d in drawn[0].solved.distances), default=0.0)
-    ax.axhspan(0.0, safe, color=palette.UNSAFE, alpha=0.22, lw=0)
-    ax.axhspan(-FAR_M, 0.0, color=palette.COLLISION, alpha=0.18, lw=0)
+    ax.axhspan(0.0, safe, color=style.UNSAFE, alpha=0.22, lw=0)
+    ax.axhspan(-FAR_M, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
     least = min((np.min(d.D) for one in drawn for d in one.solved.distances), default=0.0)
     ax.set(xlim=drawn[0].solved.t[[0, -1]], ylim=(min(least, 0.0) - 0.3, FAR_M))
     ax.set(xlabel='t [s]', ylabel='D [m]', title='Distances (edges pale)')
@@ -190,5 +188,5 @@ def _friction(ax, drawn):
     for one in drawn:
         for axle, alpha in (('f', 1.0), ('r', 0.45)):
             ax.plot(one.solved.t, one.solved.friction[axle], **one.look, alpha=alpha)
-    ax.axhline(1.0, color=palette.COLLISION, lw=0.9, ls=':')
+    ax.axhline(1.0, color=style.COLLISION, lw=0.9, ls=':')
     ax.set(xlabel='t [s]', ylabel='$F / \\mu F_z$', title='Friction use (rear pale)', ylim=(0, 1.1))

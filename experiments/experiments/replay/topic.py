@@ -3,7 +3,8 @@
 import numpy as np
 
 from bags.errors import BagError
-from bags.storage import decoders, read, stamps
+from bags.storage import read
+from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
 from msgs_yaml.decode import DecodeError
 
 # a tick is joined with these by its stamp: an invalid one says that the controller had none
@@ -44,8 +45,8 @@ class Topic:
     def _decoded(self, payload):
         if payload not in self.known:
             try:
-                self.known[payload] = decoders.value(self.topic, payload)
-            except decoders.INVALID:
+                self.known[payload] = decode_message(self.topic, payload)
+            except DECODE_ERRORS:
                 self.known[payload] = None
         return self.known[payload]
 
@@ -89,6 +90,6 @@ class Topic:
 
 def _stamp_ns(topic, payload):
     try:
-        return stamps.reader(topic.type)(payload)
+        return stamp_reader(topic.type)(payload)
     except DecodeError:
         return None

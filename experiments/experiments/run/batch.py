@@ -46,14 +46,14 @@ def run_and_compare(batch: Batch, console: Console) -> int:
     completed = [outcome.completed for outcome in outcomes]
     if bags:
         # figures and report take seconds to import: an error in the input must not wait for them
-        from bags.report import compare
+        from bags.report.comparison import compare_bags, show_comparison
 
         try:
-            compared = compare.bags(bags, folder)
+            compared = compare_bags(bags, folder)
         except Exception as error:
             kept = ' '.join(os.path.relpath(bag) for bag in bags)
             raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
-        compare.show(compared, console)
+        show_comparison(compared, console)
         runs = compared.values['runs']
         completed += [run['completed'] for run in runs.values()]
         _show_disagreement(outcomes, runs, console)

@@ -15,10 +15,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
-from bags.storage import decoders
-from bags.storage.rosbag2_layout import BagTopic
-from bags.storage.scan import PREFIX, inner
-from bags.verdict import geometry
+from bags.evaluation import geometry
+from bags.storage.decoding import DECODE_ERRORS, decode_message
+from bags.storage.mcap_scan import RECORD_PREFIX, records_in_chunk
+from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml.stamp import NS_PER_S
 
 STATE = '/vehicle/odometry'
@@ -63,12 +63,12 @@ class PositionReader:
             chunks = chunks[-1:]  # the others are out of date
         state = None
         for chunk in chunks:
-            with suppress(*decoders.INVALID):
+            with suppress(*DECODE_ERRORS):
                 state = self._last_state(chunk) or state
         if state is None:
             return None
         self._track.append((state.X, state.Y))
-        station = geometry.track(self._track, self.reference, AHEAD).distance[-1]
+        station = geometry.project_drive(self._track, self.reference, AHEAD).distance[-1]
         t = (state.stamp_ns - self._begin_ns) / NS_PER_S
         return LivePosition(t, float(station), float(np.hypot(state.vx, state.vy)))
 
@@ -81,8 +81,8 @@ class PositionReader:
             with file.open('rb') as stream:
                 stream.seek(offset)
                 data = stream.read()
-            for opcode, begin, end in inner(data):
-                offset += PREFIX.size + end - begin
+            for opcode, begin, end in records_in_chunk(data):
+                offset += RECORD_PREFIX.size + end - begin
                 self._offsets[file] = offset
                 if opcode == Opcode.CHUNK:
                     yield Chunk.read(ReadDataStream(BytesIO(data[begin:end])))
@@ -105,6 +105,6 @@ class PositionReader:
 
     def _decoded(self, message):
         schema = self._schemas[self._channel.schema_id]
-        return decoders.value(
+        return decode_message(
             BagTopic(STATE, schema.name, schema.data.decode(), '', ''), message.data
         )

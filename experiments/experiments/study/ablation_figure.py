@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from bags.pictures import figures, palette
+from bags.figures import comparison_figures, style
 
 
 class Map(NamedTuple):
@@ -36,10 +36,10 @@ def write(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
     """Write ablation_<clearance in cm>.png and .svg into `out`; return the paths."""
     swept = [row for row in rows if row['clearance_m'] is not None]
     paths = []
-    with mpl.rc_context(palette.RC):
+    with mpl.rc_context(style.RC):
         for clearance in dict.fromkeys(row['clearance_m'] for row in swept):
             chosen = [row for row in swept if row['clearance_m'] == clearance]
-            paths += figures.save(
+            paths += comparison_figures.save_figure(
                 _drawn(chosen, clearance), out / f'ablation_{round(100 * clearance)}cm'
             )
     return paths
@@ -72,7 +72,7 @@ def _map(axes, shown, rows, names, speeds):
     for (i, k), value in np.ndenumerate(values):
         text = '–' if np.isnan(value) else shown.form.format(value)
         luminance = np.dot(image.to_rgba(value)[:3], (0.3, 0.59, 0.11))
-        colour = 'white' if luminance < DARK and np.isfinite(value) else palette.INK
+        colour = 'white' if luminance < DARK and np.isfinite(value) else style.INK
         axes.text(k, i, text, ha='center', va='center', fontsize=6.5, color=colour)
     axes.set_title(shown.title, fontsize=9)
     axes.set_xticks(range(len(speeds)), [f'{kph:g}' for kph in speeds], fontsize=7.5)

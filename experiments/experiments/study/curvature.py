@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bags.verdict import two_frames
+from bags.evaluation import frame_distances
 
 RADII_M = (200.0, 100.0, 50.0, 20.0)  # growing curvature
 GAPS_M = tuple(range(1, 41))  # along the path, up to the preview of 2 s
@@ -24,7 +24,7 @@ def shares() -> dict[str, dict[str, Any]]:
     found = {}
     for side, inside in (('inside', BESIDE_M), ('outside', -BESIDE_M)):
         gaps, radii = np.array(GAPS_M, dtype=float), np.array(RADII_M)[:, None]
-        more = two_frames.on_circle(radii, gaps, inside, REACH_M).overestimation
+        more = frame_distances.circle_distances(radii, gaps, inside, REACH_M).overestimation
         steps = np.diff(more, axis=0) > 0
         at = GAPS_M.index(20)
         found[side] = {

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bags.pictures import figures, palette
+from bags.figures import comparison_figures, style
 from experiments.study import statistics
 from experiments.study.drives import Record
 from experiments.study.quantities import BY_NAME
@@ -35,17 +35,17 @@ def write(
 ) -> list[Path]:
     """Write distributions.png and .svg into `out`; return the paths."""
     names = list(next(iter(records.values())))
-    colours = palette.colours(names)
-    with mpl.rc_context(palette.RC):
+    colours = style.assign_colours(names)
+    with mpl.rc_context(style.RC):
         figure = Figure(figsize=(13.0, 7.4), layout='constrained')
         grid = figure.subplots(len(SHOWN) // COLUMNS, COLUMNS)
         for axes, name in zip(grid.flat, SHOWN):
             _panel(axes, BY_NAME[name], records, medians, colours)
         keys = [Line2D([], [], ls='', marker='o', ms=5, color=colours[n], label=n) for n in names]
-        ring = {'mfc': 'none', 'mec': palette.INK, 'ms': 7}
+        ring = {'mfc': 'none', 'mec': style.INK, 'ms': 7}
         keys.append(Line2D([], [], ls='', marker='o', label='median run', **ring))
         figure.legend(handles=keys, loc='outside upper right', ncols=len(keys))
-        return figures.save(figure, out / STEM)
+        return comparison_figures.save_figure(figure, out / STEM)
 
 
 def _panel(axes, quantity, records, medians, colours):
@@ -61,8 +61,8 @@ def _panel(axes, quantity, records, medians, colours):
     axes.grid(axis='x', visible=False)
     if quantity.name in SAFE:
         low, high = axes.get_ylim()
-        axes.axhspan(0.0, SAFE[quantity.name], color=palette.UNSAFE, alpha=0.12, lw=0)
-        axes.axhline(0.0, color=palette.COLLISION, lw=0.9)
+        axes.axhspan(0.0, SAFE[quantity.name], color=style.UNSAFE, alpha=0.12, lw=0)
+        axes.axhline(0.0, color=style.COLLISION, lw=0.9)
         axes.set_ylim(min(low, -0.05), high)
 
 
@@ -74,4 +74,4 @@ def _dots(axes, middle, room, values, colour, shown):
     median = statistics.summary(values).median
     if median is not None:
         axes.plot(middle + room * DOTS * np.array([-0.5, 0.5]), [median] * 2, color=colour, lw=2.2)
-    axes.plot(x[shown], numbers[shown], 'o', ms=6.5, mfc='none', mec=palette.INK, mew=1.0)
+    axes.plot(x[shown], numbers[shown], 'o', ms=6.5, mfc='none', mec=style.INK, mew=1.0)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from bags.verdict import metrics, recorded
+from bags.evaluation import metrics
+from bags.evaluation.drive import drive_from_columns
 from experiments import simulation
 from experiments.study import case as cases
 
@@ -18,7 +19,7 @@ def measured(case: cases.Case) -> dict:
     columns = simulation.run(prepared)
     info = simulation.run_info(prepared)
     return {
-        'metrics': metrics.of(recorded.of(columns, info, prepared.controller)),
+        'metrics': metrics.compute_metrics(drive_from_columns(columns, info, prepared.controller)),
         'solver': solver([why.values for why in columns['/controller/why'].values]),
     }
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.verdict import metrics
+from bags.evaluation import metrics
 from experiments import simulation
 from experiments.configuration.inputs import KPH
 
@@ -78,7 +78,7 @@ def drive(controller: str, weights: Mapping[str, Any], condition: Condition) -> 
 
 def score(driven, speed_mps: float) -> Score:
     """Return the Score of a Drive whose desired speed is constant."""
-    found, facts = metrics.of(driven), driven.facts
+    found, facts = metrics.compute_metrics(driven), driven.facts
     return Score(
         velocity_rms_mps=float(np.sqrt(np.mean((driven.motion.vx - speed_mps) ** 2))),
         # a car that stands has no sideslip angle; it has not completed either

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from bags.pictures import palette
-from bags.pictures.figures import save
+from bags.figures import style
+from bags.figures.comparison_figures import save_figure
 
 STEM = 'history'
 SAFE, OUT, BEST = '#0072B2', '#A6A6A6', '#D55E00'
@@ -26,7 +26,7 @@ def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
     """
     names = list(best.weights)
     rows = -(-len(names) // COLUMNS)
-    with mpl.rc_context(palette.RC):
+    with mpl.rc_context(style.RC):
         size = (CELL[0] * COLUMNS, HISTORY_HEIGHT + CELL[1] * rows)
         figure = Figure(figsize=size, layout='constrained')
         heights = [HISTORY_HEIGHT, *[CELL[1]] * rows]
@@ -38,7 +38,7 @@ def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
         figure.suptitle(
             f'Tuning of {controller}', x=0.012, ha='left', fontsize=14, fontweight='bold'
         )
-        return save(figure, folder / STEM)
+        return save_figure(figure, folder / STEM)
 
 
 def _history(ax, trials, best):
@@ -49,14 +49,14 @@ def _history(ax, trials, best):
     lowest = np.minimum.accumulate(np.where(safe, cost, np.inf))
     ax.step(order, lowest, where='post', color=SAFE, lw=1.4, label='best feasible so far')
     untuned = 'untuned' if trials[0].safe else 'untuned, infeasible'
-    ax.axhline(cost[0], color=palette.EDGE, lw=0.9, ls=':', label=untuned)
+    ax.axhline(cost[0], color=style.EDGE, lw=0.9, ls=':', label=untuned)
     k = trials.index(best)
     ax.plot(k, cost[k], '*', ms=12, color=BEST, mec='white', label='tuned', zorder=5)
     begins = sum(trial.stage == 1 for trial in trials)
-    ax.axvline(begins - 0.5, color=palette.EDGE, lw=0.9)
+    ax.axvline(begins - 0.5, color=style.EDGE, lw=0.9)
     top = ax.get_xaxis_transform()  # x in data, y in the height of the axes
     for x, text, side in ((begins - 1.5, 'stage 1', 'right'), (begins + 0.5, 'stage 2', 'left')):
-        ax.annotate(text, (x, 0.98), xycoords=top, ha=side, va='top', color=palette.QUIET)
+        ax.annotate(text, (x, 0.98), xycoords=top, ha=side, va='top', color=style.QUIET)
     ax.set(xlabel='trial', xlim=(-1, len(trials)))
     _cost_axis(ax)
     ax.set_title('Mean of rms velocity error / 1 m/s and peak sideslip angle / 3 deg')
@@ -68,7 +68,7 @@ def _weight(ax, trials, best, name):
     value = np.array([trial.weights[name] for trial in trials])
     ax.plot(value[~safe], cost[~safe], 'x', ms=3, color=OUT)
     ax.plot(value[safe], cost[safe], 'o', ms=2.8, color=SAFE, alpha=0.7, mew=0)
-    ax.axvline(trials[0].weights[name], color=palette.EDGE, lw=0.9, ls=':')
+    ax.axvline(trials[0].weights[name], color=style.EDGE, lw=0.9, ls=':')
     ax.plot(best.weights[name], best.cost, '*', ms=11, color=BEST, mec='white', zorder=5)
     ax.set(xscale='log', xlabel=name)
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=8))

@@ -3,8 +3,8 @@
 import pytest
 
 from bags.storage import read
-from bags.storage.rosbag2_layout import BagTopic, qos_text
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.bag_writer import BagWriter
+from bags.storage.rosbag2_metadata import BagTopic, qos_text
 
 MS = 1_000_000
 START_NS = 5_000_000_000

@@ -8,7 +8,7 @@ import termios
 
 PROGRAM = """
 import sys
-from bags.playback.keyboard import Keyboard
+from bags.playback import Keyboard
 from queue import SimpleQueue
 keys = SimpleQueue()
 keyboard = Keyboard(keys.put)

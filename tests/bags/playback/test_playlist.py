@@ -3,8 +3,7 @@
 import pytest
 
 from bags.errors import BagError
-from bags.playback import playlist
-from bags.playback.playlist import Part
+from bags.playback import Part, build_playlist
 
 MS = 1_000_000
 START_NS = 5_000_000_000
@@ -15,7 +14,7 @@ def sent(made):
 
 
 def test_topics_meet_in_time_and_ties_keep_the_order_of_the_bag(make_bag):
-    made = playlist.of(make_bag({'/a': [0, 2, 2], '/b': [1, 2]}))
+    made = build_playlist(make_bag({'/a': [0, 2, 2], '/b': [1, 2]}))
     assert sent(made) == [(0, '/a0'), (1, '/b0'), (2, '/a1'), (2, '/a2'), (2, '/b1')]
     assert [made.topics[i].name for i in made.topic] == ['/a', '/b', '/a', '/a', '/b']
     assert made.first_ns == START_NS
@@ -23,30 +22,30 @@ def test_topics_meet_in_time_and_ties_keep_the_order_of_the_bag(make_bag):
 
 
 def test_topic_whose_times_step_back_keeps_its_order(make_bag):
-    made = playlist.of(make_bag({'/a': [0, 5, 3, 6], '/b': [4]}))
+    made = build_playlist(make_bag({'/a': [0, 5, 3, 6], '/b': [4]}))
     assert sent(made) == [(0, '/a0'), (4, '/b0'), (5, '/a1'), (5, '/a2'), (6, '/a3')]
 
 
 def test_part_has_both_its_ends(make_bag):
     bag = make_bag({'/a': range(10)})
-    made = playlist.of(bag, Part(start_s=0.003, duration_s=0.002))
+    made = build_playlist(bag, Part(start_s=0.003, duration_s=0.002))
     assert sent(made) == [(0, '/a3'), (1, '/a4'), (2, '/a5')]
     assert made.duration_ns == 2 * MS
 
 
 def test_latched_message_in_force_is_sent_at_the_start_of_a_part(make_bag):
     bag = make_bag({'/map': [0, 1, 7], '/a': range(10)}, latched=['/map'])
-    made = playlist.of(bag, Part(start_s=0.005, duration_s=0.002))
+    made = build_playlist(bag, Part(start_s=0.005, duration_s=0.002))
     assert sent(made) == [(0, '/map1'), (0, '/a5'), (1, '/a6'), (2, '/map2'), (2, '/a7')]
 
 
 def test_only_the_topics_asked_for_are_sent(make_bag):
     bag = make_bag({'/a': [0], '/b': [1], '/c': [2]})
-    assert sent(playlist.of(bag, Part(topics=['/c', '/a']))) == [(0, '/a0'), (2, '/c0')]
+    assert sent(build_playlist(bag, Part(topics=['/c', '/a']))) == [(0, '/a0'), (2, '/c0')]
 
 
 def test_bag_without_a_clock_is_given_one_that_ticks_before_the_messages(make_bag):
-    made = playlist.of(make_bag({'/a': [0, 10, 25]}), clock_hz=100.0)
+    made = build_playlist(make_bag({'/a': [0, 10, 25]}), clock_hz=100.0)
     assert [made.topics[i].name for i in made.topic] == ['/clock', '/a'] * 3
     assert made.due_ns.tolist() == [0, 0, 10 * MS, 10 * MS, 20 * MS, 25 * MS]
     # CDR of builtin_interfaces/Time after the encapsulation header
@@ -56,19 +55,19 @@ def test_bag_without_a_clock_is_given_one_that_ticks_before_the_messages(make_ba
 
 
 def test_recorded_clock_is_the_only_one(make_bag):
-    made = playlist.of(make_bag({'/clock': [0, 5], '/a': [1]}), clock_hz=100.0)
+    made = build_playlist(make_bag({'/clock': [0, 5], '/a': [1]}), clock_hz=100.0)
     assert sent(made) == [(0, '/clock0'), (1, '/a0'), (5, '/clock1')]
 
 
 def test_no_clock_is_made_where_none_is_wanted(make_bag):
-    assert len(playlist.of(make_bag({'/a': [0, 100]})).payloads) == 2
+    assert len(build_playlist(make_bag({'/a': [0, 100]})).payloads) == 2
 
 
 def test_topic_that_is_not_there_is_refused_with_those_that_are(make_bag):
     with pytest.raises(BagError, match='no message of /c; it has /a, /b'):
-        playlist.of(make_bag({'/a': [0], '/b': [0]}), Part(topics=['/c']))
+        build_playlist(make_bag({'/a': [0], '/b': [0]}), Part(topics=['/c']))
 
 
 def test_part_behind_the_end_is_refused(make_bag):
     with pytest.raises(BagError, match='no message from 7 s on'):
-        playlist.of(make_bag({'/a': [0, 10]}), Part(start_s=7.0))
+        build_playlist(make_bag({'/a': [0, 10]}), Part(start_s=7.0))

@@ -12,11 +12,13 @@ from require import chromium, need
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 
-from bags.pictures import palette, panels
+from bags.evaluation import metrics
+from bags.evaluation.controller_log import ControllerLog
+from bags.evaluation.drive import Obstacle
+from bags.evaluation.series import compute_series
+from bags.figures import panels, style
 from bags.report import page
-from bags.report.account import Account
-from bags.report.claims import Claim
-from bags.verdict import drive, judge, metrics
+from bags.report.page import Claim
 from msgs_yaml.types import Prediction
 
 SECONDS = 60.0
@@ -38,8 +40,8 @@ def drives(make_drive):
     still, ones = np.zeros(101), np.ones(101)
     scene = make_drive().scene._replace(
         obstacles=(
-            drive.Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
-            drive.Obstacle(2, np.linspace(20.0, 45.0, 101), 4.0 * ones, 5.0 * ones, still, 0.5),
+            Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
+            Obstacle(2, np.linspace(20.0, 45.0, 101), 4.0 * ones, 5.0 * ones, still, 0.5),
         )
     )
     return {
@@ -74,26 +76,26 @@ def _account(one, name):
         'versions': json.dumps({'python': '3.11'}),
         'machine': json.dumps({'processor': 'a <fast> one', 'cores': 2}),
     }
-    return Account(info, predictions, ticks, said)
+    return ControllerLog(info, predictions, ticks, said)
 
 
 @pytest.fixture(scope='session')
 def runs(drives):
-    colours = palette.colours(list(drives))
-    return [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+    colours = style.assign_colours(list(drives))
+    return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
 
 
 @pytest.fixture(scope='session')
 def material(runs, accounts):
-    found = {run.name: metrics.of_series(run.drive, run.series) for run in runs}
+    found = {run.name: metrics.compute_metrics_of_series(run.drive, run.series) for run in runs}
     claim = Claim('mpcc avoids both', 'yes', '0.5 m', 'reproduced', 'priority < lag')
-    return page.Material({'scenario': 'straight', 'runs': found}, runs, accounts, [claim])
+    return page.ReportData({'scenario': 'straight', 'runs': found}, runs, accounts, [claim])
 
 
 @pytest.fixture(scope='session')
 def report(material, tmp_path_factory):
     """Return the path of the report."""
-    return page.write(material, tmp_path_factory.mktemp('report') / page.FILE)
+    return page.write_report(material, tmp_path_factory.mktemp('report') / page.REPORT_FILE)
 
 
 class Tab:

@@ -8,9 +8,12 @@ import pytest
 from rich.console import Console
 
 from bags import cli
-from bags.pictures import figures, palette, panels, road, table
-from bags.report import compare
-from bags.verdict import drive, judge, metrics
+from bags.evaluation import metrics
+from bags.evaluation.drive import Obstacle
+from bags.evaluation.series import compute_series
+from bags.figures import comparison_figures, panels, style
+from bags.report import metrics_table
+from bags.report.comparison import compare_drives, show_comparison
 
 
 @pytest.fixture(scope='module')
@@ -21,8 +24,8 @@ def drives(make_drive):
     moving = np.linspace(20.0, 45.0, 101)
     scene = scene._replace(
         obstacles=(
-            drive.Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
-            drive.Obstacle(2, moving, 4.0 * ones, 5.0 * ones, still, 0.5),
+            Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
+            Obstacle(2, moving, 4.0 * ones, 5.0 * ones, still, 0.5),
         )
     )
     return {
@@ -34,18 +37,18 @@ def drives(make_drive):
 
 @pytest.fixture(scope='module')
 def comparison(drives, tmp_path_factory):
-    return compare.write(drives, tmp_path_factory.mktemp('compared'))
+    return compare_drives(drives, tmp_path_factory.mktemp('compared'))
 
 
 def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, comparison):
     values = json.loads(comparison.file.read_text())
     assert list(values) == ['scenario', 'runs']
     assert values['scenario'] == 'straight'
-    assert values['runs'] == {name: metrics.of(one) for name, one in drives.items()}
+    assert values['runs'] == {name: metrics.compute_metrics(one) for name, one in drives.items()}
 
 
 def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
-    wanted = {'comparison', *figures.NAMES.values()}
+    wanted = {'comparison', *comparison_figures.NAMES.values()}
     assert {path.stem for path in comparison.figures} == wanted
     assert len(comparison.figures) == 2 * len(wanted)
     for path in comparison.figures:
@@ -55,17 +58,17 @@ def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
 
 
 def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
-    again = compare.write(drives, tmp_path / 'again')
+    again = compare_drives(drives, tmp_path / 'again')
     for one, other in zip(comparison.figures, again.figures):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
 def test_a_figure_shows_every_run_in_its_own_colour(drives):
-    colours = palette.colours(list(drives))
+    colours = style.assign_colours(list(drives))
     assert len(set(colours.values())) == len(drives)
-    runs = [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
-    for panel in figures.NAMES:
-        axes = figures.Figure().add_subplot()
+    runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    for panel in comparison_figures.NAMES:
+        axes = comparison_figures.Figure().add_subplot()
         panel(axes, runs)
         drawn = {line.get_color() for line in axes.get_lines()}
         assert drawn >= set(colours.values()), panel.__name__
@@ -76,49 +79,49 @@ def test_a_figure_shows_every_run_in_its_own_colour(drives):
 
 @pytest.fixture(scope='module')
 def runs(drives):
-    colours = palette.colours(list(drives))
-    return [panels.Run(n, one, judge.series(one), colours[n]) for n, one in drives.items()]
+    colours = style.assign_colours(list(drives))
+    return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
 
 
 @pytest.mark.parametrize(
     ('panel', 'marks'),
     [
-        (road.trajectories, ['coarse path', 'unsafe area', 'collision']),
+        (comparison_figures.trajectories, ['coarse path', 'unsafe area', 'collision']),
         (panels.v2o, ['unsafe area', 'collision']),
         (panels.sideslip, []),
     ],
 )
 def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
-    (legend,) = figures._single(panel, runs).legends
+    (legend,) = comparison_figures._single(panel, runs).legends
     assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
 
 
 def test_a_whole_car_is_seen_at_the_start(runs):
-    axes = figures.Figure().add_subplot()
-    road.trajectories(axes, runs)
+    axes = comparison_figures.Figure().add_subplot()
+    comparison_figures.trajectories(axes, runs)
     assert axes.get_xlim()[0] < -runs[0].drive.facts.outline.rear
 
 
 def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_drive):
-    axes = figures.Figure().add_subplot()
-    road.trajectories(axes, runs)
+    axes = comparison_figures.Figure().add_subplot()
+    comparison_figures.trajectories(axes, runs)
     times = {text.get_text() for text in axes.texts}
     assert {'0.0 s', '1.2 s', '2.4 s'} <= times
-    still = figures.Figure().add_subplot()
+    still = comparison_figures.Figure().add_subplot()
     one = make_drive()
-    road.trajectories(still, [panels.Run('mpcc', one, judge.series(one), 'C0')])
+    comparison_figures.trajectories(still, [panels.Run('mpcc', one, compute_series(one), 'C0')])
     assert [text.get_text() for text in still.texts] == []
 
 
 def test_a_panel_of_obstacles_without_any_says_so(make_drive):
     one = make_drive()
-    axes = figures.Figure().add_subplot()
-    panels.v2o(axes, [panels.Run('mpcc', one, judge.series(one), 'C0')])
+    axes = comparison_figures.Figure().add_subplot()
+    panels.v2o(axes, [panels.Run('mpcc', one, compute_series(one), 'C0')])
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
 def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs):
-    speed, gg = figures.Figure().subplots(1, 2)
+    speed, gg = comparison_figures.Figure().subplots(1, 2)
     motion = runs[0].drive.motion
     wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
     panels.velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
@@ -129,16 +132,19 @@ def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs
 
 
 def test_a_controller_keeps_its_colour_whoever_else_drives():
-    assert palette.colours(['mpcc', 'frenet'])['frenet'] == palette.colours(['frenet'])['frenet']
+    assert (
+        style.assign_colours(['mpcc', 'frenet'])['frenet']
+        == style.assign_colours(['frenet'])['frenet']
+    )
     many = [f'own_{k}' for k in range(12)]
-    assert list(palette.colours(many)) == many
+    assert list(style.assign_colours(many)) == many
 
 
 def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
     console = Console(file=io.StringIO(), width=140)
-    compare.show(comparison, console)
+    show_comparison(comparison, console)
     shown = console.file.getvalue()
-    for row in table.ROWS:
+    for row in metrics_table.ROWS:
         # the car stays on the road: how far it left it has no row
         assert (row.title in shown) == (row.path != ('beyond_edge_m',)), row
     assert 'obstacle 1' in shown
@@ -151,15 +157,19 @@ def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
 
 def test_three_controllers_fit_into_a_plain_terminal(make_drive):
     console = Console(file=io.StringIO(), width=80)
-    runs = dict.fromkeys(('mpcc', 'mpcc_no_ca', 'frenet'), metrics.of(make_drive()))
-    console.print(table.build({'scenario': 's', 'runs': runs}))
+    runs = dict.fromkeys(('mpcc', 'mpcc_no_ca', 'frenet'), metrics.compute_metrics(make_drive()))
+    console.print(metrics_table.build_table({'scenario': 's', 'runs': runs}))
     assert '…' not in console.file.getvalue()
     assert 'm/s²' in console.file.getvalue()
 
 
 def test_what_a_run_does_not_have_is_a_dash(make_drive):
     console = Console(file=io.StringIO(), width=140)
-    console.print(table.build({'scenario': 's', 'runs': {'mpcc': metrics.of(make_drive())}}))
+    console.print(
+        metrics_table.build_table(
+            {'scenario': 's', 'runs': {'mpcc': metrics.compute_metrics(make_drive())}}
+        )
+    )
     lines = console.file.getvalue().splitlines()
     nearest = next(line for line in lines if 'min distance to obstacle' in line)
     assert '–' in nearest
@@ -168,7 +178,7 @@ def test_what_a_run_does_not_have_is_a_dash(make_drive):
 def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(drives, tmp_path):
     damage = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
     console = Console(file=io.StringIO(), width=140)
-    compare.show(compare.write(drives, tmp_path, {'damage': damage}), console)
+    show_comparison(compare_drives(drives, tmp_path, {'damage': damage}), console)
     lines = console.file.getvalue().splitlines()
     assert lines[0] == damage['mpcc']
     (head,) = (line for line in lines if 'metric' in line)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bags.errors import BagError
-from bags.report import claims, curves, film, page, provenance
+from bags.report import animation, interactive_panels, page
+from bags.report.comparability import parameter_rows
 
 LIMIT_BYTES = 5_000_000
 
@@ -22,7 +23,7 @@ def test_it_fetches_nothing_and_is_small(report):
 
 def test_a_page_of_two_runs_is_made_in_seconds(material):
     start = time.process_time()
-    page.html(material)
+    page.report_html(material)
     assert time.process_time() - start < 5.0
 
 
@@ -31,9 +32,9 @@ def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
     run = material.runs[0]._replace(name=evil)
     values = {'scenario': evil, 'runs': {evil: material.values['runs']['mpcc']}}
     accounts = {evil: material.accounts['mpcc']._replace(info={'mode': evil})}
-    text = page.html(page.Material(values, [run], accounts))
+    text = page.report_html(page.ReportData(values, [run], accounts))
     assert evil not in text
-    assert text.count('</script>') == page.html(material).count('</script>')
+    assert text.count('</script>') == page.report_html(material).count('</script>')
 
 
 def test_every_number_of_the_table_stands_in_the_page(material, report):
@@ -46,14 +47,14 @@ def test_every_number_of_the_table_stands_in_the_page(material, report):
 
 
 def test_what_differs_between_the_runs_is_marked(accounts, report):
-    rows = provenance.parameters([one.info for one in accounts.values()])
+    rows = parameter_rows([one.info for one in accounts.values()])
     unlike = {role: [row.name for row in found if row.differs] for role, found in rows.items()}
     assert unlike == {'controller': ['weight_of'], 'plant': []}
     assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', report.read_text())
 
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material):
-    text = page.html(material._replace(accounts={}, claims=()))
+    text = page.report_html(material._replace(accounts={}, claims=()))
     assert 'id="manoeuvre"' in text
     assert 'id="claims"' not in text
     assert 'data-panel="v2o"' in text
@@ -62,22 +63,22 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material):
 
 
 def test_the_film_is_where_the_drive_was(runs, accounts):
-    t = film.times(runs)
+    t = animation.frame_times(runs)
     assert t[-1] >= runs[0].series.t[-1]
     run = runs[0]
-    car = film.car(run, t)
+    car = animation.car_frames(run, t)
     k = np.searchsorted(run.series.t, t[100])
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
-    moving = film.obstacles(run.drive.scene, run.drive.motion.stamp_ns[0], t)
+    moving = animation.obstacle_frames(run.drive.scene, run.drive.motion.stamp_ns[0], t)
     assert moving['x'][:, 0] == pytest.approx(60.0)
-    assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * film.FRAME_NS * 1e-9, abs=1e-4)
-    plans = film.plan(run, accounts[run.name])
+    assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
+    plans = animation.plan_rows(run, accounts[run.name])
     assert plans['x'].shape == (len(accounts[run.name].predictions), 26)
 
 
 def test_panels_carry_their_units(runs, accounts):
-    for panel in curves.PANELS:
+    for panel in interactive_panels.PANELS:
         assert '[' in panel.axis or panel.name == 'friction'
         for run in runs:
             for curve in panel.curves(run, accounts[run.name]):
@@ -87,23 +88,23 @@ def test_panels_carry_their_units(runs, accounts):
 def test_what_stands_behind_a_verdict_is_said_once_below_the_claims(material):
     claim = material.claims[0]
     open_ = claim._replace(reasons={'a': 'too < easy', 'b': 'tuned'})
-    text = page.html(
+    text = page.report_html(
         material._replace(claims=(open_, claim, open_._replace(reasons={'b': 'tuned'})))
     )
     assert text.index('</table>', text.index('id="claims"')) < text.index('(a) too &lt; easy')
     assert text.count('(b) tuned') == 1
-    assert '(a) ' not in page.html(material)
+    assert '(a) ' not in page.report_html(material)
 
 
 def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
-    assert claims.beside(tmp_path) is None
-    file = tmp_path / claims.FILE
+    assert page.claims_beside(tmp_path) is None
+    file = tmp_path / page.CLAIMS_FILE
     one = {'claim': 'c', 'paper': 9, 'ours': None, 'verdict': 'not', 'cause': 'x', 'interval': [1]}
     file.write_text(json.dumps([one]))
-    assert claims.beside(tmp_path) == file
-    assert claims.load(file) == [claims.Claim('c', '9', '–', 'not', 'x')]
+    assert page.claims_beside(tmp_path) == file
+    assert page.load_claims(file) == [page.Claim('c', '9', '–', 'not', 'x')]
     file.write_text(json.dumps([one | {'reasons': {'a': 'easy'}}]))
-    assert claims.load(file)[0].reasons == {'a': 'easy'}
+    assert page.load_claims(file)[0].reasons == {'a': 'easy'}
     for wrong, said in (
         ('{}', 'must be a list'),
         ('[{"claim": 1}]', 'lacks paper'),
@@ -113,4 +114,4 @@ def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
     ):
         file.write_text(wrong)
         with pytest.raises(BagError, match=said):
-            claims.load(file)
+            page.load_claims(file)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bags.report.curves import PANELS
+from bags.report.interactive_panels import PANELS
 
 pytestmark = pytest.mark.slow
 PANEL_NAMES = {one.name for one in PANELS} | {'gg'}

@@ -17,7 +17,7 @@ from rclpy.duration import Duration
 from until import until
 
 from bags.storage import read
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage.bag_writer import BagWriter
 from experiments.run.domain import reserved
 from msgs_yaml import contract, encode
 from node_runtime import ros, spin_node

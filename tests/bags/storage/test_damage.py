@@ -15,10 +15,10 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.playback import playlist
+from bags.evaluation.bag_summary import summarize_bag
+from bags.playback import build_playlist
 from bags.storage import read, repair
-from bags.storage.scan import PREFIX, scan
-from bags.verdict.summary import summary
+from bags.storage.mcap_scan import RECORD_PREFIX, scan_records
 
 BAGS = int(os.environ.get('DAMAGED_BAGS', '200'))
 BATCH = 100
@@ -53,14 +53,17 @@ def healthy(write_chunks):
     folder = write_chunks(TOPICS, CHUNKS, PER_CHUNK)
     data = (folder / 'bag_0.mcap').read_bytes()
     chunks = [
-        (item.offset, item.offset + PREFIX.size + PREFIX.unpack_from(data, item.offset)[1])
-        for item in scan(data)
+        (
+            item.offset,
+            item.offset + RECORD_PREFIX.size + RECORD_PREFIX.unpack_from(data, item.offset)[1],
+        )
+        for item in scan_records(data)
         if item.opcode == Opcode.CHUNK
     ]
     assert len(chunks) == CHUNKS
     assert all(end <= begin for (_, end), (begin, _) in pairwise(chunks))
     payloads = {name: r.payloads for name, r in read.load(folder).recordings.items()}
-    (end_of_data,) = (item.offset for item in scan(data) if item.opcode == Opcode.DATA_END)
+    (end_of_data,) = (item.offset for item in scan_records(data) if item.opcode == Opcode.DATA_END)
     return Healthy(data, payloads, chunks, (end_of_data, len(data)))
 
 
@@ -111,8 +114,8 @@ def check_reading(folder, healthy, case):
     assert min(counts(bag)) >= before * PER_CHUNK
     for name, recorded in bag.recordings.items():
         assert recorded.payloads == healthy.payloads[name][: len(recorded.payloads)]
-    assert attempt(summary, bag) is not None
-    assert attempt(playlist.of, bag) is not None
+    assert attempt(summarize_bag, bag) is not None
+    assert attempt(build_playlist, bag) is not None
     attempt(read.columns, bag)
 
 
@@ -121,7 +124,7 @@ def check_repair(folder, healthy, case):
 
     Topics are described in the first chunk and once more in the summary.
     """
-    done = attempt(repair.repair, folder)
+    done = attempt(repair.repair_bag, folder)
     whole = [k for k, chunk in enumerate(healthy.chunks) if is_whole(chunk, case)]
     if not is_whole(healthy.chunks[0], case) and not is_whole(healthy.summary, case):
         return

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bags.storage import in_time
+from bags.storage.invalid_messages import find_foreign_stamps
 
 S = 10**9
 WALL_NS = 1_700_000_000 * S
@@ -12,7 +12,7 @@ LOG = STAMPS + 2_000_000  # 2 ms on its way
 
 
 def rows(stamp_ns, log_ns=LOG, **options):
-    return [row for row, _ in in_time.foreign(stamp_ns, log_ns, **options)]
+    return [row for row, _ in find_foreign_stamps(stamp_ns, log_ns, **options)]
 
 
 def changed(row, stamp_ns):
@@ -48,10 +48,10 @@ def test_a_clock_of_another_machine_makes_no_sample_foreign():
 
 
 def test_the_reason_names_the_field_and_what_is_allowed():
-    ((_, far),) = in_time.foreign(changed(7, 5 * S), LOG)
+    ((_, far),) = find_foreign_stamps(changed(7, 5 * S), LOG)
     assert 'header.stamp is 5.000 s, 1699999995 s from' in far
     assert 'allowed up to 600 s' in far
-    ((_, back),) = in_time.foreign(changed(7, WALL_NS), LOG)
+    ((_, back),) = find_foreign_stamps(changed(7, WALL_NS), LOG)
     assert back == 'header.stamp is 1700000000.000 s; the stamps fall back'
 
 

@@ -4,9 +4,9 @@ from collections import deque
 
 import pytest
 
-from bags.storage.inbox import ClockError, Filing
-from bags.storage.losses import Counter, Losses
-from bags.storage.rosbag2_layout import BagTopic
+from bags.storage.message_filing import ClockError, Filing
+from bags.storage.message_loss import LossCounter, Losses
+from bags.storage.rosbag2_metadata import BagTopic
 from bags.storage.simulated_time import (
     AHEAD_NS,
     LARGEST_AHEAD,
@@ -276,7 +276,7 @@ def test_several_publishers_have_several_times(filing, filed, tick):
 
 
 def counted(*sequence):
-    return Counter().add_all(sequence).losses
+    return LossCounter().add_all(sequence).losses
 
 
 def test_gaps_are_counted_with_their_places_and_the_longest():

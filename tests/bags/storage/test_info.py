@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bags import cli
+from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
-from bags.storage.rosbag2_writer import BagWriter
-from bags.verdict.summary import summary
+from bags.storage.bag_writer import BagWriter
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def limping(tmp_path, bag_folder):
 
 
 def test_summary_counts_rates_gaps_and_losses(limping):
-    found = summary(read.load(limping))
+    found = summarize_bag(read.load(limping))
     state = found['topics']['/vehicle/odometry']
     assert state['messages'] == 998
     assert state['lost'] == 2
@@ -48,14 +48,14 @@ def test_summary_counts_rates_gaps_and_losses(limping):
 
 
 def test_latency_is_from_sending_the_state_to_sending_the_command(limping):
-    latency_ms = summary(read.load(limping))['latency_ms']
+    latency_ms = summarize_bag(read.load(limping))['latency_ms']
     assert latency_ms['p50'] == pytest.approx(4.0)
     assert latency_ms['max'] == pytest.approx(9.0)
     assert latency_ms['p99'] == pytest.approx(np.percentile([4.0] * 18 + [9.0], 99))
 
 
 def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
-    assert summary(read.load(limping))['ticks'] == {
+    assert summarize_bag(read.load(limping))['ticks'] == {
         'count': 20,
         'missed': 1,
         'unanswered': 1,
@@ -65,10 +65,10 @@ def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
 
 
 def test_fallbacks_are_counted_by_reason(limping, bag_folder):
-    found = summary(read.load(limping))
+    found = summarize_bag(read.load(limping))
     assert found['rungs'] == {'solved': 19, 'shifte': 1}
     assert sum(found['fallbacks'].values()) == 1
-    assert summary(read.load(bag_folder))['fallbacks'] == {}
+    assert summarize_bag(read.load(bag_folder))['fallbacks'] == {}
 
 
 def test_numbers_of_several_publishers_say_nothing_about_losses(tmp_path, bag_folder):
@@ -77,7 +77,7 @@ def test_numbers_of_several_publishers_say_nothing_about_losses(tmp_path, bag_fo
     for sequence in (1, 1, 2, 2, 5):
         writer.write(0, 1, 1, recorded.payloads[0], sequence)
     writer.close()
-    assert summary(read.load(tmp_path / 'bag'))['topics']['/diagnostics']['lost'] is None
+    assert summarize_bag(read.load(tmp_path / 'bag'))['topics']['/diagnostics']['lost'] is None
 
 
 def test_bag_without_states_is_described_too(tmp_path, bag_folder):
@@ -85,7 +85,7 @@ def test_bag_without_states_is_described_too(tmp_path, bag_folder):
     writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
     writer.write(0, 1, 1, recorded.payloads[0])
     writer.close()
-    found = summary(read.load(tmp_path / 'bag'))
+    found = summarize_bag(read.load(tmp_path / 'bag'))
     assert found['latency_ms'] is None
     assert found['topics']['/controller/command']['rate_hz'] is None
     assert cli.main(['info', str(tmp_path / 'bag')]) == 0

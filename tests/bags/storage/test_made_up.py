@@ -10,11 +10,11 @@ import zstandard
 from mcap.opcode import Opcode
 
 from bags.errors import BagError
-from bags.storage import cdr, read, repair, scan
-from bags.storage.definitions import SEPARATOR, schema_text
-from bags.storage.rosbag2_layout import BagTopic, offered, qos_text
-from bags.storage.rosbag2_writer import BagWriter
-from bags.verdict.summary import summary
+from bags.evaluation.bag_summary import summarize_bag
+from bags.storage import cdr, mcap_scan, read, repair
+from bags.storage.bag_writer import BagWriter
+from bags.storage.message_definitions import SEPARATOR, schema_text
+from bags.storage.rosbag2_metadata import BagTopic, parse_qos, qos_text
 
 STATE, COMMAND = '/vehicle/odometry', '/controller/command'
 TYPES = {
@@ -87,7 +87,7 @@ def test_definition_that_does_not_fit_is_refused(bag, recorded, name):
     for use in (read.columns, lambda given: read.values(given, topic)):
         with pytest.raises(BagError, match=topic):
             use(folder)
-    assert repair.repair(folder).intact
+    assert repair.repair_bag(folder).intact
 
 
 @pytest.mark.parametrize('part', ['sec', 'nanosec'])
@@ -112,7 +112,7 @@ def test_states_without_stamps_are_counted_as_invalid_in_a_summary(tmp_path):
     for index in (0, 1):
         writer.write(index, 1, 1, b'')
     writer.close()
-    found = summary(read.load(tmp_path / 'bag'))
+    found = summarize_bag(read.load(tmp_path / 'bag'))
     counts = {topic: one['count'] for topic, one in found['invalid_messages'].items()}
     assert counts == {STATE: 1, COMMAND: 1}
     assert found['invalid_messages'][STATE]['first'].startswith('message 0: not plain CDR')
@@ -141,14 +141,14 @@ def test_message_without_fields_takes_the_byte_that_ros_gives_it():
     ],
 )
 def test_qos_that_is_none_says_nothing_and_is_no_obstacle(bag, text):
-    assert offered(text) == []
+    assert parse_qos(text) == []
     folder = bag('/clock', 'a/A', 'int32 x', qos=text)
     (folder / 'metadata.yaml').write_text(text)
-    assert repair.repair(folder).wrote_metadata
+    assert repair.repair_bag(folder).wrote_metadata
 
 
 def test_qos_of_odd_values_says_nothing_of_them():
-    (found,) = offered('- {history: [1], reliability: {}, durability: 2, depth: 3}')
+    (found,) = parse_qos('- {history: [1], reliability: {}, durability: 2, depth: 3}')
     assert found['history'] is None
     assert found['reliability'] is None
     assert found['durability'] == 'volatile'
@@ -156,12 +156,17 @@ def test_qos_of_odd_values_says_nothing_of_them():
 
 def chunk(codec, data, size):
     """The record of a chunk without a checksum."""
-    body = scan.HEAD.pack(0, 0, size, 0, len(codec)) + codec + scan.SIZE.pack(len(data)) + data
-    return scan.PREFIX.pack(Opcode.CHUNK, len(body)) + body
+    body = (
+        mcap_scan.CHUNK_HEADER.pack(0, 0, size, 0, len(codec))
+        + codec
+        + mcap_scan.SIZE.pack(len(data))
+        + data
+    )
+    return mcap_scan.RECORD_PREFIX.pack(Opcode.CHUNK, len(body)) + body
 
 
 def first_of(codec, data, size):
-    return next(scan.scan(scan.MCAP0_MAGIC + chunk(codec, data, size)))
+    return next(mcap_scan.scan_records(mcap_scan.MCAP0_MAGIC + chunk(codec, data, size)))
 
 
 UNSAID = zstandard.ZstdCompressor(write_content_size=False)
@@ -182,5 +187,5 @@ def test_chunk_gets_no_more_memory_than_its_head_claims(codec):
     found = first_of(codec, packed, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert isinstance(found, scan.Damage)
+    assert isinstance(found, mcap_scan.Damage)
     assert peak < 10_000_000

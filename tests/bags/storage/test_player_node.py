@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from bags import cli
 from bags.player_node import DEPTH, profile
 from bags.storage import read
-from bags.storage.rosbag2_layout import qos_text
+from bags.storage.rosbag2_metadata import qos_text
 from msgs_yaml import contract
 from node_runtime import qos
 

@@ -7,8 +7,8 @@ import pytest
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read
+from bags.storage.bag_writer import BagWriter
 from bags.storage.columns import Values
-from bags.storage.rosbag2_writer import BagWriter
 from msgs_yaml import stamp, types, yaw
 
 FLAT = {

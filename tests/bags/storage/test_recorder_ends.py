@@ -14,7 +14,8 @@ from require import lack
 from until import until
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage import contents, read, repair
+from bags.storage import read, repair
+from bags.storage.mcap_reader import read_mcap
 from node_runtime import leaving
 
 pytestmark = pytest.mark.usefixtures('domain')
@@ -49,11 +50,11 @@ def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_rin
     recorder.end(signal.SIGKILL)
     folder = tmp_path / 'bag'
     assert not (folder / 'metadata.yaml').exists()
-    done = repair.repair(folder)
+    done = repair.repair_bag(folder)
     recovered = done.messages['/vehicle/odometry']
     assert not done.intact
     assert sent[-1] - sent[recovered - 1] < LOST_BY_A_KILL_S
-    assert contents.load(folder / 'bag_0.mcap').indexed
+    assert read_mcap(folder / 'bag_0.mcap').indexed
     assert counts(folder) == {'/vehicle/odometry': recovered}
 
 
@@ -76,7 +77,7 @@ def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(
     assert code == 0, said
     assert leaving.HELD in said
     assert counts(tmp_path / 'bag') == expected(messages)
-    assert repair.repair(tmp_path / 'bag').intact
+    assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
@@ -112,7 +113,7 @@ def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
     assert code == 1, said
     assert 'File too large' in said
     assert '`bags repair' in said
-    assert repair.repair(tmp_path / 'bag').messages['/clock'] == 1
+    assert repair.repair_bag(tmp_path / 'bag').messages['/clock'] == 1
 
 
 def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
@@ -140,7 +141,7 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
     sent = expected(messages)
     sent['/controller/command'] += 1
     assert counts(tmp_path / 'bag') == sent
-    assert repair.repair(tmp_path / 'bag').intact
+    assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
@@ -210,6 +211,6 @@ def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered
     assert (np.diff(state.log_ns) == 1_000_000).all()
     # there is no room to repair it there; elsewhere there is
     with pytest.raises(BagError, match=r'cannot be repaired: .*No space left'):
-        repair.repair(small_disk / 'bag')
+        repair.repair_bag(small_disk / 'bag')
     copy = shutil.copytree(small_disk / 'bag', tmp_path / 'bag')
-    assert repair.repair(copy).messages['/vehicle/odometry'] == len(state.payloads)
+    assert repair.repair_bag(copy).messages['/vehicle/odometry'] == len(state.payloads)

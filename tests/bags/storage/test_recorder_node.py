@@ -10,8 +10,8 @@ import pytest
 from one_second import counts, endless, expected
 from until import until
 
+from bags.evaluation import tick_timing
 from bags.storage import read, repair
-from bags.verdict import timing
 
 pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90
@@ -28,7 +28,7 @@ def test_signal_completes_the_bag_with_everything_delivered(
     code, said = recorder.end(number)
     assert code == 0, said
     assert counts(tmp_path / 'bag') == expected(messages)
-    assert repair.repair(tmp_path / 'bag').intact
+    assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -134,9 +134,9 @@ def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(
 
 def test_latency_joins_command_and_state_by_their_stamp(bag_folder, messages):
     bag = read.load(bag_folder)
-    joined = timing.latency(bag)
+    joined = tick_timing.command_latency(bag)
     assert joined.stamp_ns.tolist() == [sent.stamp_ns for sent in messages['/controller/command']]
-    state, command = (bag.recordings[name] for name in (timing.STATE, timing.COMMAND))
+    state, command = (bag.recordings[name] for name in (tick_timing.STATE, tick_timing.COMMAND))
     assert joined.latency_s[3] == (command.publish_ns[3] - state.publish_ns[150]) / 1e9
 
 
@@ -180,7 +180,7 @@ def test_recorder_splits_on_request_and_loses_nothing(
     assert code == 0, said
     assert len(list((tmp_path / 'bag').glob('bag_*.mcap'))) >= 3
     assert counts(tmp_path / 'bag') == expected(messages)
-    assert repair.repair(tmp_path / 'bag').intact
+    assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 def test_bag_that_was_recorded_by_hand_says_by_what_and_where(

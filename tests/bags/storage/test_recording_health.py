@@ -1,7 +1,6 @@
 """What the recorder tells of itself."""
 
-from bags.storage.losses import Counter
-from bags.storage.recording_health import Monitor
+from bags.storage.message_loss import LossCounter, RecordingHealth
 from msgs_yaml import contract
 from node_runtime.ages import CALM_NS, OK, STALE, WARN
 
@@ -12,18 +11,19 @@ NOW_NS = 10**18
 
 def counted(sequences):
     return {
-        name: Counter().add_all(sequences.get(name, ())).losses for name in contract.load().topics
+        name: LossCounter().add_all(sequences.get(name, ())).losses
+        for name in contract.load().topics
     }
 
 
 def test_recorder_that_hears_nothing_says_so():
-    found = Monitor(MODE).health(NOW_NS, counted({}))
+    found = RecordingHealth(MODE).health(NOW_NS, counted({}))
     assert (found.name, found.level) == ('recorder', STALE)
     assert found.values['messages'] == 0
 
 
 def test_topics_that_are_silent_are_named_but_not_those_published_on_request_only():
-    found = Monitor(MODE).health(NOW_NS, counted({STATE: (1, 2, 3)}))
+    found = RecordingHealth(MODE).health(NOW_NS, counted({STATE: (1, 2, 3)}))
     assert found.level == OK
     assert found.values['messages'] == 3
     silent = found.values['silent'].split()
@@ -33,12 +33,14 @@ def test_topics_that_are_silent_are_named_but_not_those_published_on_request_onl
 
 
 def test_every_topic_heard_leaves_none_silent():
-    found = Monitor(MODE).health(NOW_NS, counted(dict.fromkeys(contract.load().topics, (1,))))
+    found = RecordingHealth(MODE).health(
+        NOW_NS, counted(dict.fromkeys(contract.load().topics, (1,)))
+    )
     assert found.values['silent'] == 'none'
 
 
 def test_a_loss_is_a_warning_until_nothing_was_lost_for_a_while():
-    monitor, lossy = Monitor(MODE), counted({STATE: (1, 2, 5)})
+    monitor, lossy = RecordingHealth(MODE), counted({STATE: (1, 2, 5)})
     first = monitor.health(NOW_NS, lossy)
     assert (first.level, first.values['lost']) == (WARN, 2)
     assert monitor.health(NOW_NS + CALM_NS - 1, lossy).level == WARN

@@ -13,8 +13,9 @@ from rosbags.rosbag2 import Reader
 
 from bags import cli
 from bags.errors import BagError
-from bags.storage import contents, read, repair
-from bags.storage.scan import scan
+from bags.storage import read, repair
+from bags.storage.mcap_reader import Message, read_mcap
+from bags.storage.mcap_scan import scan_records
 
 CHUNKS = 10
 PER_CHUNK = 20
@@ -24,7 +25,7 @@ class Healthy(NamedTuple):
     """A complete file and what it holds."""
 
     data: bytes
-    messages: list[contents.Message]
+    messages: list[Message]
     chunk_ends: list[int]  # offsets in the file
 
     def __repr__(self):
@@ -36,9 +37,9 @@ def healthy(write_chunks):
     """A small bag of ten chunks."""
     folder = write_chunks(['/vehicle/odometry', '/controller/why'], CHUNKS, PER_CHUNK)
     data = (folder / 'bag_0.mcap').read_bytes()
-    found = list(scan(data))
+    found = list(scan_records(data))
     ends = [after.offset for item, after in pairwise(found) if item.opcode == Opcode.CHUNK]
-    return Healthy(data, contents.load(folder / 'bag_0.mcap').messages, ends)
+    return Healthy(data, read_mcap(folder / 'bag_0.mcap').messages, ends)
 
 
 @pytest.fixture(scope='module')
@@ -58,14 +59,14 @@ def damage(tmp_path_factory):
 def attempt(folder):
     """Repair; None when the bag is refused, which must be said by name."""
     try:
-        return repair.repair(folder)
+        return repair.repair_bag(folder)
     except BagError as error:
         return None if 'bag_0.mcap' in str(error) else error
 
 
 def assert_complete(folder, messages):
     """The bag is as good as one that was closed, for other readers too."""
-    found = contents.load(folder / 'bag_0.mcap')
+    found = read_mcap(folder / 'bag_0.mcap')
     assert not found.damage
     assert found.indexed
     assert found.messages == messages
@@ -102,9 +103,9 @@ def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage
     wrong = bytearray(data)
     wrong[int(place * len(data))] ^= 1 << bit
     folder = damage(wrong)
-    done = repair.repair(folder)
+    done = repair.repair_bag(folder)
     assert not done.intact
-    found = set(contents.load(folder / 'bag_0.mcap').messages)
+    found = set(read_mcap(folder / 'bag_0.mcap').messages)
     chunks = [messages[k : k + 2 * PER_CHUNK] for k in range(0, len(messages), 2 * PER_CHUNK)]
     kept = [chunk for chunk in chunks if chunk[0] in found]
     assert len(kept) >= CHUNKS - 1
@@ -126,7 +127,7 @@ def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data
     if attempt(folder) is None:
         assert [path.name for path in folder.iterdir()] == ['bag_0.mcap']
     else:
-        found = contents.load(folder / 'bag_0.mcap')
+        found = read_mcap(folder / 'bag_0.mcap')
         assert found.indexed
         assert not found.damage
         assert len(found.messages) <= len(messages)
@@ -134,17 +135,17 @@ def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data
 
 def test_facts_of_the_run_and_definitions_survive(healthy, damage):
     folder = damage(healthy.data[:-50])
-    before = contents.load(folder / 'bag_0.mcap').topics
-    repair.repair(folder)
+    before = read_mcap(folder / 'bag_0.mcap').topics
+    repair.repair_bag(folder)
     assert read.run_info(folder) == {'scenario': 'straight'}
-    assert contents.load(folder / 'bag_0.mcap').topics == before
+    assert read_mcap(folder / 'bag_0.mcap').topics == before
 
 
 def test_complete_bag_is_not_touched(healthy, damage):
     folder = damage(healthy.data)
-    repair.repair(folder)
+    repair.repair_bag(folder)
     modified = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
-    done = repair.repair(folder)
+    done = repair.repair_bag(folder)
     assert done.intact
     assert done.files[0].kept is None
     assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == modified
@@ -152,7 +153,7 @@ def test_complete_bag_is_not_touched(healthy, damage):
 
 def test_missing_metadata_file_is_written(healthy, damage):
     folder = damage(healthy.data)
-    done = repair.repair(folder)
+    done = repair.repair_bag(folder)
     assert done.intact
     assert done.wrote_metadata
     assert_complete(folder, healthy.messages)
@@ -160,23 +161,23 @@ def test_missing_metadata_file_is_written(healthy, damage):
 
 def test_second_repair_keeps_both_damaged_files(healthy, damage):
     folder = damage(healthy.data[:-50])
-    repair.repair(folder)
+    repair.repair_bag(folder)
     shutil.copy(folder / 'bag_0.mcap.damaged', folder / 'bag_0.mcap')
-    assert repair.repair(folder).files[0].kept.name == 'bag_0.mcap.damaged2'
+    assert repair.repair_bag(folder).files[0].kept.name == 'bag_0.mcap.damaged2'
     assert (folder / 'bag_0.mcap.damaged').exists()
 
 
 def test_draft_of_an_interrupted_repair_is_no_obstacle(healthy, damage):
     folder = damage(healthy.data[:-50])
     (folder / 'bag_0.mcap.repaired').write_bytes(b'half')
-    repair.repair(folder)
+    repair.repair_bag(folder)
     assert_complete(folder, healthy.messages)
     assert not (folder / 'bag_0.mcap.repaired').exists()
 
 
 def test_file_alone_is_repaired_without_metadata_beside_it(healthy, tmp_path):
     (tmp_path / 'download.mcap').write_bytes(healthy.data[:-50])
-    repair.repair(tmp_path / 'download.mcap')
+    repair.repair_bag(tmp_path / 'download.mcap')
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'download.mcap',
         'download.mcap.damaged',
@@ -186,7 +187,7 @@ def test_file_alone_is_repaired_without_metadata_beside_it(healthy, tmp_path):
 def test_what_holds_nothing_is_refused_and_stays(tmp_path):
     (tmp_path / 'noise.mcap').write_bytes(b'\x89MCAP0\r\n' + bytes(range(256)) * 8)
     with pytest.raises(BagError, match='nothing can be recovered'):
-        repair.repair(tmp_path / 'noise.mcap')
+        repair.repair_bag(tmp_path / 'noise.mcap')
     assert [path.name for path in tmp_path.iterdir()] == ['noise.mcap']
 
 

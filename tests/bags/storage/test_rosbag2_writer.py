@@ -11,8 +11,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from bags.errors import BagError
-from bags.storage import contents, read, repair
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage import read, repair
+from bags.storage.bag_writer import BagWriter
+from bags.storage.mcap_reader import read_mcap
 from msgs_yaml import contract, share
 
 
@@ -90,7 +91,7 @@ def definition(package, name):
 
 def test_metadata_inside_the_file_is_the_metadata_beside_it(bag_folder):
     beside = yaml.safe_load((bag_folder / 'metadata.yaml').read_text())
-    inside = contents.load(bag_folder / 'mpcc_0.mcap').records['rosbag2']['serialized_metadata']
+    inside = read_mcap(bag_folder / 'mpcc_0.mcap').records['rosbag2']['serialized_metadata']
     assert yaml.safe_load(inside) == beside['rosbag2_bagfile_information']
     assert beside['rosbag2_bagfile_information']['relative_file_paths'] == ['mpcc_0.mcap']
     assert beside['rosbag2_bagfile_information']['version'] == 9
@@ -129,7 +130,7 @@ def test_full_disk_is_a_clear_error_and_what_was_flushed_stays_complete(tmp_path
             record_until_the_disk_is_full()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not repair.repair(tmp_path / 'bag').intact
+    assert not repair.repair_bag(tmp_path / 'bag').intact
     found = read.load(tmp_path / 'bag').recordings['/vehicle/odometry'].payloads
     assert len(flushed) <= len(found) <= len(flushed) + len(recorded.payloads)
     assert found == (flushed + recorded.payloads)[: len(found)]

@@ -9,16 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bags.errors import BagError
-from bags.storage import decoders, in_range, inbox, read
+from bags.storage import message_filing, read
+from bags.storage.decoding import DECODE_ERRORS, decode_message
+from bags.storage.invalid_messages import drop_invalid, obeys_contract
 from bags.storage.read import Bag, Recording
-from bags.storage.sift import sift
 from msgs_yaml import contract, encode
 from msgs_yaml.types import Actuators, Command, Imu, Obstacles, VehicleState, Wheels
 from node_runtime import ros
 
 S = 1_000_000_000
 FOUR = (0.1, 0.2, 0.3, 0.4)
-TOPICS = {topic.name: topic for topic in inbox.bag_topics(contract.load(), 'lockstep')}
+TOPICS = {topic.name: topic for topic in message_filing.bag_topics(contract.load(), 'lockstep')}
 MADE = {
     '/vehicle/odometry': lambda: encode.odometry(VehicleState(S, 1.0, 2.0, 0.3, 20.0, 0.1, 0.2)),
     '/vehicle/actuators': lambda: encode.actuators(Actuators(S, 0.1, 0.2, -3e3, -2e3, FOUR)),
@@ -42,8 +43,8 @@ def bag(recordings):
 
 def obeys(name, payload):
     try:
-        decoders.value(TOPICS[name], payload)
-    except decoders.INVALID:
+        decode_message(TOPICS[name], payload)
+    except DECODE_ERRORS:
         return False
     return True
 
@@ -85,9 +86,9 @@ def test_the_fast_look_decides_as_the_decoder_does(name):
     def tried(data):
         payloads = [change(MADE[name](), data.draw) for _ in range(4)]
         expected = [obeys(name, payload) for payload in payloads]
-        assert in_range.rows(TOPICS[name], payloads).tolist() == expected
+        assert obeys_contract(TOPICS[name], payloads).tolist() == expected
         for payload, good in zip(payloads, expected):
-            alone = sift(bag({name: recording(name, [payload])}))
+            alone = drop_invalid(bag({name: recording(name, [payload])}))
             assert bool(alone.recordings[name].payloads) == good
 
     tried()
@@ -96,7 +97,7 @@ def test_the_fast_look_decides_as_the_decoder_does(name):
 def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
     whole = ros.serialized(MADE['/vehicle/imu']())
     payloads = [whole, whole[:30], whole, b'', whole]
-    found = sift(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
+    found = drop_invalid(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
     assert found.recordings['/vehicle/imu'].log_ns.tolist() == [0, 2, 4]
     assert found.invalid['/vehicle/imu'].count == 2
     assert found.invalid['/vehicle/imu'].first.startswith('message 1: ')
@@ -108,7 +109,7 @@ def test_time_counts_from_the_first_valid_state():
     bad.header.stamp.nanosec = 5
     bad.header.frame_id = 'odom'
     payloads = [ros.serialized(bad), ros.serialized(good)]
-    found = sift(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
+    found = drop_invalid(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
     assert read.columns(found)['/vehicle/odometry'].t_s.tolist() == [0.0]
 
 
@@ -118,7 +119,7 @@ def test_columns_check_no_range_and_sifting_does():
     payloads = [ros.serialized(good), ros.serialized(bad)]
     recorded = bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)})
     assert np.isnan(read.columns(recorded)['/vehicle/odometry'].vx_mps).tolist() == [False, True]
-    assert len(read.columns(sift(recorded))['/vehicle/odometry'].vx_mps) == 1
+    assert len(read.columns(drop_invalid(recorded))['/vehicle/odometry'].vx_mps) == 1
     with pytest.raises(BagError, match='message 1 of /vehicle/odometry'):
         read.values(recorded, '/vehicle/odometry')
 
@@ -127,13 +128,13 @@ def test_values_are_decoded_once_and_stay_those_of_their_messages():
     name = '/scenario/obstacles'
     messages = [ros.serialized(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
     broken = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
-    found = sift(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
+    found = drop_invalid(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
     assert [value.stamp_ns - S for value in read.values(found, name)] == [0, 1, 2]
-    assert sift(found) is found
+    assert drop_invalid(found) is found
 
 
 def test_a_topic_that_the_contract_does_not_know_stays_as_it_is():
     name = '/markers/vehicle'
-    found = sift(bag({name: recording(name, [b'anything'])}))
+    found = drop_invalid(bag({name: recording(name, [b'anything'])}))
     assert found.recordings[name].payloads == [b'anything']
     assert not found.invalid

@@ -11,11 +11,11 @@ from rosbags.rosbag2 import Reader
 
 from bags import cli
 from bags.errors import BagError, DamagedBagWarning
+from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read, repair
-from bags.storage.definitions import schema_text
-from bags.storage.files import mcap_files
-from bags.storage.rosbag2_writer import BagWriter, Split
-from bags.verdict.summary import summary
+from bags.storage.bag_writer import BagWriter, Split
+from bags.storage.mcap_reader import mcap_files
+from bags.storage.message_definitions import schema_text
 
 
 def write(folder, bag, split):
@@ -146,23 +146,23 @@ def test_missing_file_ends_the_bag_there(copied):
     (copied / 'bag_3.mcap').unlink()
     with pytest.warns(DamagedBagWarning, match=r'bag_3.mcap is missing; read up to there'):
         assert len(payloads(read.load(copied))['/vehicle/odometry']) == 270
-    done = repair.repair(copied)
+    done = repair.repair_bag(copied)
     assert done.missing == ('bag_3.mcap',)
     assert not done.intact
-    assert 'bag_3.mcap is missing' in repair.report(done)
+    assert 'bag_3.mcap is missing' in repair.describe_repair(done)
 
 
 def test_repair_mends_the_damaged_files_only(copied, whole):
     (copied / 'metadata.yaml').unlink()
     last = copied / 'bag_11.mcap'
     last.write_bytes(last.read_bytes()[:-20])
-    done = repair.repair(copied)
+    done = repair.repair_bag(copied)
     assert [file.path.name for file in done.files if file.kept] == ['bag_11.mcap']
     assert done.wrote_metadata
     assert payloads(read.load(copied)) == payloads(whole)
     with Reader(copied) as reader:
         assert reader.message_count == sum(map(len, payloads(whole).values()))
-    assert repair.repair(copied).intact
+    assert repair.repair_bag(copied).intact
 
 
 @pytest.mark.parametrize('left', [0, 60])
@@ -171,7 +171,7 @@ def test_file_that_was_just_begun_when_the_recorder_was_killed_becomes_an_empty_
     begun.write_bytes((copied / 'bag_0.mcap').read_bytes()[:left])
     (copied / 'metadata.yaml').unlink()
     before = {file: file.read_bytes() for file in mcap_files(copied)[:-1]}
-    done = repair.repair(copied)
+    done = repair.repair_bag(copied)
     assert [file.path.name for file in done.files if file.kept] == ['bag_12.mcap']
     assert {file: file.read_bytes() for file in before} == before
     assert read.load(copied).damage is None
@@ -186,7 +186,7 @@ def test_files_of_two_bags_in_a_folder_are_refused(copied):
 
 
 def test_info_counts_every_file(split_folder, whole, capsys):
-    found = summary(read.load(split_folder))
+    found = summarize_bag(read.load(split_folder))
     assert found['messages'] == sum(map(len, payloads(whole).values()))
     assert len(found['files']) == 12
     assert found['bytes'] == sum(found['files'].values())

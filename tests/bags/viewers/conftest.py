@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from bags.viewers import shapes
+from bags.viewers import marker_scene
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 
 S = 1_000_000_000
-PARAMS = shapes.ShapeParams(
-    shapes.OutlineParams(front_m=2.27, rear_m=2.57, width_m=1.85),
-    shapes.SafetyParams((1.2, -1.2), 1.1, 0.5, 0.4),
+PARAMS = marker_scene.ShapeParams(
+    marker_scene.OutlineParams(front_m=2.27, rear_m=2.57, width_m=1.85),
+    marker_scene.SafetyParams((1.2, -1.2), 1.1, 0.5, 0.4),
 )
 STATE = VehicleState(S, 10.0, 2.0, np.pi / 2, 20.0, 0.0, 0.0)
 OBSTACLES = (Obstacle(7, 40.0, 1.0, 0.8, 0.0, 0.0),)
@@ -24,9 +24,9 @@ def drawn():
     """Return the shapes of every marker topic."""
     use = {'front': 0.62, 'rear': 1.4}
     return {
-        '/markers/vehicle': shapes.vehicle(STATE, use, PARAMS.outline),
-        '/markers/safety': shapes.safety(STATE, OBSTACLES, EDGES, PARAMS.safety),
-        '/markers/prediction': shapes.prediction(PLAN, PATH),
+        '/markers/vehicle': marker_scene.vehicle_shapes(STATE, use, PARAMS.outline),
+        '/markers/safety': marker_scene.safety_shapes(STATE, OBSTACLES, EDGES, PARAMS.safety),
+        '/markers/prediction': marker_scene.prediction_shapes(PLAN, PATH),
     }
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from bags.viewers import encode as viewer_messages
-from bags.viewers import stage
+from bags.viewers import marker_scene
 from experiments import simulation
 from msgs_yaml import contract, encode, share
 from msgs_yaml.types import Actuators, Command, Health, Imu, VehicleState, Wheels
@@ -99,7 +99,7 @@ def test_foxglove_plots_what_a_drive_has(messages, path, label):
 def test_foxglove_shows_topics_of_the_contract_in_panels_that_exist():
     layout = json.loads(text(FOXGLOVE))
     shown = layout['configById']['3D!road']['topics']
-    assert {stage.VEHICLE, stage.SAFETY, stage.PREDICTION} <= set(shown)
+    assert {marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION} <= set(shown)
     topics = contract.load().topics
     assert set(shown) <= set(topics)
     for config in layout['configById'].values():
@@ -146,7 +146,7 @@ def test_rviz_shows_topics_of_the_contract_and_takes_what_is_offered():
     topics = contract.load().topics
     assert config['Global Options']['Fixed Frame'] == topics['/vehicle/odometry'].frame
     shown = [one for one in config['Displays'] if 'Topic' in one]
-    assert {stage.VEHICLE, stage.SAFETY, stage.PREDICTION} <= {
+    assert {marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION} <= {
         one['Topic']['Value'] for one in shown
     }
     for one in shown:
@@ -170,5 +170,5 @@ def test_a_path_that_does_not_exist_is_found_out(messages):
     assert '/vehicle/odometry/twist/twist/linear/u' not in series(
         '/vehicle/odometry', messages['/vehicle/odometry']
     )
-    picture = viewer_messages.markers(stage.VEHICLE, 1, [])
+    picture = viewer_messages.marker_array(marker_scene.VEHICLE, 1, [])
     assert resolve(picture, '.markers[0].action') == [3]

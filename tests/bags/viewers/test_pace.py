@@ -2,13 +2,13 @@
 
 import pytest
 
-from bags.viewers import screening
+from bags.viewers import playback_server
 
 S = 1_000_000_000
 
 
 def test_the_pace_follows_rate_pause_and_seek():
-    pace = screening.Pace(10 * S, 20 * S, 2.0)
+    pace = playback_server.Pace(10 * S, 20 * S, 2.0)
     assert pace.now(100.0) == 10 * S
     assert pace.now(101.0) == 12 * S
     pace.change(101.0, playing=False)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bags.viewers import encode, shapes, stage
+from bags.viewers import encode, marker_scene
 from msgs_yaml import conformance
 from msgs_yaml.types import VehicleState, Why
 
@@ -17,7 +17,7 @@ TOPICS = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
 
 @pytest.mark.parametrize('topic', TOPICS)
 def test_messages_obey_the_contract_and_begin_anew(drawn, topic):
-    message = encode.markers(topic, S, drawn[topic])
+    message = encode.marker_array(topic, S, drawn[topic])
     assert conformance.check(topic, message) == []
     assert message.markers[0].action == message.markers[0].DELETEALL
     names = [(one.ns, one.id) for one in message.markers[1:]]
@@ -36,11 +36,11 @@ def test_the_car_points_along_its_heading_and_has_its_true_outline(drawn, find):
 
 def test_friction_use_is_a_bar_that_ends_at_the_limit(drawn, find):
     front, rear = find(drawn['/markers/vehicle'], 'friction')
-    assert front.size[2] == pytest.approx(0.62 * shapes.BAR_M[2])
-    assert rear.size[2] == pytest.approx(shapes.BAR_M[2])
+    assert front.size[2] == pytest.approx(0.62 * marker_scene.BAR_M[2])
+    assert rear.size[2] == pytest.approx(marker_scene.BAR_M[2])
     assert front.at[1] > rear.at[1]
     assert rear.colour[0] > front.colour[0], 'redder at the limit'
-    assert shapes.friction_use({'friction.front': 0.5, 'rung': 'solved'}) == {'front': 0.5}
+    assert marker_scene.friction_use({'friction.front': 0.5, 'rung': 'solved'}) == {'front': 0.5}
 
 
 def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn, find):
@@ -59,19 +59,22 @@ def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn, find):
 def test_the_plan_is_coloured_by_its_speed(drawn, find):
     (horizon,) = find(drawn['/markers/prediction'], 'horizon')
     assert horizon.colours.shape == (51, 4)
-    assert horizon.colours[0] == pytest.approx([*shapes.FAST, 1.0])
+    assert horizon.colours[0] == pytest.approx([*marker_scene.FAST, 1.0])
     red = horizon.colours[:, 0]
     assert np.all(np.diff(red[:-1]) > 0.0), 'it brakes all the way'
-    slowest = shapes.speed_colours(np.array([20.0, 15.0, 3.0]))
-    assert slowest[1:, :3] == pytest.approx(np.array([shapes.SLOW, shapes.SLOW]))
+    slowest = marker_scene.speed_colours(np.array([20.0, 15.0, 3.0]))
+    assert slowest[1:, :3] == pytest.approx(np.array([marker_scene.SLOW, marker_scene.SLOW]))
 
 
 def test_what_is_not_known_yet_is_not_drawn():
     state = VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0)
-    outline = shapes.OutlineParams(2.0, 2.0, 1.8)
-    assert {one.ns for one in shapes.vehicle(state, {}, outline)} == {'body', 'outline'}
-    distances = shapes.SafetyParams((0.0,), 1.1, 0.5, 0.5)
-    assert {one.ns for one in shapes.safety(state, (), None, distances)} == {'circle'}
+    outline = marker_scene.OutlineParams(2.0, 2.0, 1.8)
+    assert {one.ns for one in marker_scene.vehicle_shapes(state, {}, outline)} == {
+        'body',
+        'outline',
+    }
+    distances = marker_scene.SafetyParams((0.0,), 1.1, 0.5, 0.5)
+    assert {one.ns for one in marker_scene.safety_shapes(state, (), None, distances)} == {'circle'}
 
 
 def test_the_transform_is_the_pose_of_the_car():
@@ -86,7 +89,7 @@ def test_the_transform_is_the_pose_of_the_car():
 
 @pytest.mark.parametrize('said', ['n/a', math.nan, math.inf])
 def test_a_friction_use_that_is_no_number_is_not_drawn(said):
-    drawn = stage.Stage(PARAMS)
+    drawn = marker_scene.MarkerScene(PARAMS)
     drawn.take('/controller/why', Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5}))
     car, _ = drawn.take('/vehicle/odometry', VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0))
     assert [one.text for one in car.shapes if one.ns == 'use'] == ['rear 0.50']

@@ -17,10 +17,10 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from bags import cli
-from bags.storage import definitions
-from bags.storage.rosbag2_layout import BagTopic, qos_text
-from bags.storage.rosbag2_writer import BagWriter
-from bags.viewers import screening
+from bags.storage.bag_writer import BagWriter
+from bags.storage.message_definitions import schema_text, type_hash
+from bags.storage.rosbag2_metadata import BagTopic, qos_text
+from bags.viewers import playback_server
 from msgs_yaml import contract, encode, fast
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
 from node_runtime import ros, spin_node
@@ -93,7 +93,7 @@ def bag(tmp_path):
     topics = []
     for name, durability in kinds.items():
         kind = contract.load().topics[name].type
-        text, digest = definitions.schema_text(kind), definitions.type_hash(kind)
+        text, digest = schema_text(kind), type_hash(kind)
         qos = qos_text('keep_last', 1, 'reliable', durability)
         topics.append(BagTopic(name, kind, text, digest, qos))
     writer = BagWriter(tmp_path / 'bag', topics, {})
@@ -145,7 +145,7 @@ def test_a_bag_arrives_with_its_schemas_bytes_and_times(view, bag):
     channel = client.channels['/vehicle/odometry']
     assert (channel['encoding'], channel['schemaEncoding']) == ('cdr', 'ros2msg')
     assert channel['schemaName'] == 'nav_msgs/msg/Odometry'
-    assert channel['schema'] == definitions.schema_text('nav_msgs/msg/Odometry')
+    assert channel['schema'] == schema_text('nav_msgs/msg/Odometry')
     assert {'time', 'playbackControl'} <= set(client.info['capabilities'])
     template = fast.Template('/vehicle/odometry')
     sent = {one.stamp_ns: bytes(template.fill(one)) for one in states(2000)}
@@ -211,7 +211,7 @@ def test_the_running_ring_is_seen_with_its_shapes(view, namespace):
 def test_foxglove_pauses_and_seeks_and_gets_the_facts_again(bag):
     from bags.storage import read
 
-    shown = screening.Screening(read.load(bag), 0, 1.0, False)
+    shown = playback_server.PlaybackServer(read.load(bag), 0, 1.0, False)
     try:
         sent = []
         shown.server.send = lambda name, payload, log_ns: sent.append((name, log_ns))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from bags.storage import inbox
-from bags.storage.rosbag2_writer import BagWriter
+from bags.storage import message_filing
+from bags.storage.bag_writer import BagWriter
 from experiments.run.live_position import LivePosition, PositionReader
 from msgs_yaml import contract, encode
 from msgs_yaml.types import VehicleState
@@ -17,7 +17,7 @@ MS = 1_000_000
 @pytest.fixture
 def drive(tmp_path):
     """Return drive(from_ms, to_ms) that records states at 20 m/s, and the folder of the bag."""
-    topics = inbox.bag_topics(contract.load(), 'lockstep')
+    topics = message_filing.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'bag', topics, {})
 
@@ -45,7 +45,7 @@ def test_each_look_tells_where_the_car_was_when_the_last_chunk_was_closed(drive)
 
 
 def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
-    topics = inbox.bag_topics(contract.load(), 'lockstep')
+    topics = message_filing.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'bag', topics, {})
     reader = PositionReader(tmp_path / 'bag', REFERENCE)
@@ -62,7 +62,7 @@ def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
 
 @pytest.mark.parametrize('size', [0, 3, 30, 150])
 def test_a_torn_state_is_not_shown_and_ends_nothing(tmp_path, size):
-    topics = inbox.bag_topics(contract.load(), 'lockstep')
+    topics = message_filing.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'torn', topics, {})
     reader = PositionReader(tmp_path / 'torn', REFERENCE)

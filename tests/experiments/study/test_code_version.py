@@ -13,8 +13,7 @@ def test_what_drives_solves_and_judges_belongs_to_the_version():
         'stage_solver.riccati_solver',
         'vehicle_plant.tyre',
         'scenario_publisher.scenario',
-        'bags.verdict.metrics',
-        'bags.verdict.off_road',
+        'bags.evaluation.metrics',
         'msgs_yaml.types',
     }
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from bags.errors import BagError
-from bags.verdict import metrics
+from bags.evaluation import metrics
 from experiments import simulation
 from experiments.study import case, drives, samples, variants
 
@@ -28,7 +28,7 @@ def test_a_drive_is_that_of_the_closed_loop_and_is_made_once(tmp_path):
     assert seen[0] == ('two', 0, 2)
     assert seen[2] == ('two', 2, 2)
     assert seen[3] == ('again', 2, 2)
-    wanted = metrics.of(simulation.drive(case.prepared(first.case)))
+    wanted = metrics.compute_metrics(simulation.drive(case.prepared(first.case)))
     differ = [name for name in wanted if wanted[name] != first.metrics[name]]
     assert set(differ) <= set(TIMES)
     assert first.value('solver.failed') == 0

@@ -1,0 +1,279 @@
+"""What the judge looks at: one drive as plain arrays, SI units, whatever it was read from.
+
+Positions are in the frame `map`, velocities and accelerations in `base_link` (ISO 8855).
+
+
+From the columns of a bag and the facts noted with it to a Drive that can be judged."""
+
+import json
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.errors import BagError
+from bags.evaluation.controller_log import is_answer, report_numbers
+from bags.evaluation.geometry import Outline
+from bags.storage import read
+from bags.storage.columns import Columns
+from bags.storage.invalid_messages import drop_invalid
+from msgs_yaml.stamp import NS_PER_S
+
+LONGEST_S = 86_400.0  # of a drive
+
+
+class Motion(NamedTuple):
+    """The centre of gravity, one entry per odometry message."""
+
+    stamp_ns: np.ndarray
+    x: np.ndarray  # m
+    y: np.ndarray  # m
+    yaw: np.ndarray  # rad
+    vx: np.ndarray  # m/s
+    vy: np.ndarray  # m/s
+
+
+class Accelerations(NamedTuple):
+    """What the inertial unit at the centre of gravity measured."""
+
+    stamp_ns: np.ndarray
+    ax: np.ndarray  # m/s^2
+    ay: np.ndarray  # m/s^2
+
+
+class Inputs(NamedTuple):
+    """Where the actuators were."""
+
+    stamp_ns: np.ndarray
+    steer: np.ndarray  # rad, at the road wheels
+    force: np.ndarray  # N, both axles, braking negative
+
+
+class Ticks(NamedTuple):
+    """What the controller said about each of its steps, and which states it answered."""
+
+    answered_ns: np.ndarray  # stamps of the commands
+    solve_ms: np.ndarray  # wall time, ms, one per /controller/why
+    solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number where a bag does not tell
+    fallback: np.ndarray  # rung of the ladder, 0 = solved, one per /controller/why
+    last_reason: str = ''  # why the last step followed no fresh plan; '' when it did
+
+
+class Obstacle(NamedTuple):
+    """One obstacle over time; not-a-number where a message does not name it."""
+
+    id: int
+    x: np.ndarray  # m, one entry per obstacle message
+    y: np.ndarray  # m
+    vx: np.ndarray  # m/s
+    vy: np.ndarray  # m/s
+    radius: float  # m
+
+
+class Scene(NamedTuple):
+    """What the scenario published."""
+
+    reference: np.ndarray  # (n, 2) m, the coarse path
+    left: np.ndarray  # (n, 2) m, left road edge in driving order
+    right: np.ndarray  # (m, 2) m
+    obstacle_stamp_ns: np.ndarray  # one entry per obstacle message
+    obstacles: tuple[Obstacle, ...]
+
+
+class Facts(NamedTuple):
+    """Parameters of the nodes of that run which the judge needs."""
+
+    scenario: str
+    controller: str
+    outline: Outline
+    circles: tuple[float, ...]  # m, vehicle circle centres ahead of the centre of gravity
+    vehicle_radius: float  # m
+    safe_obstacle: float  # m, D_sft,O
+    safe_edge: float  # m, D_sft,E
+    friction: float  # peak lateral acceleration over g that the road offers
+    tick_ns: int  # controller period
+    stop: tuple[float, float]  # m, a point of the finish line
+    armed_after: float  # m, travelled before the finish line counts
+    least_speed: float | None = None  # m/s, below which the controller only brakes
+
+
+class Drive(NamedTuple):
+    """One run."""
+
+    motion: Motion
+    accelerations: Accelerations
+    inputs: Inputs
+    ticks: Ticks
+    scene: Scene
+    facts: Facts
+
+
+def drop_nonfinite(one: Drive) -> Drive:
+    """Return a drive without the samples of car, accelerations and inputs that are not finite.
+
+    Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
+    what is computed every 10 ms takes memory for all of that time.
+    """
+    found = one._replace(
+        motion=_finite_rows(one.motion),
+        accelerations=_finite_rows(one.accelerations),
+        inputs=_finite_rows(one.inputs),
+    )
+    if not found.motion.stamp_ns.size:
+        raise BagError(f'{one.facts.controller}: no state of the car is finite')
+    for columns in (found.motion, found.accelerations, found.inputs):
+        span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
+        if span_s > LONGEST_S:
+            raise BagError(
+                f'{one.facts.controller}: the stamps of the car span {span_s:.0f} s; '
+                f'allowed up to {LONGEST_S:.0f} s'
+            )
+    return found
+
+
+def _finite_rows(columns):
+    kept = np.all([np.isfinite(column) for column in columns], axis=0)
+    return columns if kept.all() else type(columns)(*(column[kept] for column in columns))
+
+
+REQUIRED_TOPICS = (
+    '/scenario/reference',
+    '/scenario/road_edges',
+    '/scenario/obstacles',
+    '/vehicle/odometry',
+    '/vehicle/actuators',
+    '/vehicle/imu',
+)
+LOCKSTEP = 'lockstep'
+# a controller that never answered leaves neither behind
+CONTROLLER_TOPICS = ('/controller/command', '/controller/why')
+FRESH_PLAN = ('solved', 'stopped_early')  # rungs of the ladder that follow a fresh plan
+
+
+def drive_from_bag(bag: read.Bag) -> Drive:
+    """Return the drive in a bag, of its valid messages; BagError names what it lacks."""
+    bag = drop_invalid(bag)
+    answered = [topic for topic in CONTROLLER_TOPICS if topic in bag.recordings]
+    answered = [topic for topic in answered if bag.recordings[topic].payloads]
+    return drive_from_columns(
+        read.columns(bag, (*REQUIRED_TOPICS, *answered)), read.run_info(bag), str(bag.path)
+    )
+
+
+def drive_from_columns(
+    columns: Mapping[str, Columns], run_info: Mapping[str, str], name: str
+) -> Drive:
+    """Return the drive in the columns of a run; `name` is what errors call it."""
+    odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
+    actuators = columns['/vehicle/actuators']
+    if run_info.get('mode') == LOCKSTEP:
+        _refuse_second_controller(columns, name)
+    return Drive(
+        Motion(
+            odometry.stamp_ns,
+            odometry.x_m,
+            odometry.y_m,
+            odometry.yaw_rad,
+            odometry.vx_mps,
+            odometry.vy_mps,
+        ),
+        Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2),
+        Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n),
+        _ticks(columns),
+        _scene(columns),
+        facts_from_run_info(run_info, name),
+    )
+
+
+def _refuse_second_controller(columns, name):
+    """Refuse two answers to one state: in lockstep nobody gives them but a second controller."""
+    for topic in {'/vehicle/odometry', CONTROLLER_TOPICS[0]} & columns.keys():
+        stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
+        if np.any(counts > 1):
+            stamp_s = stamps[np.argmax(counts)] / NS_PER_S
+            raise BagError(
+                f'{name}: {topic} has unlike messages of one stamp ({stamp_s:.3f} s): '
+                'two rings shared a ROS domain, and neither of them can be judged'
+            )
+
+
+def _ticks(columns):
+    command, why = (columns.get(topic) for topic in CONTROLLER_TOPICS)
+    reports = [value.values for value in why.values] if why else []
+    answered = np.empty(0, dtype=np.int64)
+    if command:
+        answered = command.stamp_ns[is_answer(command.stamp_ns, why.values if why else ())]
+    return Ticks(
+        answered,
+        *(report_numbers(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
+        np.array([report.get('rung') not in FRESH_PLAN for report in reports], dtype=bool),
+        _last_reason(reports),
+    )
+
+
+def _last_reason(reports):
+    last = reports[-1] if reports else {}
+    return '' if last.get('rung') in FRESH_PLAN else str(last.get('reason', ''))
+
+
+def _scene(columns):
+    reference = columns['/scenario/reference'].values[-1]
+    edges = columns['/scenario/road_edges'].values[-1]
+    messages = columns['/scenario/obstacles']
+    names = sorted({one.id for message in messages.values for one in message.items})
+    return Scene(
+        _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
+        _polyline('/scenario/road_edges', edges.left),
+        _polyline('/scenario/road_edges', edges.right),
+        messages.stamp_ns,
+        tuple(_obstacle(name, messages.values) for name in names),
+    )
+
+
+def _polyline(topic, points):
+    """Return a polyline without points that repeat the one before."""
+    moves = np.any(np.diff(points, axis=0, prepend=np.nan) != 0.0, axis=1)
+    if np.count_nonzero(moves) < 2:
+        raise BagError(f'{topic}: all points of the line are the same')
+    return points[moves]
+
+
+def _obstacle(name, messages):
+    rows = np.full((len(messages), 4), np.nan)
+    radius = 0.0
+    for row, message in zip(rows, messages):
+        for one in message.items:
+            if one.id == name:
+                row[:] = one.X, one.Y, one.vX, one.vY
+                radius = one.r_obs
+    return Obstacle(name, *rows.T, radius)
+
+
+def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
+    """Return the parameters the judge needs; BagError names the first that is missing."""
+    try:
+        parameters = json.loads(run_info['parameters'])
+        controller, plant = parameters['controller'], parameters['plant']
+        tyres = (controller['tyre.front_friction'], controller['tyre.rear_friction'])
+        return Facts(
+            scenario=run_info['scenario'],
+            controller=run_info['controller'],
+            outline=Outline(
+                front=plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
+                rear=plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
+                width=plant['car.outline.width_m'],
+            ),
+            circles=tuple(controller['body.circle_offsets_m']),
+            vehicle_radius=controller['body.circle_radius_m'],
+            safe_obstacle=controller['safety.obstacle_m'],
+            safe_edge=controller['safety.edge_m'],
+            friction=plant['friction'] * sum(tyres) / len(tyres),
+            tick_ns=round(controller['model.step_s'] * NS_PER_S),
+            stop=(plant['stop.x_m'], plant['stop.y_m']),
+            armed_after=plant['stop.armed_after_m'],
+            least_speed=controller.get('limits.least_speed_mps'),
+        )
+    except KeyError as missing:
+        raise BagError(
+            f'{name}: the run does not say {missing}; was it recorded by hand?'
+        ) from None

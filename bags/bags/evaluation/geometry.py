@@ -1,0 +1,230 @@
+"""Plane geometry of the judge: polylines, circles and a rectangle; metres, radians, numpy only.
+
+Shares nothing with the controller's distances: here a polyline stays a polyline, and the vehicle
+is also judged by its true outline, not only by the circle the controller sees.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+TIE = 1e-9  # m, below which two distances count as equal
+NEAR = 1e-6  # m, more than rounding and a few ties
+BLOCK = 64  # points that are projected at a time
+
+
+class Projection(NamedTuple):
+    """Where points lie along a polyline; every array has one entry per point."""
+
+    distance: np.ndarray  # m, from the start of the polyline to the foot
+    offset: np.ndarray  # m, from the foot to the point, left of the driving direction positive
+
+
+class Outline(NamedTuple):
+    """A rectangle in the vehicle frame, x forward from the centre of gravity."""
+
+    front: float  # m, centre of gravity to the front bumper
+    rear: float  # m, centre of gravity to the rear bumper, positive
+    width: float  # m
+
+
+def arc_length(points):
+    """Return the distance (n,) [m] of each vertex of `points` (n, 2) from the first one."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def distance_to_polyline(points, polyline):
+    """Return the distance (m,) [m] of `points` (m, 2) to the nearest of the segments (n, 2).
+
+    Positive left of the line and negative right of it, seen in the order of its vertices; beyond
+    an end the side is the one of the end segment.
+    """
+    points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
+    if not len(points):
+        return np.empty(0)
+    along = np.diff(polyline, axis=0)
+    blocks = np.split(points, range(BLOCK, len(points), BLOCK))
+    return np.concatenate(
+        [_distance(block, polyline, _near(block, polyline, along)) for block in blocks]
+    )
+
+
+def offset_from_line(points, polyline):
+    """Return `distance_to_polyline` of a line that goes straight on beyond both of its ends.
+
+    There the distance is that from the line of the end segment: a point before the first vertex,
+    but beside the line, is as far from it as its lateral offset.
+    """
+    points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
+    found = distance_to_polyline(points, polyline)
+    for end, inner in ((0, 1), (-1, -2)):
+        outwards = polyline[end] - polyline[inner]
+        relative = points - polyline[end]
+        nearest = np.abs(np.hypot(*relative.T) - np.abs(found)) <= TIE
+        rows = np.flatnonzero(nearest & (relative @ outwards > 0.0))
+        forwards = outwards if end else -outwards
+        x, y = relative[rows].T
+        found[rows] = (forwards[0] * y - forwards[1] * x) / np.hypot(*forwards)
+    return found
+
+
+def _near(points, polyline, along):
+    """Return the indices, in their order, of all segments that may be nearest to one of `points`.
+
+    `along` (n - 1, 2) [m] leads from each vertex to the next.
+
+    Seen from the middle of points that lie within a radius of it, the segment nearest to one of
+    them is at most twice that radius farther than the segment nearest to the middle.
+    """
+    middle = points.mean(axis=0)
+    radius = np.hypot(*(points - middle).T).max()
+    relative = middle - polyline[:-1]
+    share = np.sum(relative * along, axis=1) / np.sum(along**2, axis=1)
+    gap = np.hypot(*(relative - np.clip(share, 0.0, 1.0)[:, None] * along).T)
+    # NaN, and only that, leaves all of them
+    return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
+
+
+def _distance(points, polyline, chosen):
+    """Return `distance_to_polyline` to the chosen segments only."""
+    best = np.full(len(points), np.inf)
+    side = np.ones(len(points))
+    for k in chosen:
+        tail, tip = polyline[k : k + 2]
+        gap, offset = _to_segment(points, tail, tip)
+        # at a shared vertex the segment that sees the point more squarely decides about the side
+        tie = np.abs(gap - best) <= TIE
+        nearer = (gap < best) & ~tie | tie & (np.abs(offset) > np.abs(side))
+        side = np.where(nearer, offset, side)
+        best = np.minimum(gap, best)
+    return np.where(side >= 0.0, best, -best)
+
+
+def _to_segment(points, tail, tip):
+    """Return the distance to one segment and the signed offset from its infinite line [m]."""
+    along = tip - tail
+    length = np.hypot(*along)
+    relative = points - tail
+    share = np.clip(relative @ along / length**2, 0.0, 1.0)
+    gap = np.hypot(*(relative - share[:, None] * along).T)
+    return gap, (along[0] * relative[:, 1] - along[1] * relative[:, 0]) / length
+
+
+def offset_polyline(line, offset):
+    """Return a polyline (n, 2) moved to its left by `offset` [m], vertex by vertex."""
+    along = np.gradient(line, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return line + offset * np.column_stack([-along[:, 1], along[:, 0]])
+
+
+def project_drive(points, polyline, ahead):
+    """Project a drive on a polyline without ever jumping to another lap or to a crossing branch.
+
+    `points` (m, 2) are in driving order. Each is looked for within `ahead` [m] behind and before
+    the foot of the one before it; the first one on the whole polyline. Return a Projection.
+    """
+    points = np.asarray(points, dtype=float)
+    vertex = arc_length(polyline)
+    moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
+    found = [_feet(points[:1], polyline, vertex, 0, len(vertex) - 1)]
+    done, size = 1, BLOCK
+    while done < len(points):
+        # many points at once: looked for wherever any of them may be, kept while that is where
+        # each of them was to be looked for
+        block = slice(done, done + size)
+        before = found[-1].distance[-1]
+        reach = ahead + np.sum(moved[block][1:])
+        wide = [int(end) for end in _segments(vertex, before, reach)]
+        feet = _feet(points[block], polyline, vertex, *wide)
+        first, last = _segments(vertex, np.append(before, feet.distance[:-1]), ahead)
+        sound = (first <= feet.segment) & (feet.segment < last)
+        sound &= (wide[0] <= first) & (last <= wide[1])
+        kept = len(sound) if sound.all() else int(np.argmin(sound))
+        if kept:
+            found.append(_Feet(*(column[:kept] for column in feet)))
+        done, size = done + kept, min(BLOCK, max(1, 2 * kept))
+    distance, offset = (
+        np.concatenate([getattr(one, k) for one in found]) for k in Projection._fields
+    )
+    return Projection(distance, offset)
+
+
+class _Feet(NamedTuple):
+    """Where points are nearest to a polyline."""
+
+    distance: np.ndarray  # m, as in Projection
+    offset: np.ndarray  # m, as in Projection
+    segment: np.ndarray  # index
+
+
+def _segments(vertex, foot, reach):
+    """Return the first segment, and the one behind the last, within `reach` [m] of a foot."""
+    first = np.searchsorted(vertex, foot - reach) - 1
+    last = np.searchsorted(vertex, foot + reach) + 1
+    return np.maximum(first, 0), np.minimum(last, len(vertex) - 1)
+
+
+def _feet(points, polyline, vertex, first, last):
+    """Return the _Feet of points on the segments from `first` up to, not including, `last`."""
+    tail, lengths = polyline[first:last], np.diff(vertex)[first:last]
+    dx, dy = np.diff(polyline[first : last + 1], axis=0).T
+    x, y = (points[:, None, axis] - tail[:, axis] for axis in (0, 1))
+    share = np.clip((x * dx + y * dy) / lengths**2, 0.0, 1.0)
+    gap = np.hypot(x - share * dx, y - share * dy)
+    # the earliest of equals: a closed road starts where it ends
+    k = np.argmax(gap <= gap.min(axis=1, keepdims=True) + TIE, axis=1)
+    row = np.arange(len(points))
+    left = dx[k] * y[row, k] - dy[k] * x[row, k]
+    distance = vertex[first + k] + share[row, k] * lengths[k]
+    return _Feet(distance, np.copysign(gap[row, k], left), first + k)
+
+
+def gap_to_circle(x, y, yaw, outline, circle_x, circle_y, radius):
+    """Return the clearance (m,) [m] between the outline of the vehicle and a round obstacle.
+
+    All arguments but `outline` are broadcast. Negative values are the depth of the overlap: how
+    far the circle would have to move to touch from outside.
+    """
+    dx, dy = circle_x - x, circle_y - y
+    forward = np.cos(yaw) * dx + np.sin(yaw) * dy
+    leftward = -np.sin(yaw) * dx + np.cos(yaw) * dy
+    middle = (outline.front - outline.rear) / 2
+    beyond_x = np.abs(forward - middle) - (outline.front + outline.rear) / 2
+    beyond_y = np.abs(leftward) - outline.width / 2
+    outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
+    inside = np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
+    return outside + inside - radius
+
+
+def outline_points(outline, spacing):
+    """Return points (n, 2) [m, vehicle frame] of an outline: its corners, and more on its sides.
+
+    Two neighbours along a side are at most `spacing` [m] apart.
+    """
+    count = int(np.ceil((outline.front + outline.rear) / spacing)) + 1
+    along = np.linspace(-outline.rear, outline.front, count)
+    half = np.full(count, outline.width / 2)
+    return np.concatenate([np.column_stack([along, half]), np.column_stack([along, -half])])
+
+
+def moved(points, x, y, yaw):
+    """Return points (n, 2) of the vehicle frame in the map, (m, n, 2) [m], for m poses."""
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    forward, leftward = points.T
+    X = x[:, None] + cos * forward - sin * leftward
+    return np.stack([X, y[:, None] + sin * forward + cos * leftward], axis=-1)
+
+
+def outline_corners(x, y, yaw, outline):
+    """Return the four corners (4, 2) [m, map] of one vehicle, front left first, clockwise."""
+    half = outline.width / 2
+    body = np.array(
+        [
+            [outline.front, half],
+            [outline.front, -half],
+            [-outline.rear, -half],
+            [-outline.rear, half],
+        ]
+    )
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    return body @ turn + [x, y]

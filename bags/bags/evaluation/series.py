@@ -1,0 +1,91 @@
+"""Distances and angles of a drive, sample by sample: what metrics and figures are made from."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.evaluation import geometry
+
+SEARCH_M = 15.0  # m, how far the foot on the reference may move between two odometry messages
+SIDESLIP_FROM = 3.0  # m/s, the sideslip angle of a standing car means nothing
+NS = 1e-9  # s
+
+
+class Series(NamedTuple):
+    """One entry per odometry message of the drive."""
+
+    t: np.ndarray  # s, since the first
+    station: np.ndarray  # m, along the reference
+    contouring: np.ndarray  # m, left of the reference positive
+    speed: np.ndarray  # m/s
+    sideslip: np.ndarray  # rad, atan2(vy, vx), not-a-number at speeds below SIDESLIP_FROM
+    v2o: dict[int, np.ndarray]  # m, per obstacle id, vehicle circle to obstacle; nan while absent
+    v2e: dict[str, np.ndarray]  # m, per edge, vehicle circle to edge; negative beyond it
+    outline_gaps: dict[int, np.ndarray]  # m, per obstacle id, true outline to it; nan while absent
+
+    @property
+    def outline_gap(self) -> np.ndarray:
+        """Gap from the true outline to the nearest obstacle [m]; infinite without one."""
+        return np.fmin.reduce([np.full(len(self.t), np.inf), *self.outline_gaps.values()])
+
+
+def compute_series(drive):
+    """Return the Series of a drive."""
+    motion, scene, facts = drive.motion, drive.scene, drive.facts
+    points = np.column_stack([motion.x, motion.y])
+    foot = geometry.project_drive(points, scene.reference, SEARCH_M)
+    where = [obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles]
+    speed = np.hypot(motion.vx, motion.vy)
+    sideslip = np.arctan2(motion.vy, motion.vx)
+    return Series(
+        t=(motion.stamp_ns - motion.stamp_ns[0]) * NS,
+        station=foot.distance,
+        contouring=foot.offset,
+        speed=speed,
+        sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
+        v2o={
+            obstacle.id: _v2o(motion, facts, x, y, obstacle.radius)
+            for obstacle, (x, y) in zip(scene.obstacles, where)
+        },
+        v2e={
+            'left': _v2e(motion, facts, scene.left, inside=-1.0),
+            'right': _v2e(motion, facts, scene.right, inside=1.0),
+        },
+        outline_gaps={
+            obstacle.id: geometry.gap_to_circle(
+                motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
+            )
+            for obstacle, (x, y) in zip(scene.obstacles, where)
+        },
+    )
+
+
+def obstacle_position(obstacle, scene, stamp_ns):
+    """Return x, y [m] of an obstacle at each stamp: the latest message, carried on by velocity."""
+    latest = np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1
+    latest = np.maximum(latest, 0)
+    age = (stamp_ns - scene.obstacle_stamp_ns[latest]) * NS
+    x = obstacle.x[latest] + obstacle.vx[latest] * age
+    return x, obstacle.y[latest] + obstacle.vy[latest] * age
+
+
+def _circle_centres(motion, ahead):
+    return motion.x + ahead * np.cos(motion.yaw), motion.y + ahead * np.sin(motion.yaw)
+
+
+def _v2o(motion, facts, x, y, radius):
+    """D_V2O of the paper (eq. 3), the smallest over the vehicle's circles."""
+    gaps = []
+    for ahead in facts.circles:
+        X, Y = _circle_centres(motion, ahead)
+        gaps.append(np.hypot(X - x, Y - y) - radius - facts.vehicle_radius)
+    return np.min(gaps, axis=0)
+
+
+def _v2e(motion, facts, edge, inside):
+    """D_V2E, the smallest over the circles; `inside` is the sign of the road's side of the edge."""
+    gaps = []
+    for ahead in facts.circles:
+        centre = np.column_stack(_circle_centres(motion, ahead))
+        gaps.append(inside * geometry.distance_to_polyline(centre, edge) - facts.vehicle_radius)
+    return np.min(gaps, axis=0)

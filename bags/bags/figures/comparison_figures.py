@@ -1,0 +1,241 @@
+"""Figures of a comparison, from drives only: one sheet with every panel, and each panel singly.
+
+The road from above: edges, coarse path, obstacles with their unsafe area, and every drive."""
+
+import string
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+
+from bags.evaluation import geometry
+from bags.figures import panels, style
+from bags.figures.panels import EVERY, note
+from msgs_yaml.stamp import NS_PER_S
+
+SHEET_WIDTH = 15.0  # inch
+PANEL_SIZE = (7.0, 4.2)  # inch
+OUTLINE_EVERY_S = 0.6
+TIME_EVERY = 2  # of the outlines one in this many is given its time, where obstacles move
+TRAIL_RADII = 8.0  # between two drawn places of a moving obstacle
+LONG_ROAD = 6.0  # length over width from which the lateral direction is drawn larger
+STRETCH = 3.0
+MARGIN_M = 1.0
+STILL_MPS = 0.05
+
+
+def trajectories(ax, runs):
+    """Draw the scene of the first run and the trajectories of all."""
+    scene = runs[0].drive.scene
+    _edges(ax, scene)
+    ax.plot(*scene.reference.T, color=style.REFERENCE, lw=1.0, ls=(0, (6, 3)), zorder=2)
+    for run in runs:
+        _vehicle(ax, run)
+    for obstacle in scene.obstacles:
+        _obstacle(ax, obstacle, runs)
+    if any(_moves(obstacle) for obstacle in scene.obstacles):
+        _time_labels(ax, runs[0])
+    low, high = road_limits(runs)
+    stretch = _stretch(high - low)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
+    ax.set_aspect(stretch)
+    scale = f', lateral scale × {stretch:.0f}' if stretch > 1.0 else ''
+    if scene.obstacles:
+        note(ax, 'lines: centre of gravity; shaded: where it must not be')
+    ax.set_title(f'Vehicle trajectories{scale}')
+
+
+def road_limits(runs):
+    """Return the lower left and upper right corner (2,) [m] of what the drives saw."""
+    seen = [np.column_stack([run.drive.motion.x, run.drive.motion.y]) for run in runs]
+    drives = np.concatenate(seen)
+    scene = runs[0].drive.scene
+    near = [drives, *(_box(run, k) for run in runs for k in _shown(run))]
+    for edge in (scene.left, scene.right):
+        along = geometry.project_drive(drives[:: 10 * EVERY], edge, np.inf).distance
+        reach = np.linspace(along.min(), along.max(), 200)
+        vertex = geometry.arc_length(edge)
+        near.append(np.column_stack([np.interp(reach, vertex, axis) for axis in edge.T]))
+    points = np.concatenate(near)
+    return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+
+
+def road_aspect(runs):
+    """Return height over width of the drawn panel."""
+    low, high = road_limits(runs)
+    size = high - low
+    return size[1] * _stretch(size) / size[0]
+
+
+def _stretch(size):
+    return STRETCH if size[0] > LONG_ROAD * size[1] else 1.0
+
+
+def _edges(ax, scene):
+    road = np.concatenate([scene.left, scene.right[::-1]])
+    ax.add_patch(Polygon(road, facecolor='#F4F4F2', edgecolor='none', zorder=0))
+    for edge in (scene.left, scene.right):
+        ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
+
+
+def _vehicle(ax, run):
+    motion = run.drive.motion
+    ax.plot(motion.x[::EVERY], motion.y[::EVERY], zorder=4, **run.line)
+    for k in _shown(run):
+        box = _box(run, k)
+        ax.add_patch(
+            Polygon(
+                box, facecolor=(run.colour, 0.10), edgecolor=(run.colour, 0.65), lw=0.8, zorder=3
+            )
+        )
+
+
+def _shown(run):
+    """Return the samples at which the car is drawn."""
+    t = run.series.t
+    step = max(1, round(OUTLINE_EVERY_S / np.median(np.diff(t)))) if len(t) > 1 else 1
+    return range(0, len(run.series.t), step)
+
+
+def _box(run, k):
+    motion = run.drive.motion
+    return geometry.outline_corners(
+        motion.x[k], motion.y[k], motion.yaw[k], run.drive.facts.outline
+    )
+
+
+def _time_labels(ax, run):
+    """Say when the first car was where, at some of its places."""
+    motion = run.drive.motion
+    for k in _shown(run)[::TIME_EVERY]:
+        _time_label(
+            ax, (motion.x[k], _box(run, k)[:, 1].max()), run.series.t[k], run.colour, 'bottom'
+        )
+
+
+def _time_label(ax, place, t, colour, side):
+    look = {'fontsize': 7.0, 'color': colour, 'ha': 'center', 'va': side}
+    ax.text(*place, f'{t:.1f} s', zorder=5, clip_on=True, **look)
+
+
+def _moves(obstacle):
+    return np.nanmax(np.hypot(obstacle.vx, obstacle.vy)) > STILL_MPS
+
+
+def _obstacle(ax, obstacle, runs):
+    """Draw an obstacle with the area the centre of gravity must keep out of; a trail if moving."""
+    seen = np.flatnonzero(np.isfinite(obstacle.x))
+    moves = _moves(obstacle)
+    drive = runs[0].drive
+    for k in _apart(obstacle, seen) if moves else seen[:1]:
+        _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, drive.facts, pale=moves)
+        if moves:
+            t = (drive.scene.obstacle_stamp_ns[k] - drive.motion.stamp_ns[0]) / NS_PER_S
+            _time_label(ax, (obstacle.x[k], obstacle.y[k] - obstacle.radius), t, style.INK, 'top')
+    if moves:
+        ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, ls=':', zorder=2)
+
+
+def _apart(obstacle, seen):
+    """Return those of the messages `seen` between which the obstacle has moved on far enough."""
+    steps = np.hypot(np.diff(obstacle.x[seen]), np.diff(obstacle.y[seen]))
+    laps = np.concatenate([[0.0], np.cumsum(steps)]) // (TRAIL_RADII * obstacle.radius)
+    return seen[np.flatnonzero(np.diff(laps, prepend=-1.0) > 0.0)]
+
+
+def _discs(ax, centre, radius, facts, pale):
+    touch = radius + facts.vehicle_radius
+    strength = 0.4 if pale else 1.0
+    for reach, colour, alpha in (
+        (touch + facts.safe_obstacle, style.UNSAFE, 0.22),
+        (touch, style.COLLISION, 0.16),
+    ):
+        ax.add_patch(
+            Circle(centre, reach, facecolor=(colour, alpha * strength), edgecolor=colour, lw=0.7)
+        )
+    ax.add_patch(
+        Circle(centre, radius, facecolor=(style.EDGE, strength), edgecolor='none', zorder=3)
+    )
+
+
+MIDDLE_ROW = (panels.v2e, panels.v2o, panels.velocity)
+LAST_ROW = (panels.sideslip, panels.steer, panels.force, panels.gg)
+WITH_AREAS = {trajectories, panels.v2e, panels.v2o}
+NAMES = {
+    trajectories: 'trajectories',
+    panels.v2e: 'v2e',
+    panels.v2o: 'v2o',
+    panels.velocity: 'velocity',
+    panels.sideslip: 'sideslip',
+    panels.steer: 'road_wheel_angle',
+    panels.force: 'longitudinal_force',
+    panels.gg: 'gg',
+}
+
+
+def write_figures(runs, title, folder):
+    """Write the sheet and each panel into `folder` as PNG and SVG; return the paths written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(style.RC):
+        written = save_figure(_sheet(runs, title), folder / 'comparison')
+        for panel, name in NAMES.items():
+            written += save_figure(_single(panel, runs), folder / name)
+    return written
+
+
+def _sheet(runs, title):
+    top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
+    figure = Figure(figsize=(SHEET_WIDTH, top + 8.6), layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+    grid = figure.add_gridspec(3, 12, height_ratios=[top, 3.3, 3.3])
+    trajectories(figure.add_subplot(grid[0, :]), runs)
+    for row, drawn in ((1, MIDDLE_ROW), (2, LAST_ROW)):
+        width = 12 // len(drawn)
+        for k, panel in enumerate(drawn):
+            panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
+    letter_panels(figure)
+    figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
+    _legend(figure, runs, (trajectories, panels.v2e))
+    return figure
+
+
+def _single(panel, runs):
+    size = PANEL_SIZE
+    if panel is trajectories:
+        size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
+    figure = Figure(figsize=size, layout='constrained')
+    panel(figure.add_subplot(), runs)
+    _legend(figure, runs, (panel,))
+    return figure
+
+
+def _legend(figure, runs, drawn):
+    """Name every run once, and the marks that the panels have, above them."""
+    keys = [Line2D([], [], label=run.name, lw=2.4, **run.line) for run in runs]
+    if trajectories in drawn:
+        look = {'color': style.REFERENCE, 'lw': 1.0, 'ls': (0, (6, 3))}
+        keys.append(Line2D([], [], label='coarse path', **look))
+    if not WITH_AREAS.isdisjoint(drawn):
+        for colour, label in ((style.UNSAFE, 'unsafe area'), (style.COLLISION, 'collision')):
+            keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
+    figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
+
+
+def letter_panels(figure):
+    """Put a letter before the title of every panel, in the order of drawing."""
+    for name, ax in zip(string.ascii_lowercase, figure.axes):
+        ax.set_title(f'({name}) {ax.get_title(loc="left")}')
+
+
+def save_figure(figure, stem):
+    """Write a figure as <stem>.png and .svg; return both paths."""
+    FigureCanvasAgg(figure)
+    paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
+    figure.savefig(paths[0])
+    # the layout is found; finding it again is half of the time
+    figure.set_layout_engine('none')
+    figure.savefig(paths[1], metadata={'Date': None})
+    return paths

@@ -1,0 +1,348 @@
+"""Sketches of the paper's first experiment: one moment on the circle, seen in both frames.
+
+The figure of the paper's first experiment: two sketches, two distances, their difference.
+
+The sketches show one moment in both frames; the curves are closed forms, the points are the poses
+of the recorded drive.
+
+
+The command `bags distances`: the paper's first experiment, from one recorded drive on a circle.
+
+It says how far the distance to the obstacle differs between path coordinates and the ground: by
+closed form on the circle of the bag, and at the poses that were driven.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle as Disc
+from rich.console import Console
+from rich.table import Table
+
+from bags.evaluation import frame_distances
+from bags.evaluation.drive import Drive, drive_from_bag
+from bags.evaluation.frame_distances import Circle, DrivenDistances
+from bags.figures import comparison_figures, style
+from bags.storage import read
+
+FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
+DASHED = (0, (5, 1.5))
+MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
+
+
+def sketch_cartesian(ax, drive, circle):
+    """Sketch the scenario in Cartesian coordinates."""
+    angle = np.linspace(0, 2 * np.pi, 241)
+    ax.plot(*_point(circle, angle, 0.0), color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
+    spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in sides(circle).items()}
+    vehicle = _point(circle, _bearing(circle, -MOMENT_M), 0.0)
+    _scene(ax, drive, circle, spots, vehicle, 'cartesian')
+    ax.set(xlabel='X from the centre [m]', ylabel='Y from the centre [m]')
+    ax.set_title('Cartesian coordinates')
+    ax.set_aspect('equal', adjustable='datalim')
+
+
+def sketch_frenet(ax, drive, circle):
+    """Sketch the same moment in path coordinates, in which the circle is a straight line."""
+    ax.axhline(0.0, color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
+    left = {side: circle.turn * n for side, n in sides(circle).items()}
+    spots = {side: (circle.station, e) for side, e in left.items()}
+    vehicle = (circle.station - MOMENT_M, 0.0)
+    _scene(ax, drive, circle, spots, vehicle, 'frenet')
+    ax.set(xlabel='s [m]', ylabel='e [m], left positive')
+    ax.set_title('Path (Frenet) coordinates')
+    ax.set_aspect('equal', adjustable='datalim')
+
+
+def _scene(ax, drive, circle, spots, vehicle, frame):
+    colour = FRAMES[frame]
+    own = drive.scene.obstacles[0].radius
+    for side, spot in spots.items():
+        shown = (side == 'inside') == (circle.inside > 0)
+        ax.add_patch(Disc(spot, own, facecolor=(style.EDGE, 1.0 if shown else 0.3), lw=0))
+        ax.plot(*zip(vehicle, spot), color=colour, ls=dash(side), lw=1.4)
+    ax.add_patch(
+        Disc(vehicle, drive.facts.vehicle_radius, facecolor=(colour, 0.25), edgecolor=colour)
+    )
+    inside = sides(circle)['inside']
+    D = getattr(
+        frame_distances.circle_distances(circle.radius, MOMENT_M, inside, circle.reach), frame
+    )
+    middle = np.mean([vehicle, spots['inside']], axis=0)
+    ax.annotate(
+        f'$D_{{V2O}}$ = {D:.2f} m',
+        middle,
+        (-10, 8 if frame == 'frenet' else -16),
+        textcoords='offset points',
+        ha='center' if frame == 'frenet' else 'right',
+        color=colour,
+    )
+    ax.annotate('vehicle', vehicle, (6, -14), textcoords='offset points')
+    ax.annotate('obstacle', spots['inside'], (8, 8), textcoords='offset points')
+
+
+def _bearing(circle, past):
+    """Return the bearing [rad] from the centre of a point `past` [m] behind the obstacle."""
+    return np.pi / 2 + circle.turn * past / circle.radius
+
+
+def _point(circle, bearing, inside):
+    reach = circle.radius - inside
+    return reach * np.cos(bearing), reach * np.sin(bearing)
+
+
+def sides(circle):
+    """Return how far inside the path an obstacle on either side of it is [m]."""
+    return {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
+
+
+def dash(side):
+    """Return the line style that stands for a side."""
+    return '-' if side == 'inside' else DASHED
+
+
+SIZE = (15.0, 9.2)  # inch
+STEM = 'distances'
+CURVE_GAPS_M = {10.0: '#009E73', 20.0: '#CC79A7', 30.0: '#000000'}  # of the curves over curvature
+EVERY = 400  # of the recorded poses one in this many is drawn
+SHARE = 1.2  # of the circle's own curvature, how far the curvature axis goes
+
+
+def write_figure(drive, circle, driven, folder):
+    """Write the figure into `folder` as PNG and SVG; return the paths written."""
+    with mpl.rc_context(style.RC):
+        figure = Figure(figsize=SIZE, layout='constrained')
+        figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+        top, bottom = figure.subplots(2, 3)
+        sketch_cartesian(top[0], drive, circle)
+        sketch_frenet(top[1], drive, circle)
+        over_curvature(top[2], circle)
+        for ax, side, inside in (
+            (bottom[0], 'inside', abs(circle.inside)),
+            (bottom[1], 'outside', -abs(circle.inside)),
+        ):
+            over_distance(ax, circle, driven, side, inside)
+        difference(bottom[2], circle, driven)
+        comparison_figures.letter_panels(figure)
+        figure.suptitle(
+            f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames',
+            x=0.012,
+            ha='left',
+            fontsize=14,
+            fontweight='bold',
+        )
+        figure.legend(handles=_keys(drive), loc='outside lower center', ncols=5, handlelength=2.2)
+        return comparison_figures.save_figure(figure, folder / STEM)
+
+
+def over_curvature(ax, circle):
+    """Draw the overestimation over the curvature of the path."""
+    curvature = np.linspace(1e-4, SHARE / circle.radius, 200)
+    for gap, colour in CURVE_GAPS_M.items():
+        for side, inside in sides(circle).items():
+            # beyond half a lap the obstacle is nearer the other way round
+            known = gap * curvature <= np.pi
+            found = frame_distances.circle_distances(
+                1 / curvature[known], gap, inside, circle.reach
+            )
+            label = f'{gap:.0f} m before it' if side == 'inside' else None
+            ax.plot(
+                curvature[known], found.overestimation, color=colour, ls=dash(side), label=label
+            )
+    ax.axvline(1 / circle.radius, color=style.EDGE, lw=0.8, ls=':')
+    ax.legend(loc='upper left')
+    ax.set(xlabel='curvature of the path [1/m]', ylabel='Frenet $-$ Cartesian [m]')
+    ax.set_title('Overestimation over curvature')
+
+
+def over_distance(ax, circle, driven, side, inside):
+    """Draw both distances over the distance driven, obstacle on one side of the path."""
+    lap = np.linspace(circle.station - np.pi * circle.radius, circle.station, 400)
+    lap = np.concatenate([lap, 2 * circle.station - lap[-2::-1]])
+    found = frame_distances.circle_distances(
+        circle.radius, lap - circle.station, inside, circle.reach
+    )
+    own = driven.distances if inside * circle.inside > 0 else driven.beyond
+    for name, colour in FRAMES.items():
+        ax.plot(lap, getattr(found, name), color=colour)
+        ax.plot(driven.station[::EVERY], getattr(own, name)[::EVERY], 'o', ms=3, color=colour)
+    ax.axhspan(-100.0, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
+    low = min(found.cartesian.min(), own.cartesian.min())
+    ax.set_ylim(low - 1.5, found.frenet.max() + 1.0)
+    ax.set_xlim(lap[0], lap[-1])
+    imagined = '' if own is driven.distances else ', imagined'
+    ax.set(xlabel='distance driven [m]', ylabel='$D_{V2O}$ [m]')
+    ax.set_title(f'Obstacle {side} the circle{imagined}')
+
+
+def difference(ax, circle, driven):
+    """Draw by how much path coordinates overestimate while the obstacle comes nearer."""
+    gap = np.linspace(0.0, 2 * MOMENT_M, 300)
+    before = driven.station <= circle.station
+    for side, inside in reversed(sides(circle).items()):
+        found = frame_distances.circle_distances(circle.radius, gap, inside, circle.reach)
+        ax.plot(gap, found.overestimation, color=style.INK, ls=dash(side), label=side)
+        own = driven.distances if inside * circle.inside > 0 else driven.beyond
+        ax.plot(
+            (circle.station - driven.station)[before][:: EVERY // 2],
+            own.overestimation[before][:: EVERY // 2],
+            'o',
+            ms=3,
+            color=style.INK,
+        )
+    ax.axhline(0.0, color=style.EDGE, lw=0.8)
+    ax.set(xlim=(gap[-1], 0.0), ylim=(-1.0, found.overestimation.max() + 1.5))
+    ax.legend(loc='upper right')
+    ax.set(xlabel='path still to drive to the obstacle [m]', ylabel='Frenet $-$ Cartesian [m]')
+    ax.set_title('Overestimation over distance')
+
+
+def _keys(drive):
+    named = {'cartesian': 'on the ground (Cartesian)', 'frenet': 'path coordinates (Frenet)'}
+    keys = [Line2D([], [], color=FRAMES[name], label=label) for name, label in named.items()]
+    driven = f'poses driven by {drive.facts.controller}'
+    for side in ('inside', 'outside'):
+        keys.append(Line2D([], [], color=style.INK, ls=dash(side), label=f'obstacle {side}'))
+    keys.append(Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven))
+    return keys
+
+
+FILE = 'distances.json'
+GAPS_M = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0)  # along the path, those of the table
+WIDER = (1.0, 2.0, 5.0, 10.0)  # radii of the table, in those of the circle
+CLOSE = 1e-4  # relative; a gap next to the obstacle, and squared the precision of a bisection
+
+
+class FrameDistanceFiles(NamedTuple):
+    """What came out, and where it was written."""
+
+    values: dict[str, Any]  # distances.json
+    file: Path
+    figures: list[Path]
+
+
+def write_from_bag(path: Path | str, out: Path) -> FrameDistanceFiles:
+    """Write the figure and its numbers for the bag at `path` into the folder `out`.
+
+    Raises BagError for a bag that cannot be judged or whose path is no circle with one obstacle.
+    """
+    return write_frame_distances(drive_from_bag(read.load(path)), out)
+
+
+def write_frame_distances(drive: Drive, out: Path) -> FrameDistanceFiles:
+    """Write the figure and its numbers for a drive."""
+    circle = frame_distances.find_circle(drive)
+    driven = frame_distances.driven_distances(drive, circle)
+    values = numbers(drive, circle, driven)
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / FILE
+    file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
+    return FrameDistanceFiles(values, file, write_figure(drive, circle, driven, out))
+
+
+def numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> dict[str, Any]:
+    """Return everything that the figure shows, in metres."""
+    sides = {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
+    return {
+        'scenario': drive.facts.scenario,
+        'controller': drive.facts.controller,
+        'radius_m': circle.radius,
+        'obstacle_at_m': circle.station,
+        'obstacle_inside_m': circle.inside,
+        'radii_together_m': circle.reach,
+        'gaps_m': list(GAPS_M),
+        'overestimation_m': {
+            side: _overestimation(circle, circle.radius, inside) for side, inside in sides.items()
+        },
+        'outside_turns_at_m': turning_gap(circle.radius, sides['outside']),
+        'over_curvature': [
+            {'curvature_1pm': 1 / (by * circle.radius)}
+            | {side: _overestimation(circle, by * circle.radius, n) for side, n in sides.items()}
+            for by in WIDER
+        ],
+        'recorded': _drive_numbers(circle, driven),
+    }
+
+
+def _overestimation(circle, radius, inside):
+    found = frame_distances.circle_distances(radius, np.array(GAPS_M), inside, circle.reach)
+    return found.overestimation.tolist()
+
+
+def turning_gap(radius: float, inside: float) -> float:
+    """Return the gap [m] up to which path coordinates underestimate the distance to an obstacle.
+
+    0 for one inside the circle: there they overestimate it at every gap.
+    """
+
+    def over(gap):
+        return frame_distances.circle_distances(radius, gap, inside, 0.0).overestimation
+
+    low, high = 0.0, np.pi * radius
+    if over(high * CLOSE) >= 0:
+        return 0.0
+    while high - low > high * CLOSE**2:
+        middle = (low + high) / 2
+        low, high = (low, middle) if over(middle) > 0 else (middle, high)
+    return float(high)
+
+
+def _drive_numbers(circle, driven):
+    """Return the least distances, and the same table where the drive came that close."""
+    coming = driven.station <= circle.station
+    gaps = circle.station - driven.station[coming]
+
+    def at(distances):
+        return np.interp(GAPS_M, gaps[::-1], distances.overestimation[coming][::-1]).tolist()
+
+    return {
+        'min_v2o_m': float(driven.distances.cartesian.min()),
+        'min_v2o_frenet_m': float(driven.distances.frenet.min()),
+        'collided': bool(driven.distances.cartesian.min() < 0),
+        'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
+        'largest_deviation_from_closed_form_m': _deviation(circle, driven),
+        'overestimation_m': {
+            'inside' if circle.inside > 0 else 'outside': at(driven.distances),
+            'outside' if circle.inside > 0 else 'inside': at(driven.beyond),
+        },
+    }
+
+
+def _deviation(circle, driven):
+    """Return how far the distances at the driven poses are from the closed form for them [m]."""
+    gap = driven.station - circle.station
+    worst = 0.0
+    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
+        closed = frame_distances.circle_distances(
+            circle.radius, gap, inside, circle.reach, driven.inside
+        )
+        apart = np.abs(np.subtract(own, closed))
+        worst = max(worst, float(apart.max()))
+    return worst
+
+
+def show_frame_distances(found: FrameDistanceFiles, console: Console) -> None:
+    """Print the table, and where the files are."""
+    values = found.values
+    title = f'Frenet less Cartesian distance, in metres, on a radius of {values["radius_m"]:.0f} m'
+    table = Table(title=title, title_justify='left')
+    table.add_column('m along the path', no_wrap=True)
+    rows = [('closed form', values), ('recorded poses', values['recorded'])]
+    columns = [
+        (f'{side}, {name}', of['overestimation_m'][side])
+        for side in ('inside', 'outside')
+        for name, of in rows
+    ]
+    for name, _ in columns:
+        table.add_column(name, justify='right')
+    for i, gap in enumerate(values['gaps_m']):
+        table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
+    console.print(table)
+    for label, path in (('numbers', found.file), ('figure', found.figures[0])):
+        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

@@ -1,0 +1,243 @@
+"""The moments next to each obstacle, enlarged within the panel of the distances to obstacles.
+
+The panels of the comparison against the station: each draws every run on one pair of axes.
+
+They follow the paper's double-lane-change figure: distances to edges and obstacles, velocity,
+sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.evaluation.drive import Drive
+from bags.evaluation.series import Series
+from bags.figures import style
+
+NEAR_M = 1.2  # distances up to this are enlarged
+BELOW_M = 0.35  # shown below the smallest one, so that the collision area is seen
+ASIDE_M = 14.0  # m of stations taken by the curves either side of a closest approach
+LEAST_SHARE = 0.15  # of the width; in a narrower gap nothing is enlarged
+FILL = 0.72  # of a gap, the rest is for the labels left of it
+TICKS_M = (0.0, 0.5, 1.0)
+BOTTOM, HEIGHT = 0.44, 0.46  # of the panel
+
+
+def shade_unsafe(ax, safe):
+    """Shade the unsafe area below the safety distance [m], darker where the circles overlap."""
+    ax.axhspan(0.0, safe, color=style.UNSAFE, alpha=0.22, lw=0)
+    ax.axhspan(-100.0, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
+    ax.axhline(safe, color=style.UNSAFE, lw=0.8)
+    ax.axhline(0.0, color=style.COLLISION, lw=0.8)
+
+
+def draw_insets(ax, runs):
+    """Enlarge the closest approach to every obstacle that has free room of the panel beside it."""
+    approached = {}
+    for run in runs:
+        for number, gap in run.series.v2o.items():
+            if np.any(gap < NEAR_M):
+                station = float(run.series.station[np.nanargmin(gap)])
+                approached.setdefault(number, []).append(station)
+    middles = {number: float(np.mean(found)) for number, found in approached.items()}
+    order = sorted(middles, key=middles.get)
+    free = _gaps(ax.get_xlim(), [middles[number] for number in order])
+    for k, number in enumerate(order):
+        # one before and one behind the approach
+        beside = [side for side in (k, k + 1) if side in free]
+        if beside:
+            widest = max(beside, key=lambda side: free[side][1] - free[side][0])
+            _inset(ax, runs, number, free.pop(widest))
+
+
+def _gaps(limits, middles):
+    """Return the (from, to) stations [m] that no curve crosses by place, those wide enough."""
+    low, high = limits
+    begins = [low, *(middle + ASIDE_M for middle in middles)]
+    ends = [*(middle - ASIDE_M for middle in middles), high]
+    wide = LEAST_SHARE * (high - low)
+    return {
+        k: (begin, end) for k, (begin, end) in enumerate(zip(begins, ends)) if end - begin >= wide
+    }
+
+
+def _inset(ax, runs, number, gap):
+    low, high = ax.get_xlim()
+    width = FILL * (gap[1] - gap[0]) / (high - low)
+    right = (gap[1] - low) / (high - low)
+    inner = ax.inset_axes((right - width, BOTTOM, width, HEIGHT))
+    reach, least = [], 0.0
+    for run in runs:
+        distance, station = run.series.v2o[number], run.series.station
+        near = distance < NEAR_M
+        if np.any(near):
+            inner.plot(station[near], distance[near], **run.line)
+            reach += [station[near].min(), station[near].max()]
+            least = min(least, float(np.nanmin(distance)))
+    shade_unsafe(inner, max(run.drive.facts.safe_obstacle for run in runs))
+    inner.set(xlim=(min(reach), max(reach)), ylim=(least - BELOW_M, NEAR_M))
+    inner.set(yticks=TICKS_M)
+    inner.set_title(f'obstacle {number}', fontsize=7.5, fontweight='normal', loc='center', pad=3.0)
+    inner.tick_params(labelsize=6.5, length=2.0)
+    inner.set_facecolor('white')
+    for side in ('top', 'right'):
+        inner.spines[side].set_visible(True)
+
+
+GRAVITY = 9.81  # m/s^2
+EVERY = 10  # of the 1 kHz samples one in this many is drawn
+FAR_M = 5.0  # distances beyond this are safe, and not drawn
+LEAST_SPAN_MPS = 2.0  # a tenth of a metre per second must not look like braking
+LEAST_MARGIN_M = 0.1  # of stations: of a car that stands there is one
+KILO = 1e3
+STATION = 'station along the coarse path [m]'
+
+
+class Run(NamedTuple):
+    """One drive with what the judge made of it, and its look."""
+
+    name: str
+    drive: Drive
+    series: Series
+    colour: str
+
+    @property
+    def line(self):
+        """Keyword arguments of the run's curves."""
+        return {'color': self.colour, 'linestyle': style.line_style(self.name)}
+
+
+def v2e(ax, runs):
+    """Distance between the vehicle circle and each road edge (D_V2E)."""
+    for run in runs:
+        for side, shade in (('right', 1.0), ('left', 0.45)):
+            gap = run.series.v2e[side]
+            _curve(ax, run, gap, alpha=shade)
+            _mark(ax, run, np.nanargmin(gap), gap)
+    shade_unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
+    _distance_limits(ax, [gap for run in runs for gap in run.series.v2e.values()])
+    note(ax, 'strong: right edge, pale: left')
+    _along(ax, runs)
+    ax.set(ylabel='$D_{V2E}$ [m]', title='Vehicle-to-edge distance')
+
+
+def v2o(ax, runs):
+    """Distance between the vehicle circle and each obstacle (D_V2O)."""
+    near = False
+    for run in runs:
+        for gap in run.series.v2o.values():
+            _curve(ax, run, np.where(gap < 2 * FAR_M, gap, np.nan))
+            if np.any(gap < FAR_M):
+                _mark(ax, run, np.nanargmin(gap), gap)
+                near = True
+    if not near:
+        text = f'no obstacle within {FAR_M:g} m'
+        ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=style.QUIET)
+    shade_unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
+    _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
+    _along(ax, runs)
+    draw_insets(ax, runs)
+    ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
+
+
+def velocity(ax, runs):
+    """Longitudinal velocity."""
+    for run in runs:
+        _curve(ax, run, run.drive.motion.vx)
+    low, high = ax.get_ylim()
+    spare = max(0.0, LEAST_SPAN_MPS - (high - low)) / 2
+    ax.set_ylim(low - spare, high + spare)
+    _along(ax, runs)
+    ax.set(ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
+
+
+def sideslip(ax, runs):
+    """Sideslip angle at the centre of gravity."""
+    for run in runs:
+        angle = np.degrees(run.series.sideslip)
+        _curve(ax, run, angle)
+        if not np.all(np.isnan(angle)):
+            _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
+    _along(ax, runs)
+    ax.set(ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
+
+
+def steer(ax, runs):
+    """Road-wheel angle behind the actuator."""
+    for run in runs:
+        inputs = run.drive.inputs
+        station = _station_at(run, inputs.stamp_ns[::EVERY])
+        ax.plot(station, np.degrees(inputs.steer[::EVERY]), **run.line)
+    _along(ax, runs)
+    ax.set(ylabel='$\\delta$ [deg]', title='Road-wheel angle')
+
+
+def force(ax, runs):
+    """Longitudinal force of both axles behind the actuator."""
+    for run in runs:
+        inputs = run.drive.inputs
+        station = _station_at(run, inputs.stamp_ns[::EVERY])
+        ax.plot(station, inputs.force[::EVERY] / KILO, **run.line)
+    ax.axhline(0.0, color=style.EDGE, lw=0.6, zorder=1)
+    _along(ax, runs)
+    ax.set(ylabel='$F_x$ [kN], braking negative', title='Longitudinal force input')
+
+
+def gg(ax, runs):
+    """Accelerations at the centre of gravity within the friction circle."""
+    measured = [run.drive.accelerations for run in runs]
+    for run, acc in zip(runs, measured):
+        ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 1.0, 'alpha': 0.85})
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    radius = GRAVITY * max(run.drive.facts.friction for run in runs)
+    ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=style.EDGE, lw=1.0, ls=':')
+    note(ax, 'dotted: friction circle')
+    reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max(initial=0.0) for acc in measured))
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    ax.set_aspect('equal', adjustable='box')
+    # its title stays level with those of its neighbours
+    ax.set_anchor('N')
+    ax.set(xlabel='$a_y$ [m/s²], left positive', ylabel='$a_x$ [m/s²]', title='G-G diagram')
+
+
+def _curve(ax, run, values, **look):
+    ax.plot(run.series.station[::EVERY], values[::EVERY], **{**run.line, **look})
+
+
+def _mark(ax, run, k, values):
+    """Put a dot on the extreme that the metrics report."""
+    point = (run.series.station[k], values[k])
+    ax.plot(*point, 'o', ms=4.5, color=run.colour, mec='white', mew=0.8, zorder=5)
+
+
+def _station_at(run, stamp_ns):
+    return np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station)
+
+
+def _along(ax, runs):
+    """Show the same stations in every panel."""
+    low = min(run.series.station.min() for run in runs)
+    high = max(run.series.station.max() for run in runs)
+    margin = max(0.02 * (high - low), LEAST_MARGIN_M)
+    ax.set(xlim=(low - margin, high + margin), xlabel=STATION)
+
+
+def _distance_limits(ax, gaps):
+    """Show what is near; half a metre of room below the smallest distance."""
+    low = min([0.0, *(np.nanmin(gap) for gap in gaps if not np.all(np.isnan(gap)))])
+    ax.set_ylim(low - 0.5, FAR_M)
+
+
+def note(ax, text):
+    """Say something small about a panel, above its right corner."""
+    ax.annotate(
+        text,
+        (1.0, 1.0),
+        (0, 7),
+        xycoords='axes fraction',
+        textcoords='offset points',
+        ha='right',
+        va='bottom',
+        fontsize=7.5,
+        color=style.QUIET,
+    )

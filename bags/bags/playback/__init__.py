@@ -1,1 +1,0 @@
-"""Recorded messages sent again, at the pace at which they were recorded."""

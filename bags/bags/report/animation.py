@@ -1,0 +1,214 @@
+"""The manoeuvre as a film: where every car, plan and obstacle is at each of its frames.
+
+Positions are in the frame map [m], angles in rad, times in seconds since the first state of a run.
+The page draws from these numbers; nothing is computed there but a rotation of the outline.
+
+
+The road from above as a Bokeh figure that the page turns into a film."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.models import ColumnDataSource, HoverTool, Range1d
+from bokeh.plotting import figure
+
+from bags.evaluation import geometry
+from bags.evaluation.controller_log import ControllerLog
+from bags.evaluation.drive import Scene
+from bags.evaluation.series import obstacle_position
+from bags.figures import comparison_figures, style
+from bags.figures.panels import Run
+from bags.report import interactive_panels
+from msgs_yaml.stamp import NS_PER_S
+
+FRAME_NS = 20_000_000
+STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn
+
+
+def frame_times(runs: Sequence[Run]) -> np.ndarray:
+    """Return the times of the frames [s], from 0 to the end of the longest run."""
+    longest = max(int(np.ptp(run.drive.motion.stamp_ns)) for run in runs)
+    return np.arange(0, longest + FRAME_NS, FRAME_NS) / NS_PER_S
+
+
+def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
+    """Return pose, speed and station of the car in each frame, its outline and circles [m].
+
+    It stays where its run ends.
+    """
+    motion, series = run.drive.motion, run.series
+    columns = {
+        'x': motion.x,
+        'y': motion.y,
+        'yaw': np.unwrap(motion.yaw),
+        'speed': series.speed,
+        'station': series.station,
+    }
+    data = {name: np.interp(t, series.t, column) for name, column in columns.items()}
+    facts = run.drive.facts
+    body = {
+        **facts.outline._asdict(),
+        'circles': list(facts.circles),
+        'radius': facts.vehicle_radius,
+        'end': float(series.t[-1]),
+    }
+    return {**_float32_columns({'t': t, **data}), **body}
+
+
+def plan_rows(run: Run, account: ControllerLog) -> dict[str, Any]:
+    """Return the predicted horizon of each tick, a row per tick."""
+    zero_ns = run.drive.motion.stamp_ns[0]
+    length = max((len(one.X) for one in account.predictions), default=0)
+    x, y = (
+        np.array([_row(getattr(one, axis), length) for one in account.predictions])
+        for axis in ('X', 'Y')
+    )
+    t = np.array([(one.stamp_ns - zero_ns) / NS_PER_S for one in account.predictions])
+    return _float32_columns({'t': t, 'x': x, 'y': y})
+
+
+def _row(values, length):
+    padded = np.append(values, np.full(length - len(values), np.nan))
+    return padded[::STAGE_EVERY]
+
+
+def obstacle_frames(scene: Scene, start_ns: int, t: np.ndarray) -> dict[str, Any]:
+    """Return where each obstacle is in each frame, a row per frame."""
+    stamp_ns = start_ns + np.round(t * NS_PER_S).astype(np.int64)
+    where = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
+    x, y = (np.array([one[axis] for one in where]).T for axis in (0, 1))
+    return _float32_columns({'t': t, 'x': x, 'y': y})
+
+
+def _float32_columns(columns: Mapping[str, np.ndarray]):
+    """Seven digits are more than an eye sees, and half the size."""
+    return {key: np.asarray(column, dtype=np.float32) for key, column in columns.items()}
+
+
+HEIGHTS = (240, 620)  # CSS pixels
+WIDTH = 1100  # CSS pixels, of the page on a desktop
+
+
+class TopView(NamedTuple):
+    """The figure and what sets it in motion, all of it for the script of the page."""
+
+    plot: figure
+    obstacles: dict[str, Any]  # where each is in each frame
+    places: ColumnDataSource | None  # where each is drawn
+    runs: list[dict[str, Any]]  # of each: name, car, plan; sources drawn: body, circles, horizon
+
+
+def build_top_view(runs: Sequence[Run], accounts: Mapping[str, ControllerLog]) -> TopView:
+    """Return the road from above, with the scene of the first run.
+
+    What moves is drawn from sources that the page fills anew for every frame.
+    """
+    low, high = comparison_figures.road_limits(runs)
+    height = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
+    plot = figure(
+        name='film',
+        x_range=Range1d(low[0], high[0]),
+        y_range=Range1d(low[1], high[1]),
+        x_axis_label='X [m]',
+        y_axis_label='Y [m]',
+        height=round(height),
+        sizing_mode='stretch_width',
+        tools='pan,wheel_zoom,reset,save',
+        active_drag='pan',
+        active_scroll=None,
+        output_backend='canvas',
+    )
+    interactive_panels.style_figure(plot)
+    scene, facts = runs[0].drive.scene, runs[0].drive.facts
+    _draw_road(plot, scene, facts)
+    t = frame_times(runs)
+    still = obstacle_frames(scene, runs[0].drive.motion.stamp_ns[0], t)
+    places = _draw_obstacles(plot, scene, facts, still)
+    for run in runs:
+        _trajectory(plot, run)
+    moving = [
+        {
+            'name': run.name,
+            'car': car_frames(run, t),
+            'plan': plan_rows(run, accounts[run.name]),
+            **_moving(plot, run),
+        }
+        for run in runs
+    ]
+    return TopView(plot, still, places, moving)
+
+
+def _draw_road(plot, scene, facts):
+    road_area = np.concatenate([scene.left, scene.right[::-1]])
+    plot.patch(*road_area.T, fill_color=style.QUIET, fill_alpha=0.08, line_color=None)
+    keep_off = facts.vehicle_radius + facts.safe_edge
+    for edge, inside in ((scene.left, -1.0), (scene.right, 1.0)):
+        strip = np.concatenate([edge, geometry.offset_polyline(edge, inside * keep_off)[::-1]])
+        plot.patch(*strip.T, fill_color=style.UNSAFE, fill_alpha=0.18, line_color=None)
+        plot.line(*edge.T, line_color=style.EDGE, line_width=2)
+    plot.line(*scene.reference.T, line_color=style.REFERENCE, line_dash='dashed')
+
+
+def _draw_obstacles(plot, scene, facts, still):
+    """Ellipses, not circles: the road is drawn wider than it is long."""
+    if not scene.obstacles:
+        return None
+    radius = np.array([one.radius for one in scene.obstacles])
+    touch = radius + facts.vehicle_radius
+    source = ColumnDataSource(
+        {
+            'x': still['x'][0],
+            'y': still['y'][0],
+            'id': [str(one.id) for one in scene.obstacles],
+            'body': 2.0 * radius,
+            'touch': 2.0 * touch,
+            'unsafe': 2.0 * (touch + facts.safe_obstacle),
+        }
+    )
+    looks = (('unsafe', style.UNSAFE, 0.22), ('touch', style.COLLISION, 0.16))
+    for reach, colour, alpha in looks:
+        area = {'fill_color': colour, 'fill_alpha': alpha, 'line_color': colour}
+        plot.ellipse('x', 'y', reach, reach, source=source, **area)
+    body = plot.ellipse('x', 'y', 'body', 'body', source=source, color=style.EDGE)
+    tips = [('obstacle', '@id'), ('X', '@x{0.00} m'), ('Y', '@y{0.00} m')]
+    plot.add_tools(HoverTool(renderers=[body], tooltips=tips))
+    return source
+
+
+def _trajectory(plot, run):
+    motion = run.drive.motion
+    chosen = np.union1d(
+        interactive_panels.decimate(motion.y, interactive_panels.BINS),
+        interactive_panels.decimate(motion.x, interactive_panels.BINS),
+    )
+    source = ColumnDataSource(
+        {
+            'x': motion.x[chosen].astype(np.float32),
+            'y': motion.y[chosen].astype(np.float32),
+            'time': run.series.t[chosen].astype(np.float32),
+            'speed': run.series.speed[chosen].astype(np.float32),
+        }
+    )
+    line = interactive_panels.tag_run(
+        run, plot.line('x', 'y', source=source, **interactive_panels.line_look(run))
+    )
+    line.glyph.line_alpha = 0.6
+    tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
+    plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
+
+
+def _moving(plot, run):
+    horizon, body = (ColumnDataSource({'x': [], 'y': []}) for _ in range(2))
+    circles = ColumnDataSource({'x': [], 'y': [], 'width': []})
+    ink = {'line_color': run.colour}
+    filled = {**ink, 'fill_color': run.colour, 'fill_alpha': 0.45}
+    hollow = {**ink, 'fill_color': None, 'line_dash': 'dotted'}
+    for drawn in (
+        plot.line('x', 'y', source=horizon, **ink),
+        plot.scatter('x', 'y', source=horizon, size=4, **filled),
+        plot.patch('x', 'y', source=body, **filled),
+        plot.ellipse('x', 'y', 'width', 'width', source=circles, **hollow),
+    ):
+        interactive_panels.tag_run(run, drawn)
+    return {'horizon': horizon, 'body': body, 'circles': circles}

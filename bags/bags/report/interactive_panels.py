@@ -1,0 +1,284 @@
+"""Fewer samples for the eye: a kilohertz is more than a screen can show, an extreme is not.
+
+What the panels of the report show: quantities of one run over time, in the unit of a reader.
+
+The panels as Bokeh figures: linked axes, hover, and a cursor that follows the film."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from bokeh.models import (
+    BoxAnnotation,
+    ColumnDataSource,
+    DataRange1d,
+    GlyphRenderer,
+    HoverTool,
+    Range1d,
+    Span,
+)
+from bokeh.plotting import figure
+
+from bags.evaluation.controller_log import ControllerLog
+from bags.evaluation.drive import Facts
+from bags.figures import style
+from bags.figures.panels import FAR_M, GRAVITY, KILO, Run
+
+
+def decimate(values: np.ndarray, bins: int) -> np.ndarray:
+    """Return the indices (k,) of the samples of `values` (n,) to draw, ascending.
+
+    The samples are split into `bins` stretches of nearly equal length, and of each the smallest
+    and the largest stay, in their order: so every extreme of the whole is drawn, and a line
+    through what stays covers the same band as the line through everything. The first and the last
+    sample stay, too, and one not-a-number of a stretch that has any, so that gaps stay gaps.
+    At most 3 bins + 2 of n remain; all of them when there are not that many.
+    """
+    n = len(values)
+    if n <= 3 * bins + 2:
+        return np.arange(n)
+    bounds = np.linspace(0, n, bins + 1).astype(int)
+    lengths = np.diff(bounds)
+    # a stretch is a row; the shorter ones repeat their last sample
+    rows = bounds[:-1, None] + np.minimum(np.arange(lengths.max()), lengths[:, None] - 1)
+    found = values[rows]
+    missing = np.isnan(found)
+    lowest = np.argmin(np.where(missing, np.inf, found), axis=1)
+    highest = np.argmax(np.where(missing, -np.inf, found), axis=1)
+    each = np.arange(bins)
+    chosen = [rows[each, lowest], rows[each, highest], [0, n - 1]]
+    gaps = missing.any(axis=1)
+    chosen.append(rows[each[gaps], np.argmax(missing[gaps], axis=1)])
+    return np.unique(np.concatenate(chosen))
+
+
+SOLID, DASHED = 'solid', 'dashed'
+
+
+class Curve(NamedTuple):
+    """One line of a panel."""
+
+    label: str  # what tells it from the other lines of the same run; '' where there is one
+    dash: str
+    stamp_ns: np.ndarray  # (n,)
+    values: np.ndarray  # (n,)
+
+
+class Panel(NamedTuple):
+    """One pair of axes against time or station."""
+
+    name: str  # also the id of its element on the page
+    title: str
+    axis: str  # label of the vertical axis, with its unit
+    curves: Callable[[Run, ControllerLog], Iterable[Curve]]
+    # of the facts of a run: the distance below which is unsafe; None where that has no meaning
+    unsafe: Callable[[Facts], float] | None = None
+
+
+def _speed(run, _):
+    yield Curve('', SOLID, run.drive.motion.stamp_ns, run.drive.motion.vx)
+
+
+def _steer(run, _):
+    yield Curve('', SOLID, run.drive.inputs.stamp_ns, np.degrees(run.drive.inputs.steer))
+
+
+def _force(run, _):
+    yield Curve('', SOLID, run.drive.inputs.stamp_ns, run.drive.inputs.force / KILO)
+
+
+def _sideslip(run, _):
+    yield Curve('', SOLID, run.drive.motion.stamp_ns, np.degrees(run.series.sideslip))
+
+
+def _lateral(run, _):
+    yield Curve('', SOLID, run.drive.accelerations.stamp_ns, run.drive.accelerations.ay)
+
+
+def _contouring(run, _):
+    yield Curve('', SOLID, run.drive.motion.stamp_ns, run.series.contouring)
+
+
+def _v2o(run, _):
+    """The nearest obstacle only: near both, the lines of three runs would be a tangle."""
+    gaps = list(run.series.v2o.values())
+    if gaps:
+        nearest = np.fmin.reduce(gaps)
+        near = np.where(nearest < FAR_M, nearest, np.nan)
+        yield Curve('', SOLID, run.drive.motion.stamp_ns, near)
+
+
+def _v2e(run, _):
+    for side, dash in (('left', DASHED), ('right', SOLID)):
+        yield Curve(side, dash, run.drive.motion.stamp_ns, run.series.v2e[side])
+
+
+def _friction_use(_, account):
+    for axle, dash in (('front', SOLID), ('rear', DASHED)):
+        if account.said:
+            use = account.said[f'friction.{axle}']
+            yield Curve(axle, dash, account.answered_ns, use)
+
+
+def _solve_time(_, account):
+    if account.said:
+        yield Curve('', SOLID, account.answered_ns, account.said['time.solve_ms'])
+
+
+PANELS = (
+    Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', _v2o, lambda r: r.safe_obstacle),
+    Panel('v2e', 'Distance to the road edges', 'D_V2E [m]', _v2e, lambda r: r.safe_edge),
+    Panel('contouring', 'Distance from the coarse path', 'left positive [m]', _contouring),
+    Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]', _speed),
+    Panel('sideslip', 'Sideslip angle', 'β [deg]', _sideslip),
+    Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]', _lateral),
+    Panel('steer', 'Road-wheel angle', 'δ [deg]', _steer),
+    Panel('force', 'Longitudinal force', 'F_x [kN]', _force),
+    Panel('friction', 'Friction use, as the controller sees it', 'F / µF_z', _friction_use),
+    Panel('solve', 'Solve time per tick', '[ms]', _solve_time),
+)
+
+
+BINS = 600  # a panel is at most about that many pixels wide
+HEIGHT = 260  # CSS pixels
+SQUARE = 330
+FLOOR_M = -100.0  # deeper than circles overlap
+NS = 1e-9
+CURVE = 'curve'  # tag of what the page switches between time and station
+CURSOR = 'cursor'
+
+
+def plot_panel(
+    one: Panel, runs: Sequence[Run], accounts: Mapping[str, ControllerLog], time_axis: Range1d
+) -> figure | None:
+    """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
+    drawn = [
+        (run, curve)
+        for run in runs
+        for curve in one.curves(run, accounts[run.name])
+        if np.isfinite(curve.values).any()
+    ]
+    if not drawn:
+        return None
+    plot = _figure(one.name, one.title, 'time [s]', one.axis, x_range=time_axis)
+    if one.unsafe:
+        _shade(plot, max(one.unsafe(run.drive.facts) for run in runs), drawn)
+    lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
+    where = [('run', '$name'), (one.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
+    hover = HoverTool(
+        renderers=lines, tooltips=[*where, ('station', '@station{0.0} m')], mode='vline'
+    )
+    plot.add_tools(hover)
+    plot.add_layout(
+        Span(dimension='height', location=0.0, line_color=style.QUIET, name=CURSOR, level='glyph')
+    )
+    return plot
+
+
+def plot_gg(runs: Sequence[Run]) -> figure:
+    """Return the accelerations at the centre of gravity within the friction circle."""
+    radius = GRAVITY * max(run.drive.facts.friction for run in runs)
+    measured = np.concatenate([(*run.drive.accelerations[1:],) for run in runs], axis=1)
+    reach = 1.08 * max(radius, float(np.abs(measured).max(initial=0.0)))
+    ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
+    plot = _figure('gg', 'G-G diagram', 'a_y [m/s²], left positive', 'a_x [m/s²]', **ranges)
+    plot.sizing_mode, plot.width, plot.height = 'fixed', SQUARE, SQUARE
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = {'line_color': style.EDGE, 'line_dash': 'dotted'}
+    plot.line(radius * np.cos(angle), radius * np.sin(angle), **circle)
+    for run in runs:
+        acc = run.drive.accelerations
+        chosen = np.union1d(decimate(acc.ax, BINS), decimate(acc.ay, BINS))
+        source = ColumnDataSource(
+            {
+                'x': _short(acc.ay[chosen]),
+                'y': _short(acc.ax[chosen]),
+                'time': _short(_since(run, acc.stamp_ns[chosen])),
+            }
+        )
+        line = tag_run(run, plot.line('x', 'y', source=source, **line_look(run)))
+        tips = [('run', run.name), ('a_y', '@x{0.00}'), ('a_x', '@y{0.00}')]
+        tips.append(('time', '@time{0.00} s'))
+        plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
+    return plot
+
+
+def tag_run(run: Run, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
+    """Tag what is drawn of a run, so that the page can hide it; return it."""
+    drawn.tags = [f'run:{run.name}', *tags]
+    return drawn
+
+
+def line_look(run: Run) -> dict:
+    """Return how the lines of a run look."""
+    dash = 'dashed' if run.name in style.KNOWN_DASHES else 'solid'
+    return {'line_color': run.colour, 'line_width': 2, 'line_dash': dash}
+
+
+def _figure(name, title, x_label, y_label, **ranges):
+    plot = figure(
+        name=name,
+        title=title,
+        x_axis_label=x_label,
+        y_axis_label=y_label,
+        height=HEIGHT,
+        sizing_mode='stretch_width',
+        tools='pan,box_zoom,wheel_zoom,reset,save',
+        active_drag='box_zoom',
+        active_scroll=None,
+        output_backend='canvas',
+        **ranges,
+    )
+    return style_figure(plot)
+
+
+def style_figure(plot: figure) -> figure:
+    """Let the page shine through a figure, and the data stand before everything else."""
+    plot.background_fill_color = plot.border_fill_color = None
+    plot.outline_line_color = None
+    plot.title.text_color = style.INK
+    plot.title.text_font = plot.axis.axis_label_text_font = 'system-ui, sans-serif'
+    plot.title.text_font_size = '15px'
+    plot.axis.axis_label_text_font_style = 'normal'
+    plot.axis.axis_label_text_color = plot.axis.major_label_text_color = style.INK
+    plot.axis.axis_line_color = plot.axis.major_tick_line_color = style.QUIET
+    plot.axis.minor_tick_line_color = None
+    plot.grid.grid_line_color = style.RC['grid.color']
+    plot.toolbar.logo = None
+    plot.toolbar.autohide = True
+    return plot
+
+
+def _plot_curve(plot, run, curve):
+    chosen = decimate(curve.values, BINS)
+    stamp_ns = curve.stamp_ns[chosen]
+    station = np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station)
+    source = ColumnDataSource(
+        {
+            'time': _short(_since(run, stamp_ns)),
+            'station': _short(station),
+            'value': _short(curve.values[chosen]),
+        }
+    )
+    label = f'{run.name}, {curve.label}' if curve.label else run.name
+    drawn = {**line_look(run), 'line_dash': curve.dash} if curve.label else line_look(run)
+    return tag_run(run, plot.line('time', 'value', source=source, name=label, **drawn), CURVE)
+
+
+def _shade(plot, safe, drawn):
+    """Shade the unsafe distances, darker where the circles overlap; show what is near."""
+    low = min([0.0, *(np.nanmin(curve.values) for _, curve in drawn)])
+    plot.y_range = DataRange1d(start=float(low) - safe, end=FAR_M)
+    areas = ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION))
+    for bottom, top, colour in areas:
+        shade = {'fill_color': colour, 'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
+        plot.add_layout(BoxAnnotation(bottom=bottom, top=top, **shade))
+
+
+def _since(run, stamp_ns):
+    return (stamp_ns - run.drive.motion.stamp_ns[0]) * NS
+
+
+def _short(values):
+    """Seven digits are more than a reader sees, and half the size."""
+    return np.asarray(values, dtype=np.float32)

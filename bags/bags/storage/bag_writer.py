@@ -1,0 +1,259 @@
+"""One MCAP file in the form rosbag2 expects, written so that a crash leaves whole records.
+
+Raw CDR in, a rosbag2 folder out: `<folder>/metadata.yaml` and `<folder>/<name>_0.mcap`, _1 ...
+
+The files are safe against a crash of their writer: whatever was flushed is a sequence of complete
+zstd chunks, from which `bags repair` rebuilds summary and metadata.yaml.
+"""
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+from mcap.writer import CompressionType, Writer
+
+from bags.errors import BagError
+from bags.storage.rosbag2_metadata import (
+    BagTopic,
+    FileFacts,
+    Span,
+    build_metadata,
+    embedded_text,
+    file_text,
+)
+
+CHUNK_BYTES = 768 * 1024  # rosbag2's own default
+
+
+class McapFile:
+    """Writes messages of known topics; `write` takes the index of a topic in `topics`.
+
+    `records` are MCAP metadata records {name: {key: text}}; they and the file header are on the
+    disk when the constructor returns. `name` is the name that the embedded metadata gives the
+    file, should it be written under another one first. Raises BagError when the file exists or
+    the disk fails: what was flushed before stays there, complete.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[BagTopic],
+        records: Mapping[str, Mapping[str, str]],
+        name: str | None = None,
+    ):
+        self.topics = tuple(topics)
+        self._name = name or path.name
+        self._counts = [0] * len(self.topics)
+        self.first_ns = self._last_ns = None  # log times of the messages written
+        self._stream = _WholeWrites(path)
+        self._writer = Writer(
+            self._stream,
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,  # what lies between the chunks has no other checksum
+        )
+        self._writer.start(profile='ros2', library='bags')
+        for record, values in records.items():
+            self._writer.add_metadata(record, dict(values))
+        schemas = {
+            type_name: self._writer.register_schema(type_name, 'ros2msg', text.encode())
+            for type_name, text in {topic.type: topic.schema for topic in self.topics}.items()
+        }
+        self._channels = [
+            self._writer.register_channel(
+                topic=topic.name,
+                message_encoding='cdr',
+                schema_id=schemas[topic.type],
+                metadata={'offered_qos_profiles': topic.qos, 'topic_type_hash': topic.type_hash},
+            )
+            for topic in self.topics
+        ]
+
+    def write(self, topic: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0):
+        """Append one message: CDR with its encapsulation header, times in ns.
+
+        `sequence` is the publisher's own count, 0 where unknown.
+        """
+        self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence)
+        self._counts[topic] += 1
+        if self.first_ns is None:
+            self.first_ns = self._last_ns = log_ns
+        elif log_ns > self._last_ns:
+            self._last_ns = log_ns
+        elif log_ns < self.first_ns:
+            self.first_ns = log_ns
+
+    def flush(self):
+        """Close the chunk in progress and hand it to the operating system."""
+        self._writer.flush()
+
+    def close(self, records: Mapping[str, Mapping[str, str]]) -> FileFacts:
+        """Write further records, summary and footer; return what metadata.yaml says of the file."""
+        facts = FileFacts(self._name, self.span, self.counts)
+        self._writer.flush()
+        for record, values in records.items():
+            self._writer.add_metadata(record, dict(values))
+        embedded = embedded_text(build_metadata(self.topics, [facts]))
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': embedded})
+        self._writer.finish()
+        self._stream.close()
+        return facts
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file, without the chunk in progress."""
+        return self._stream.tell()
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages written so far per topic."""
+        counts = Counter()
+        for topic, n in zip(self.topics, self._counts):
+            counts[topic.name] += n
+        return counts
+
+    @property
+    def span(self) -> Span:
+        """Number of messages and their first and last log time, zeros for none."""
+        return Span(sum(self._counts), self.first_ns or 0, self._last_ns or 0)
+
+
+class _WholeWrites:
+    """A file that holds every write completely or not at all.
+
+    `mcap.writer` passes whole records to each write; so a full disk never leaves half a record.
+    """
+
+    def __init__(self, path):
+        self.path = path
+        self._size = 0
+        try:
+            self._file = open(path, 'xb', buffering=0)  # noqa: SIM115 - lives as long as the bag
+        except OSError as error:
+            raise BagError(f'{path}: cannot be created: {error.strerror}') from error
+
+    def write(self, data):
+        rest = memoryview(data)
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            os.ftruncate(self._file.fileno(), self._size)
+            self._file.seek(self._size)
+            raise BagError(
+                f'{self.path}: {error.strerror}; the first {self._size} bytes are kept, '
+                f'`bags repair {self.path.parent}` makes a complete bag of them'
+            ) from error
+        self._size += len(data)
+        return len(data)
+
+    def tell(self):
+        return self._size
+
+    def flush(self):
+        """Writes are not buffered here."""
+
+    def close(self):
+        try:
+            os.fsync(self._file.fileno())
+            self._file.close()
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be completed: {error.strerror}') from error
+
+
+METADATA = 'metadata.yaml'
+
+
+class Split(NamedTuple):
+    """When a bag goes on in another file; 0: never."""
+
+    bytes: int = 0  # on the disk; one chunk and the summary come on top
+    duration_ns: int = 0  # of log time
+
+
+NO_SPLIT = Split()
+
+
+def mcap_name(folder: Path, number: int = 0) -> str:
+    """Name of an MCAP file that rosbag2 expects in `folder`."""
+    return f'{folder.name}_{number}.mcap'
+
+
+def write_metadata(folder: Path, information: dict):
+    """Write metadata.yaml in one step: there is the old file or the new one, never half of it."""
+    path = folder / METADATA
+    draft = folder / f'.{METADATA}.{os.getpid()}'
+    try:
+        draft.write_text(file_text(information), encoding='utf-8')
+        os.replace(draft, path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise BagError(f'{path}: {error.strerror}; what was recorded is complete') from error
+
+
+class BagWriter:
+    """Writes one bag into a folder that must not exist yet.
+
+    `records` are MCAP metadata records {name: {key: text}}; each file begins with them. Raises
+    BagError when the folder exists or cannot be made, and when the disk fails.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        topics: Sequence[BagTopic],
+        records: Mapping[str, Mapping[str, str]],
+        split: Split = NO_SPLIT,
+    ):
+        self.folder = Path(folder).absolute()
+        try:
+            self.folder.mkdir(parents=True)
+        except FileExistsError as error:
+            raise BagError(
+                f'{self.folder}: exists already; a recording never goes into an old folder'
+            ) from error
+        except OSError as error:
+            raise BagError(f'{self.folder}: cannot be created: {error.strerror}') from error
+        self.topics = tuple(topics)
+        self._records, self._split = records, split
+        self._closed: list[FileFacts] = []
+        self._file = self._next_file()
+
+    def _next_file(self):
+        path = self.folder / mcap_name(self.folder, len(self._closed))
+        return McapFile(path, self.topics, self._records)
+
+    def write(self, topic: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0):
+        """Append a message to the topic of this index; CDR with its encapsulation header.
+
+        `sequence` is the publisher's own count, 0 where unknown. Goes on in another file where
+        the split says so.
+        """
+        if self._is_full(log_ns):
+            self._closed.append(self._file.close({}))
+            self._file = self._next_file()
+        self._file.write(topic, log_ns, publish_ns, data, sequence)
+
+    def _is_full(self, log_ns):
+        file, split = self._file, self._split
+        if split.bytes and file.size >= split.bytes and file.first_ns is not None:
+            return True
+        if split.duration_ns and file.first_ns is not None:
+            return log_ns - file.first_ns >= split.duration_ns
+        return False
+
+    def flush(self):
+        """Close the chunk in progress and hand it to the operating system."""
+        self._file.flush()
+
+    def close(self, records: Mapping[str, Mapping[str, str]] = MappingProxyType({})) -> Span:
+        """Complete the bag with further records, write metadata.yaml, return what was recorded."""
+        self._closed.append(self._file.close(records))
+        information = build_metadata(self.topics, self._closed)
+        write_metadata(self.folder, information)
+        first_ns = information['starting_time']['nanoseconds_since_epoch']
+        last_ns = first_ns + information['duration']['nanoseconds']
+        return Span(information['message_count'], first_ns, last_ns)

@@ -1,0 +1,216 @@
+"""The MCAP files that make up a bag: one, or several numbered ones when it was split.
+
+Everything an MCAP file of ROS messages holds, as arrays, however damaged it is."""
+
+import re
+import struct
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema
+
+from bags.errors import BagError
+from bags.storage.mcap_scan import Damage, is_mcap, records_in_chunk, scan_records
+from bags.storage.rosbag2_metadata import BagTopic
+
+NUMBERED = re.compile(r'(?P<name>.*)_(?P<number>\d+)\.mcap')
+
+
+def mcap_files(path: Path | str) -> list[Path]:
+    """Return the files of a bag in the order of their numbers; `path` itself where it is a file.
+
+    Raises BagError when there are none, or those of several bags.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        if not path.exists():
+            raise BagError(f'{path}: there is no such bag')
+        return [path]
+    found = sorted(path.glob('*.mcap'))
+    if len(found) == 1:
+        return found
+    parts = [NUMBERED.fullmatch(file.name) for file in found]
+    if not all(parts) or len({part['name'] for part in parts}) != 1:
+        names = ', '.join(file.name for file in found) or 'none'
+        raise BagError(
+            f'{path}: not a bag: it must hold one file *.mcap, or the numbered ones of one bag; '
+            f'it holds {names}'
+        )
+    return sorted(found, key=_number)
+
+
+def missing_before(file: Path, before: Path) -> str | None:
+    """Return the name of the first file that is missing between two of a split bag, or None."""
+    wanted = _number(before) + 1
+    if _number(file) == wanted:
+        return None
+    return f'{NUMBERED.fullmatch(file.name)["name"]}_{wanted}.mcap'
+
+
+def _number(file):
+    return int(NUMBERED.fullmatch(file.name)['number'])
+
+
+# how a message begins; times in ns
+MESSAGE_HEADER = np.dtype(
+    [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')]
+)
+LATEST_NS = np.iinfo(np.int64).max  # an hour of 2262; what claims to be later is of that hour
+RECORDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
+
+
+class Message(NamedTuple):
+    """One recorded message; times in ns, `data` is CDR with its encapsulation header."""
+
+    channel: int
+    sequence: int  # the publisher's own count, 0 where unknown
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+class Contents(NamedTuple):
+    """What was found; n messages in file order, of known channels only."""
+
+    topics: dict[int, BagTopic]  # by channel
+    channel: np.ndarray  # (n,) int64
+    sequence: np.ndarray  # (n,) int64
+    log_ns: np.ndarray  # (n,) int64
+    publish_ns: np.ndarray  # (n,) int64
+    payloads: list[bytes]
+    records: dict[str, dict[str, str]]  # metadata records by name
+    damage: tuple[Damage, ...]  # in file order; empty for a file that was closed
+    nameless: int  # messages left out because their channel is defined nowhere
+    indexed: bool  # it has a summary
+
+    @property
+    def messages(self) -> list[Message]:
+        """Every message."""
+        columns = (self.channel, self.sequence, self.log_ns, self.publish_ns)
+        return [Message(*row) for row in zip(*(c.tolist() for c in columns), self.payloads)]
+
+
+_NONE = np.empty(0, dtype=np.int64)
+EMPTY_FILE = Contents(
+    {}, _NONE, _NONE, _NONE, _NONE, [], {}, (Damage(0, 'the file is empty'),), 0, False
+)
+
+
+def read_mcap(file: Path, whole: bool = True) -> Contents:
+    """Read an MCAP file; with `whole` also what lies behind damage.
+
+    Raises BagError when it is no MCAP file, is empty or cannot be read.
+    """
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise BagError(f'{file}: {error.strerror}') from error
+    if not data:
+        raise BagError(f'{file}: the file is empty')
+    if not whole and not is_mcap(data):
+        raise BagError(f'{file}: not a bag: it does not begin as an MCAP file')
+    return _collect(scan_records(data), whole)
+
+
+def _collect(found, whole):
+    gathering = _Gathering()
+    damage = []
+    for item in found:
+        if isinstance(item, Damage):
+            damage.append(item)
+        elif item.opcode == Opcode.CHUNK:
+            gathering.chunk(item.body, item.checked)
+        # a message outside chunks, where there are chunks, is another record with a wrong head
+        elif item.opcode != Opcode.MESSAGE or not gathering.has_chunks:
+            gathering.record(item.opcode, item.body, trusted=False)
+        if damage and not whole:
+            break
+    return gathering.contents(tuple(damage))
+
+
+class _Gathering:
+    """Definitions, messages and metadata as they come."""
+
+    def __init__(self):
+        self.has_chunks = self.indexed = False
+        self.schemas, self.channels, self.trusted = {}, {}, set()
+        self.heads, self.payloads, self.records = [], [], {}
+
+    def chunk(self, contents, trusted):
+        self.has_chunks = True
+        size = MESSAGE_HEADER.itemsize
+        for opcode, begin, end in records_in_chunk(contents):
+            if opcode != Opcode.MESSAGE:
+                self.record(opcode, contents[begin:end], trusted)
+            elif end - begin >= size:
+                self.heads.append(contents[begin : begin + size])
+                self.payloads.append(contents[begin + size : end])
+
+    def record(self, opcode, body, trusted):
+        self.indexed |= opcode == Opcode.STATISTICS
+        if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEADER.itemsize:
+            self.heads.append(body[: MESSAGE_HEADER.itemsize])
+            self.payloads.append(body[MESSAGE_HEADER.itemsize :])
+        record = _parse(opcode, body)
+        if isinstance(record, Metadata):
+            self.records.setdefault(record.name, record.metadata)
+        elif record is not None:
+            self.define(record, trusted)
+
+    def define(self, record, trusted):
+        """Keep a definition; one that a checksum covers goes before one without."""
+        kept = self.channels if isinstance(record, Channel) else self.schemas
+        key = type(record), record.id
+        if record.id not in kept or (trusted and key not in self.trusted):
+            kept[record.id] = record
+            if trusted:
+                self.trusted.add(key)
+
+    def contents(self, damage):
+        topics = {}
+        for id_, channel in sorted(self.channels.items()):
+            schema = self.schemas.get(channel.schema_id)
+            if schema is not None and channel.message_encoding == 'cdr':
+                topics[id_] = BagTopic(
+                    name=channel.topic,
+                    type=schema.name,
+                    schema=schema.data.decode('utf-8', 'replace'),
+                    type_hash=channel.metadata.get('topic_type_hash', ''),
+                    qos=channel.metadata.get('offered_qos_profiles', ''),
+                )
+        heads = np.frombuffer(b''.join(self.heads), MESSAGE_HEADER)
+        known = np.isin(heads['channel'], list(topics))
+        payloads = self.payloads
+        if not known.all():
+            heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]
+        return Contents(
+            topics,
+            **{name: _whole_numbers(heads[name]) for name in MESSAGE_HEADER.names},
+            payloads=payloads,
+            records=self.records,
+            damage=damage,
+            nameless=len(known) - len(heads),
+            indexed=self.indexed,
+        )
+
+
+def _whole_numbers(column):
+    """As int64, which numpy and the rest of the world count time in."""
+    return np.minimum(column, np.uint64(LATEST_NS)).astype(np.int64)
+
+
+def _parse(opcode, body):
+    """Schema, channel or metadata; None for anything else and for what is not whole."""
+    if opcode not in RECORDS:
+        return None
+    stream = ReadDataStream(BytesIO(body))
+    try:
+        record = RECORDS[opcode].read(stream)
+    except (struct.error, UnicodeDecodeError, McapError):
+        return None
+    return record if stream.count == len(body) else None

@@ -1,0 +1,201 @@
+"""Walk the records of an MCAP file whatever state it is in, and name where it is damaged.
+
+Format: https://mcap.dev/spec. Only chunks carry a checksum, so they are found by their looks and
+believed by their checksum, wherever they lie; the records between them are walked from one chunk
+to the next. So a broken record costs itself, and no chunk but its own.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
+
+RECORD_PREFIX = struct.Struct('<BQ')  # opcode, length of the body
+CHUNK_HEADER = struct.Struct(
+    '<QQQII'
+)  # of a chunk: first and last time, size, checksum, codec's length
+SIZE = struct.Struct('<Q')  # of the compressed bytes
+CODEC = re.compile(rb'\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4')  # with its length before it
+CODEC_AT = RECORD_PREFIX.size + CHUNK_HEADER.size - 4  # where that length lies in a chunk record
+DATA_END = CHECKSUM = struct.Struct('<I')  # 0 where none was made
+FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, its checksum
+LARGEST_CHUNK = 1 << 30  # bytes; a larger claim is damage
+UNSAID = -1  # what `frame_content_size` returns of a frame that does not say its size
+
+
+class Record(NamedTuple):
+    """A record; the body of a chunk is what it holds, decompressed."""
+
+    offset: int  # in the file
+    opcode: int
+    body: bytes
+    checked: bool  # a checksum agrees
+
+
+class Damage(NamedTuple):
+    """From `offset` on, up to the next chunk, nothing is readable."""
+
+    offset: int
+    what: str
+
+
+def is_mcap(data: bytes) -> bool:
+    """Whether this begins as an MCAP file does."""
+    return data[: len(MCAP0_MAGIC)] == MCAP0_MAGIC
+
+
+def scan_records(data: bytes) -> Iterator[Record | Damage]:
+    """Yield what a file holds in file order, and in between what of it is damaged.
+
+    The last thing is a Damage unless the file ends as a closed file does. Never raises.
+    """
+    position = len(MCAP0_MAGIC)
+    if not is_mcap(data):
+        yield Damage(0, 'it does not begin as an MCAP file')
+    while (chunk := _next_chunk(data, position)) is not None:
+        begin, end, contents = chunk
+        yield from _between(data, position, begin)
+        opcode, length = RECORD_PREFIX.unpack_from(data, begin)
+        if opcode != Opcode.CHUNK or length != end - begin - RECORD_PREFIX.size:
+            yield Damage(begin, 'the head of a chunk is wrong, its contents are not')
+        yield Record(begin, Opcode.CHUNK, contents, True)
+        position = end
+    yield from _between(data, position, len(data))
+
+
+def records_in_chunk(contents: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield (opcode, begin, end) of the body of each whole record in a chunk."""
+    position, size = 0, len(contents)
+    while position + RECORD_PREFIX.size <= size:
+        opcode, length = RECORD_PREFIX.unpack_from(contents, position)
+        position += RECORD_PREFIX.size
+        if position + length > size:
+            return
+        yield opcode, position, position + length
+        position += length
+
+
+def _between(data, position, end):
+    """Records between two chunks, or after the last."""
+    closing = len(data) - len(MCAP0_MAGIC)
+    seen = []
+    while position < end:
+        if position == closing and data[closing:] == MCAP0_MAGIC and seen[-1:] == [Opcode.FOOTER]:
+            if Opcode.DATA_END not in seen:
+                yield Damage(position, 'the end of the data is not marked')
+            return
+        if position + RECORD_PREFIX.size > end:
+            yield Damage(position, 'the file is cut off inside a record')
+            return
+        opcode, length = RECORD_PREFIX.unpack_from(data, position)
+        seen.append(opcode)
+        body = position + RECORD_PREFIX.size
+        if body + length > end:
+            cut = end == len(data)
+            yield Damage(position, 'the file is cut off inside a record' if cut else 'no record')
+            if cut and opcode == Opcode.CHUNK:
+                yield Record(position, opcode, _beginning(data[body:], length), False)
+            return
+        if opcode == Opcode.CHUNK:
+            try:
+                yield Record(position, opcode, *_chunk_contents(data[body : body + length]))
+            except ValueError as error:
+                yield Damage(position, str(error))
+        else:
+            yield from _disagreement(data, position, opcode, body, length)
+            yield Record(position, opcode, data[body : body + length], False)
+        position = body + length
+    if end == len(data):
+        yield Damage(end, 'the file is cut off: its footer is missing')
+
+
+def _disagreement(data, position, opcode, body, length):
+    """The checksums of the data section and of the summary, where they were made."""
+    if opcode == Opcode.DATA_END and length == DATA_END.size:
+        (checksum,) = DATA_END.unpack_from(data, body)
+        if checksum not in (0, zlib.crc32(data[:position])):
+            yield Damage(position, 'what lies before is not all as it was written')
+    elif opcode == Opcode.FOOTER and length == FOOTER.size:
+        begin, _, checksum = FOOTER.unpack_from(data, body)
+        covered = data[begin or position : body + FOOTER.size - CHECKSUM.size]
+        if checksum not in (0, zlib.crc32(covered)):
+            yield Damage(position, 'the summary is not as it was written')
+
+
+def _next_chunk(data, position):
+    """First compressed chunk from `position` on whose checksum agrees: (begin, end, contents)."""
+    for found in CODEC.finditer(data, position):
+        begin = found.start() - CODEC_AT
+        if begin < position or found.end() + SIZE.size > len(data):
+            continue
+        # its length is written twice; should they differ, the contents tell which is right
+        ends = (
+            begin + RECORD_PREFIX.size + RECORD_PREFIX.unpack_from(data, begin)[1],
+            found.end() + SIZE.size + SIZE.unpack_from(data, found.end())[0],
+        )
+        for end in dict.fromkeys(ends):
+            try:
+                contents, checked = _chunk_contents(data[begin + RECORD_PREFIX.size : end])
+            except ValueError:
+                continue
+            if checked:
+                return begin, end, contents
+    return None
+
+
+def _chunk_contents(body):
+    """(Contents, whether a checksum agreed) of a chunk; ValueError says what is wrong with it."""
+    try:
+        *_, size, checksum, codec_length = CHUNK_HEADER.unpack_from(body)
+        codec = body[CHUNK_HEADER.size : CHUNK_HEADER.size + codec_length]
+        contents = _decompressed(codec, body[CHUNK_HEADER.size + codec_length + SIZE.size :], size)
+    except (struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+        raise ValueError(f'a chunk is damaged: {error}') from error
+    if len(contents) != size:
+        raise ValueError('the head of a chunk is wrong')
+    if checksum not in (0, zlib.crc32(contents)):
+        raise ValueError('a chunk is damaged: its checksum disagrees')
+    return contents, checksum != 0
+
+
+def _decompressed(codec, data, size):
+    if size > LARGEST_CHUNK:
+        raise ValueError('the head of a chunk is wrong')
+    if codec == b'zstd':
+        # a frame that claims another size would be given that much memory
+        if zstandard.frame_content_size(data) not in (size, UNSAID):
+            raise ValueError('the head of a chunk is wrong')
+        # and one that claims none would go on as long as it can: a megabyte may unpack to many
+        unpack = zstandard.ZstdDecompressor().decompress
+        return unpack(data, max_output_size=size, allow_extra_data=False)
+    if codec == b'lz4':
+        frame = lz4.frame.LZ4FrameDecompressor()
+        contents = frame.decompress(data, max_length=size + 1)
+        if not frame.eof or frame.unused_data:
+            raise ValueError('a chunk is not as long as its head says')
+        return contents
+    if codec == b'':
+        return data
+    raise ValueError(f'a chunk is compressed by {codec!r}, which is unknown')
+
+
+def _beginning(body, length):
+    """What can be decompressed of a zstd chunk of `length` bytes that was cut off."""
+    try:
+        *_, contained, _, codec_length = CHUNK_HEADER.unpack_from(body)
+        codec = body[CHUNK_HEADER.size : CHUNK_HEADER.size + codec_length]
+        data_at = CHUNK_HEADER.size + codec_length + SIZE.size
+        (size,) = SIZE.unpack_from(body, data_at - SIZE.size)
+        # both lengths of the chunk must speak of a cut; one alone is a broken number
+        if codec != b'zstd' or data_at + size != length:
+            return b''
+        frame = zstandard.ZstdDecompressor().stream_reader(body[data_at:])
+        return frame.read(min(contained, LARGEST_CHUNK))
+    except (struct.error, zstandard.ZstdError, MemoryError):
+        return b''

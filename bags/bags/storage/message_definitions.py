@@ -1,0 +1,158 @@
+"""What a bag says about a message type: its full definition text and its type hash.
+
+Both come from the message packages that are installed (share/<package>/msg). The text is put
+together in the order of rosbag2's own source of definitions: the message, then every type it
+needs, depth first, sorted by name, each once, under a line of 80 equal signs.
+
+
+Message definitions out of the text that a bag carries ('ros2msg'): types and their fields."""
+
+import json
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+from bags.errors import BagError
+from msgs_yaml import share
+
+PRIMITIVES = frozenset(
+    (
+        *('bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'),
+        *('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64'),
+    )
+)
+SEPARATOR = '=' * 80
+
+
+def split_type(type_name: str) -> tuple[str, str]:
+    """Package and message name of 'package/msg/Name' or 'package/Name'."""
+    package, *_, name = type_name.split('/')
+    return package, name
+
+
+def schema_text(type_name: str) -> str:
+    """Return the definition of `type_name` ('package/msg/Name') with all it depends on.
+
+    Raises FileNotFoundError, naming the places searched, when a package is not installed.
+    """
+    return _expand(*split_type(type_name), seen=set())
+
+
+def type_hash(type_name: str) -> str:
+    """Return the hash of REP 2011 ('RIHS01_...') that the generator of messages computed.
+
+    Raises FileNotFoundError when the package is not installed.
+    """
+    package, name = split_type(type_name)
+    path = share.path(package, 'msg', f'{name}.json')
+    hashes = json.loads(path.read_text(encoding='utf-8'))['type_hashes']
+    return {entry['type_name']: entry['hash_string'] for entry in hashes}[type_name]
+
+
+def _expand(package, name, seen):
+    text = share.path(package, 'msg', f'{name}.msg').read_text(encoding='utf-8')
+    parts = [text]
+    for dependency in _dependencies(text, package):
+        if dependency not in seen:
+            seen.add(dependency)
+            parts += [f'\n{SEPARATOR}\nMSG: {dependency}\n', _expand(*split_type(dependency), seen)]
+    return ''.join(parts)
+
+
+def _dependencies(text, package):
+    """Sorted 'package/Name' of every type used that is no primitive."""
+    found = set()
+    for line in text.splitlines():
+        code = line.partition('#')[0].split()
+        if not code:
+            continue
+        base = re.split(r'<=|\[', code[0])[0]
+        if base not in PRIMITIVES:
+            found.add(base if '/' in base else f'{package}/{base}')
+    return sorted(found)
+
+
+FIELD = re.compile(
+    r'(?P<base>[\w/]+)(?:<=\d+)?'
+    r'(?P<array>\[(?:(?P<bound><=)?(?P<length>[1-9]\d{0,8}))?\])?\s+(?P<name>\w+)',
+    re.ASCII,
+)
+TYPE = re.compile(r'\w+/(?:msg/)?\w+', re.ASCII)
+DEEPEST = 32  # messages in messages; those of ROS have 5
+
+
+class Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    base: str  # a primitive or 'package/Name'
+    is_array: bool
+    length: int | None  # of an array of fixed length
+
+
+# what ROS 2 puts into a message without fields, one byte on the wire
+FILLER = Field('structure_needs_at_least_one_member', 'uint8', False, None)
+
+
+@lru_cache(maxsize=64)
+def parse_definition(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
+    """Fields of `type_name` (under '') and of all types it needs (under 'package/Name').
+
+    Raises BagError naming the line that is no field, or the type that is missing, in itself, too
+    deep in others, or of wide characters, which nothing here reads.
+    """
+    package = _package(type_name)
+    first, *others = re.split(rf'^{SEPARATOR}\nMSG: ', text, flags=re.MULTILINE)
+    types = {'': _fields(first, package)}
+    for section in others:
+        name, _, body = section.partition('\n')
+        types['/'.join(split_type(name.strip()))] = _fields(body, _package(name.strip()))
+    for fields in types.values():
+        for field in fields:
+            if field.base not in PRIMITIVES and field.base not in types:
+                raise BagError(f'definition of {type_name}: {field.base} is not in it')
+            if field.base == 'wstring':
+                raise BagError(f'definition of {type_name}: {field.name} has wide characters')
+    _refuse_circles(types, type_name)
+    return types
+
+
+def _package(type_name):
+    if not TYPE.fullmatch(type_name):
+        raise BagError(f'{type_name!r} is no message type; allowed package/msg/Name')
+    return split_type(type_name)[0]
+
+
+def _refuse_circles(types, type_name):
+    done = set()
+
+    def visit(name, above):
+        if name in above:
+            raise BagError(f'definition of {type_name}: {name} contains itself')
+        if len(above) > DEEPEST:
+            raise BagError(f'definition of {type_name}: {name} is nested too deeply')
+        if name not in done:
+            for field in types[name]:
+                if field.base not in PRIMITIVES:
+                    visit(field.base, {*above, name})
+            done.add(name)
+
+    visit('', set())
+
+
+def _fields(text, package):
+    fields = []
+    for line in text.splitlines():
+        code = line.partition('#')[0].strip()
+        found = FIELD.match(code)
+        if code and not found:
+            raise BagError(f'{line!r} is no field of a message')
+        # a constant has the form of a field and then '='
+        if not code or code[found.end() :].lstrip().startswith('='):
+            continue
+        base = found['base']
+        if base not in PRIMITIVES:
+            base = '/'.join(split_type(base)) if '/' in base else f'{package}/{base}'
+        fixed = found['length'] if found['length'] and not found['bound'] else None
+        fields.append(Field(found['name'], base, found['array'] is not None, fixed and int(fixed)))
+    return tuple(fields) or (FILLER,)

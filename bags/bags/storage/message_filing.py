@@ -1,0 +1,180 @@
+"""The parameters of the recorder. No ROS: they are checked before anything starts.
+
+Bookkeeping of a recorder: which time a message is filed under, and what was lost."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
+
+from bags.errors import BagError
+from bags.storage.decoding import stamp_reader
+from bags.storage.message_definitions import schema_text, type_hash
+from bags.storage.message_loss import LossCounter
+from bags.storage.rosbag2_metadata import BagTopic, qos_text
+from bags.storage.simulated_time import SimulatedTime
+from msgs_yaml.contract import Contract
+from msgs_yaml.decode import DecodeError
+from msgs_yaml.stamp import NS_PER_S
+from node_runtime.parameters import Range
+
+
+@dataclass(frozen=True)
+class RecorderParams:
+    """Parameters of the recorder, see config/recorder.yaml."""
+
+    out: str
+    run_info: str
+    chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
+    poll_s: Annotated[float, Range(0.001, 0.1, 's')]
+    split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
+    split_s: Annotated[float, Range(0.0, 1e6, 's')]
+
+
+LOCKSTEP = 'lockstep'
+CLOCK = '/clock'  # simulated time, in lockstep
+# by how much arrivals may fall back: DDS may deliver what it had to send again late
+SLACK_NS = 100_000_000
+
+
+def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
+    """Return every topic of the contract as a bag describes it, in the order of the contract."""
+    return [
+        BagTopic(
+            name=topic.name,
+            type=topic.type,
+            schema=schema_text(topic.type),
+            type_hash=type_hash(topic.type),
+            qos=_qos(topic.qos[mode]),
+        )
+        for topic in contract.topics.values()
+    ]
+
+
+def _qos(qos):
+    deadline_ns = None if qos.deadline_ms is None else round(qos.deadline_ms * 1e6)
+    return qos_text(qos.history, qos.depth, qos.reliability, qos.durability, deadline_ns)
+
+
+class ClockError(BagError):
+    """A clock was set back while it was recorded."""
+
+
+class Filing:
+    """Files the messages of one topic: into a bag, under the right time."""
+
+    def __init__(
+        self,
+        topic: BagTopic,
+        mode: str,
+        write: Callable[[int, int, bytes, int], None],
+        alone: bool = True,
+        time: SimulatedTime | None = None,
+        owns_time: bool = False,
+    ):
+        """`alone`: the topic has one publisher, so its time never falls back.
+
+        `time` is shared by all topics of a recording in lockstep; only /clock advances it.
+        `owns_time`: the publisher of /clock publishes this topic, too.
+        """
+        self.counter = LossCounter()
+        self.misdated = 0  # messages filed under another time than their stamp
+        self.first_misdated: tuple[int, int] | None = None  # ns: stamp, and where it is filed
+        self._topic, self._alone, self._owns_time = topic, alone, owns_time
+        self._write = write
+        self._stamp_ns = stamp_reader(topic.type)
+        self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
+        self._last_log_ns = 0  # in lockstep never beyond /clock
+        self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
+
+    def put(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
+        """File one message under its stamp (lockstep) or its time of arrival (realtime).
+
+        `source_ns` and `sequence` are the publisher's, 0 and None where the middleware knows none.
+        In lockstep a stamp that /clock never reaches, or one that falls back, is that of another
+        program or of a node that was started again: the message is filed under the last time of
+        /clock, or under the last time of its topic. A message far ahead waits for /clock, which may
+        arrive later; so do all before the first /clock, and one of the plant that falls back: if
+        /clock falls back as well, it is never filed.
+
+        Raises ClockError, and files nothing, when /clock (lockstep) or the arrival falls back.
+        """
+        if self._time is None:
+            if self._alone:
+                self._check(received_ns, SLACK_NS, 'the clock of the machine was set back')
+            self._last_log_ns = received_ns
+            self.counter.add(sequence)
+            self._file(received_ns, data, source_ns, sequence)
+            return
+        stamp_ns = self._stamp(data)
+        if self._topic.name == CLOCK:
+            self._tick(stamp_ns)
+        self.counter.add(sequence)
+        file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
+        if self._must_wait(stamp_ns):
+            self._time.wait(file)
+        elif stamp_ns is not None and (self._follows(stamp_ns) or self._time.is_ahead(stamp_ns)):
+            self._ahead_ns.append(stamp_ns)
+            self._time.wait_until(stamp_ns, partial(self._file_reached, stamp_ns, file))
+        else:
+            file()
+
+    def _follows(self, stamp_ns):
+        """Tell whether an earlier message still waits: /clock may have been heard meanwhile."""
+        return bool(self._ahead_ns) and min(self._ahead_ns) <= stamp_ns
+
+    def _file_reached(self, stamp_ns, file):
+        self._ahead_ns.remove(stamp_ns)
+        file()
+
+    def _must_wait(self, stamp_ns):
+        """Tell whether it depends on the next /clock how a message is filed."""
+        if self._topic.name == CLOCK:
+            return False
+        falls_back = stamp_ns is not None and stamp_ns < self._last_log_ns
+        return self._time.is_awaited or (self._owns_time and falls_back)
+
+    def _stamp(self, data):
+        """Return the stamp, None where there is none; a bag holds nothing before 1970."""
+        try:
+            return max(self._stamp_ns(data), 0)
+        except DecodeError:
+            return None
+
+    def _tick(self, stamp_ns):
+        """Let time go on to a stamp of /clock."""
+        if stamp_ns is not None:
+            self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
+            self._time.hear(stamp_ns)
+            self._time.release()
+
+    def _file_stamped(self, stamp_ns, data, source_ns, sequence):
+        log_ns = self._dated(stamp_ns)
+        if stamp_ns not in (None, log_ns):
+            self.misdated += 1
+            self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
+        self._file(log_ns, data, source_ns, sequence)
+
+    def _dated(self, stamp_ns):
+        """Return the time that a message is filed under."""
+        if stamp_ns is None:
+            return self._last_log_ns
+        if self._time.is_ahead(stamp_ns):
+            return self._time.now_ns
+        log_ns = max(stamp_ns, self._last_log_ns) if self._alone else stamp_ns
+        # a stamp a little ahead does not hold back those that follow it
+        now_ns = log_ns if self._time.now_ns is None else self._time.now_ns
+        self._last_log_ns = max(self._last_log_ns, min(log_ns, now_ns))
+        return log_ns
+
+    def _file(self, log_ns, data, source_ns, sequence):
+        self._write(log_ns, source_ns or log_ns, data, sequence or 0)
+
+    def _check(self, log_ns, slack_ns, cause):
+        """Raise ClockError when a time falls back by more than the slack."""
+        if log_ns < self._last_log_ns - slack_ns:
+            before, now = self._last_log_ns / NS_PER_S, log_ns / NS_PER_S
+            raise ClockError(
+                f'{self._topic.name}: the clock jumped backwards from {before:.9f} s to '
+                f'{now:.9f} s: {cause}'
+            )

@@ -1,0 +1,176 @@
+"""The text that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside an MCAP file."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import yaml
+
+from msgs_yaml.stamp import NS_PER_S
+
+INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+# what PyYAML raises for a text that is none: also for a tag that does not fit its value
+YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError)
+INFINITE_NS = INFINITE['sec'] * NS_PER_S + INFINITE['nsec']
+
+
+class BagTopic(NamedTuple):
+    """What a bag knows about a topic before the first message."""
+
+    name: str
+    type: str  # 'package/msg/Name'
+    schema: str  # definition text, see definitions.schema_text
+    type_hash: str  # 'RIHS01_...'
+    qos: str  # offered QoS profiles: the text of a YAML list
+
+
+class Span(NamedTuple):
+    """How much a bag holds: number of messages and its first and last log time [ns]."""
+
+    count: int
+    first_ns: int
+    last_ns: int
+
+
+class FileFacts(NamedTuple):
+    """What a bag says about one of its files."""
+
+    name: str
+    span: Span
+    counts: Counter[str]  # messages per topic
+
+
+def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
+    """One offered QoS profile as rosbag2 writes it: a YAML list with one entry.
+
+    `history` is keep_last or keep_all, `depth` its length, `deadline_ns` None without a deadline.
+    """
+    deadline = INFINITE
+    if deadline_ns is not None:
+        deadline = dict(zip(('sec', 'nsec'), divmod(deadline_ns, NS_PER_S)))
+    return _dump(
+        [
+            {
+                'history': history,
+                'depth': depth,
+                'reliability': reliability,
+                'durability': durability,
+                'deadline': deadline,
+                'lifespan': INFINITE,
+                'liveliness': 'automatic',
+                'liveliness_lease_duration': INFINITE,
+                'avoid_ros_namespace_conventions': False,
+            }
+        ]
+    )
+
+
+def parse_qos(text: str) -> list[dict]:
+    """Return the QoS profiles in the text of a bag, words for the numbers of older bags.
+
+    Empty where the text is none: a bag may say nothing about QoS.
+    """
+    return [
+        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
+        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
+        for profile in _profiles(text)
+        if isinstance(profile, dict)
+    ]
+
+
+def _profiles(text):
+    """The list in a text, empty where damage made something else of it."""
+    if '*' in text:  # aliases: of themselves they go on for ever, of each other they grow
+        return []
+    try:
+        profiles = yaml.safe_load(text)
+    except YAML_ERRORS:
+        return []
+    return profiles if isinstance(profiles, list) else []
+
+
+# rmw/types.h gives them these numbers; None: whatever the middleware takes
+_WORDS = {
+    'history': {1: 'keep_last', 2: 'keep_all'},
+    'reliability': {1: 'reliable', 2: 'best_effort'},
+    'durability': {1: 'transient_local', 2: 'volatile'},
+}
+
+
+def _word(value, words):
+    if isinstance(value, int):
+        return words.get(value)
+    return value if value in words.values() else None
+
+
+def _ns(duration):
+    """A duration in ns, None where it is infinite, unset or no duration."""
+    match duration:
+        case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
+            return sec * NS_PER_S + nsec
+    return None
+
+
+def build_metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:
+    """Return the mapping under 'rosbag2_bagfile_information' of a bag in one file or several."""
+    counts = sum((file.counts for file in files), Counter())
+    filled = [file.span for file in files if file.span.count]
+    whole = Span(
+        sum(span.count for span in filled),
+        min((span.first_ns for span in filled), default=0),
+        max((span.last_ns for span in filled), default=0),
+    )
+    return {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **_times(whole),
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': _profiles(topic.qos),
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': counts[topic.name],
+            }
+            for topic in topics
+        ],
+        # chunks are compressed by MCAP itself; these two speak of rosbag2's own compression
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file.name for file in files],
+        'files': [{'path': file.name, **_times(file.span)} for file in files],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+
+
+def _times(span):
+    return {
+        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
+        'duration': {'nanoseconds': span.last_ns - span.first_ns},
+        'message_count': span.count,
+    }
+
+
+def embedded_text(information: dict) -> str:
+    """Text of the MCAP metadata record 'rosbag2': the inner mapping only."""
+    return _dump(information)
+
+
+def file_text(information: dict) -> str:
+    """Text of metadata.yaml."""
+    return _dump({'rosbag2_bagfile_information': information})
+
+
+def _dump(value) -> str:
+    return yaml.dump(value, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """No anchors: rosbag2's reader wants every duration written out."""
+
+    def ignore_aliases(self, data):
+        return True

@@ -1,0 +1,240 @@
+"""What a 3D viewer is shown of the ring, as plain shapes in the frame map: SI units, z up.
+
+Shapes know nothing of ROS or Foxglove: `encode` and `server` turn them into messages of theirs.
+
+
+From the values of the topics to what a 3D viewer is shown: the latest of each, drawn in time."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from bags.evaluation import geometry
+from bags.evaluation.controller_log import report_number
+from bags.figures import style
+from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
+from node_runtime.parameters import Range
+
+BOX, DISC, LINE, TEXT = 'box', 'disc', 'line', 'text'
+AXLES = ('front', 'rear')
+CAR_HEIGHT_M = 1.4
+FLAT_M = 0.02
+LINE_M = 0.12
+BAR_M = (0.3, 0.5, 2.0)  # length, width, and height at the friction limit
+LETTER_M = 0.8
+GREY = (0.35, 0.4, 0.45, 0.75)
+GREEN, RED = np.array([0.1, 0.65, 0.3]), np.array([0.8, 0.15, 0.1])
+SLOW, FAST = np.array([0.85, 0.25, 0.1]), np.array([0.1, 0.45, 0.85])
+SPEED_SPAN_MPS = 5.0  # colours tell speeds apart that differ by at most so much
+
+
+class Shape(NamedTuple):
+    """One thing to draw; ns and id name it from message to message."""
+
+    ns: str
+    id: int
+    kind: str
+    at: tuple[float, float, float]  # m, centre
+    yaw: float  # rad
+    size: tuple[float, float, float]  # m; of a line its width, of a text its height, comes first
+    colour: tuple[float, float, float, float]  # red, green, blue, opacity: 0 to 1
+    points: np.ndarray  # (n, 2) m, of a line, in map
+    colours: np.ndarray  # (n, 4) of its points, (0, 4) where `colour` is that of all
+    text: str
+
+
+@dataclass(frozen=True)
+class OutlineParams:
+    """The car's outline, seen from its centre of gravity."""
+
+    front_m: Annotated[float, Range(0.5, 10.0, 'm')]
+    rear_m: Annotated[float, Range(0.5, 10.0, 'm')]
+    width_m: Annotated[float, Range(0.5, 5.0, 'm')]
+
+
+@dataclass(frozen=True)
+class SafetyParams:
+    """The circles of the car, and the distances it has to keep."""
+
+    circle_offsets_m: Annotated[tuple[float, ...], Range(-10.0, 10.0, 'm')]
+    circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
+    obstacle_m: Annotated[float, Range(0.0, 10.0, 'm')]
+    edge_m: Annotated[float, Range(0.0, 10.0, 'm')]
+
+
+@dataclass(frozen=True)
+class ShapeParams:
+    """All that shapes need to know of a run beyond its topics."""
+
+    outline: OutlineParams
+    safety: SafetyParams
+
+
+def vehicle_shapes(
+    state: VehicleState, friction_use: Mapping[str, float], outline: OutlineParams
+) -> list[Shape]:
+    """Return the car with its true outline, and a bar of the friction use F / (mu F_z) per axle."""
+    edge = geometry.Outline(outline.front_m, outline.rear_m, outline.width_m)
+    corners = geometry.outline_corners(state.X, state.Y, state.psi, edge)
+    middle = (outline.front_m - outline.rear_m) / 2
+    size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
+    X, Y = _ahead(state, middle)
+    found = [
+        _shape('body', 0, BOX, (X, Y, CAR_HEIGHT_M / 2), size, GREY, yaw=state.psi),
+        _line('outline', 0, np.concatenate([corners, corners[:1]]), _rgba(style.KNOWN['mpcc'])),
+    ]
+    length, width, full = BAR_M
+    for k, axle in enumerate(AXLES):
+        if axle in friction_use:
+            use = min(max(friction_use[axle], 0.0), 1.0)
+            height = max(use * full, FLAT_M)
+            X, Y = _ahead(state, outline.front_m / 2 if axle == 'front' else -outline.rear_m / 2)
+            at = (X, Y, CAR_HEIGHT_M + height / 2)
+            colour = (*_mix(GREEN, RED, use), 0.95)
+            size = (length, width, height)
+            found.append(_shape('friction', k, BOX, at, size, colour, yaw=state.psi))
+            at = (X, Y, CAR_HEIGHT_M + height + LETTER_M)
+            text = f'{axle} {use:.2f}'
+            found.append(_shape('use', k, TEXT, at, (LETTER_M,) * 3, colour, text=text))
+    return found
+
+
+def safety_shapes(
+    state: VehicleState,
+    obstacles: Sequence[Obstacle],
+    edges: RoadEdges | None,
+    distances: SafetyParams,
+) -> list[Shape]:
+    """Return the circles of the car, each obstacle with its unsafe area, each edge with its strip.
+
+    As in the figures: the centre of a car's circle must stay out of the areas that are shown.
+    """
+    radius = distances.circle_radius_m
+    circle = _rgba(style.KNOWN['mpcc'], 0.3)
+    found = [
+        _disc('circle', k, _ahead(state, ahead), radius, circle, 2 * FLAT_M)
+        for k, ahead in enumerate(distances.circle_offsets_m)
+    ]
+    for one in obstacles:
+        touch, unsafe = _rgba(style.COLLISION, 0.3), _rgba(style.UNSAFE, 0.3)
+        reach = one.r_obs + radius
+        found.append(_disc('collision', one.id, (one.X, one.Y), reach, touch, 2 * FLAT_M))
+        reach += distances.obstacle_m
+        found.append(_disc('unsafe', one.id, (one.X, one.Y), reach, unsafe, FLAT_M))
+    if edges is not None:
+        keep_off = radius + distances.edge_m
+        for k, (line, inside) in enumerate(((edges.left, -1.0), (edges.right, 1.0))):
+            found.append(_line('edge', k, line, _rgba(style.EDGE)))
+            limit = geometry.offset_polyline(line, inside * keep_off)
+            found.append(_line('limit', k, limit, _rgba(style.UNSAFE)))
+    return found
+
+
+def prediction_shapes(plan: Prediction, reference: Reference | None) -> list[Shape]:
+    """Return the horizon, coloured by its speed, and the coarse path."""
+    points = np.column_stack([plan.X, plan.Y])
+    found = []
+    if len(points) > 1:
+        speed = np.hypot(*np.diff(points, axis=0).T) / np.diff(plan.t)
+        colours = speed_colours(np.append(speed, speed[-1]))
+        horizon = _line('horizon', 0, points, _rgba(style.KNOWN['mpcc']))
+        found.append(horizon._replace(colours=colours))
+    if reference is not None:
+        path = np.column_stack([reference.X, reference.Y])
+        found.append(_line('reference', 0, path, _rgba(style.REFERENCE)))
+    return found
+
+
+def friction_use(why: Mapping[str, float | str]) -> dict[str, float]:
+    """Return F / (mu F_z) by axle from the values of /controller/why, where they are finite."""
+    said = {axle: report_number(why, f'friction.{axle}') for axle in AXLES}
+    return {axle: use for axle, use in said.items() if np.isfinite(use)}
+
+
+def speed_colours(speed: np.ndarray) -> np.ndarray:
+    """Return colours (n, 4) of speeds (n,) [m/s], from SLOW to FAST.
+
+    FAST is the largest speed of the plan, SLOW is SPEED_SPAN_MPS below it.
+    """
+    share = np.clip((speed - (speed.max() - SPEED_SPAN_MPS)) / SPEED_SPAN_MPS, 0.0, 1.0)
+    return np.column_stack([_mix(SLOW, FAST, share[:, None]), np.ones(len(speed))])
+
+
+def _ahead(state, distance):
+    return state.X + distance * np.cos(state.psi), state.Y + distance * np.sin(state.psi)
+
+
+def _mix(one, other, share):
+    return one + share * (other - one)
+
+
+def _rgba(hex_colour: str, opacity=1.0):
+    digits = hex_colour.lstrip('#')
+    red, green, blue = (int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4))
+    return (red, green, blue, opacity)
+
+
+def _disc(ns, number, centre, radius, colour, height):
+    size = (2 * radius, 2 * radius, height)
+    return _shape(ns, number, DISC, (*centre, height / 2), size, colour)
+
+
+def _line(ns, number, points, colour):
+    size = (LINE_M, 0.0, 0.0)
+    return _shape(ns, number, LINE, (0.0, 0.0, 0.0), size, colour)._replace(points=points)
+
+
+def _shape(ns, number, kind, at, size, colour, yaw=0.0, text=''):
+    nothing = np.empty((0, 2)), np.empty((0, 4))
+    numbers = (tuple(float(v) for v in values) for values in (at, size, colour))
+    at, size, colour = numbers
+    return Shape(ns, number, kind, at, float(yaw), size, colour, *nothing, text)
+
+
+VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'
+STATE, PLAN = '/vehicle/odometry', '/controller/prediction'
+REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
+OBSTACLES, WHY = '/scenario/obstacles', '/controller/why'
+WATCHED = (STATE, PLAN, REFERENCE, EDGES, OBSTACLES, WHY)
+PERIOD_NS = 50_000_000  # that of the controller
+
+
+class Drawing(NamedTuple):
+    """What a marker topic shows from a stamp on."""
+
+    topic: str
+    stamp_ns: int
+    shapes: Sequence[Shape]
+
+
+class MarkerScene:
+    """Keeps the latest value of each topic of WATCHED."""
+
+    def __init__(self, params: ShapeParams):
+        self.params = params
+        self._latest: dict[str, Any] = {}
+        self._due_ns = 0
+
+    def wants(self, topic: str, stamp_ns: int) -> bool:
+        """Whether a message is worth decoding: of a thousand states a second 20 are drawn."""
+        # a clock that went back is a run that began anew
+        early = self._due_ns - PERIOD_NS <= stamp_ns < self._due_ns
+        return topic != STATE or not early
+
+    def take(self, topic: str, value: Any) -> list[Drawing]:
+        """Note a value of `msgs_yaml.types`; return what is to be drawn because of it."""
+        self._latest[topic] = value
+        if topic == PLAN:
+            drawn = prediction_shapes(value, self._latest.get(REFERENCE))
+            return [Drawing(PREDICTION, value.stamp_ns, drawn)]
+        if topic != STATE:
+            return []
+        self._due_ns = value.stamp_ns + PERIOD_NS
+        why, seen = self._latest.get(WHY), self._latest.get(OBSTACLES)
+        use = friction_use(why.values) if why else {}
+        obstacles, edges = seen.items if seen else (), self._latest.get(EDGES)
+        car = vehicle_shapes(value, use, self.params.outline)
+        areas = safety_shapes(value, obstacles, edges, self.params.safety)
+        return [Drawing(VEHICLE, value.stamp_ns, car), Drawing(SAFETY, value.stamp_ns, areas)]

@@ -1,0 +1,88 @@
+"""Bags of drives made by hand: every message that a comparison reads, written without ROS nodes."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from bags.storage import message_filing
+from bags.storage.bag_writer import BagWriter
+from msgs_yaml import contract, encode, types
+from node_runtime import provenance
+
+PARAMETERS = {
+    'controller': {
+        'body.circle_offsets_m': [0.0],
+        'body.circle_radius_m': 1.1,
+        'limits.least_speed_mps': 7.0,
+        'model.step_s': 0.05,
+        'safety.edge_m': 0.5,
+        'safety.obstacle_m': 0.5,
+        'tyre.front_friction': 1.0,
+        'tyre.rear_friction': 1.0,
+    },
+    'plant': {
+        'car.body.cog_to_front_m': 1.4,
+        'car.body.cog_to_rear_m': 1.4,
+        'car.outline.front_overhang_m': 1.0,
+        'car.outline.rear_overhang_m': 1.0,
+        'car.outline.width_m': 1.8,
+        'friction': 1.0,
+        'stop.armed_after_m': 20.0,
+        'stop.x_m': 90.0,
+        'stop.y_m': 0.0,
+    },
+}
+WHY = {'rung': 'solved', 'reason': 'converged', 'gate': 'passed', 'time.solve_ms': 5.0}
+
+
+def messages(drive):
+    """Return [(topic, stamp_ns, message)] that say what a Drive says."""
+    motion, scene = drive.motion, drive.scene
+    reference = types.Reference(
+        int(motion.stamp_ns[0]),
+        *scene.reference.T,
+        np.zeros(len(scene.reference)),
+        np.arange(len(scene.reference)) / 20.0,
+    )
+    edges = types.RoadEdges(int(motion.stamp_ns[0]), scene.left, scene.right)
+    found = [
+        ('/scenario/reference', int(motion.stamp_ns[0]), encode.reference(reference)),
+        ('/scenario/road_edges', int(motion.stamp_ns[0]), encode.road_edges(edges)),
+    ]
+    for k, ns in enumerate(scene.obstacle_stamp_ns.tolist()):
+        crowd = tuple(
+            types.Obstacle(one.id, one.x[k], one.y[k], one.radius, one.vx[k], one.vy[k])
+            for one in scene.obstacles
+        )
+        found.append(('/scenario/obstacles', ns, encode.obstacles(types.Obstacles(ns, crowd))))
+    for ns, *state in zip(*(column.tolist() for column in motion)):
+        state = types.VehicleState(ns, *state, 0.0)
+        found.append(('/vehicle/odometry', ns, encode.odometry(state)))
+    for ns, ax, ay in zip(*(column.tolist() for column in drive.accelerations)):
+        found.append(('/vehicle/imu', ns, encode.imu(types.Imu(ns, ax, ay, 0.0))))
+    for ns, steer, force in zip(*(column.tolist() for column in drive.inputs)):
+        actuators = types.Actuators(ns, steer, 0.0, force, 0.0, (0.0,) * 4)
+        found.append(('/vehicle/actuators', ns, encode.actuators(actuators)))
+    for ns in drive.ticks.answered_ns.tolist():
+        command = types.Command(ns, 0.0, 0.0, 0.0, 0.0)
+        found.append(('/controller/command', ns, encode.command(command)))
+        found.append(('/controller/why', ns, encode.why(types.Why(ns, 0, 'solved', WHY))))
+    return found
+
+
+@pytest.fixture
+def write_bag(tmp_path):
+    """Return write(drive, name, extra) -> folder of its bag; `extra` are (topic, ns, CDR) more."""
+
+    def write(drive, name='mpcc', extra=()):
+        topics = message_filing.bag_topics(contract.load(), 'lockstep')
+        index = {topic.name: i for i, topic in enumerate(topics)}
+        info = provenance.of('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
+        bag = BagWriter(tmp_path / name, topics, {'run': info})
+        sent = [(topic, ns, serialize_message(one)) for topic, ns, one in messages(drive)]
+        for topic, ns, data in [*sent, *extra]:
+            bag.write(index[topic], ns, ns, data)
+        bag.close()
+        return tmp_path / name
+
+    return write

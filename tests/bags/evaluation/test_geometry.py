@@ -1,0 +1,144 @@
+"""The judge's geometry against closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bags.evaluation import geometry
+
+CAR = geometry.Outline(front=2.4, rear=2.4, width=1.8)
+CORNER = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+
+
+def circle(radius, turns, n):
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, n)
+    return radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+
+
+def test_distance_is_positive_on_the_left_and_negative_on_the_right():
+    points = [[5.0, 1.0], [5.0, -2.0], [9.0, 8.0], [12.0, 5.0]]
+    assert geometry.distance_to_polyline(points, CORNER) == pytest.approx([1.0, -2.0, 1.0, -2.0])
+
+
+def test_beyond_a_vertex_the_distance_is_that_to_the_vertex():
+    outside_the_corner, before_the_start = [13.0, -4.0], [-3.0, 4.0]
+    distance = geometry.distance_to_polyline([outside_the_corner, before_the_start], CORNER)
+    assert distance == pytest.approx([-5.0, 5.0])
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(st.floats(-14.0, 14.0), st.floats(0.01, 2.0 * np.pi - 0.01))
+def test_distance_to_a_circle_is_the_difference_of_the_radii(offset, angle):
+    radius = 15.0
+    r = radius - offset
+    point = [[r * np.sin(angle), radius - r * np.cos(angle)]]
+    distance = geometry.distance_to_polyline(point, circle(radius, 1.0, 2001))
+    assert distance == pytest.approx([offset], abs=1e-4)
+
+
+def test_driving_two_laps_is_twice_the_circumference_and_never_jumps():
+    reference = circle(20.0, 2.0, 1001)
+    drive = circle(19.0, 2.0, 4001) + np.array([0.0, 1.0])
+    foot = geometry.project_drive(drive, reference, ahead=5.0)
+    assert foot.distance[-1] == pytest.approx(4.0 * np.pi * 20.0, rel=1e-4)
+    assert np.diff(foot.distance).min() >= 0.0
+    assert foot.offset == pytest.approx(np.ones(len(drive)), abs=1e-3)
+
+
+def test_a_crossing_branch_does_not_catch_the_foot():
+    angle = np.linspace(0.0, 2.0 * np.pi, 801)
+    eight = 50.0 * np.column_stack([np.sin(angle), np.sin(2.0 * angle) / 2.0])
+    foot = geometry.project_drive(eight, eight, ahead=5.0)
+    assert foot.distance == pytest.approx(geometry.arc_length(eight), abs=1e-6)
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.02, 0.3]),  # rad between two segments: gentle, or a tangle
+    st.sampled_from([0.0, 0.5, 3.0]),  # m of noise on the drive
+    st.sampled_from([2.0, 15.0]),
+)
+def test_many_points_at_once_have_the_feet_they_have_one_by_one(seed, bend, noise, ahead):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, bend, rng.integers(3, 120)))
+    reference = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * 2.0, axis=0)
+    along = geometry.arc_length(reference)
+    at = np.linspace(0.0, along[-1], rng.integers(1, 400))
+    drive = np.column_stack([np.interp(at, along, axis) for axis in reference.T])
+    drive += rng.normal(0.0, noise, drive.shape)
+    together = geometry.project_drive(drive, reference, ahead)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, 'BLOCK', 1)
+        alone = geometry.project_drive(drive, reference, ahead)
+    assert together.distance.tolist() == alone.distance.tolist()
+    assert together.offset.tolist() == alone.offset.tolist()
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.02, 0.3, 2.0]),  # rad between two segments: gentle, a tangle, a heap
+    st.sampled_from([0.0, 1.0, 30.0]),  # m from the line to the points
+    st.booleans(),
+)
+def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, bend, rng.integers(1, 80)))
+    line = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * 2.0, axis=0)
+    line = np.vstack([line[0] - 1.0, line])
+    points = line[np.sort(rng.integers(len(line), size=200))]
+    points = points + rng.normal(0.0, 1.0, points.shape) * away
+    if on_grid:  # equal distances to several segments
+        points = np.round(points)
+    found = geometry.distance_to_polyline(points, line)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, '_near', lambda block, polyline, along: range(len(along)))
+        assert found.tolist() == geometry.distance_to_polyline(points, line).tolist()
+
+
+@pytest.mark.filterwarnings('ignore:invalid value:RuntimeWarning')
+@pytest.mark.parametrize('lost', [np.nan, np.inf])
+def test_a_point_that_is_not_finite_costs_no_other_its_distance(lost):
+    x = np.linspace(1.0, 9.0, 200)
+    points = np.column_stack([x, np.sin(x)])
+    whole = geometry.distance_to_polyline(points, CORNER)
+    points[100, 1] = lost
+    torn = geometry.distance_to_polyline(points, CORNER)
+    assert not np.isfinite(torn[100])
+    assert np.delete(torn, 100).tolist() == np.delete(whole, 100).tolist()
+
+
+def test_no_points_have_no_distances():
+    assert geometry.distance_to_polyline(np.empty((0, 2)), CORNER).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ('x', 'y', 'gap'),
+    [
+        pytest.param(6.0, 0.0, 2.6, id='ahead'),
+        pytest.param(0.0, 3.0, 1.1, id='beside'),
+        pytest.param(2.4 + 3.0, -0.9 - 4.0, 4.0, id='off the corner'),
+        pytest.param(0.0, 0.0, -1.9, id='on top: out by the nearer side'),
+    ],
+)
+def test_gap_between_a_rectangle_and_a_circle(x, y, gap):
+    assert geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, x, y, 1.0) == pytest.approx(gap)
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3.2, 3.2), st.floats(-6, 6))
+def test_the_gap_does_not_depend_on_where_the_scene_stands(x, y, yaw, ahead):
+    here = geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, ahead, 2.5, 1.0)
+    cx = x + ahead * np.cos(yaw) - 2.5 * np.sin(yaw)
+    cy = y + ahead * np.sin(yaw) + 2.5 * np.cos(yaw)
+    there = geometry.gap_to_circle(x, y, yaw, CAR, cx, cy, 1.0)
+    assert there == pytest.approx(here, abs=1e-9)
+
+
+def test_the_gap_vanishes_on_the_outline_that_is_drawn():
+    skewed = geometry.Outline(front=2.0, rear=2.8, width=1.8)
+    for corner in geometry.outline_corners(3.0, -1.0, 0.7, skewed):
+        gap = geometry.gap_to_circle(3.0, -1.0, 0.7, skewed, *corner, 0.0)
+        assert gap == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,50 @@
+"""How often, how fast and by what a drive was answered."""
+
+import numpy as np
+import pytest
+
+from bags.evaluation import metrics
+
+MS = 1_000_000
+
+
+def test_ticks_without_a_command_are_misses(make_drive):
+    driven = make_drive()
+    assert metrics.tick_counts(driven)['ticks'] == 100
+    assert metrics.tick_counts(driven)['deadline_misses'] == 0
+    kept = np.delete(driven.ticks.answered_ns, [3, 4, 50])
+    late = driven._replace(ticks=driven.ticks._replace(answered_ns=kept))
+    assert metrics.tick_counts(late)['deadline_misses'] == 3
+
+
+def test_the_time_before_the_first_command_is_no_miss(make_drive):
+    driven = make_drive()
+    # on the wall clock the car is held until then, and the first answer is to any state
+    answered = driven.ticks.answered_ns[20:] + 7 * MS
+    held = driven._replace(ticks=driven.ticks._replace(answered_ns=answered))
+    found = metrics.tick_counts(held)
+    assert (found['ticks'], found['deadline_misses']) == (80, 0)
+    never = driven._replace(ticks=driven.ticks._replace(answered_ns=answered[:0]))
+    assert metrics.tick_counts(never)['deadline_misses'] == 100
+
+
+def test_a_command_for_any_state_of_its_period_serves_that_tick(make_drive):
+    driven = make_drive()
+    shifted = driven.ticks._replace(answered_ns=driven.ticks.answered_ns + 7 * MS)
+    assert metrics.tick_counts(driven._replace(ticks=shifted))['deadline_misses'] == 0
+
+
+def test_solve_times_and_fallbacks_are_the_controllers_own(make_drive):
+    driven = make_drive()
+    solve = np.arange(1.0, 101.0)
+    rung = (solve > 97.0).astype(float)
+    found = metrics.compute_metrics(
+        driven._replace(ticks=driven.ticks._replace(solve_ms=solve, fallback=rung))
+    )
+    assert found['solve_ms'] == pytest.approx({'mean': 50.5, 'p50': 50.5, 'p99': 99.01, 'max': 100})
+    assert found['solve_cpu_ms']['max'] == 4.0
+    assert found['fallbacks'] == 3
+
+
+def test_without_a_single_solve_there_are_no_solve_times():
+    assert metrics.solve_times(np.array([])) == dict.fromkeys(('mean', 'p50', 'p99', 'max'))

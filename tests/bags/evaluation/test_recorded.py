@@ -1,0 +1,139 @@
+"""From a bag to what can be judged: what is refused, and in which words."""
+
+import json
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from bags.errors import BagError, DamagedBagWarning
+from bags.evaluation.drive import drive_from_columns, facts_from_run_info
+from bags.report.comparison import compare_bags
+from bags.storage import columns, message_filing
+from bags.storage.bag_writer import BagWriter
+from msgs_yaml import contract, encode
+from msgs_yaml.types import VehicleState
+from node_runtime import provenance
+
+PARAMETERS = {
+    'controller': {
+        'body.circle_offsets_m': [1.1, -1.1],
+        'body.circle_radius_m': 1.2,
+        'model.step_s': 0.05,
+        'safety.edge_m': 0.4,
+        'safety.obstacle_m': 0.6,
+        'tyre.front_friction': 0.8,
+        'tyre.rear_friction': 1.0,
+    },
+    'plant': {
+        'car.body.cog_to_front_m': 1.4,
+        'car.outline.front_overhang_m': 0.8,
+        'car.outline.rear_overhang_m': 1.1,
+        'car.outline.width_m': 1.9,
+        'car.body.cog_to_rear_m': 1.5,
+        'friction': 0.5,
+        'stop.armed_after_m': 80.0,
+        'stop.x_m': 165.0,
+        'stop.y_m': 1.0,
+    },
+}
+
+
+@pytest.fixture
+def note():
+    """Return note(text): the notes of a run through a scenario of this text."""
+
+    def note(text):
+        return provenance.of('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
+
+    return note
+
+
+@pytest.fixture
+def make_bag(tmp_path):
+    """Return make(name, run_info): a bag with a single state."""
+
+    def make(name, run_info):
+        topics = message_filing.bag_topics(contract.load(), 'lockstep')
+        bag = BagWriter(tmp_path / name, topics, {'run': run_info})
+        state = VehicleState(1_000_000_000, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0)
+        index = [topic.name for topic in topics].index('/vehicle/odometry')
+        bag.write(index, state.stamp_ns, 0, serialize_message(encode.odometry(state)))
+        bag.close()
+        return tmp_path / name
+
+    return make
+
+
+def test_the_judge_takes_its_distances_from_the_notes_of_the_run(note):
+    found = facts_from_run_info(note('schema: 1'), 'bag')
+    assert (found.safe_obstacle, found.safe_edge, found.vehicle_radius) == (0.6, 0.4, 1.2)
+    assert found.circles == (1.1, -1.1)
+    assert found.tick_ns == 50_000_000
+    assert found.friction == pytest.approx(0.5 * 0.9)
+    assert (found.stop, found.armed_after) == ((165.0, 1.0), 80.0)
+    assert found.outline.front + found.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
+    assert found.outline.width == 1.9
+
+
+@pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])
+def test_two_rings_in_one_domain_are_not_judged(note, topic):
+    def table(form, stamps):
+        stamp_ns = np.array(stamps, dtype=np.int64)
+        return form(stamp_ns, *(np.zeros(len(stamps)) for _ in form._fields[1:]))
+
+    stamps = {'/vehicle/odometry': [10, 20, 30], '/controller/command': [10, 20]}
+    stamps[topic] = [10, 20, 20]
+    forms = {'/vehicle/odometry': columns.Odometry, '/controller/command': columns.Command}
+    made = {name: table(forms[name], stamps[name]) for name in forms}
+    made |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
+    with pytest.raises(BagError, match=f'{topic} has unlike messages of one stamp.*two rings'):
+        drive_from_columns(made, note('schema: 1'), 'bag')
+
+
+def test_a_bag_without_notes_cannot_be_judged(note):
+    with pytest.raises(BagError, match="bag: the run does not say 'parameters'"):
+        facts_from_run_info({}, 'bag')
+    broken = note('')
+    broken['parameters'] = json.dumps({'controller': {}, 'plant': {}})
+    with pytest.raises(BagError, match=r'tyre\.front_friction'):
+        facts_from_run_info(broken, 'bag')
+
+
+def test_runs_of_unlike_scenarios_do_not_compare(note, make_bag, tmp_path):
+    bags = [make_bag('one', note('schema: 1')), make_bag('other', note('schema: 1 # changed'))]
+    with pytest.raises(BagError, match=r"two versions of 'somewhere'.*--force"):
+        compare_bags(bags, tmp_path / 'out')
+    elsewhere = note('schema: 2')
+    elsewhere['scenario'] = 'elsewhere'
+    with pytest.raises(BagError, match="'somewhere' and 'elsewhere'"):
+        compare_bags([bags[0], make_bag('third', elsewhere)], tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+
+
+def test_force_goes_on_to_what_the_bags_hold(note, make_bag, tmp_path):
+    bags = [make_bag('one', note('schema: 1')), make_bag('other', note('schema: 2'))]
+    with pytest.raises(BagError, match='no message of /scenario/reference'):
+        compare_bags(bags, tmp_path / 'out', force=True)
+
+
+def test_notes_say_what_the_numbers_depend_on(note):
+    found = note('schema: 1')
+    assert all(isinstance(value, str) for value in found.values())
+    assert json.loads(found['parameters']) == PARAMETERS
+    versions = json.loads(found['versions'])
+    assert versions['numpy'] == np.__version__
+    assert 'unknown' not in (versions['python'], versions['casadi'], versions['rclpy'])
+    assert json.loads(found['machine'])['cores'] >= 1
+    assert (
+        found['scenario_sha256'] == provenance.digest('schema: 1') != provenance.digest('schema: 2')
+    )
+
+
+def test_damage_is_no_warning_of_python_with_a_source_line(note, make_bag, tmp_path, recwarn):
+    bag = make_bag('one', note('schema: 1'))
+    (file,) = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(BagError, match='no message of'):
+        compare_bags([bag], tmp_path / 'out')
+    assert not [one for one in recwarn if one.category is DamagedBagWarning]

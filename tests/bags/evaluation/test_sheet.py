@@ -1,0 +1,29 @@
+"""The metrics as CSV are those of the JSON, digit for digit."""
+
+import csv
+import io
+
+from bags.evaluation import metrics
+from bags.report import metrics_table
+
+
+def test_every_number_is_there_with_every_digit(make_drive):
+    runs = {
+        'mpcc': metrics.compute_metrics(make_drive(y=lambda x: x / 300.0)),
+        'own': metrics.compute_metrics(make_drive(force=-600.0)),
+    }
+    rows = {
+        row['metric']: row for row in csv.DictReader(io.StringIO(metrics_table.metrics_csv(runs)))
+    }
+    for name, found in runs.items():
+        assert float(rows['rms_contouring_m'][name]) == found['rms_contouring_m']
+        assert float(rows['solve_ms.p99'][name]) == found['solve_ms']['p99']
+        assert rows['completed'][name] == str(found['completed']).lower()
+        assert rows['min_v2o_m'][name] == ''
+    assert rows['brake_onset_at_m']['mpcc'] == ''
+    assert float(rows['brake_onset_at_m']['own']) == runs['own']['brake_onset_at_m']
+
+
+def test_a_run_with_more_of_something_gives_the_other_an_empty_cell():
+    text = metrics_table.metrics_csv({'a': {'overshoots': [{'x_m': 1.5}]}, 'b': {'overshoots': []}})
+    assert text == 'metric,a,b\novershoots.0.x_m,1.5,\n'

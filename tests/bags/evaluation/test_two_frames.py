@@ -1,0 +1,146 @@
+"""Distances on a circle in two frames, against numbers made elsewhere and plane geometry."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bags.errors import BagError
+from bags.evaluation import frame_distances
+from bags.evaluation.drive import Obstacle
+from bags.figures import frame_distance_figure
+
+RADIUS, REACH, SPEED = 20.0, 2.1, 9.0
+GAPS = np.array([2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0])
+
+
+@pytest.mark.parametrize(
+    ('radius', 'inside', 'known'),
+    [
+        (20.0, 1.0, [0.05, 0.14, 0.35, 0.72, 1.31, 3.42, 7.19]),
+        (20.0, -1.0, [-0.04, -0.11, -0.14, -0.01, 0.35, 2.06, 5.51]),
+        (50.0, 1.0, [0.02, 0.05, 0.12, 0.21, 0.33, 0.74, 1.45]),
+        (50.0, -1.0, [-0.02, -0.05, -0.08, -0.09, -0.06, 0.15, 0.67]),
+        (200.0, 1.0, [0.00, 0.01, 0.03, 0.04, 0.06, 0.10, 0.17]),
+    ],
+)
+def test_the_overestimation_has_the_known_values(radius, inside, known):
+    found = frame_distances.circle_distances(radius, GAPS, inside, REACH).overestimation
+    assert found == pytest.approx(np.array(known), abs=0.006)
+
+
+def test_the_chord_is_the_distance_of_two_points_of_the_plane():
+    gap, inside, vehicle = np.linspace(-60.0, 60.0, 41), 1.3, -0.4
+    bearing = gap / RADIUS
+    there = (RADIUS - inside) * np.exp(1j * bearing)
+    found = frame_distances.circle_distances(RADIUS, gap, inside, REACH, vehicle)
+    assert found.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
+
+
+def test_beside_the_obstacle_both_frames_agree():
+    found = frame_distances.circle_distances(RADIUS, 0.0, 1.0, REACH)
+    assert found.frenet == found.cartesian == pytest.approx(1.0 - REACH)
+
+
+def test_a_straight_road_is_a_circle_without_end():
+    found = frame_distances.circle_distances(1e7, GAPS, 1.0, REACH)
+    assert np.abs(found.overestimation).max() < 1e-5
+
+
+def test_inside_the_circle_there_is_always_less_room_than_the_path_says():
+    gap = np.linspace(0.1, np.pi * RADIUS, 200)
+    assert np.all(frame_distances.circle_distances(RADIUS, gap, 1.0, REACH).overestimation > 0)
+    assert frame_distance_figure.turning_gap(RADIUS, 1.0) == 0.0
+
+
+def test_outside_the_circle_the_sign_turns_at_one_gap():
+    turn = frame_distance_figure.turning_gap(RADIUS, -1.0)
+    assert turn == pytest.approx(15.27, abs=0.01)
+    near, far = (
+        frame_distances.circle_distances(RADIUS, turn + d, -1.0, REACH) for d in (-0.1, 0.1)
+    )
+    assert near.overestimation < 0 < far.overestimation
+
+
+def test_the_overestimation_grows_with_curvature():
+    curvature = np.linspace(1e-3, 0.06, 60)
+    for gap in (5.0, 10.0, 20.0, 30.0):
+        assert np.all(
+            np.diff(frame_distances.circle_distances(1 / curvature, gap, 1.0, REACH).overestimation)
+            > 0
+        )
+
+
+def lap(make_drive, turn=1.0, beside=0.0, obstacles=1):
+    """Return a drive around a circle, `beside` metres inside its path, past an obstacle."""
+    s = np.arange(0.0, 150.0, 0.5)
+
+    def at(s, inside):
+        reach = RADIUS - inside
+        return reach * np.sin(s / RADIUS), turn * (RADIUS - reach * np.cos(s / RADIUS))
+
+    places = [at(60.0 + 5.0 * k, 1.0) for k in range(obstacles)]
+    still = np.zeros(101)
+    made = make_drive(metres=100.0)
+    scene = made.scene._replace(
+        reference=np.column_stack(at(s, 0.0)),
+        obstacles=tuple(
+            Obstacle(k, still + x, still + y, still, still, 1.0) for k, (x, y) in enumerate(places)
+        ),
+    )
+    x, y = at(1.2 * made.motion.x, beside)
+    yaw = turn * 1.2 * made.motion.x / RADIUS
+    return made._replace(motion=made.motion._replace(x=x, y=y, yaw=yaw), scene=scene)
+
+
+@pytest.mark.parametrize('turn', [1.0, -1.0])
+def test_the_circle_of_a_drive_is_found_whichever_way_it_turns(make_drive, turn):
+    found = frame_distances.find_circle(lap(make_drive, turn))
+    assert (found.radius, found.turn) == (pytest.approx(RADIUS), turn)
+    assert found.station == pytest.approx(60.0)
+    assert found.inside == pytest.approx(1.0)
+    assert found.reach == pytest.approx(REACH)
+
+
+@pytest.mark.parametrize('turn', [1.0, -1.0])
+def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn):
+    made = lap(make_drive, turn, beside=0.3)
+    circle = frame_distances.find_circle(made)
+    driven = frame_distances.driven_distances(made, circle)
+    assert driven.inside == pytest.approx(np.full(len(driven.inside), 0.3), abs=1e-9)
+    assert driven.station == pytest.approx(np.linspace(0.0, 120.0, 5001), abs=1e-9)
+    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
+        gap = driven.station - circle.station
+        closed = frame_distances.circle_distances(RADIUS, gap, inside, REACH, driven.inside)
+        assert own.cartesian == pytest.approx(closed.cartesian, abs=1e-9)
+        assert own.frenet == pytest.approx(closed.frenet, abs=1e-9)
+
+
+def test_figure_and_numbers_of_a_drive_are_written(make_drive, tmp_path):
+    found = frame_distance_figure.write_frame_distances(lap(make_drive), tmp_path)
+    assert json.loads((tmp_path / 'distances.json').read_text()) == found.values
+    assert [path.suffix for path in found.figures] == ['.png', '.svg']
+    assert all(path.stat().st_size > 10_000 for path in found.figures)
+    recorded = found.values['recorded']
+    assert recorded['collided']
+    assert recorded['min_v2o_m'] == pytest.approx(1.0 - REACH, abs=2e-3)
+    for side in ('inside', 'outside'):
+        closed = found.values['overestimation_m'][side]
+        assert recorded['overestimation_m'][side] == pytest.approx(closed, abs=2e-3)
+
+
+def test_two_obstacles_or_a_straight_road_have_no_such_figure(make_drive):
+    with pytest.raises(BagError, match='one obstacle'):
+        frame_distances.find_circle(lap(make_drive, obstacles=2))
+    made = lap(make_drive)
+    straight = np.column_stack([np.arange(100.0), np.zeros(100)])
+    with pytest.raises(BagError, match='no circle'):
+        frame_distances.find_circle(made._replace(scene=made.scene._replace(reference=straight)))
+
+
+def test_a_moving_obstacle_has_no_such_figure(make_drive):
+    made = lap(make_drive)
+    one = made.scene.obstacles[0]
+    moving = one._replace(x=one.x + np.linspace(0.0, 3.0, len(one.x)))
+    with pytest.raises(BagError, match='moves'):
+        frame_distances.find_circle(made._replace(scene=made.scene._replace(obstacles=(moving,))))
