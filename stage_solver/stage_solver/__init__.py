@@ -1,35 +1,48 @@
 """Optimal control problems in stages, solved by a primal-dual interior-point method.
 
-    StageProblem    the problem: dynamics, costs and constraints of a stage as CasADi functions
+Problem:
+    StageProblem    dynamics, costs and constraints of a stage as CasADi functions
     Bounds          limits of states, inputs and constraints; `no_bounds(problem)` has none
-    Plan            states and inputs over the horizon; `zero_plan(problem)` is all zeros
-    SolverOptions   which solver ('riccati', 'fatrop', 'ipopt'), and when it stops
-    make_solver     (StageProblem, SolverOptions) -> a solver with `solve(x0, P, bounds, guess)`
-    Solution        plan, cost, status (SOLVED, ONE_STEP, STOPPED_EARLY, FAILED), residuals, times
-    shift           the plan one stage later: the guess of the next solve
+    Plan            states, inputs and Multipliers over the horizon; `zero_plan(problem)`
+    ProblemError    a problem contradicts itself, or its arrays have the wrong shape
     rk2             explicit midpoint steps of a differential equation
-    ProblemError    a problem, or the numbers given for it, do not fit together
+    shift           the plan one stage later: the initial guess of the next solve
 
-It needs CasADi and numpy; with a C compiler a problem is compiled once per machine (`compiled`).
+Solver:
+    make_solver     (StageProblem, SolverOptions) -> StageSolver
+    SolverOptions   solver ('riccati', 'fatrop', 'ipopt'), limits, tolerance; OneStep
+    StageSolver     solve(x0, P, bounds, guess) -> Solution, set_time_limit(seconds)
+    Solution        plan, cost, status (SOLVED, ONE_STEP, STOPPED_EARLY, FAILED), residuals, times
+
+Modules to import on their own:
+    compile_cache   C source -> shared library, compiled once per machine (needs no CasADi)
+
+Only CasADi and numpy are needed; with a C compiler each problem is compiled once per machine.
 """
 
 from importlib import import_module
 from typing import Any
 
-_STAGE_PROBLEM = ('Bounds', 'Plan', 'ProblemError', 'StageProblem')
-_STAGE_PROBLEM += ('no_bounds', 'rk2', 'shift', 'zero_plan')
-_SOLUTION = ('FAILED', 'ONE_STEP', 'SOLVED', 'STOPPED_EARLY', 'OneStep', 'Solution')
-_SOLUTION += ('SolverOptions',)
-_MODULE_OF = {
-    **dict.fromkeys(_STAGE_PROBLEM, 'stage_problem'),
-    **dict.fromkeys(_SOLUTION, 'solution'),
-    'make_solver': 'solver',
+_NAMES = {
+    'stage_problem': (
+        *('Bounds', 'Multipliers', 'Plan', 'ProblemError', 'StageProblem'),
+        *('no_bounds', 'rk2', 'shift', 'zero_plan'),
+    ),
+    'solution': (
+        *('FAILED', 'ONE_STEP', 'SOLVED', 'STOPPED_EARLY'),
+        *('OneStep', 'Solution', 'SolverOptions', 'StageSolver'),
+    ),
+    'solver': ('make_solver',),
 }
-__all__ = sorted(_MODULE_OF)
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name; its module is loaded then, so the compile cache costs no CasADi."""
-    if name not in _MODULE_OF:
+    """Return a public name; its module is imported on first use, so compile_cache needs no CasADi.
+
+    Raises AttributeError for an unknown name.
+    """
+    if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(f'{__name__}.{_MODULE_OF[name]}'), name)
+    return getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)

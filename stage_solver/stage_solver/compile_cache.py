@@ -1,7 +1,7 @@
-"""C source to a shared library, compiled once per machine and kept in a cache.
+"""Compile C source to a shared library once per machine, in a cache that processes share.
 
-The cache key covers everything that decides what the machine code is: source, compiler version,
-flags, and the CPU when the flags say -march=native. Several processes may ask at once.
+The cache key covers everything that determines the machine code: source, compiler version, flags,
+and the CPU when the flags contain -march=native.
 """
 
 import fcntl
@@ -17,22 +17,22 @@ from functools import cache
 from pathlib import Path
 
 _COMPILE_TIMEOUT_S = 900.0
-_SHOWN_LINES = 12
+_MAX_LINES = 12
 
 
 class CompileError(RuntimeError):
-    """The compiler is there and refuses the source; the text holds its first lines."""
+    """The C compiler failed; the text has the first lines of its output."""
 
 
 class NoCompilerWarning(RuntimeWarning):
-    """There is no C compiler; interpreted code runs instead, which is slower."""
+    """There is no C compiler; slower interpreted code runs instead."""
 
 
 def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path | None:
     """Return the shared library of a C source, from the cache or compiled now.
 
-    `name` begins the file name, `flags` go to the compiler after -shared -fPIC. Returns None when
-    the machine has no C compiler ($CC, else gcc, else cc). Raises CompileError when it fails.
+    `name` is the prefix of the file name, `flags` follow -shared -fPIC. Returns None when the
+    machine has no C compiler ($CC, else gcc, else cc). Raises CompileError when it fails.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -61,21 +61,17 @@ def cache_dir() -> Path:
 
 def find_compiler() -> str | None:
     """Return the command of the C compiler, or None."""
-    wanted = os.environ.get('CC')
-    for command in [wanted] if wanted else ['gcc', 'cc']:
+    configured = os.environ.get('CC')
+    for command in [configured] if configured else ['gcc', 'cc']:
         if shutil.which(shlex.split(command)[0]):
             return command
     return None
 
 
-def warn_no_compiler(what: str) -> None:
-    """Give a NoCompilerWarning that says what is lost, once per process and loss."""
-    _warn_first(what)
-
-
 @cache
-def _warn_first(what):
-    warnings.warn(f'no C compiler found: {what}', NoCompilerWarning, stacklevel=3)
+def warn_no_compiler(consequence: str) -> None:
+    """Warn with NoCompilerWarning, once per process and consequence."""
+    warnings.warn(f'no C compiler found: {consequence}', NoCompilerWarning, stacklevel=2)
 
 
 def _key(c_source, compiler, flags):
@@ -93,25 +89,25 @@ def _version(compiler):
 
 
 def _cpu():
-    """Return model and instruction sets of the CPU, or what Python knows of it."""
+    """Return model and instruction sets of the CPU, or platform.processor() without /proc."""
     info = Path('/proc/cpuinfo')
     if not info.exists():
         return platform.processor() or platform.machine()
     first = info.read_text().split('\n\n')[0].splitlines()
-    kept = ('vendor_id', 'cpu family', 'model', 'stepping', 'flags', 'CPU ', 'Features')
-    return '\n'.join(line for line in first if line.startswith(kept))
+    keys = ('vendor_id', 'cpu family', 'model', 'stepping', 'flags', 'CPU ', 'Features')
+    return '\n'.join(line for line in first if line.startswith(keys))
 
 
 def _compile(c_source, library, compiler, flags):
-    with tempfile.TemporaryDirectory(dir=library.parent, prefix='.build-') as work:
-        source = Path(work, 'source.c')
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix='.build-') as folder:
+        source = Path(folder, 'source.c')
         source.write_text(c_source)
-        built = Path(work, library.name)
+        built = Path(folder, library.name)
         command = [*shlex.split(compiler), '-shared', '-fPIC', *flags, '-o', str(built)]
         command += [str(source), '-lm']
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_COMPILE_TIMEOUT_S)
-        if done.returncode:
-            head = '\n'.join(done.stderr.splitlines()[:_SHOWN_LINES])
+        result = subprocess.run(command, capture_output=True, text=True, timeout=_COMPILE_TIMEOUT_S)
+        if result.returncode:
+            head = '\n'.join(result.stderr.splitlines()[:_MAX_LINES])
             raise CompileError(f'{compiler} refuses {library.stem}:\n{head}')
-        # readers see no library or a whole one
+        # rename is atomic: readers see no library or a complete one
         os.replace(built, library)

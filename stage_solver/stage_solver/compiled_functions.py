@@ -1,7 +1,7 @@
 """CasADi functions as machine code: same functions, same results, two to five times faster.
 
-The C source of the functions is the key of the cache (`compiled`), so nothing is compiled
-again until the problem itself changes: numbers such as weights and limits are arguments.
+Their C source is the key of `compile_cache`: nothing is compiled again until the problem itself
+changes. Weights and limits are arguments.
 """
 
 import functools
@@ -9,7 +9,8 @@ import warnings
 
 import casadi as ca
 
-from stage_solver import compile_cache, reuse
+from stage_solver import compile_cache
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS
 
 # no -ffast-math and no fused multiply-add, so that interpreter and machine code agree
 FLAGS = ('-O2', '-ffp-contract=off')
@@ -20,7 +21,7 @@ def compile_functions(
 ) -> dict[str, ca.Function]:
     """Return the functions loaded from a shared library called `name`.
 
-    Without a working C compiler the functions come back as they are, with one warning.
+    Returns `functions` unchanged, with one warning, where there is no working C compiler.
     """
     try:
         library = compile_cache.compile_library(c_source(functions, name), name, flags)
@@ -28,19 +29,18 @@ def compile_functions(
         warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
         return functions
     if library is None:
-        compile_cache.warn_no_compiler(
-            'the control problem is interpreted, two to five times slower'
-        )
+        consequence = 'the control problem is interpreted, two to five times slower'
+        compile_cache.warn_no_compiler(consequence)
         return functions
     return {name: ca.external(name, str(library)) for name in functions}
 
 
 def c_source(functions: dict[str, ca.Function], name: str) -> str:
-    """Return one C file with all functions; code they share is in it once."""
+    """Return one C file with all functions; it contains code that they share once."""
     return _c_source(tuple(functions.values()), name)
 
 
-@functools.lru_cache(reuse.MOST)  # of the same objects, not of equal ones
+@functools.lru_cache(MAX_CACHED_PROBLEMS)  # CasADi functions are compared by identity
 def _c_source(functions, name):
     generator = ca.CodeGenerator(name)
     for function in functions:

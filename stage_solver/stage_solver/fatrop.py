@@ -1,47 +1,72 @@
 """fatrop (Vanroye et al. 2023): IPOPT's method with a Riccati recursion for the linear systems.
 
-Four of its habits need care:
+Four properties of it need care:
 
-- It has no time limit. Past the deadline the gradient of the cost, which it asks for once per
-  accepted iterate, becomes NaN: it finds no search direction and hands back its last iterate. (The
+- It has no time limit. Past the deadline the gradient of the cost, which it evaluates once per
+  accepted iterate, becomes NaN: it finds no search direction and returns its last iterate. (The
   Hessian must stay finite: fatrop raises its inertia correction until the factorisation succeeds,
-  and would not return. It is not stopped inside its restoration phase either; there the limit of
-  iterations holds.)
-- In its restoration phase the same may happen with a finite Hessian; it gets none there
-  (`nlp_functions`). Outside it the same may happen with a large Jacobian; such a one is withheld
-  (`riccati_growth`).
+  and would not return. Nor does a NaN stop its restoration phase; there the iteration limit holds.)
+- In its restoration phase the same may happen with a finite Hessian; it gets a zero Hessian there
+  (`nlp_functions`). Outside of it the same may happen with a large Jacobian; such a Jacobian is
+  replaced (`fatrop_guard`).
 - It never forgets a NaN in its work arrays, where 0 NaN remains NaN.
-- When the pattern of the limits changes (which are infinite, which are equal), CasADi makes a new
-  fatrop and forgets to give it the options.
+- When the pattern of the limits changes (which are infinite, which are equal), CasADi creates a new
+  fatrop and does not pass the options to it.
 
-After the last two a fresh memory of the same nlpsol starts with a new fatrop that has its options.
+After the last two a new memory of the same nlpsol starts with a new fatrop that has its options.
 """
 
 import math
+import time
 
 import casadi as ca
 import numpy as np
 
-from stage_solver import backend
-from stage_solver.backend import Call, Ending
-from stage_solver.buffered import Buffered
-from stage_solver.deadline import Deadline
+from stage_solver import nlpsol_backend
+from stage_solver.nlpsol_backend import BufferedFunction, NlpsolCall, Termination
 from stage_solver.solution import SolverOptions
 from stage_solver.stage_problem import StageProblem
 
 # fatrop's IpSolverReturnFlag, in its order
 REASONS = (
     'solved',
-    backend.ITERATION_LIMIT,
-    backend.ACCEPTABLE,
-    backend.INFEASIBLE,
+    nlpsol_backend.ITERATION_LIMIT,
+    nlpsol_backend.ACCEPTABLE,
+    nlpsol_backend.INFEASIBLE,
     'line search failed',
     'no search direction',
     'unknown',
 )
-# A memory cannot be given back without being used again. So many are kept aside (5 MB each for the
-# MPCC) before a new nlpsol, which takes ten times as long to make as a memory, replaces them all.
-MOST_SPOILT = 8
+# A memory is freed only together with its nlpsol. So many are kept unused (5 MB each for the MPCC)
+# before a new nlpsol, which takes ten times as long to create as a memory, replaces them all.
+MAX_UNUSED_MEMORIES = 8
+
+
+class Deadline(ca.Callback):
+    """A CasADi function of anything: 0 before an instant, NaN after it."""
+
+    def __init__(self):
+        ca.Callback.__init__(self)
+        self.reset(math.inf)
+        self.construct('deadline', {})
+
+    def reset(self, at_s: float) -> None:
+        """Set the instant, in seconds on the clock of time.perf_counter."""
+        self._at_s = at_s
+        self.passed = False  # it has returned NaN since then
+
+    def eval(self, arg):
+        """Return [0] or [NaN]; called by CasADi."""
+        self.passed = self.passed or time.perf_counter() > self._at_s
+        return [math.nan if self.passed else 0.0]
+
+    def apply_to(self, function: ca.Function) -> ca.Function:
+        """Return `function` with all its results NaN after the deadline."""
+        arguments = [function.mx_in(i) for i in range(function.n_in())]
+        zero_or_nan = self(ca.MX(0))
+        results = [r + zero_or_nan for r in function.call(arguments)]
+        names = function.name_in(), function.name_out()
+        return ca.Function(function.name(), arguments, results, *names)
 
 
 class Fatrop:
@@ -55,36 +80,36 @@ class Fatrop:
         self._deadline = Deadline()
         self._functions = functions
         if options.time_limit_s is not None:
-            gradient = self._deadline.limit(functions['nlp_grad_f'])
+            gradient = self._deadline.apply_to(functions['nlp_grad_f'])
             self._functions = functions | {'nlp_grad_f': gradient}
-        self._function = self._make()
-        self._nlpsol = Buffered(self._function)
-        self._spoilt: list[Buffered] = []
-        self._fresh = True
+        self._function = self._make_function()
+        self._nlpsol = BufferedFunction(self._function)
+        self._unused: list[BufferedFunction] = []
+        self._reusable = True
         self._pattern = None
 
-    def run(self, call: Call, start_s: float) -> tuple[dict[str, np.ndarray], Ending]:
-        """Return nlpsol's results and how it ended; start_s is on time.perf_counter's clock."""
-        pattern = _pattern(call)
+    def run(self, call: NlpsolCall, start_s: float) -> tuple[dict[str, np.ndarray], Termination]:
+        """Return nlpsol's results and termination; start_s is on time.perf_counter's clock."""
+        pattern = _limit_pattern(call)
         changed = self._pattern is not None and not np.array_equal(pattern, self._pattern)
-        if changed or not self._fresh:
-            self._renew()
+        if changed or not self._reusable:
+            self._renew_memory()
         self._pattern = pattern
-        self._deadline.at_s = start_s + self._limit_s
+        self._deadline.reset(start_s + self._limit_s)
         results = self._nlpsol(**call._asdict())
         stats = self._nlpsol.stats()
         reason = REASONS[stats['fatrop']['return_flag']]
         solved = stats['success'] and not self._deadline.passed
         if self._deadline.passed:
-            reason = backend.TIME_LIMIT
-        self._fresh = solved or reason == backend.ITERATION_LIMIT
-        return results, Ending(solved, reason, stats['iter_count'])
+            reason = nlpsol_backend.TIME_LIMIT
+        self._reusable = solved or reason == nlpsol_backend.ITERATION_LIMIT
+        return results, Termination(solved, reason, stats['iter_count'])
 
     def set_time_limit(self, seconds: float) -> None:
-        """Stop the runs from now on after so many seconds, where there was a limit before."""
+        """Limit the wall time of later runs, if the options have a limit."""
         self._limit_s = seconds
 
-    def _make(self):
+    def _make_function(self):
         problem, options = self._problem, self._options
         N = problem.horizon
         settings = {
@@ -97,22 +122,22 @@ class Fatrop:
             # plan, but some solves from a disturbed or cold one then do not converge.
             'fatrop': {
                 'print_level': 0,
-                # it looks at the limit before it counts the step
+                # fatrop tests the limit before it counts the step
                 'max_iter': options.max_iterations - 1,
                 'tolerance': options.tolerance,
             },
         }
-        return backend.nlpsol(problem, 'fatrop', self._functions, settings)
+        return nlpsol_backend.make_nlpsol(problem, 'fatrop', self._functions, settings)
 
-    def _renew(self):
-        self._spoilt.append(self._nlpsol)
-        if len(self._spoilt) > MOST_SPOILT:
-            self._function = self._make()
-            self._spoilt.clear()
-        self._nlpsol = Buffered(self._function)
+    def _renew_memory(self):
+        self._unused.append(self._nlpsol)
+        if len(self._unused) > MAX_UNUSED_MEMORIES:
+            self._function = self._make_function()
+            self._unused.clear()
+        self._nlpsol = BufferedFunction(self._function)
 
 
-def _pattern(call):
-    """Return which limits are equal or absent: what fatrop's structure depends on."""
+def _limit_pattern(call):
+    """Return which limits are equal (1) or absent (2): fatrop's structure depends on it."""
     low, high = np.concatenate([call.lbx, call.lbg]), np.concatenate([call.ubx, call.ubg])
     return np.where(low == high, 1, np.where((low == -np.inf) & (high == np.inf), 2, 0))

@@ -1,20 +1,21 @@
-"""The functions of the whole NLP, made of N calls of one stage's functions.
+"""The functions of the whole NLP, assembled from N calls of one stage's functions.
 
 Variables v = [x_0; u_0; x_1; u_1; ...; x_N], constraints [x_1 - F_0; g_0; x_2 - F_1; ...; h], the
-order in which fatrop sees the stages (Vanroye et al. 2023, https://arxiv.org/abs/2303.16746);
-parameters are the stages' parameters one after the other. The stage functions stay calls (a loop
-in the generated C): the expanded graph of 50 stages is ten times the code, takes minutes to compile
-and runs slower.
+order that fatrop expects (Vanroye et al. 2023, https://arxiv.org/abs/2303.16746); parameters are
+the stages' parameters in the order of the stages. The stage functions stay calls (a loop in the
+generated C): the expanded graph of 50 stages is ten times the code, takes minutes to compile and
+runs slower.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver import reuse, riccati_growth, stage_functions
-from stage_solver.stage_problem import StageProblem
+from stage_solver import fatrop_guard, stage_functions
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, StageProblem
 
-LARGEST_HESSIAN = 1e100  # sum of all magnitudes; far from both any problem and overflow
+MAX_HESSIAN = 1e100  # sum of all magnitudes; far from both any problem and overflow
 
 
 class _Symbols(NamedTuple):
@@ -31,17 +32,18 @@ class _Stages(NamedTuple):
     p_last: ca.MX  # (np,)
 
 
-@reuse.once
+@lru_cache(MAX_CACHED_PROBLEMS)
 def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
-    """Return the functions that CasADi's nlpsol looks for, under the names it looks for.
+    """Return the functions that CasADi's nlpsol evaluates, under its names for them.
 
-    solver is 'fatrop' or 'ipopt': they want the gradient and the Hessian in different forms.
+    solver is 'fatrop' or 'ipopt': they take the gradient and the Hessian in different forms.
     `nlp` is the problem itself, `nlp_grad` is (v, p, lam_f, lam_g) -> f, g, gradient of the
-    Lagrangian; its fourth output, the gradient in p, is left empty because nobody asks for it.
-    fatrop's Hessian is 0 where the cost has no weight (`_without_cost`), and its Jacobian where its
-    recursion would fail (`riccati_growth`).
+    Lagrangian; its fourth output, the gradient with respect to p, is empty because nlpsol does not
+    use it. fatrop's Hessian is 0 where the cost has no weight (`_guard_hessian`), and its Jacobian
+    is replaced where its recursion would fail (`fatrop_guard`). The result is cached: do not
+    change it.
     """
-    stage, last = stage_functions.stage(problem), stage_functions.last_stage(problem)
+    stage, last = stage_functions.make_stage(problem), stage_functions.make_last_stage(problem)
     symbols = _symbols(problem)
     stages = _split(problem, symbols)
     f, g = _values(problem, stage, last, stages)
@@ -49,31 +51,31 @@ def build(problem: StageProblem, solver: str) -> dict[str, ca.Function]:
         ca.vec(stage.gradient.map(problem.horizon)(stages.W, stages.P)),
         last.gradient(stages.w_last, stages.p_last),
     )
-    g_again, jacobian = _jacobian(problem, stage, last, stages, guarded=solver == 'fatrop')
+    jacobian_g, jacobian = _jacobian(problem, stage, last, stages, guarded=solver == 'fatrop')
     multipliers = _split_multipliers(problem, symbols)
-    slope, hessian = _hessian(problem, stage, last, stages, multipliers)
+    gradient_l, hessian = _hessian(problem, stage, last, stages, multipliers)
     if solver == 'fatrop':
-        hessian = _without_cost(symbols, hessian)
-    vp = [symbols.v, symbols.p]
-    vpl = [*vp, symbols.lam_f, symbols.lam_g]
-    triangle = solver == 'ipopt'
+        hessian = _guard_hessian(symbols, hessian)
     outputs = {
-        'nlp': (vp, ['x', 'p'], [f, g], ['f', 'g']),
-        'nlp_f': (vp, ['x', 'p'], [f], ['f']),
-        'nlp_g': (vp, ['x', 'p'], [g], ['g']),
-        'nlp_grad_f': (vp, ['x', 'p'], [f, gradient], ['f', 'grad_f_x'])
-        if triangle
-        else (vp, ['x', 'p'], [gradient], ['grad_f_x']),
-        'nlp_jac_g': (vp, ['x', 'p'], [g_again, jacobian], ['g', 'jac_g_x']),
-        'nlp_hess_l': (vpl, _LAGRANGIAN_IN, [ca.triu(hessian)], ['triu_hess_gamma_x_x'])
-        if triangle
-        else (vpl, _LAGRANGIAN_IN, [slope, hessian], ['grad_gamma_x', 'hess_gamma_x_x']),
-        'nlp_grad': (vpl, _LAGRANGIAN_IN, *_lagrangian(problem, stage, last, stages, multipliers)),
+        'nlp': {'f': f, 'g': g},
+        'nlp_f': {'f': f},
+        'nlp_g': {'g': g},
+        'nlp_grad_f': {'grad_f_x': gradient},
+        'nlp_jac_g': {'g': jacobian_g, 'jac_g_x': jacobian},
+        'nlp_hess_l': {'grad_gamma_x': gradient_l, 'hess_gamma_x_x': hessian},
+        'nlp_grad': _lagrangian(problem, stage, last, stages, multipliers),
     }
-    return {n: ca.Function(n, i, o, ni, no) for n, (i, ni, o, no) in outputs.items()}
-
-
-_LAGRANGIAN_IN = ['x', 'p', 'lam_f', 'lam_g']
+    if solver == 'ipopt':
+        outputs['nlp_grad_f'] = {'f': f, 'grad_f_x': gradient}
+        outputs['nlp_hess_l'] = {'triu_hess_gamma_x_x': ca.triu(hessian)}
+    plan_inputs = {'x': symbols.v, 'p': symbols.p}
+    lagrangian_inputs = plan_inputs | {'lam_f': symbols.lam_f, 'lam_g': symbols.lam_g}
+    functions = {}
+    for name, results in outputs.items():
+        inputs = lagrangian_inputs if name in ('nlp_hess_l', 'nlp_grad') else plan_inputs
+        arguments = [*inputs.values()], [*results.values()], [*inputs], [*results]
+        functions[name] = ca.Function(name, *arguments)
+    return functions
 
 
 def _symbols(problem):
@@ -125,26 +127,26 @@ def _values(problem, stage, last, stages):
 
 
 def _lagrangian(problem, stage, last, stages, multipliers):
-    of_stages, of_last = multipliers
-    F, C, S = stage.lagrangian.map(problem.horizon)(stages.W, stages.P, *of_stages)
-    f_last, c_last, s_last = last.lagrangian(stages.w_last, stages.p_last, *of_last)
+    stage_multipliers, last_multipliers = multipliers
+    F, C, S = stage.lagrangian.map(problem.horizon)(stages.W, stages.P, *stage_multipliers)
+    f_last, c_last, s_last = last.lagrangian(stages.w_last, stages.p_last, *last_multipliers)
     g = _close_gaps(problem, stages, C, c_last)
     no_gradient = ca.MX((problem.horizon + 1) * problem.np, 1)
-    outputs = [ca.sum2(F) + f_last, g, ca.vertcat(ca.vec(S), s_last), no_gradient]
-    return outputs, ['f', 'g', 'grad_gamma_x', 'grad_gamma_p']
+    gradient = ca.vertcat(ca.vec(S), s_last)
+    return {'f': ca.sum2(F) + f_last, 'g': g, 'grad_gamma_x': gradient, 'grad_gamma_p': no_gradient}
 
 
 def _jacobian(problem, stage, last, stages, guarded):
     """Return the constraints and their Jacobian.
 
-    `guarded`: where the growth reaches riccati_growth.LARGEST, only the next states depend on
-    anything. The solver then still counts its iterations and calls the deadline.
+    `guarded`: where the growth reaches fatrop_guard.MAX_GROWTH, only the columns of the next states
+    are not zero. fatrop then still counts its iterations and evaluates the deadline.
     """
     N, nc = problem.horizon, problem.nx + problem.ng
     C, J = stage.jacobian.map(N)(stages.W, stages.P)
     c_last, j_last = last.jacobian(stages.w_last, stages.p_last)
     pattern = stage.jacobian_pattern
-    first = [i for i, row in enumerate(pattern.row()) if row >= nc]  # nothing comes before stage 0
+    first = [i for i, row in enumerate(pattern.row()) if row >= nc]  # no stage before stage 0
     first_pattern = ca.vertsplit(pattern, [0, nc, 2 * nc])[1]
     height = N * nc + problem.nh
 
@@ -157,9 +159,10 @@ def _jacobian(problem, stage, last, stages, guarded):
     columns += [place(pattern, k * nc) for k in range(N - 1)]
     columns += [place(last.jacobian_pattern, (N - 1) * nc)]
     if guarded:
-        small = riccati_growth.growth(problem, stage, last, J, j_last) < riccati_growth.LARGEST
+        small = fatrop_guard.growth(problem, stage, last, J, j_last) < fatrop_guard.MAX_GROWTH
         before, before_last = (
-            ca.DM([float(row < nc) for row in of.row()]) for of in (pattern, last.jacobian_pattern)
+            ca.DM([float(row < nc) for row in block.row()])
+            for block in (pattern, last.jacobian_pattern)
         )
         J = ca.if_else(small, J, ca.repmat(before, 1, N))
         j_last = ca.if_else(small, j_last, before_last)
@@ -169,20 +172,21 @@ def _jacobian(problem, stage, last, stages, guarded):
 
 
 def _hessian(problem, stage, last, stages, multipliers):
-    of_stages, of_last = multipliers
-    S, H = stage.hessian.map(problem.horizon)(stages.W, stages.P, *of_stages)
-    s_last, h_last = last.hessian(stages.w_last, stages.p_last, *of_last)
+    stage_multipliers, last_multipliers = multipliers
+    S, H = stage.hessian.map(problem.horizon)(stages.W, stages.P, *stage_multipliers)
+    s_last, h_last = last.hessian(stages.w_last, stages.p_last, *last_multipliers)
     pattern = ca.diagcat(*[stage.hessian_pattern] * problem.horizon, last.hessian_pattern)
     nonzeros = ca.vertcat(ca.vec(H), h_last)
     return ca.vertcat(ca.vec(S), s_last), ca.sparsity_cast(nonzeros, pattern)
 
 
-def _without_cost(symbols, hessian):
-    """Return the Hessian for fatrop: none where the cost counts for nothing.
+def _guard_hessian(symbols, hessian):
+    """Return the Hessian for fatrop: zero where the weight lam_f of the cost is zero.
 
-    So it asks in its restoration phase, and adds a convex term of its own. Given the curvature of
-    the constraints there, it was seen to raise its inertia correction for ever, on finite numbers.
-    None either where that correction would overflow before it outweighs the Hessian.
+    fatrop sets this weight in its restoration phase, and adds a convex term of its own. Given the
+    curvature of the constraints there, it can raise its inertia correction without end, on finite
+    numbers. The Hessian is also zero where that correction would overflow before it is large
+    enough.
     """
-    small = ca.norm_1(hessian.nz[:]) < LARGEST_HESSIAN
+    small = ca.norm_1(hessian.nz[:]) < MAX_HESSIAN
     return ca.if_else(ca.logic_and(symbols.lam_f != 0, small), hessian, 0)

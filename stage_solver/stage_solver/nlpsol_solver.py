@@ -1,25 +1,80 @@
-"""A StageSolver out of fatrop or IPOPT: pack, look, solve, judge by our own residuals."""
+"""A StageSolver on fatrop or IPOPT: validate, pack, solve, compute the residuals of the result."""
 
 import math
 
 import numpy as np
 
-from stage_solver import backend, compiled_functions, nlp_functions, sound, stopwatch
-from stage_solver.backend import Call
-from stage_solver.buffered import Buffered
+from stage_solver import compiled_functions, nlp_functions, nlpsol_backend, validation
 from stage_solver.fatrop import Fatrop
-from stage_solver.ipopt import Ipopt
-from stage_solver.layout import Layout
-from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions
-from stage_solver.stage_problem import Bounds, Plan, StageProblem
+from stage_solver.nlpsol_backend import BufferedFunction, Ipopt, NlpsolCall
+from stage_solver.solution import (
+    FAILED,
+    SOLVED,
+    STOPPED_EARLY,
+    Solution,
+    SolverOptions,
+    Stopwatch,
+)
+from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
 BACKENDS = {'fatrop': Fatrop, 'ipopt': Ipopt}
+
+
+class NlpLayout:
+    """Converts arrays per stage in SI units to the vectors of `nlp_functions`, and back."""
+
+    def __init__(self, problem: StageProblem):
+        self.problem = problem
+        self.scale_x = np.array(problem.scale_x)
+        self.scale_u = np.array(problem.scale_u)
+
+    def pack(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
+        """Return v of states (N + 1, nx) and inputs (N, nu)."""
+        X, U = X / self.scale_x, U / self.scale_u
+        return np.concatenate([np.hstack([X[:-1], U]).ravel(), X[-1]])
+
+    def unpack(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return states (N + 1, nx) and inputs (N, nu) of v."""
+        X, U = self._split(v)
+        return X * self.scale_x, U * self.scale_u
+
+    def pack_call(self, P: np.ndarray, bounds: Bounds, guess: Plan) -> NlpsolCall:
+        """Return the arguments of nlpsol; both limits of the first state are that of the guess."""
+        first = guess.X[:1]
+        defect = np.zeros((self.problem.horizon, self.problem.nx))
+        return NlpsolCall(
+            x0=self.pack(guess.X, guess.U),
+            p=P.ravel(),
+            lbx=self.pack(np.vstack([first, bounds.x_low[1:]]), bounds.u_low),
+            ubx=self.pack(np.vstack([first, bounds.x_high[1:]]), bounds.u_high),
+            lbg=np.concatenate([np.hstack([defect, bounds.g_low]).ravel(), bounds.h_low]),
+            ubg=np.concatenate([np.hstack([defect, bounds.g_high]).ravel(), bounds.h_high]),
+        )
+
+    def unpack_multipliers(self, lam_v: np.ndarray, lam_g: np.ndarray) -> Multipliers:
+        """Return the multipliers per SI unit."""
+        lam_x, lam_u = self._split(lam_v)
+        rows = self.problem.nx + self.problem.ng
+        end = self.problem.horizon * rows
+        lam_dynamics, g = np.hsplit(lam_g[:end].reshape(-1, rows), [self.problem.nx])
+        return Multipliers(
+            x=lam_x / self.scale_x,
+            u=lam_u / self.scale_u,
+            dynamics=lam_dynamics / self.scale_x,
+            g=g.copy(),
+            h=lam_g[end:].copy(),
+        )
+
+    def _split(self, v):
+        nx, width = self.problem.nx, self.problem.nx + self.problem.nu
+        W = v[: self.problem.horizon * width].reshape(-1, width)
+        return np.vstack([W[:, :nx], v[None, -nx:]]), W[:, nx:].copy()
 
 
 class NlpsolSolver:
     """A StageSolver (see `solution`); `options.name` is a key of BACKENDS.
 
-    `flags` are those of the C compiler, where the options ask for it.
+    `flags` are those of the C compiler, where the options ask for compiled functions.
     """
 
     def __init__(
@@ -30,70 +85,69 @@ class NlpsolSolver:
     ):
         self.name = options.name
         self._problem = problem
-        self._layout = Layout(problem)
+        self._layout = NlpLayout(problem)
         functions = nlp_functions.build(problem, options.name)
         if options.compiled:
-            functions = compiled_functions.compile_functions(
-                functions, f'{problem.name}_{options.name}', flags
-            )
-        self._lagrangian = Buffered(functions['nlp_grad'])
+            library = f'{problem.name}_{options.name}'
+            functions = compiled_functions.compile_functions(functions, library, flags)
+        self._lagrangian = BufferedFunction(functions['nlp_grad'])
         self._backend = BACKENDS[options.name](problem, options, functions)
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`."""
-        watch = stopwatch.started()
-        self._layout.check(x0, P, bounds, guess)
+        stopwatch = Stopwatch()
+        validation.check_shapes(self._problem, x0, P, bounds, guess)
         guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
-        wrong = sound.complaint(self._problem, x0, P, bounds, guess)
-        if wrong:
-            return _refusal(guess, wrong, watch)
-        v_low, v_high, g_low, g_high = self._layout.pack_bounds(x0, bounds)
-        v0 = self._layout.pack(guess.X, guess.U)
-        call = Call(v0, P.ravel(), v_low, v_high, g_low, g_high)
-        at = self._lagrangian(x=v0, p=call.p, lam_f=1, lam_g=0)
-        wrong = sound.blow_up(self._problem, at['f'][0], at['g'], at['grad_gamma_x'])
-        if wrong:
-            return _refusal(guess, wrong, watch)
-        results, ending = self._backend.run(call, watch.wall_s)
-        return self._judge(guess, call, results, ending, watch)
+        error = validation.find_invalid_argument(self._problem, x0, P, bounds, guess)
+        if error:
+            return _refusal(guess, error, stopwatch)
+        call = self._layout.pack_call(P, bounds, guess)
+        at = self._lagrangian(x=call.x0, p=call.p, lam_f=1, lam_g=0)
+        error = validation.find_non_finite_value(
+            self._problem, at['f'][0], at['g'], at['grad_gamma_x']
+        )
+        if error:
+            return _refusal(guess, error, stopwatch)
+        results, termination = self._backend.run(call, stopwatch.start_s)
+        return self._solution(guess, call, results, termination, stopwatch)
 
     def set_time_limit(self, seconds: float) -> None:
-        """See `solution.StageSolver`; IPOPT keeps the limit of its options."""
+        """See `solution.StageSolver`."""
         self._backend.set_time_limit(seconds)
 
-    def _judge(self, guess, call, results, ending, watch):
+    def _solution(self, guess, call, results, termination, stopwatch):
         v, lam_v, lam_g = results['x'], results['lam_x'], results['lam_g']
         at = self._lagrangian(x=v, lam_g=lam_g)
-        primal = _violation(call, v, at['g'])
-        status, reason = FAILED, ending.reason
-        if ending.solved:
+        primal = _max_violation(call, v, at['g'])
+        status, reason = FAILED, termination.reason
+        if termination.solved:
             status = SOLVED
-        elif reason in backend.LIMITS:
+        elif reason in nlpsol_backend.EARLY_STOPS:
             status = STOPPED_EARLY
         plan = Plan(*self._layout.unpack(v), self._layout.unpack_multipliers(lam_v, lam_g))
         if not (np.isfinite(v).all() and math.isfinite(primal)):
             plan, status, reason = guess, FAILED, f'{reason}; the last iterate is not finite'
-        # the first state is nobody's choice, so the slope along it means nothing
-        slope = (at['grad_gamma_x'] + lam_v)[self._problem.nx :]
+        # the first state is fixed, so the gradient with respect to it has no meaning
+        gradient = (at['grad_gamma_x'] + lam_v)[self._problem.nx :]
         return Solution(
             plan=plan,
             cost=float(at['f'][0]),
             status=status,
             message=reason,
-            iterations=ending.iterations,
+            iterations=termination.iterations,
             primal_residual=primal,
-            dual_residual=float(np.abs(slope).max()),
-            **watch.took(),
+            dual_residual=float(np.abs(gradient).max()),
+            **stopwatch.times(),
         )
 
 
-def _violation(call: Call, v, g) -> float:
+def _max_violation(call: NlpsolCall, v, g) -> float:
     """Return the largest violation of a bound, a constraint or the dynamics, in solver units."""
-    beyond = np.concatenate([call.lbx - v, v - call.ubx, call.lbg - g, g - call.ubg])
-    return float(np.maximum(beyond.max(), 0.0))  # not max(): it would take NaN for 0
+    violation = np.concatenate([call.lbx - v, v - call.ubx, call.lbg - g, g - call.ubg])
+    return float(np.maximum(violation.max(), 0.0))  # not max(): it would take NaN for 0
 
 
-def _refusal(guess, message, watch):
+def _refusal(guess, message, stopwatch):
     return Solution(
         plan=guess,
         cost=math.nan,
@@ -102,5 +156,5 @@ def _refusal(guess, message, watch):
         iterations=0,
         primal_residual=math.inf,
         dual_residual=math.inf,
-        **watch.took(),
+        **stopwatch.times(),
     )

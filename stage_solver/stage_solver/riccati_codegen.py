@@ -1,176 +1,145 @@
-"""A graph of operations as C on vectors, one lane per stage.
+"""The C source of a problem's riccati solver: sizes, tables and stage functions, then the method.
 
-The C uses GCC's vector extension (V: doubles, M: the masks that comparisons give) and the
-functions of riccati_c/vector_math.h. A branch becomes a mask, so every lane takes the same path.
+Steps: stage functions with derivatives (here) -> `expression_graph` -> `vector_codegen` -> one C
+file with the problem-independent parts in riccati_c/.
+
+With w = [u; x] in solver units, the multipliers `lam` of the dynamics and `y` of the constraints,
+
+    L = l(w, p) + lam' F(w, p) + y' g(w, p).
+
+`sigma` and `push` are the curvature and the gradient of the barrier in w and in the slacks of g
+(docs/solver.md, eq. 5); the matrix H and the vector q of the quadratic programme include them.
 """
+
+from functools import lru_cache
+from importlib import resources
+from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver.riccati_graph import Graph
-from stage_solver.stage_problem import ProblemError
+from stage_solver import vector_codegen
+from stage_solver.expression_graph import ExpressionGraph
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, StageProblem
 
-# arguments are the C names of the nodes that the operation works on
-EXPRESSIONS = {
-    ca.OP_ADD: '{0} + {1}',
-    ca.OP_SUB: '{0} - {1}',
-    ca.OP_MUL: '{0} * {1}',
-    ca.OP_INV: '1.0 / {0}',
-    ca.OP_NEG: '-{0}',
-    ca.OP_SQ: '{0} * {0}',
-    ca.OP_TWICE: '{0} + {0}',
-    ca.OP_ASSIGN: '{0}',
-    ca.OP_LIFT: '{0}',
-    ca.OP_SQRT: 'v_sqrt({0})',
-    ca.OP_SIN: 'v_sin({0})',
-    ca.OP_COS: 'v_cos({0})',
-    ca.OP_TAN: 'v_tan({0})',
-    ca.OP_ATAN: 'v_atan({0})',
-    ca.OP_EXP: 'v_exp({0})',
-    ca.OP_LOG: 'v_log({0})',
-    ca.OP_TANH: 'v_tanh({0})',
-    ca.OP_FABS: 'v_abs({0})',
-    ca.OP_FMIN: 'v_min({0}, {1})',
-    ca.OP_FMAX: 'v_max({0}, {1})',
-    ca.OP_SIGN: 'v_sign({0})',
-    ca.OP_COPYSIGN: 'v_copysign({0}, {1})',
-    ca.OP_LT: '{0} < {1}',
-    ca.OP_LE: '{0} <= {1}',
-    ca.OP_EQ: '{0} == {1}',
-    ca.OP_NE: '{0} != {1}',
-    ca.OP_NOT: '~{0}',
-    ca.OP_AND: '{0} & {1}',
-    ca.OP_OR: '{0} | {1}',
-    ca.OP_IF_ELSE_ZERO: 'v_where({0}, {1})',
-}
-# what vector_math.h leaves to the C library, lane by lane
-EXPRESSIONS |= {
-    op: f'v_each(w_{name}, {{0}})'
-    for op, name in {
-        ca.OP_ASIN: 'asin',
-        ca.OP_ACOS: 'acos',
-        ca.OP_SINH: 'sinh',
-        ca.OP_COSH: 'cosh',
-        ca.OP_ASINH: 'asinh',
-        ca.OP_ACOSH: 'acosh',
-        ca.OP_ATANH: 'atanh',
-        ca.OP_ERF: 'erf',
-        ca.OP_LOG1P: 'log1p',
-        ca.OP_EXPM1: 'expm1',
-        ca.OP_FLOOR: 'floor',
-        ca.OP_CEIL: 'ceil',
-    }.items()
-}
-EXPRESSIONS |= {
-    ca.OP_POW: 'v_each2(w_pow, {0}, {1})',
-    ca.OP_CONSTPOW: 'v_each2(w_pow, {0}, {1})',
-    ca.OP_ATAN2: 'v_each2(w_atan2, {0}, {1})',
-    ca.OP_FMOD: 'v_each2(w_fmod, {0}, {1})',
-    ca.OP_HYPOT: 'v_each2(w_hypot, {0}, {1})',
-}
-COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
-LOGIC = {ca.OP_NOT, ca.OP_AND, ca.OP_OR}
+TEMPLATES = ('stages.h', 'barrier.h', 'riccati.h', 'search.h', 'call.h', 'solve.c')
+# IEEE arithmetic; only errno and traps are given up, which vectors do not have
+FLAGS = (
+    '-std=gnu11',
+    '-O2',
+    '-march=native',
+    '-ftree-vectorize',
+    '-fno-math-errno',
+    '-fno-trapping-math',
+    '-fno-strict-aliasing',
+    '-Wno-psabi',
+)
+SYSTEM_HEADERS = '#include <stddef.h>\n#include <string.h>\n#include <time.h>\n'
+ONCE_INPUTS = {'p'}  # constant during a solve
 
 
-class UnsupportedError(ProblemError):
-    """A CasADi operation has no counterpart in the generated C."""
+class StageModel(NamedTuple):
+    """The functions of one kind of stage that the solver evaluates, with exact derivatives."""
+
+    values: ca.Function  # (w, p) -> F, cost, g
+    quadratic: ca.Function  # (w, p, lam, y, sigma, push) -> q, H (upper triangle), JF, Jg
+    slope: ca.Function  # (w, p, lam, y) -> dL/dw
 
 
-class Emitter:
-    """Writes the functions of one graph; `stride` is the number of doubles between two rows.
+def make_stage(problem: StageProblem) -> StageModel:
+    """Return the functions of stages 0..N-1."""
+    w = ca.SX.sym('w', problem.nu + problem.nx)
+    p = ca.SX.sym('p', problem.np)
+    u = w[: problem.nu] * ca.DM(problem.scale_u)
+    x = w[problem.nu :] * ca.DM(problem.scale_x)
+    F = problem.dynamics(x, u, p) / ca.DM(problem.scale_x)
+    return _model('stage', w, p, F, problem.stage_cost(x, u, p), problem.constraints(x, u, p))
 
-    Values that depend on the once-inputs alone are written to the array `once` by a function of
-    its own, and read from there by all others.
+
+def make_last_stage(problem: StageProblem) -> StageModel:
+    """Return the functions of stage N, where w is the state alone and there are no dynamics."""
+    w = ca.SX.sym('w', problem.nx)
+    p = ca.SX.sym('p', problem.np)
+    x = w * ca.DM(problem.scale_x)
+    cost, g = problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
+    return _model('last', w, p, ca.SX(0, 1), cost, g)
+
+
+@lru_cache(MAX_CACHED_PROBLEMS)
+def source(problem: StageProblem) -> str:
+    """Return one C file; it exports riccati_solve and the sizes of its two structures.
+
+    The compiler needs -DW=..., the number of lanes of a vector.
     """
-
-    def __init__(self, graph: Graph, name: str, stride: str):
-        self.graph, self.name, self.stride = graph, name, stride
-        self.kept = self._kept()
-
-    def source(self) -> str:
-        """Return the C functions `<name>_once`, and one per function of the graph."""
-        parts = [self._once()]
-        parts += [self._function(name, outputs) for name, outputs in self.graph.roots.items()]
-        return '\n'.join(parts)
-
-    def _kept(self):
-        """Number the once-values that the other functions need."""
-        kept = {}
-        for outputs in self.graph.roots.values():
-            roots = [n for rows in outputs.values() for n in rows]
-            needed = [n for n in roots if self._is_stored(n)]
-            for node in self.graph.reachable(roots):
-                if not self.graph.is_once(node):
-                    needed += [a for a in self.graph.arguments(node) if self._is_stored(a)]
-            for node in needed:
-                kept.setdefault(node, len(kept))
-        return kept
-
-    def _is_stored(self, node):
-        return self.graph.is_once(node) and self.graph.nodes[node].op not in (
-            ca.OP_INPUT,
-            ca.OP_CONST,
+    models = {'stage': make_stage(problem), 'last': make_last_stage(problem)}
+    strides = {'stage': 'LANES', 'last': 'W'}
+    sizes, functions = _sizes(problem), []
+    for name, model in models.items():
+        emitter = vector_codegen.Emitter(
+            ExpressionGraph(list(model), ONCE_INPUTS), name, strides[name]
         )
-
-    def _once(self):
-        body = [self._statement(n, ()) for n in self.graph.reachable(self.kept)]
-        for node, row in self.kept.items():
-            body.append(f'{self._at("once", row)} = {self._number(node, ())};')
-        return _definition(f'{self.name}_once', ['p'], ['once'], body)
-
-    def _function(self, name, outputs):
-        roots = [n for rows in outputs.values() for n in rows]
-        inner = {n for n in self.graph.reachable(roots) if not self.graph.is_once(n)}
-        border = {a for n in inner for a in self.graph.arguments(n)} | set(roots)
-        body = []
-        for node in sorted(inner | border):
-            if node in self.kept:
-                body.append(f'const V t{node} = {self._at("once", self.kept[node])};')
-            else:
-                body.append(self._statement(node, self.kept))
-        for output, rows in outputs.items():
-            for row, node in enumerate(rows):
-                body.append(f'{self._at(output, row)} = {self._number(node, self.kept)};')
-        inputs = [i for i in self.graph.inputs[name] if i != 'p']
-        return _definition(name, ['p', 'once', *inputs], list(outputs), body)
-
-    def _statement(self, node, loaded):
-        """Compute a node; those in `loaded` come from `once`, where masks are stored as numbers."""
-        op, args = self.graph.nodes[node]
-        if op == ca.OP_INPUT:
-            return f'const V t{node} = {self._at(*args)};'
-        if op == ca.OP_CONST:
-            return f'const V t{node} = v_all({_literal(args[0])});'
-        if op not in EXPRESSIONS:
-            raise UnsupportedError(f'{self.name}: CasADi operation {op} is not supported')
-        masks = len(args) if op in LOGIC else op == ca.OP_IF_ELSE_ZERO  # how many come first
-        names = [self._mask(a, loaded) for a in args[:masks]]
-        names += [self._number(a, loaded) for a in args[masks:]]
-        kind = 'M' if self._is_mask(node, ()) else 'V'
-        return f'const {kind} t{node} = {EXPRESSIONS[op].format(*names)};'
-
-    def _is_mask(self, node, loaded):
-        return node not in loaded and self.graph.nodes[node].op in COMPARISONS | LOGIC
-
-    def _number(self, node, loaded):
-        return f'v_where(t{node}, v_all(1.0))' if self._is_mask(node, loaded) else f't{node}'
-
-    def _mask(self, node, loaded):
-        return f't{node}' if self._is_mask(node, loaded) else f'(t{node} != 0.0)'
-
-    def _at(self, array, row):
-        return f'*(V *)({array} + {row} * {self.stride})'
+        functions.append(emitter.source())
+        sizes[f'{name.upper()}_ONCE'] = len(emitter.once_rows)
+    defines = '\n'.join(f'#define {name} {size}' for name, size in sizes.items())
+    tables = [_scale('SCALE_X', problem.scale_x), _scale('SCALE_U', problem.scale_u)]
+    for kind, names in (('stage', ('H', 'JF', 'Jg')), ('last', ('H', 'Jg'))):
+        for name in names:
+            sparsity = models[kind].quadratic.sparsity_out(name)
+            tables.append(_pattern(f'{kind.upper()}_{name}', sparsity))
+    head = [SYSTEM_HEADERS, defines, *tables, template('vector_math.h'), template('workspace.h')]
+    return '\n'.join([*head, *functions, *map(template, TEMPLATES)])
 
 
-def _definition(name, inputs, outputs, body):
-    arguments = [f'const double *restrict {a}' for a in inputs]
-    arguments += [f'double *restrict {a}' for a in outputs]
-    lines = '\n    '.join(body)
-    return f'static void {name}({", ".join(arguments)})\n{{\n    {lines}\n}}\n'
+def template(name: str) -> str:
+    """Return one of the problem-independent C files."""
+    return resources.files('stage_solver').joinpath('riccati_c', name).read_text()
 
 
-def _literal(value):
-    if value != value:
-        return '__builtin_nan("")'
-    if value in (float('inf'), float('-inf')):
-        return f'{"-" if value < 0 else ""}__builtin_inf()'
-    return repr(float(value))
+def _model(name, w, p, F, cost, g):
+    F, cost, g = (ca.densify(ca.vec(v)) for v in (F, cost, g))
+    n, n_g = w.numel(), g.numel()
+    lam, y = ca.SX.sym('lam', F.numel()), ca.SX.sym('y', n_g)
+    sigma, push = ca.SX.sym('sigma', n + n_g), ca.SX.sym('push', n + n_g)
+    slope = ca.gradient(cost + ca.dot(lam, F) + ca.dot(y, g), w)
+    JF, Jg = ca.jacobian(F, w), ca.jacobian(g, w)
+    H = ca.jacobian(slope, w, {'symmetric': True})
+    H += ca.diag(sigma[:n]) + Jg.T @ ca.diag(sigma[n:]) @ Jg
+    q = ca.gradient(cost, w) + push[:n] + Jg.T @ push[n:]
+    inputs = {'w': w, 'p': p, 'lam': lam, 'y': y, 'sigma': sigma, 'push': push}
+
+    def function(kind, names_in, outputs):
+        arguments = [inputs[n] for n in names_in]
+        return ca.Function(f'{name}_{kind}', arguments, [*outputs.values()], names_in, [*outputs])
+
+    return StageModel(
+        values=function('values', ['w', 'p'], {'F': F, 'cost': cost, 'g': g}),
+        quadratic=function(
+            'quadratic', [*inputs], {'q': ca.densify(q), 'H': ca.triu(H), 'JF': JF, 'Jg': Jg}
+        ),
+        slope=function('slope', ['w', 'p', 'lam', 'y'], {'slope': ca.densify(slope)}),
+    )
+
+
+def _sizes(problem):
+    return {
+        'N': problem.horizon,
+        'NX': problem.nx,
+        'NU': problem.nu,
+        'NP': problem.np,
+        'NG': max(problem.ng, problem.nh),
+        'STAGE_NG': problem.ng,
+        'LAST_NG': problem.nh,
+    }
+
+
+def _scale(name, values):
+    return f'static const double {name}[] = {{{", ".join(map(repr, map(float, values)))}}};'
+
+
+def _pattern(name, sparsity):
+    """Return rows and columns of the non-zeros; one entry more, as C has no empty arrays."""
+    rows, columns = sparsity.get_triplet()
+    lists = {'ROW': [*rows, 0], 'COL': [*columns, 0]}
+    lines = [f'#define {name}_NZ {len(rows)}']
+    for key, indices in lists.items():
+        lines.append(f'static const short {name}_{key}[] = {{{", ".join(map(str, indices))}}};')
+    return '\n'.join(lines)

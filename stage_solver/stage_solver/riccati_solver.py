@@ -1,14 +1,16 @@
 """A structure-exploiting interior-point method, generated for each problem (docs/solver.md)."""
 
+import ctypes
 import math
 import warnings
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from stage_solver import compile_cache, riccati_library, riccati_source, sound, stopwatch
-from stage_solver.backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
-from stage_solver.layout import Layout
+from stage_solver import compile_cache, riccati_codegen, validation
+from stage_solver.nlpsol_backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
 from stage_solver.nlpsol_solver import NlpsolSolver
 from stage_solver.solution import (
     FAILED,
@@ -18,16 +20,17 @@ from stage_solver.solution import (
     Solution,
     SolverOptions,
     StageSolver,
+    Stopwatch,
 )
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
 FALLBACK = 'fatrop'
-# Doubles in a vector of the CPU, widest first, by the name that Linux gives the instruction set
+# doubles in a vector of the CPU, by Linux's name of the instruction set
 LANES = (('avx512f', 8), ('avx2', 4))
-FEWEST_LANES = 2
+MIN_LANES = 2
 WARM_BARRIER = 1e-5  # mu of a warm start, cost units
 
-# status of riccati_c/solve.c -> status of a Solution, and why
+# status of riccati_c/solve.c -> status and message of a Solution
 OUTCOMES = (
     (SOLVED, 'converged'),
     (STOPPED_EARLY, ITERATION_LIMIT),
@@ -39,6 +42,25 @@ OUTCOMES = (
     (FAILED, 'an argument is not finite'),
     (ONE_STEP, 'one step is enough'),
 )
+# the fields of Call in riccati_c/workspace.h
+ARRAYS = (
+    'x0', 'P', 'x_low', 'x_high', 'u_low', 'u_high', 'g_low', 'g_high', 'h_low', 'h_high',
+    'X', 'U', 'm_x', 'm_u', 'm_dynamics', 'm_g', 'm_h',
+)  # fmt: skip
+DOUBLES = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
+DOUBLES += ('cost', 'primal_residual', 'dual_residual')
+INTEGERS = ('warm', 'max_iterations', 'status', 'iterations', 'trials', 'factorisations')
+ALIGNMENT = 64  # bytes of the widest vector
+
+
+class Call(ctypes.Structure):
+    """As in riccati_c/workspace.h."""
+
+    _fields_ = (
+        [(name, ctypes.c_void_p) for name in ARRAYS]
+        + [(name, ctypes.c_double) for name in DOUBLES]
+        + [(name, ctypes.c_longlong) for name in INTEGERS]
+    )
 
 
 def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
@@ -51,8 +73,7 @@ def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
         if library is not None:
             return RiccatiSolver(problem, options, library)
         compile_cache.warn_no_compiler(f'{FALLBACK} replaces the riccati solver, many times slower')
-    given = {'name': FALLBACK, 'compiled': False}
-    return NlpsolSolver(problem, SolverOptions(**vars(options) | given))
+    return NlpsolSolver(problem, replace(options, name=FALLBACK, compiled=False))
 
 
 def compile_solver(problem: StageProblem) -> Path | None:
@@ -60,10 +81,9 @@ def compile_solver(problem: StageProblem) -> Path | None:
 
     None without a C compiler; raises CompileError when it fails.
     """
-    flags = (*riccati_source.FLAGS, f'-DW={lanes()}')
-    return compile_cache.compile_library(
-        riccati_source.source(problem), f'{problem.name}_riccati', flags
-    )
+    source = riccati_codegen.source(problem)
+    flags = (*riccati_codegen.FLAGS, f'-DW={lanes()}')
+    return compile_cache.compile_library(source, f'{problem.name}_riccati', flags)
 
 
 def lanes() -> int:
@@ -71,24 +91,28 @@ def lanes() -> int:
     try:
         words = set(Path('/proc/cpuinfo').read_text().split())
     except OSError:
-        return FEWEST_LANES
-    return next((width for flag, width in LANES if flag in words), FEWEST_LANES)
+        return MIN_LANES
+    return next((width for flag, width in LANES if flag in words), MIN_LANES)
 
 
 class RiccatiSolver:
-    """A StageSolver (see `solution`): one call of C per solve, without Python's lock.
+    """A StageSolver (see `solution`): one C call per solve, which releases Python's lock.
 
-    Equal arguments give equal bits on one machine, unless the time limit cuts a solve short. An
-    instance works for one thread at a time; any number of instances work side by side.
+    Equal arguments give equal bits on one machine, unless the time limit ends a solve. An instance
+    is for one thread at a time; any number of instances work in parallel.
     """
 
     name = 'riccati'
 
     def __init__(self, problem: StageProblem, options: SolverOptions, library: Path):
         self._problem = problem
-        self._layout = Layout(problem)
-        self._instance = riccati_library.Instance(library, _shapes(problem))
-        call = self._instance.call
+        self._solve, size = _load(library)
+        self._memory = np.zeros(size + ALIGNMENT, np.uint8)
+        address = self._memory.ctypes.data
+        self._workspace = address + -address % ALIGNMENT
+        shapes = _shapes(problem)
+        self._arrays = {name: np.zeros(shapes[name]) for name in ARRAYS}
+        call = self._call = Call(**{name: a.ctypes.data for name, a in self._arrays.items()})
         call.max_iterations = options.max_iterations
         call.tolerance = options.tolerance
         call.time_limit = math.inf if options.time_limit_s is None else options.time_limit_s
@@ -98,23 +122,25 @@ class RiccatiSolver:
             call.step_decrease = options.one_step.decrease
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
-        """See `solution.StageSolver`; a guess with multipliers is a warm start."""
-        watch = stopwatch.started()
-        self._layout.check(x0, P, bounds, guess)
-        arrays, call = self._instance.arrays, self._instance.call
-        given = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
+        """See `solution.StageSolver`."""
+        stopwatch = Stopwatch()
+        validation.check_shapes(self._problem, x0, P, bounds, guess)
+        arrays, call = self._arrays, self._call
+        values = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
         call.warm = guess.multipliers is not None
         if call.warm:
-            given |= {f'm_{name}': value for name, value in guess.multipliers._asdict().items()}
-        for name, value in given.items():
+            values |= {f'm_{name}': value for name, value in guess.multipliers._asdict().items()}
+        for name, value in values.items():
             arrays[name][...] = value
-        self._instance.solve()
+        self._solve(self._workspace, ctypes.addressof(call))
         status, message = OUTCOMES[call.status]
-        if math.isnan(call.cost):  # it did not begin
+        if math.isnan(call.cost):  # the arguments or the guess were refused
             plan = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
-            message = sound.complaint(self._problem, x0, P, bounds, plan) or message
+            error = validation.find_invalid_argument(self._problem, x0, P, bounds, plan)
+            message = error or message
         else:
-            plan = self._plan()
+            multipliers = Multipliers(*(arrays[f'm_{n}'].copy() for n in Multipliers._fields))
+            plan = Plan(arrays['X'].copy(), arrays['U'].copy(), multipliers)
         return Solution(
             plan=plan,
             cost=call.cost,
@@ -123,25 +149,31 @@ class RiccatiSolver:
             iterations=call.iterations,
             primal_residual=call.primal_residual,
             dual_residual=call.dual_residual,
-            **watch.took(),
+            **stopwatch.times(),
         )
 
     def set_time_limit(self, seconds: float) -> None:
         """See `solution.StageSolver`."""
-        self._instance.call.time_limit = seconds
+        self._call.time_limit = seconds
 
-    def _plan(self):
-        arrays = self._instance.arrays
-        multipliers = Multipliers(*(arrays[f'm_{name}'].copy() for name in Multipliers._fields))
-        return Plan(arrays['X'].copy(), arrays['U'].copy(), multipliers)
+
+@cache
+def _load(library):
+    loaded = ctypes.CDLL(str(library))
+    loaded.riccati_bytes.restype = loaded.riccati_call_bytes.restype = ctypes.c_size_t
+    if loaded.riccati_call_bytes() != ctypes.sizeof(Call):
+        raise OSError(f'{library} was compiled for another layout of its arguments')
+    loaded.riccati_solve.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+    loaded.riccati_solve.restype = None
+    return loaded.riccati_solve, loaded.riccati_bytes()
 
 
 def _shapes(problem):
     """Return the shape of each array of the call."""
     N, nx, nu = problem.horizon, problem.nx, problem.nu
-    of_states = dict.fromkeys(('X', 'x_low', 'x_high', 'm_x'), (N + 1, nx))
-    of_inputs = dict.fromkeys(('U', 'u_low', 'u_high', 'm_u'), (N, nu))
-    of_g = dict.fromkeys(('g_low', 'g_high', 'm_g'), (N, problem.ng))
-    of_h = dict.fromkeys(('h_low', 'h_high', 'm_h'), (problem.nh,))
+    states = dict.fromkeys(('X', 'x_low', 'x_high', 'm_x'), (N + 1, nx))
+    inputs = dict.fromkeys(('U', 'u_low', 'u_high', 'm_u'), (N, nu))
+    constraints = dict.fromkeys(('g_low', 'g_high', 'm_g'), (N, problem.ng))
+    terminal = dict.fromkeys(('h_low', 'h_high', 'm_h'), (problem.nh,))
     others = {'x0': (nx,), 'P': (N + 1, problem.np), 'm_dynamics': (N, nx)}
-    return of_states | of_inputs | of_g | of_h | others
+    return states | inputs | constraints | terminal | others

@@ -1,6 +1,7 @@
-"""What goes into and comes out of a solver; a failed solve is a value, not an exception."""
+"""Options, status and result of a solve; a failed solve is a value, not an exception."""
 
 import math
+import time
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -9,14 +10,14 @@ import numpy as np
 from stage_solver.stage_problem import Bounds, Plan
 
 SOLVED, STOPPED_EARLY, FAILED = 'solved', 'stopped_early', 'failed'
-ONE_STEP = 'one_step'  # of a warm start: not converged, but near enough by `OneStep`
+ONE_STEP = 'one_step'  # not converged, but the first step satisfies `OneStep`
 
 
 class OneStep(NamedTuple):
-    """When a step of Newton's method from a warm start is enough: the real-time iteration."""
+    """When one Newton step from a warm start is accepted: the real-time iteration."""
 
-    residual: float  # largest violation of a constraint after the step, solver units
-    decrease: float  # what the step promised to save, share of the cost
+    residual: float  # largest constraint violation after the step, solver units
+    decrease: float  # predicted decrease of the cost, as a share of the cost
 
 
 @dataclass(frozen=True)
@@ -28,42 +29,54 @@ class SolverOptions:
     tolerance: float = 1e-6  # of the optimality conditions, in solver units
     time_limit_s: float | None = None  # wall time of one solve; None: no limit
     compiled: bool = True  # the problem's functions as C; else CasADi's interpreter
-    one_step: OneStep | None = None  # None: always converge, as all solvers but riccati do
+    one_step: OneStep | None = None  # None: always converge, as fatrop and IPOPT do
 
 
 class Solution(NamedTuple):
-    """The outcome of one solve.
+    """The result of one solve.
 
-    A plan stopped early may be good enough: judge it by its residuals, the largest violation of a
-    constraint and the largest slope of the Lagrangian, both in solver units. The plan of a failure
-    is the last iterate, or the guess where there is none.
+    A plan stopped early may be good enough; the residuals tell: the largest constraint violation
+    and the largest component of the Lagrangian's gradient, both in solver units. The plan of a
+    failure is the last iterate, or the guess where there is none.
     """
 
     plan: Plan
     cost: float
     status: str  # SOLVED, ONE_STEP, STOPPED_EARLY or FAILED
-    message: str  # why, for a person
+    message: str  # why, as text
     iterations: int
     primal_residual: float
     dual_residual: float
     solve_s: float  # wall time of the whole call
-    cpu_s: float = math.nan  # processor time of its thread: other load leaves it nearly alone
+    cpu_s: float = math.nan  # processor time of the calling thread
 
 
 class StageSolver(Protocol):
-    """Solves one problem again and again with other numbers."""
+    """Solves one problem repeatedly with other initial states, parameters, bounds and guesses."""
 
-    # as in the options that choose it; without a C compiler it is not that of the options
-    name: str
+    name: str  # of the solver in use: 'fatrop' where it replaces 'riccati' without a C compiler
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.
 
-        Raises ProblemError when an array has the wrong shape.
+        A guess with multipliers is a warm start of 'riccati'. Raises ProblemError when an array
+        has the wrong shape.
         """
 
     def set_time_limit(self, seconds: float) -> None:
-        """Stop later solves after `seconds` of wall time, if there is a limit in the options.
+        """Limit the wall time of later solves, if the options have a limit; IPOPT keeps theirs."""
 
-        A solver that cannot change its limit keeps that of the options.
-        """
+
+class Stopwatch:
+    """Wall and processor time since its creation."""
+
+    def __init__(self):
+        self.start_s = time.perf_counter()
+        self._cpu_start_s = time.thread_time()
+
+    def times(self) -> dict[str, float]:
+        """Return the elapsed times as fields of a Solution."""
+        return {
+            'solve_s': time.perf_counter() - self.start_s,
+            'cpu_s': time.thread_time() - self._cpu_start_s,
+        }

@@ -1,8 +1,8 @@
 """One stage's functions and exact derivatives, in solver units, from which the NLP is assembled.
 
 With w = [x; u] in solver units, the equality of stage k is x_{k+1} - F(w_k, p_k) = 0 and its
-inequality is g(w_k, p_k); c = [-F; g] is what the stage itself adds to both. The Lagrangian of a
-stage holds all that depends on w_k:
+inequality is g(w_k, p_k); c = [-F; g] is the part of both that depends on w_k. The Lagrangian of a
+stage is the sum of all terms that depend on w_k:
 
     L = lam_f l(w, p) + lam_c' c(w, p) + lam_before' x
 
@@ -29,7 +29,7 @@ class StageFunctions(NamedTuple):
     hessian_pattern: ca.Sparsity  # of d2L/dw2, both triangles
 
 
-def stage(problem: StageProblem) -> StageFunctions:
+def make_stage(problem: StageProblem) -> StageFunctions:
     """Return the functions of stages 0..N-1 of a problem."""
     w = ca.SX.sym('w', problem.nx + problem.nu)
     p = ca.SX.sym('p', problem.np)
@@ -40,7 +40,7 @@ def stage(problem: StageProblem) -> StageFunctions:
     return _differentiate('stage', problem, w, p, problem.stage_cost(x, u, p), c)
 
 
-def last_stage(problem: StageProblem) -> StageFunctions:
+def make_last_stage(problem: StageProblem) -> StageFunctions:
     """Return the functions of stage N, where w is the state alone and c is h."""
     w = ca.SX.sym('w', problem.nx)
     p = ca.SX.sym('p', problem.np)
@@ -55,8 +55,8 @@ def _differentiate(name, problem, w, p, cost, c):
     lam_c = ca.SX.sym('lam_c', c.numel())
     lam_before = ca.SX.sym('lam_before', problem.nx)
     lagrangian = lam_f * cost + ca.dot(lam_c, c) + ca.dot(lam_before, w[: problem.nx])
-    slope = ca.densify(ca.gradient(lagrangian, w))
-    hessian = ca.jacobian(slope, w, {'symmetric': True})
+    gradient = ca.densify(ca.gradient(lagrangian, w))
+    hessian = ca.jacobian(gradient, w, {'symmetric': True})
     from_before = ca.horzcat(ca.SX.eye(problem.nx), ca.SX(problem.nx, w.numel() - problem.nx))
     column = ca.vertcat(from_before, ca.SX(problem.ng, w.numel()), ca.jacobian(c, w))
     arguments = [w, p, lam_f, lam_c, lam_before]
@@ -65,19 +65,19 @@ def _differentiate(name, problem, w, p, cost, c):
         gradient=ca.Function(f'{name}_grad', [w, p], [ca.densify(ca.gradient(cost, w))]),
         constraints=ca.Function(f'{name}_g', [w, p], [c]),
         jacobian=ca.Function(f'{name}_jac', [w, p], [c, _finite(column.nz[:])]),
-        hessian=ca.Function(f'{name}_hess', arguments, [slope, _finite(hessian.nz[:])]),
-        lagrangian=ca.Function(f'{name}_lagr', arguments, [cost, c, slope]),
+        hessian=ca.Function(f'{name}_hess', arguments, [gradient, _finite(hessian.nz[:])]),
+        lagrangian=ca.Function(f'{name}_lagr', arguments, [cost, c, gradient]),
         jacobian_pattern=column.sparsity(),
         hessian_pattern=hessian.sparsity(),
     )
 
 
 def _finite(nonzeros):
-    """Take a non-finite derivative as zero.
+    """Return the derivatives, 0 in place of those that are not finite.
 
-    fatrop raises its inertia correction until the factorisation succeeds, which a NaN never lets
-    it do: the solve would not return. A point with finite values and a non-finite derivative is
-    where a root has its argument zero; a zero there costs iterations, not the tick.
+    fatrop raises its inertia correction until the factorisation succeeds; with a NaN it would not
+    return. A derivative is infinite at finite values where the argument of a root is zero; a zero
+    there costs iterations only.
     """
-    kept = [ca.if_else(ca.fabs(v) < ca.inf, v, 0) for v in ca.vertsplit(nonzeros)]
-    return ca.vertcat(ca.SX(0, 1), *kept)
+    values = [ca.if_else(ca.fabs(v) < ca.inf, v, 0) for v in ca.vertsplit(nonzeros)]
+    return ca.vertcat(ca.SX(0, 1), *values)

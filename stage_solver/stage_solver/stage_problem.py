@@ -1,62 +1,84 @@
-"""What an optimal control problem is, stage by stage, and the plans that solve it.
+"""Optimal control problems in stages, their bounds, and plans over their horizon.
 
     min  sum_{k<N} stage_cost(x_k, u_k, p_k) + terminal_cost(x_N, p_N)
     s.t. x_0 given,  x_{k+1} = dynamics(x_k, u_k, p_k)
          x_low_k <= x_k <= x_high_k (k = 1..N),  u_low_k <= u_k <= u_high_k
-         g_low_k <= constraints(x_k, u_k, p_k) <= g_high_k,  h_low <= terminal(x_N, p_N) <= h_high
+         g_low_k <= constraints(x_k, u_k, p_k) <= g_high_k
+         h_low <= terminal_constraints(x_N, p_N) <= h_high
 
-Everything here is in SI units; the scales of a problem are used by the solvers alone. No vehicle
-is known here. The transcription is direct multiple shooting (Bock & Plitt 1984).
+All arrays are in SI units; only the solvers use the scales of a problem. The transcription is
+direct multiple shooting (Bock & Plitt 1984).
 """
 
+import dataclasses
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+# results kept per function of a problem: a process that simulates cars in turn has a few problems
+MAX_CACHED_PROBLEMS = 8
+
 
 class ProblemError(ValueError):
-    """A problem, or the numbers given for it, do not fit together."""
+    """A problem contradicts itself, or arrays given with it have the wrong shape."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StageProblem:
     """A stage-wise optimal control problem; its functions take column vectors x, u, p in SI units.
 
-    Raises ProblemError when a function does not have the sizes that the names promise.
+    Problems with equal content are equal and have equal hashes. Raises ProblemError when a function
+    does not have the sizes that the names imply.
     """
 
     name: str  # a C identifier
     states: tuple[str, ...]  # nx names
     inputs: tuple[str, ...]  # nu names
-    parameters: tuple[str, ...]  # np names of the numbers that each stage is given
+    parameters: tuple[str, ...]  # np names of the parameters of one stage
     horizon: int  # N intervals, N + 1 stages
-    dynamics: ca.Function  # (x, u, p) -> next x, already discrete
+    dynamics: ca.Function  # (x, u, p) -> next x, discrete time
     stage_cost: ca.Function  # (x, u, p) -> scalar, stages 0..N-1
-    terminal_cost: ca.Function  # (x, p) -> scalar, stage N
-    constraints: ca.Function  # (x, u, p) -> g, stages 0..N-1; may be empty
-    terminal_constraints: ca.Function  # (x, p) -> h, stage N; may be empty
-    scale_x: tuple[float, ...]  # SI units per solver unit of each state
-    scale_u: tuple[float, ...]  # SI units per solver unit of each input
+    terminal_cost: ca.Function | None = None  # (x, p) -> scalar, stage N; None: no cost
+    constraints: ca.Function | None = None  # (x, u, p) -> g, stages 0..N-1; None: no constraint
+    terminal_constraints: ca.Function | None = None  # (x, p) -> h, stage N; None: no constraint
+    scale_x: tuple[float, ...] | None = None  # SI units per solver unit of each state; None: 1
+    scale_u: tuple[float, ...] | None = None  # SI units per solver unit of each input; None: 1
 
     def __post_init__(self):
         if not self.name.isidentifier():
             raise ProblemError(f'problem name {self.name!r} is not an identifier')
         if self.horizon < 1 or not self.states or not self.inputs:
             raise ProblemError(f'{self.name}: a stage, a state and an input are needed')
-        nx, nu, n_p = len(self.states), len(self.inputs), len(self.parameters)
-        _check_sizes(self.name, 'dynamics', self.dynamics, (nx, nu, n_p), nx)
-        _check_sizes(self.name, 'stage_cost', self.stage_cost, (nx, nu, n_p), 1)
-        _check_sizes(self.name, 'terminal_cost', self.terminal_cost, (nx, n_p), 1)
-        _check_sizes(self.name, 'constraints', self.constraints, (nx, nu, n_p), self.ng)
-        _check_sizes(
-            self.name, 'terminal_constraints', self.terminal_constraints, (nx, n_p), self.nh
-        )
+        for field, default in self._defaults().items():
+            if getattr(self, field) is None:
+                object.__setattr__(self, field, default)
+        before_last, last = (self.nx, self.nu, self.np), (self.nx, self.np)
+        self._check_sizes('dynamics', before_last, self.nx)
+        self._check_sizes('stage_cost', before_last, 1)
+        self._check_sizes('terminal_cost', last, 1)
+        self._check_sizes('constraints', before_last, self.ng)
+        self._check_sizes('terminal_constraints', last, self.nh)
         for names, scale in ((self.states, self.scale_x), (self.inputs, self.scale_u)):
             if len(scale) != len(names) or not all(0 < s < np.inf for s in scale):
                 raise ProblemError(f'{self.name}: one positive scale each is needed for {names}')
+
+    def __eq__(self, other):
+        return isinstance(other, StageProblem) and self.digest == other.digest
+
+    def __hash__(self):
+        return hash(self.digest)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the names, sizes, scales and serialized functions."""
+        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        plain = [v.serialize() if isinstance(v, ca.Function) else v for v in values]
+        return hashlib.sha256(repr(plain).encode()).hexdigest()
 
     @property
     def nx(self) -> int:
@@ -83,6 +105,33 @@ class StageProblem:
         """Number of general constraints of the last stage."""
         return self.terminal_constraints.numel_out(0)
 
+    def _defaults(self):
+        x, u, p = (ca.SX.sym(*name) for name in (('x', self.nx), ('u', self.nu), ('p', self.np)))
+        return {
+            'terminal_cost': ca.Function('terminal_cost', [x, p], [ca.SX(0)]),
+            'constraints': ca.Function('constraints', [x, u, p], [ca.SX(0, 1)]),
+            'terminal_constraints': ca.Function('terminal_constraints', [x, p], [ca.SX(0, 1)]),
+            'scale_x': (1.0,) * self.nx,
+            'scale_u': (1.0,) * self.nu,
+        }
+
+    def _check_sizes(self, field, sizes_in, size_out):
+        function = getattr(self, field)
+        given = tuple(function.size_in(i) for i in range(function.n_in()))
+        needed = tuple((n, 1) for n in sizes_in)
+        if [rows * columns for rows, columns in given] != list(sizes_in):
+            raise ProblemError(
+                f'{self.name}: {field} takes arguments of sizes {given}, not {needed}'
+            )
+        if function.n_out() != 1 or function.numel_out(0) != size_out:
+            raise ProblemError(f'{self.name}: {field} must return one vector of {size_out}')
+
+
+def _shapes_repr(arrays: NamedTuple) -> str:
+    """Return the shape of every array instead of its numbers."""
+    shapes = (f'{n}: {np.shape(a)}' for n, a in arrays._asdict().items() if a is not None)
+    return f'{type(arrays).__name__}({", ".join(shapes)})'
+
 
 class Bounds(NamedTuple):
     """Limits of every stage, infinite where there is none; row 0 of x_low, x_high is not used."""
@@ -96,9 +145,11 @@ class Bounds(NamedTuple):
     h_low: np.ndarray  # (nh,)
     h_high: np.ndarray
 
+    __repr__ = _shapes_repr
+
 
 class Multipliers(NamedTuple):
-    """Lagrange multipliers: cost per unit of each limit, positive where an upper limit pushes."""
+    """Lagrange multipliers in cost per SI unit of each limit; positive at an active upper limit."""
 
     x: np.ndarray  # (N + 1, nx) bounds of the states
     u: np.ndarray  # (N, nu) bounds of the inputs
@@ -106,17 +157,23 @@ class Multipliers(NamedTuple):
     g: np.ndarray  # (N, ng)
     h: np.ndarray  # (nh,)
 
+    __repr__ = _shapes_repr
+
 
 class Plan(NamedTuple):
-    """States and inputs over the horizon, and the multipliers where a solver has found them."""
+    """States and inputs over the horizon, and the multipliers where a solver has computed them."""
 
     X: np.ndarray  # (N + 1, nx)
     U: np.ndarray  # (N, nu)
     multipliers: Multipliers | None = None
 
+    def __repr__(self):
+        suffix = '' if self.multipliers is None else ', with multipliers'
+        return f'Plan(X: {np.shape(self.X)}, U: {np.shape(self.U)}{suffix})'
+
 
 def no_bounds(problem: StageProblem) -> Bounds:
-    """Return bounds without any limit; `_replace` sets those that a problem has."""
+    """Return infinite bounds; assign the finite limits of a problem to their elements."""
     N = problem.horizon
     shapes = {
         'x': (N + 1, problem.nx),
@@ -124,9 +181,9 @@ def no_bounds(problem: StageProblem) -> Bounds:
         'g': (N, problem.ng),
         'h': (problem.nh,),
     }
-    ends = {'low': -np.inf, 'high': np.inf}
+    limits = {'low': -np.inf, 'high': np.inf}
     return Bounds(
-        **{f'{kind}_{end}': np.full(shapes[kind], ends[end]) for kind in shapes for end in ends}
+        **{f'{x}_{end}': np.full(shapes[x], limits[end]) for x in shapes for end in limits}
     )
 
 
@@ -150,7 +207,7 @@ def rk2(f: Callable[[Any, Any, Any], Any], dt: float) -> Callable[[Any, Any, Any
 
 
 def shift(plan: Plan, dynamics: ca.Function, p: np.ndarray) -> Plan:
-    """Return the plan one stage later: the first guess of the next solve.
+    """Return the plan one stage later: the initial guess of the next solve.
 
     Stage 0 is dropped, the last input is repeated and the last state is integrated with `dynamics`
     under it and the stage parameters `p` (np,). Multipliers move with their stages.
@@ -162,14 +219,5 @@ def shift(plan: Plan, dynamics: ca.Function, p: np.ndarray) -> Plan:
     if plan.multipliers is None:
         return Plan(X, U)
     old = plan.multipliers
-    moved = {n: np.vstack([v[1:], v[-1:]]) for n, v in old._asdict().items() if n != 'h'}
-    return Plan(X, U, Multipliers(**moved, h=old.h))
-
-
-def _check_sizes(name, role, function, sizes_in, size_out):
-    given = tuple(function.size_in(i) for i in range(function.n_in()))
-    wanted = tuple((n, 1) for n in sizes_in)
-    if [s[0] * s[1] for s in given] != list(sizes_in):
-        raise ProblemError(f'{name}: {role} takes arguments of sizes {given}, not {wanted}')
-    if function.n_out() != 1 or function.numel_out(0) != size_out:
-        raise ProblemError(f'{name}: {role} must return one vector of {size_out}')
+    shifted = {n: np.vstack([v[1:], v[-1:]]) for n, v in old._asdict().items() if n != 'h'}
+    return Plan(X, U, Multipliers(**shifted, h=old.h))

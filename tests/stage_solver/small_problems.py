@@ -6,14 +6,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import Bounds, Plan, StageProblem, no_bounds, zero_plan
-from stage_solver.stage_problem import rk2
+from stage_solver import Bounds, Plan, StageProblem, no_bounds, rk2, zero_plan
 
 each_solver = pytest.mark.parametrize('name', ['riccati', 'fatrop', 'ipopt'])
 
 
 class Case(NamedTuple):
-    """A problem with everything that a solver is told."""
+    """A problem with the arguments of one solve."""
 
     problem: StageProblem
     x0: np.ndarray
@@ -42,8 +41,6 @@ def linear_quadratic(matrices, horizon, scale_x, scale_u):
         dynamics=ca.Function('F', [x, u, p], [A @ x + B @ u]),
         stage_cost=ca.Function('l', [x, u, p], [ca.bilin(Q, x, x) + ca.bilin(R, u, u)]),
         terminal_cost=ca.Function('m', [x, p], [ca.bilin(Q_end, x, x)]),
-        constraints=ca.Function('g', [x, u, p], [ca.SX(0, 1)]),
-        terminal_constraints=ca.Function('h', [x, p], [ca.SX(0, 1)]),
         scale_x=scale_x,
         scale_u=scale_u,
     )

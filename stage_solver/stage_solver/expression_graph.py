@@ -1,7 +1,7 @@
-"""CasADi stage functions as one graph of numbered operations, cheaper than the list it came from.
+"""CasADi functions as one graph of numbered operations without common subexpressions.
 
-Every operation is kept once (value numbering, Cocke & Schwartz 1970), divisions by the same number
-share one reciprocal, and what depends on parameters alone is known as such: it is computed once
+Equal operations are one node (value numbering, Cocke & Schwartz 1970), divisions by the same number
+share one reciprocal, and nodes that depend on parameters alone are marked: they are computed once
 per solve instead of once per iteration.
 """
 
@@ -10,11 +10,11 @@ from typing import NamedTuple
 import casadi as ca
 
 COMMUTATIVE = {ca.OP_ADD, ca.OP_MUL, ca.OP_FMIN, ca.OP_FMAX, ca.OP_EQ, ca.OP_NE}
-LARGEST_POWER = 8  # of an integer exponent that is written as products
+MAX_POWER = 8  # larger integer exponents are not expanded into products
 
 
 class Node(NamedTuple):
-    """One operation: CasADi's code and the nodes or the constant it works on."""
+    """One operation: CasADi's code and its operands."""
 
     op: int
     args: tuple  # node numbers; (input name, row) for OP_INPUT; (value,) for OP_CONST
@@ -23,7 +23,7 @@ class Node(NamedTuple):
 ONE = Node(ca.OP_CONST, (1.0,))
 
 
-class Graph:
+class ExpressionGraph:
     """The operations of several functions of the same inputs.
 
     `roots[function name][output name]` lists the node of every non-zero, in CasADi's order;
@@ -42,21 +42,21 @@ class Graph:
             self.roots[function.name()] = self._read(function)
 
     def is_once(self, node: int) -> bool:
-        """Return whether a node depends on nothing but constants and the once-inputs."""
+        """Return whether a node depends on constants and the once-inputs alone."""
         return self._once[node]
 
     def reachable(self, roots) -> list[int]:
-        """Return the nodes that `roots` need, every node after its arguments."""
-        seen, waiting = set(), list(roots)
-        while waiting:
-            node = waiting.pop()
-            if node not in seen:
-                seen.add(node)
-                waiting += self.arguments(node)
-        return sorted(seen)
+        """Return `roots` and all nodes that they depend on, every node after its operands."""
+        visited, queue = set(), list(roots)
+        while queue:
+            node = queue.pop()
+            if node not in visited:
+                visited.add(node)
+                queue += self.arguments(node)
+        return sorted(visited)
 
     def arguments(self, node: int) -> tuple[int, ...]:
-        """Return the nodes that a node works on."""
+        """Return the operands of a node that are nodes."""
         op, args = self.nodes[node]
         return () if op in (ca.OP_INPUT, ca.OP_CONST) else args
 
@@ -87,7 +87,7 @@ class Graph:
             base, exponent = args
             if self.nodes[exponent].op == ca.OP_CONST:
                 power = self.nodes[exponent].args[0]
-                if power == int(power) and 1 <= abs(power) <= LARGEST_POWER:
+                if power == int(power) and 1 <= abs(power) <= MAX_POWER:
                     product = self._power(base, int(abs(power)))
                     return product if power > 0 else self._add(ca.OP_INV, (product,))
         return self._add(op, args)

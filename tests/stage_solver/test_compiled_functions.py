@@ -1,7 +1,6 @@
-"""Machine code of the NLP: same results as interpreted, compiled once, and done without."""
+"""Compiled functions of the NLP: same results as interpreted, compiled once, optional."""
 
 import dataclasses
-import stat
 
 import numpy as np
 import pytest
@@ -36,14 +35,14 @@ def test_every_function_computes_what_the_interpreter_computes(functions, argume
             assert np.allclose(mine.full(), reference.full(), rtol=1e-14, atol=1e-14)
 
 
-def test_same_problem_is_compiled_once_and_another_anew(slalom, double_integrator, own_cache):
+def test_same_problem_is_compiled_once_and_another_build(slalom, double_integrator, own_cache):
     def libraries():
         return {f.name: f.stat().st_mtime_ns for f in own_cache.glob('*.so')}
 
-    anew = nlp_functions.build.__wrapped__  # as another process would
-    compiled_functions.compile_functions(anew(slalom.problem, 'fatrop'), 'a')
+    build = nlp_functions.build.__wrapped__  # without its cache, as in another process
+    compiled_functions.compile_functions(build(slalom.problem, 'fatrop'), 'a')
     first = libraries()
-    compiled_functions.compile_functions(anew(slalom.problem, 'fatrop'), 'a')
+    compiled_functions.compile_functions(build(slalom.problem, 'fatrop'), 'a')
     assert libraries() == first
     assert len(first) == 1
     compiled_functions.compile_functions(
@@ -72,10 +71,7 @@ def test_without_a_compiler_the_functions_are_interpreted(slalom, options, monke
     assert np.array_equal(own.solve(*slalom.numbers).plan.U, expected.plan.U)
 
 
-def test_a_broken_compiler_is_reported_and_done_without(functions, tmp_path, monkeypatch):
-    broken = tmp_path / 'broken-cc'
-    broken.write_text('#!/bin/sh\n[ "$1" = --version ] && exit 0\necho no headers >&2; exit 1\n')
-    broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setenv('CC', str(broken))
+@pytest.mark.usefixtures('broken_compiler')
+def test_with_a_broken_compiler_the_functions_are_interpreted(functions):
     with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*interpreter is used'):
         assert compiled_functions.compile_functions(functions, 'slalom') is functions

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import compile_cache, riccati_codegen, riccati_model, riccati_source
-from stage_solver.riccati_graph import Graph
+from stage_solver import compile_cache, riccati_codegen, vector_codegen
+from stage_solver.expression_graph import ExpressionGraph
 
 LANES = 8
 STAGES = 24  # lanes in the arrays: three groups
@@ -35,8 +35,8 @@ OPERATIONS = {
 def compiled_function(function):
     """Return the C of a function of p and others, as a function of arrays (rows, STAGES)."""
     name = function.name()
-    graph = Graph([function], {'p'})
-    emitter = riccati_codegen.Emitter(graph, 'stage', str(STAGES))
+    graph = ExpressionGraph([function], {'p'})
+    emitter = vector_codegen.Emitter(graph, 'stage', str(STAGES))
     others = [i for i in function.name_in() if i != 'p'] + function.name_out()
     names = ['p', 'once', *others]
     given, moved = (', '.join(f'{kind}{n}' for n in names) for kind in ('double *', 'j + '))
@@ -44,11 +44,11 @@ def compiled_function(function):
         f'void run({given}) {{ for (int j = 0; j < {STAGES}; j += W) {{'
         f'stage_once(j + p, j + once); {name}({moved}); }} }}'
     )
-    source = riccati_source.part('vector_math.h') + emitter.source() + entry
-    flags = (*riccati_source.FLAGS, f'-DW={LANES}')
+    source = riccati_codegen.template('vector_math.h') + emitter.source() + entry
+    flags = (*riccati_codegen.FLAGS, f'-DW={LANES}')
     library = ctypes.CDLL(str(compile_cache.compile_library(source, 'codegen', flags)))
     rows = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
-    rows |= {'once': len(emitter.kept)}
+    rows |= {'once': len(emitter.once_rows)}
     rows |= {n: function.nnz_out(i) for i, n in enumerate(function.name_out())}
 
     def call(**inputs):
@@ -86,9 +86,9 @@ def test_value_of_a_branch_not_taken_is_not_seen():
     assert np.array_equal(found[0][0, ::2], np.full(STAGES // 2, 7.0))
 
 
-@pytest.mark.parametrize('kind', [riccati_model.stage, riccati_model.last])
-def test_stage_functions_and_derivatives_are_those_of_casadi(slalom, kind):
-    for function in kind(slalom.problem):
+@pytest.mark.parametrize('kind', [riccati_codegen.make_stage, riccati_codegen.make_last_stage])
+def test_stage_functions_and_derivatives_are_those_of_casadi(tight_slalom, kind):
+    for function in kind(tight_slalom.problem):
         rng = np.random.default_rng(4)
         sizes = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
         inputs = {n: rng.uniform(-1, 1, (size, STAGES)) for n, size in sizes.items()}
@@ -99,11 +99,11 @@ def test_stage_functions_and_derivatives_are_those_of_casadi(slalom, kind):
                 assert np.allclose(mine[:, k], reference.nz[:].full().ravel(), 1e-12, 1e-13)
 
 
-def test_hessian_and_gradients_agree_with_central_differences(slalom):
-    problem = slalom.problem
-    model = riccati_model.stage(problem)
+def test_hessian_and_gradients_agree_with_central_differences(tight_slalom):
+    problem = tight_slalom.problem
+    model = riccati_codegen.make_stage(problem)
     rng = np.random.default_rng(6)
-    w, p = rng.uniform(-1, 1, 6), slalom.P[0]
+    w, p = rng.uniform(-1, 1, 6), tight_slalom.P[0]
     lam, y = rng.standard_normal(4), rng.standard_normal(2)
     zero = np.zeros(8)
     q, H, JF, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
@@ -120,10 +120,10 @@ def test_hessian_and_gradients_agree_with_central_differences(slalom):
     assert np.allclose(slope, np.triu(H) + np.triu(H, 1).T, atol=1e-7)
 
 
-def test_barrier_terms_enter_hessian_and_gradient_as_their_formulas_say(slalom):
-    model = riccati_model.stage(slalom.problem)
+def test_barrier_terms_enter_hessian_and_gradient_as_their_formulas_say(tight_slalom):
+    model = riccati_codegen.make_stage(tight_slalom.problem)
     rng = np.random.default_rng(8)
-    w, p = rng.uniform(-1, 1, 6), slalom.P[0]
+    w, p = rng.uniform(-1, 1, 6), tight_slalom.P[0]
     lam, y, sigma, push = (rng.uniform(0, 1, size) for size in (4, 2, 8, 8))
     zero = np.zeros(8)
     q0, H0, _, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
@@ -135,8 +135,8 @@ def test_barrier_terms_enter_hessian_and_gradient_as_their_formulas_say(slalom):
 
 def test_what_only_parameters_decide_is_computed_once():
     y = ca.sin(m) * a + ca.cos(m + n)
-    graph = Graph([ca.Function('stage', [x, p], [y], ['x', 'p'], ['y'])], {'p'})
-    text = riccati_codegen.Emitter(graph, 'stage', '8').source()
+    graph = ExpressionGraph([ca.Function('stage', [x, p], [y], ['x', 'p'], ['y'])], {'p'})
+    text = vector_codegen.Emitter(graph, 'stage', '8').source()
     once, stage = text.split('static void stage(')
     assert once.count('v_sin') == 1
     assert once.count('v_cos') == 1
@@ -147,24 +147,24 @@ def test_what_only_parameters_decide_is_computed_once():
 def test_equal_operations_of_several_functions_are_one_node():
     first = ca.Function('first', [x], [ca.sin(a * b) + 1], ['x'], ['y'])
     second = ca.Function('second', [x], [ca.sin(b * a) * 2], ['x'], ['y'])
-    graph = Graph([first, second], set())
+    graph = ExpressionGraph([first, second], set())
     assert sum(node.op == ca.OP_SIN for node in graph.nodes) == 1
 
 
 def test_quotients_by_the_same_number_share_one_division():
     function = ca.Function('f', [x], [ca.vertcat(a / c, b / c, 1 / c)], ['x'], ['y'])
-    nodes = Graph([function], set()).nodes
+    nodes = ExpressionGraph([function], set()).nodes
     assert sum(node.op == ca.OP_INV for node in nodes) == 1
     assert not any(node.op == ca.OP_DIV for node in nodes)
 
 
-def test_same_problem_gives_the_same_source(slalom):
-    made = riccati_source.source.__wrapped__  # nothing is kept
-    assert made(slalom.problem) == made(slalom.problem)
+def test_same_problem_gives_the_same_source(tight_slalom):
+    made = riccati_codegen.source.__wrapped__  # nothing is kept
+    assert made(tight_slalom.problem) == made(tight_slalom.problem)
 
 
 def test_operation_without_counterpart_is_named():
     function = ca.Function('stage', [x, p], [ca.remainder(a, b)], ['x', 'p'], ['y'])
-    graph = Graph([function], {'p'})
-    with pytest.raises(riccati_codegen.UnsupportedError, match='is not supported'):
-        riccati_codegen.Emitter(graph, 'stage', '8').source()
+    graph = ExpressionGraph([function], {'p'})
+    with pytest.raises(vector_codegen.UnsupportedError, match='is not supported'):
+        vector_codegen.Emitter(graph, 'stage', '8').source()

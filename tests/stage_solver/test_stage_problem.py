@@ -1,6 +1,7 @@
-"""The midpoint rule, the shift of a plan, and problems that contradict themselves."""
+"""The midpoint rule, the shift of a plan, equal and contradictory problems."""
 
 import dataclasses
+import functools
 
 import casadi as ca
 import numpy as np
@@ -8,7 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stage_solver.stage_problem import Multipliers, Plan, ProblemError, rk2, shift
+from stage_solver.stage_problem import (
+    MAX_CACHED_PROBLEMS,
+    Multipliers,
+    Plan,
+    ProblemError,
+    StageProblem,
+    no_bounds,
+    rk2,
+    shift,
+    zero_plan,
+)
 
 
 def pendulum(x, u, p):
@@ -111,3 +122,84 @@ def test_a_cost_must_be_one_number(double_integrator):
     x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p')
     with pytest.raises(ProblemError, match='stage_cost must return one vector of 1'):
         dataclasses.replace(double_integrator.problem, stage_cost=ca.Function('l', [x, u, p], [x]))
+
+
+def test_a_problem_without_constraints_and_terminal_cost_needs_only_its_dynamics_and_cost():
+    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p', 0)
+    problem = StageProblem(
+        name='minimal',
+        states=('a', 'b'),
+        inputs=('c',),
+        parameters=(),
+        horizon=3,
+        dynamics=ca.Function('F', [x, u, p], [x + u]),
+        stage_cost=ca.Function('l', [x, u, p], [ca.sumsqr(x)]),
+    )
+    assert (problem.ng, problem.nh) == (0, 0)
+    assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
+    assert (problem.scale_x, problem.scale_u) == ((1.0, 1.0), (1.0,))
+
+
+def test_arrays_are_printed_by_their_shapes(double_integrator):
+    problem = double_integrator.problem
+    assert repr(zero_plan(problem)) == 'Plan(X: (16, 2), U: (15, 1))'
+    bounds = no_bounds(problem)
+    assert repr(bounds).startswith('Bounds(x_low: (16, 2), x_high: (16, 2), u_low: (15, 1)')
+    multipliers = Multipliers(*(np.zeros(2) for _ in Multipliers._fields))
+    assert repr(multipliers).startswith('Multipliers(x: (2,)')
+    plan = zero_plan(problem)._replace(multipliers=multipliers)
+    assert repr(plan).endswith(', with multipliers)')
+
+
+def with_double_cost(problem):
+    xs, us, ps = problem.stage_cost.mx_in()
+    cost = ca.Function('stage_cost', [xs, us, ps], [2 * problem.stage_cost(xs, us, ps)])
+    return dataclasses.replace(problem, stage_cost=cost)
+
+
+def with_longer_horizon(problem):
+    return dataclasses.replace(problem, horizon=problem.horizon + 1)
+
+
+def with_another_scale(problem):
+    first, *others = problem.scale_x
+    return dataclasses.replace(problem, scale_x=(2 * first, *others))
+
+
+def with_another_name(problem):
+    return dataclasses.replace(problem, name='other')
+
+
+def copy_of(problem):
+    """Return an equal problem with functions of its own."""
+    values = {field.name: getattr(problem, field.name) for field in dataclasses.fields(problem)}
+    functions = {name: value for name, value in values.items() if isinstance(value, ca.Function)}
+    copies = {n: ca.Function.deserialize(f.serialize()) for n, f in functions.items()}
+    return dataclasses.replace(problem, **copies)
+
+
+@pytest.fixture
+def make():
+    """Return a function that is cached by the content of its problem."""
+    return functools.lru_cache(MAX_CACHED_PROBLEMS)(lambda problem, *others: object())
+
+
+def test_equal_problems_share_cached_results(make, slalom):
+    assert make(copy_of(slalom.problem)) is make(slalom.problem)
+    assert make(slalom.problem, 'fatrop') is not make(slalom.problem, 'ipopt')
+
+
+@pytest.mark.parametrize(
+    'change', [with_double_cost, with_longer_horizon, with_another_scale, with_another_name]
+)
+def test_different_problems_have_results_of_their_own(make, slalom, change):
+    assert make(change(slalom.problem)) is not make(slalom.problem)
+    assert change(slalom.problem) != slalom.problem
+
+
+def test_the_results_of_the_last_problems_are_cached(make, slalom):
+    first, second, *_ = (make(slalom.problem, number) for number in range(MAX_CACHED_PROBLEMS))
+    assert make(slalom.problem, 0) is first  # now the most recent one
+    make(slalom.problem, 'one more')
+    assert make(slalom.problem, 0) is first
+    assert make(slalom.problem, 1) is not second

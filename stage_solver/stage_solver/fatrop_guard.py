@@ -1,7 +1,7 @@
-"""Can a Riccati recursion factorise a problem with this Jacobian, whatever is added to its Hessian?
+"""Can fatrop's Riccati recursion factorise a problem with this Jacobian, with enough correction?
 
 fatrop adds d I to the Hessian, with ever larger d, until every pivot of its recursion is positive.
-It counts neither these attempts nor their time, so it must only see Jacobians for which some d is
+It counts neither these attempts nor their time, so it must only get Jacobians for which some d is
 enough. For large d the Hessian itself no longer matters, and the recursion is d times that of the
 Hessian I, in which each inequality g counts as a penalty |g|^2:
 
@@ -9,8 +9,8 @@ Hessian I, in which each inequality g counts as a penalty |g|^2:
 
 P_k, the Schur complement, is never below I. Rounding takes some c eps trace(M_k) away from M_k, and
 no later stage makes a greater share of P out of it: as long as the shares sum up to less than 1,
-all pivots are positive. c eps is below 1e-13 for some ten variables, which gives LARGEST a factor
-of 100 to spare. At 5e15 fatrop was seen to go on for ever.
+all pivots are positive. c eps is below 1e-13 for some ten variables, which gives MAX_GROWTH a
+factor of 100 to spare. At 5e15 fatrop did not return.
 """
 
 import casadi as ca
@@ -18,15 +18,14 @@ import casadi as ca
 from stage_solver.stage_functions import StageFunctions
 from stage_solver.stage_problem import StageProblem
 
-LARGEST = (
-    1e11  # sum of all trace(M_k); at most 1.5e5 in the golden bags and all loops of bench/solver.py
-)
+# of the sum of all trace(M_k); at most 1.5e5 in the golden bags and all loops of bench/solver.py
+MAX_GROWTH = 1e11
 
 
 def growth(
     problem: StageProblem, stage: StageFunctions, last: StageFunctions, J: ca.MX, j_last: ca.MX
 ) -> ca.MX:
-    """Return the sum of all trace(M_k), inf or NaN where it overflows.
+    """Return the sum of all trace(M_k); inf or NaN where it overflows.
 
     J holds the nonzeros of the stages' Jacobians, one column per stage, j_last those of the last.
     """
@@ -49,7 +48,7 @@ def _step(problem, stage):
     P = ca.SX.sym('P', nx, nx)
     nonzeros = ca.SX.sym('j', stage.jacobian_pattern.nnz())
     J = ca.SX(stage.jacobian_pattern, nonzeros)[nc:, :]
-    dynamics, G = J[:nx, :], J[nx:, :]  # the former with the opposite sign, which does not matter
+    dynamics, G = J[:nx, :], J[nx:, :]  # -[A B]: its sign cancels
     M = ca.SX.eye(nx + nu) + G.T @ G + dynamics.T @ P @ dynamics
     trace = ca.trace(M)
     for _ in range(nu):  # eliminates the last variable

@@ -56,7 +56,7 @@ def test_time_limit_ends_a_solve_in_the_middle(name, slalom, options):
 def test_fatrop_is_as_good_as_new_after_every_missed_deadline(slalom, options):
     new = make_solver(slalom.problem, options('fatrop')).solve(*slalom.numbers)
     own = make_solver(slalom.problem, options('fatrop', time_limit_s=60.0))
-    for _ in range(2 * fatrop.MOST_SPOILT + 1):
+    for _ in range(2 * fatrop.MAX_UNUSED_MEMORIES + 1):
         own._backend._limit_s = 0.0
         nothing = own.solve(*slalom.numbers)
         assert (nothing.message, nothing.iterations) == ('time limit', 0)

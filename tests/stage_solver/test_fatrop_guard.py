@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stage_solver import nlp_functions, riccati_growth, stage_functions
+from stage_solver import fatrop_guard, nlp_functions, stage_functions
 from stage_solver.stage_problem import StageProblem
 
 HORIZON = 12
@@ -35,10 +35,10 @@ def jacobian(problem, solver):
 
 
 def growth(problem):
-    stage, last = stage_functions.stage(problem), stage_functions.last_stage(problem)
+    stage, last = stage_functions.make_stage(problem), stage_functions.make_last_stage(problem)
     _, J = stage.jacobian.map(HORIZON)(np.ones((2, HORIZON)), np.zeros((1, HORIZON)))
     _, j_last = last.jacobian(1.0, 0.0)
-    found = riccati_growth.growth(problem, stage, last, ca.MX(J), ca.MX(j_last))
+    found = fatrop_guard.growth(problem, stage, last, ca.MX(J), ca.MX(j_last))
     return float(ca.evalf(found))
 
 
@@ -56,14 +56,14 @@ def test_growth_is_that_of_the_scalar_recursion(a, b, c, e):
 
 
 def test_growth_that_overflows_is_not_below_the_bound():
-    assert not growth(scalar(1e30, 0.0, 0.0, 0.0)) < riccati_growth.LARGEST
+    assert not growth(scalar(1e30, 0.0, 0.0, 0.0)) < fatrop_guard.MAX_GROWTH
 
 
 @pytest.mark.parametrize(('a', 'is_kept'), [(2.0, True), (10.0, False), (1e30, False)])
 def test_fatrop_gets_only_jacobians_that_a_recursion_can_factorise(a, is_kept):
     """It would raise its inertia correction for ever: no limit of iterations or time ends it."""
     problem = scalar(a, 0.0, 0.5, 1.0)
-    assert (growth(problem) < riccati_growth.LARGEST) == is_kept
+    assert (growth(problem) < fatrop_guard.MAX_GROWTH) == is_kept
     whole, given = jacobian(problem, 'ipopt'), jacobian(problem, 'fatrop')
     next_states = np.zeros_like(whole)
     next_states[2 * np.arange(HORIZON), 2 * np.arange(1, HORIZON + 1)] = 1.0
@@ -75,7 +75,7 @@ def test_fatrop_gets_no_hessian_that_its_correction_cannot_outweigh(slalom):
     rng = np.random.default_rng(7)
     functions = nlp_functions.build(slalom.problem, 'fatrop')
     v, lam_g = rng.standard_normal(30 * 6 + 4), rng.standard_normal(30 * (4 + 2) + 1)
-    size = nlp_functions.LARGEST_HESSIAN
+    size = nlp_functions.MAX_HESSIAN
     for scale, is_kept in ((1.0, True), (1e3 * size, False)):
         _, hessian = functions['nlp_hess_l'](v, slalom.P.ravel(), 1.0, scale * lam_g)
         assert hessian.full().any() == is_kept

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stage_solver import nlp_functions, stage_functions
-from stage_solver.layout import Layout
+from stage_solver.nlpsol_solver import NlpLayout
 
 SOLVERS = ('fatrop', 'ipopt')
 
@@ -20,7 +20,7 @@ def point(slalom):
     U = rng.standard_normal((30, 2))
     P = slalom.P + 0.1 * rng.standard_normal((31, 4))
     lam_g = rng.standard_normal(30 * (4 + 2) + 1)
-    return X, U, P, Layout(slalom.problem).pack(X, U), lam_g
+    return X, U, P, NlpLayout(slalom.problem).pack(X, U), lam_g
 
 
 @pytest.fixture(params=SOLVERS)
@@ -115,7 +115,7 @@ def test_an_infinite_derivative_counts_as_none(slalom):
     problem = slalom.problem
     x, u, p = (problem.dynamics.sx_in(i) for i in range(3))
     root = ca.Function('g', [x, u, p], [ca.vertcat(ca.sqrt(u[0]), u[1])])
-    stage = stage_functions.stage(dataclasses.replace(problem, constraints=root))
+    stage = stage_functions.make_stage(dataclasses.replace(problem, constraints=root))
     jacobian = flat(stage.jacobian(np.zeros(6), np.zeros(4))[1])
     hessian = flat(stage.hessian(np.zeros(6), np.zeros(4), 1.0, np.ones(6), np.zeros(4))[1])
     assert np.isfinite(jacobian).all()

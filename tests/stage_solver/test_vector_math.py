@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from stage_solver import compile_cache, riccati_source
+from stage_solver import compile_cache, riccati_codegen
 
 NAMES = ('sin', 'cos', 'tan', 'atan', 'exp', 'log', 'tanh', 'sqrt')
 EXACT = {'atan': np.arctan} | {n: getattr(np, n) for n in NAMES if n != 'atan'}
@@ -33,8 +33,8 @@ RANGES = {
 @pytest.fixture(scope='module', params=[2, 4, 8], ids='{} lanes'.format)
 def vector(request):
     """Return the functions for numpy arrays, as compiled for vectors of so many lanes."""
-    source = riccati_source.part('vector_math.h') + ''.join(APPLY.format(n) for n in NAMES)
-    flags = (*riccati_source.FLAGS, f'-DW={request.param}')
+    source = riccati_codegen.template('vector_math.h') + ''.join(APPLY.format(n) for n in NAMES)
+    flags = (*riccati_codegen.FLAGS, f'-DW={request.param}')
     library = ctypes.CDLL(str(compile_cache.compile_library(source, 'vector_math', flags)))
 
     def call(name, x):

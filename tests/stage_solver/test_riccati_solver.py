@@ -24,8 +24,10 @@ def by_hand(matrices, x0, horizon):
 
 # a vector holds up to 8 stages: horizons below, at and beyond its end
 @pytest.mark.parametrize('horizon', [1, 7, 8, 20])
-def test_one_newton_step_solves_a_linear_quadratic_problem(linear_quadratic, riccati, horizon):
-    case = linear_quadratic(horizon)
+def test_one_newton_step_solves_a_linear_quadratic_problem(
+    scaled_linear_quadratic, riccati, horizon
+):
+    case = scaled_linear_quadratic(horizon)
     found = riccati(case.problem).solve(*case.numbers)
     X, U, cost = by_hand(matrices_of(case.problem), case.x0, horizon)
     assert found.status == SOLVED
@@ -47,18 +49,18 @@ def matrices_of(problem):
     return [v.full() for v in values]
 
 
-def start_sides(slalom):
+def start_sides(tight_slalom):
     """Two guesses, one on each side of the disc."""
-    X = slalom.guess.X.copy()
+    X = tight_slalom.guess.X.copy()
     X[:, 1] *= -1.6
-    return {'left': slalom.guess, 'right': Plan(X, slalom.guess.U)}
+    return {'left': tight_slalom.guess, 'right': Plan(X, tight_slalom.guess.U)}
 
 
 @pytest.mark.parametrize('side', ['left', 'right'])
-def test_every_kind_of_limit_is_met_as_ipopt_meets_it(slalom, riccati, ipopt, side):
-    numbers = (*slalom.numbers[:3], start_sides(slalom)[side])
-    mine = riccati(slalom.problem).solve(*numbers)
-    reference = ipopt(slalom.problem, tolerance=1e-10).solve(*numbers)
+def test_every_kind_of_limit_is_met_as_ipopt_meets_it(tight_slalom, riccati, ipopt, side):
+    numbers = (*tight_slalom.numbers[:3], start_sides(tight_slalom)[side])
+    mine = riccati(tight_slalom.problem).solve(*numbers)
+    reference = ipopt(tight_slalom.problem, tolerance=1e-10).solve(*numbers)
     assert mine.status == reference.status == SOLVED
     assert mine.cost == pytest.approx(reference.cost, rel=1e-6)
     assert np.allclose(mine.plan.X, reference.plan.X, atol=1e-4)
@@ -73,95 +75,101 @@ def test_every_kind_of_limit_is_met_as_ipopt_meets_it(slalom, riccati, ipopt, si
         assert np.allclose(one, other, atol=2e-3 * (1 + np.abs(other).max()))
 
 
-def test_plan_obeys_dynamics_and_limits_in_si_units(slalom, riccati):
-    plan = riccati(slalom.problem).solve(*slalom.numbers).plan
-    problem, b = slalom.problem, slalom.bounds
+def test_plan_obeys_dynamics_and_limits_in_si_units(tight_slalom, riccati):
+    plan = riccati(tight_slalom.problem).solve(*tight_slalom.numbers).plan
+    problem, b = tight_slalom.problem, tight_slalom.bounds
     for k in range(problem.horizon):
-        step = problem.dynamics(plan.X[k], plan.U[k], slalom.P[k]).full().ravel()
+        step = problem.dynamics(plan.X[k], plan.U[k], tight_slalom.P[k]).full().ravel()
         assert np.allclose(step, plan.X[k + 1], atol=1e-6)
-        g = problem.constraints(plan.X[k], plan.U[k], slalom.P[k]).full().ravel()
+        g = problem.constraints(plan.X[k], plan.U[k], tight_slalom.P[k]).full().ravel()
         assert np.all((b.g_low[k] - 1e-6 < g) & (g < b.g_high[k] + 1e-6))
-    assert np.array_equal(plan.X[0], slalom.x0)
+    assert np.array_equal(plan.X[0], tight_slalom.x0)
     assert np.all((b.u_low <= plan.U) & (b.u_high >= plan.U))
     assert np.all(plan.X[1:] <= b.x_high[1:])
 
 
-def test_concave_costs_are_climbed_down_from_their_top(riccati, ipopt, slalom):
+def test_concave_costs_are_climbed_down_from_their_top(riccati, ipopt, tight_slalom):
     # straight on, into the middle of the disc's cost, where the Hessian is indefinite
-    free = slalom.bounds._replace(g_low=np.tile([-np.inf, -3.0], (30, 1)))
-    P = slalom.P.copy()
+    free = tight_slalom.bounds._replace(g_low=np.tile([-np.inf, -3.0], (30, 1)))
+    P = tight_slalom.P.copy()
     P[:, 1] = -0.01
-    straight = np.column_stack([slalom.guess.X[:, 0], *np.zeros((2, 31)), np.full(31, 5.0)])
-    numbers = slalom.x0, P, free, Plan(straight, slalom.guess.U)
-    mine = riccati(slalom.problem).solve(*numbers)
+    straight = np.column_stack([tight_slalom.guess.X[:, 0], *np.zeros((2, 31)), np.full(31, 5.0)])
+    numbers = tight_slalom.x0, P, free, Plan(straight, tight_slalom.guess.U)
+    mine = riccati(tight_slalom.problem).solve(*numbers)
     assert mine.status == SOLVED
-    assert mine.cost <= ipopt(slalom.problem).solve(*numbers).cost * (1 + 1e-6)
+    assert mine.cost <= ipopt(tight_slalom.problem).solve(*numbers).cost * (1 + 1e-6)
 
 
-def test_warm_start_at_the_solution_needs_few_steps(slalom, riccati):
-    own = riccati(slalom.problem, tolerance=1e-6)
-    cold = own.solve(*slalom.numbers)
-    warm = own.solve(*slalom.numbers[:3], cold.plan)
+def test_warm_start_at_the_solution_needs_few_steps(tight_slalom, riccati):
+    own = riccati(tight_slalom.problem, tolerance=1e-6)
+    cold = own.solve(*tight_slalom.numbers)
+    warm = own.solve(*tight_slalom.numbers[:3], cold.plan)
     assert warm.status == SOLVED
     assert 2 * warm.iterations < cold.iterations
     assert warm.cost == pytest.approx(cold.cost, rel=1e-7)
 
 
-def test_primal_warm_start_alone_is_taken_as_a_cold_one(slalom, riccati):
-    own = riccati(slalom.problem)
-    plan = own.solve(*slalom.numbers).plan
-    assert own.solve(*slalom.numbers[:3], plan._replace(multipliers=None)).status == SOLVED
+def test_primal_warm_start_alone_is_taken_as_a_cold_one(tight_slalom, riccati):
+    own = riccati(tight_slalom.problem)
+    plan = own.solve(*tight_slalom.numbers).plan
+    assert own.solve(*tight_slalom.numbers[:3], plan._replace(multipliers=None)).status == SOLVED
 
 
-def test_receding_horizon_stays_warm(slalom, riccati):
-    own = riccati(slalom.problem, tolerance=1e-6)
-    found = own.solve(*slalom.numbers)
+def test_receding_horizon_stays_warm(tight_slalom, riccati):
+    own = riccati(tight_slalom.problem, tolerance=1e-6)
+    found = own.solve(*tight_slalom.numbers)
     steps = []
     for _ in range(12):
         x0 = found.plan.X[1]
-        guess = shift(found.plan, slalom.problem.dynamics, slalom.P[-1])
-        found = own.solve(x0, slalom.P, slalom.bounds, guess)
+        guess = shift(found.plan, tight_slalom.problem.dynamics, tight_slalom.P[-1])
+        found = own.solve(x0, tight_slalom.P, tight_slalom.bounds, guess)
         assert found.status == SOLVED
         steps.append(found.iterations)
     assert np.median(steps) <= 8
 
 
-def test_warm_start_on_the_wrong_bounds_is_left_for_a_cold_one(slalom, riccati, ipopt):
-    own = riccati(slalom.problem)
-    plan = own.solve(*slalom.numbers).plan
-    slower = slalom.bounds._replace(x_high=slalom.bounds.x_high - np.array([0, 0, 0, 1.5]))
-    x0 = slalom.x0 - np.array([0, 0, 0, 1.2])
-    found = own.solve(x0, slalom.P, slower, plan)
-    reference = ipopt(slalom.problem).solve(x0, slalom.P, slower, slalom.guess)
+def test_warm_start_on_the_wrong_bounds_is_left_for_a_cold_one(tight_slalom, riccati, ipopt):
+    own = riccati(tight_slalom.problem)
+    plan = own.solve(*tight_slalom.numbers).plan
+    slower = tight_slalom.bounds._replace(
+        x_high=tight_slalom.bounds.x_high - np.array([0, 0, 0, 1.5])
+    )
+    x0 = tight_slalom.x0 - np.array([0, 0, 0, 1.2])
+    found = own.solve(x0, tight_slalom.P, slower, plan)
+    reference = ipopt(tight_slalom.problem).solve(x0, tight_slalom.P, slower, tight_slalom.guess)
     assert found.status == SOLVED
     assert found.cost == pytest.approx(reference.cost, rel=1e-5)
 
 
-def test_useless_multipliers_do_no_harm(slalom, riccati):
-    own = riccati(slalom.problem)
-    cold = own.solve(*slalom.numbers)
+def test_useless_multipliers_do_no_harm(tight_slalom, riccati):
+    own = riccati(tight_slalom.problem)
+    cold = own.solve(*tight_slalom.numbers)
     for value in (np.nan, 1e12, -1e12):
         broken = type(cold.plan.multipliers)(
             *(np.full_like(part, value) for part in cold.plan.multipliers)
         )
-        found = own.solve(*slalom.numbers[:3], slalom.guess._replace(multipliers=broken))
+        found = own.solve(
+            *tight_slalom.numbers[:3], tight_slalom.guess._replace(multipliers=broken)
+        )
         assert found.status == SOLVED
         assert found.cost == pytest.approx(cold.cost, rel=1e-6)
 
 
-def test_guess_that_breaks_dynamics_and_limits_is_repaired(slalom, riccati):
+def test_guess_that_breaks_dynamics_and_limits_is_repaired(tight_slalom, riccati):
     rng = np.random.default_rng(11)
-    X = slalom.guess.X + 0.3 * rng.standard_normal(slalom.guess.X.shape)
-    guess = Plan(X, 20 * rng.standard_normal(slalom.guess.U.shape))
-    found = riccati(slalom.problem).solve(*slalom.numbers[:3], guess)
+    X = tight_slalom.guess.X + 0.3 * rng.standard_normal(tight_slalom.guess.X.shape)
+    guess = Plan(X, 20 * rng.standard_normal(tight_slalom.guess.U.shape))
+    found = riccati(tight_slalom.problem).solve(*tight_slalom.numbers[:3], guess)
     assert found.status == SOLVED
 
 
-def test_input_held_by_equal_limits_does_not_move(slalom, riccati):
-    held = slalom.bounds._replace(
-        u_low=slalom.bounds.u_low.copy(), u_high=slalom.bounds.u_high.copy()
+def test_input_held_by_equal_limits_does_not_move(tight_slalom, riccati):
+    held = tight_slalom.bounds._replace(
+        u_low=tight_slalom.bounds.u_low.copy(), u_high=tight_slalom.bounds.u_high.copy()
     )
     held.u_low[:, 0] = held.u_high[:, 0] = 0.25
-    found = riccati(slalom.problem).solve(slalom.x0, slalom.P, held, slalom.guess)
+    found = riccati(tight_slalom.problem).solve(
+        tight_slalom.x0, tight_slalom.P, held, tight_slalom.guess
+    )
     assert found.status == SOLVED
     assert np.allclose(found.plan.U[:, 0], 0.25, atol=4e-6)
