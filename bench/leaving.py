@@ -4,8 +4,8 @@
 
 Each process makes a node with publishers and subscriptions, waits for the next common instant,
 destroys the node, and begins anew. One that is held for 3 s is counted, ended and replaced. Half of
-the rounds are left as rclpy does, hearing of the others, half as `spin_node.leave` does. See
-`msgs_yaml/leaving.py` for why; a build of Fast DDS with a newer C++ library holds nobody.
+the rounds are left as rclpy does, hearing of the others, half as `spin_node.shut_down` does. See
+`node_runtime/shutdown.py` for why; a build of Fast DDS with a newer C++ library holds nobody.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import rclpy
 from rclpy.context import Context
 from std_msgs.msg import String
 
-from node_runtime import leaving, spin_node
+from node_runtime import shutdown, spin_node
 
 LEAVE_S = 3.0
 HELD = 9  # exit code
@@ -44,12 +44,12 @@ def leave_again_and_again(number: int, times: int, hears: bool) -> None:
                 node.create_subscription(String, f'/topic_{k}', print, 10)
         wait_s = PERIOD_S - time.time() % PERIOD_S
         time.sleep(wait_s if wait_s > LEAST_S else wait_s + PERIOD_S)
-        with leaving.within(LEAVE_S, HELD):
+        with shutdown.exit_after(LEAVE_S, HELD):
             if hears:
                 node.destroy_node()
                 rclpy.shutdown(context=context)
             else:
-                spin_node.leave(node, context=context)
+                spin_node.shut_down(node, context=context)
 
 
 def held(processes: int, times: int, hears: bool, environment: dict[str, str]) -> int:
@@ -96,7 +96,7 @@ def main() -> int:
         return 0
     here = {'ROS_DOMAIN_ID': str(given.domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     ends, failed = given.processes * given.times, False
-    for hears, how in ((True, 'as rclpy does'), (False, 'as spin_node.leave does')):
+    for hears, how in ((True, 'as rclpy does'), (False, 'as spin_node.shut_down does')):
         count = held(given.processes, given.times, hears, os.environ | here)
         print(f'{how}: {count} of {ends} held', flush=True)
         failed = failed or (count > 0 and not hears)

@@ -11,8 +11,8 @@ from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import ring, share
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml import conversions, share
+from msgs_yaml.conversions import NS_PER_S
 from node_runtime import parameters
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -93,13 +93,13 @@ def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
     car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
     plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
     controller.reset(car.actuators)
-    controller.set_reference(ring.reference(scn.reference))
+    controller.set_reference(conversions.reference_as_received(scn.reference))
     controller.set_edges(scn.edges)
     number = 0
     while not plant_side.outcome:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
         controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-        command, _, _ = controller.step(ring.odometry(car.state))
+        command, _, _ = controller.step(conversions.odometry_as_received(car.state))
         yield Tick(number, controller)
         plant_side.tick(command)
         number += 1

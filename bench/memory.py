@@ -18,8 +18,8 @@ from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import encode, ring, share
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml import conversions, encode, share
+from msgs_yaml.conversions import NS_PER_S
 from node_runtime import parameters
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
@@ -58,12 +58,12 @@ def laps(controller, scn, plant):
         car = Simulator(plant, scn.friction, Start(*scn.start))
         side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
         controller.reset(car.actuators)
-        controller.set_reference(ring.reference(scn.reference))
+        controller.set_reference(conversions.reference_as_received(scn.reference))
         controller.set_edges(scn.edges)
         while not side.outcome:
             t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
             controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-            command, prediction, why = controller.step(ring.odometry(car.state))
+            command, prediction, why = controller.step(conversions.odometry_as_received(car.state))
             # as the node: messages are made, too
             encode.command(command), encode.prediction(prediction), encode.why(why)
             side.tick(command)

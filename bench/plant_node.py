@@ -109,7 +109,7 @@ def drive(seconds: float, domain: int) -> dict:
             if plant.poll() is None:
                 plant.terminate()
             plant.wait(timeout=LATEST_S)
-            spin_node.leave(node, context=context)
+            spin_node.shut_down(node, context=context)
         return json.loads(out.read_text())
 
 

@@ -75,7 +75,7 @@ class Recording:
         self.node = rclpy.create_node('ring', context=self.context)
         self.node.declare_parameter('mode', mode)
         publishers = [ros.publisher(self.node, name) for name in contract.load().topics]
-        self.senders = [ros.Sender(self.node, one) for one in publishers]
+        self.senders = [ros.BlockingPublisher(self.node, one) for one in publishers]
         words = ['--ros-args', '-p', f'out:={out}', '-p', f'mode:={mode}']
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'bags.recorder_node', *words],
@@ -111,7 +111,7 @@ class Recording:
                 self.process.wait(TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 self.process.kill()
-        spin_node.leave(self.node, context=self.context)
+        spin_node.shut_down(self.node, context=self.context)
 
 
 def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from bags.viewers import encode, marker_scene
 from msgs_yaml import contract, decode, share
-from node_runtime import facts_node, qos, ros, spin_node
+from node_runtime import ros, spin_node, subscriptions_node
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -25,9 +25,9 @@ DECODERS = {
     marker_scene.WHY: decode.why,
 }
 READERS = {  # of serialised messages
-    marker_scene.REFERENCE: facts_node.read_reference,
-    marker_scene.EDGES: facts_node.read_edges,
-    marker_scene.OBSTACLES: facts_node.read_obstacles,
+    marker_scene.REFERENCE: subscriptions_node.read_reference,
+    marker_scene.EDGES: subscriptions_node.read_road_edges,
+    marker_scene.OBSTACLES: subscriptions_node.read_obstacles,
 }
 THROTTLE_S = 1.0
 TF_DEPTH = 100  # what tf2 listeners use
@@ -49,7 +49,7 @@ class MarkersNode(Node):
             offered = contract.load().topics[topic].qos[ros.mode(self)]
             callback, kind = partial(self.on_message, topic), ros.message_type(topic)
             self.create_subscription(
-                kind, ros.relative(topic), callback, qos.watching(offered), raw=True
+                kind, ros.relative_name(topic), callback, ros.observer_profile(offered), raw=True
             )
 
     def on_message(self, topic, raw):
@@ -74,7 +74,7 @@ def read(topic: str, raw: bytes) -> Any:
     """Return the value of a serialised message of a topic of WATCHED; DecodeError."""
     if topic in READERS:
         return READERS[topic](raw)
-    return DECODERS[topic](ros.message(topic, raw))
+    return DECODERS[topic](ros.deserialize(topic, raw))
 
 
 def main() -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.storage import read
 from bags.storage.rosbag2_metadata import BagTopic, parse_qos, qos_text
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 
 class PlaybackClock:

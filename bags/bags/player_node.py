@@ -29,7 +29,7 @@ from bags.playback import Keyboard, Part, PlaybackClock, build_playlist
 from bags.storage import read
 from bags.storage.rosbag2_metadata import parse_qos
 from msgs_yaml import share
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range
 
@@ -96,8 +96,8 @@ class PlayerNode(Node):
         except (ImportError, AttributeError):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
-        return ros.Sender(
-            self, self.create_publisher(kind, ros.relative(topic.name), profile(topic.qos))
+        return ros.BlockingPublisher(
+            self, self.create_publisher(kind, ros.relative_name(topic.name), profile(topic.qos))
         )
 
     def _play_guarded(self):
@@ -122,7 +122,7 @@ class PlayerNode(Node):
             paused = False
 
     def _wait_for_recorders(self):
-        while ros.unheard(self, {}):
+        while ros.missing_subscriptions(self, {}):
             if self._pressed(0.01) == QUIT:
                 return False
         return True

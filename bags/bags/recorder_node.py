@@ -30,8 +30,8 @@ from bags.storage.message_filing import (
 from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from bags.storage.simulated_time import ClockQueue, SimulatedTime
 from msgs_yaml import contract, encode, share
-from msgs_yaml.stamp import NS_PER_S
-from node_runtime import provenance, qos, ros, spin_node
+from msgs_yaml.conversions import NS_PER_S
+from node_runtime import provenance, ros, spin_node
 from node_runtime.parameters import ParameterError
 
 LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
@@ -93,7 +93,7 @@ class RecorderNode(Node):
 
     def _subscribe(self, name):
         """Whatever the publisher offers, and nothing thrown away between two looks."""
-        profile = qos.profile(contract.load().topics[name].qos[ros.mode(self)])
+        profile = ros.to_qos_profile(contract.load().topics[name].qos[ros.mode(self)])
         profile.history = HistoryPolicy.KEEP_ALL
         kind = ros.message_type(name)
         return self.inbox.create_subscription(
@@ -250,7 +250,7 @@ def run_info(path: str, mode: str) -> dict[str, str]:
     A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
     """
     if not path:
-        return provenance.surroundings(mode)
+        return provenance.describe_environment(mode)
     try:
         read = json.loads(Path(path).read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:

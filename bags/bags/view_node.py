@@ -13,7 +13,7 @@ from bags.viewers import marker_scene
 from bags.viewers.foxglove_server import PORT, Forwarder, Served, Server, connection_hint
 from bags.viewers.marker_scene import STATE, MarkerScene
 from msgs_yaml import contract, decode, share
-from node_runtime import qos, ros, spin_node
+from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError
 
 THROTTLE_S = 1.0
@@ -40,7 +40,11 @@ class ViewNode(Node):
             offered = topic.qos['realtime']
             callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
             self.create_subscription(
-                kind, ros.relative(topic.name), callback, qos.watching(offered), raw=True
+                kind,
+                ros.relative_name(topic.name),
+                callback,
+                ros.observer_profile(offered),
+                raw=True,
             )
         print(connection_hint(self.server.url), flush=True)
 

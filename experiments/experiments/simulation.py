@@ -14,8 +14,8 @@ from bags.storage.columns import Columns
 from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarParams, ControllerParams
-from msgs_yaml import ring
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml import conversions
+from msgs_yaml.conversions import NS_PER_S
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -92,7 +92,7 @@ def run(setup: Setup) -> dict[str, Columns]:
     plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = Controller(setup.params, setup.vehicle)
     controller.reset(car.actuators)
-    controller.set_reference(ring.reference(scn.reference))
+    controller.set_reference(conversions.reference_as_received(scn.reference))
     controller.set_edges(scn.edges)
     tracks, obstacles, answers = [car.now], [], []
     while True:
@@ -100,7 +100,7 @@ def run(setup: Setup) -> dict[str, Columns]:
         obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
         controller.set_obstacles(obstacles[-1])
         # as over ROS, the final state is still answered
-        answers.append(controller.step(ring.odometry(car.state)))
+        answers.append(controller.step(conversions.odometry_as_received(car.state)))
         if plant_side.outcome:
             break
         controller.prepare()
@@ -108,10 +108,10 @@ def run(setup: Setup) -> dict[str, Columns]:
         tracks.append(plant_side.tick(command))
     commands, plans, reports = zip(*answers)
     values = {
-        '/scenario/reference': [ring.reference(scn.reference)],
+        '/scenario/reference': [conversions.reference_as_received(scn.reference)],
         '/scenario/road_edges': [scn.edges],
         '/scenario/obstacles': obstacles,
-        '/controller/prediction': [ring.prediction(plan) for plan in plans],
+        '/controller/prediction': [conversions.prediction_as_received(plan) for plan in plans],
         '/controller/why': reports,
     }
     return build_columns(track.join(tracks), commands, values)
@@ -150,7 +150,10 @@ def build_columns(
     zero_ns = int(track.stamp_ns[0])
     slow = track.where(track.stamp_ns % SLOW_NS == 0)
     tables = {
-        '/vehicle/odometry': (columns.Odometry, [ring.odometry(x) for x in track.states()]),
+        '/vehicle/odometry': (
+            columns.Odometry,
+            [conversions.odometry_as_received(x) for x in track.states()],
+        ),
         '/vehicle/actuators': (columns.Actuators, track.actuators()),
         '/vehicle/imu': (columns.Imu, slow.imu()),
         '/vehicle/wheels': (columns.Wheels, slow.wheels()),

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from mpcc_controller.parameters import CarParams, ControllerParams
-from node_runtime import named_file, parameters
-from node_runtime.overrides import NO_SOURCES
+from node_runtime import node_parameters, parameters
+from node_runtime.node_parameters import NO_SOURCES
 
 
 def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
@@ -13,10 +13,12 @@ def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> C
 
 
 def read(name: str, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
-    """Read a car; see `named_file.config` for names and paths.
+    """Read a car; see `node_parameters.find_config` for names and paths.
 
     Raises ParameterError for a wrong value and for a file that does not exist; `sources` says by
     parameter where its name comes from.
     """
-    path = named_file.find('mpcc_controller', 'car_file', name, 'car.mass_kg', sources)
+    path = node_parameters.find_named_config(
+        'mpcc_controller', 'car_file', name, 'car.mass_kg', sources
+    )
     return parameters.load(CarParams, path)

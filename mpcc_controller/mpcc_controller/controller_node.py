@@ -14,9 +14,10 @@ from mpcc_controller.driving.health import Monitor
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import decode, encode, share, stamp
-from node_runtime import realtime, ros, spin_node
-from node_runtime.wall import Spoken, Wall
+from msgs_yaml import conversions, decode, encode, share
+from node_runtime import ros, scheduling, spin_node
+from node_runtime.clocks import SteadyClock
+from node_runtime.log_filters import ChangeFilter
 
 NAME = 'controller'
 LOOK_S = 0.02  # of wall time, between two looks at who is listening and at what is too old
@@ -37,13 +38,13 @@ class ControllerNode(Node):
         self.log_cut_limits(vehicle)
         mode = ros.mode(self)
         self.get_logger().info('preparing the solver')
-        self.wall = Wall()
+        self.wall = SteadyClock()
         self.controller = Controller(params, vehicle, mode == 'realtime')
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, Monitor(NAME), params.ages)
         self.answer = None  # the messages sent last
         self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
-        self.waited, self.stale, self.stopping = Spoken(), Spoken(), Spoken()
+        self.waited, self.stale, self.stopping = ChangeFilter(), ChangeFilter(), ChangeFilter()
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
@@ -54,7 +55,7 @@ class ControllerNode(Node):
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.on_look, clock=steady)
-        self.waited.is_news(self.waiting())
+        self.waited.has_changed(self.waiting())
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
     def log_cut_limits(self, vehicle):
@@ -82,7 +83,7 @@ class ControllerNode(Node):
 
     def unheard(self):
         """Return who must be listening before the first command."""
-        return [] if self.answer else ros.unheard(self, {'/controller/command': 1})
+        return [] if self.answer else ros.missing_subscriptions(self, {'/controller/command': 1})
 
     def restart(self):
         """Take the set-points from where the actuators are; return whether they were told."""
@@ -100,8 +101,8 @@ class ControllerNode(Node):
         x = self.inputs.decoded_state()
         for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
             for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
-                ros.serialized(made)
-        realtime.settle()
+                ros.serialize(made)
+        scheduling.freeze_garbage()
         self.is_warm = True
         # what came meanwhile is old
         self.inputs.ignored = range(began_ns, self.wall.now_ns())
@@ -113,7 +114,7 @@ class ControllerNode(Node):
         x = self.inputs.decoded_state()
         now_ns = self.wall.now_ns()
         heard_ns = self.inputs.heard_ns
-        arrival = Arrival(heard_ns, stamp.seconds(time.time_ns() - heard_ns))
+        arrival = Arrival(heard_ns, conversions.ns_to_s(time.time_ns() - heard_ns))
         fault = self.watchdog.fault(now_ns)
         self.send(self.controller.answer(x, self.trigger.age_s(now_ns), fault, arrival))
 
@@ -134,7 +135,7 @@ class ControllerNode(Node):
         self.controller.prepare()
         self.tell(self.watchdog.on_step(why))
         told = self.told_too_slow() if why.values['reason'] == TOO_SLOW else ''
-        if self.stopping.is_news(told) and told:
+        if self.stopping.has_changed(told) and told:
             self.get_logger().warning(told)
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
@@ -150,7 +151,7 @@ class ControllerNode(Node):
     def tell(self, health):
         """Publish the health when it is to be told."""
         if health:
-            self.health_pub.publish(encode.health(self.inputs.publishers.added_to(health)))
+            self.health_pub.publish(encode.health(self.inputs.publishers.add_warnings(health)))
 
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""
@@ -164,7 +165,7 @@ class ControllerNode(Node):
         now_ns, waiting = self.wall.now_ns(), self.waiting()
         self.tell(self.watchdog.on_beat(now_ns, waiting))
         if waiting:
-            if self.waited.is_news(waiting):
+            if self.waited.has_changed(waiting):
                 self.get_logger().info(waiting)
             self.advance()
         elif (
@@ -180,7 +181,7 @@ class ControllerNode(Node):
     def say_stale(self, now_ns):
         """Say which inputs have become too old, and when they are back; once per change."""
         fault = self.watchdog.fault(now_ns)
-        if self.answer and self.stale.is_news(fault):
+        if self.answer and self.stale.has_changed(fault):
             if fault:
                 self.get_logger().error(f'braking: {self.watchdog.told(now_ns)}')
             else:

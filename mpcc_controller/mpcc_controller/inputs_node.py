@@ -10,13 +10,12 @@ from mpcc_controller import least_speed
 from mpcc_controller.driving.controller import Controller, unknown_state
 from mpcc_controller.driving.trigger import Lockstep, Realtime
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE, Asleep, Awake
-from msgs_yaml import decode, repeats
+from msgs_yaml import decode, raw_scenario
 from msgs_yaml.types import Actuators, Obstacles, VehicleState
-from node_runtime import facts_node, ros
-from node_runtime.newest_node import Newest
-from node_runtime.publishers_node import Publishers
-from node_runtime.refusals import Refusals
-from node_runtime.wall import Spoken, Wall
+from node_runtime import ros, subscriptions_node
+from node_runtime.clocks import SteadyClock
+from node_runtime.log_filters import ChangeFilter, RejectionLog
+from node_runtime.subscriptions_node import LatestMessage, PublisherMonitor
 
 ACTUATORS = '/vehicle/actuators'
 TOPICS = {
@@ -38,7 +37,7 @@ class Inputs:
         controller: Controller,
         trigger: Lockstep | Realtime,
         watchdog: Asleep | Awake,
-        wall: Wall,
+        wall: SteadyClock,
         on_news: Callable[[], None],
     ):
         """`on_news` is called after each message that may complete what an answer needs."""
@@ -57,30 +56,32 @@ class Inputs:
             TOPICS[name]: ros.subscribe(node, TOPICS[name], callback, raw=True)
             for name, callback in callbacks.items()
         }
-        self.actuators_inbox = Newest(node, ACTUATORS)
+        self.actuators_inbox = LatestMessage(node, ACTUATORS)
         self._state_sub = subscriptions[TOPICS[STATE]]
-        self.publishers = Publishers(node, subscriptions)
-        self._slow_path = Spoken()
-        self._refusals = {topic: Refusals(topic) for topic in (*TOPICS.values(), ACTUATORS)}
+        self.publishers = PublisherMonitor(node, subscriptions)
+        self._slow_path = ChangeFilter()
+        self._refusals = {topic: RejectionLog(topic) for topic in (*TOPICS.values(), ACTUATORS)}
 
     def on_reference(self, raw: bytes) -> None:
         """Take the path; one that is only repeated is not built again."""
-        if repeats.is_repeat(raw, self._path):
+        if raw_scenario.is_repeat(raw, self._path):
             fault = self._watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self._wall.now_ns())
             if fault:
                 self._turn_down(TOPICS[REFERENCE], UNTIMELY, fault)
             self._on_news()
-        elif self._take(REFERENCE, facts_node.read_reference, raw, self._controller.set_reference):
+        elif self._take(
+            REFERENCE, subscriptions_node.read_reference, raw, self._controller.set_reference
+        ):
             self._path = raw
             self._warn_of_slow_path()
 
     def on_edges(self, raw: bytes) -> None:
         """Take the road edges."""
-        self._take(EDGES, facts_node.read_edges, raw, self._controller.set_edges)
+        self._take(EDGES, subscriptions_node.read_road_edges, raw, self._controller.set_edges)
 
     def on_obstacles(self, raw: bytes) -> None:
         """Take the obstacles; in lockstep they complete a state."""
-        self._take(OBSTACLES, facts_node.read_obstacles, raw, self._set_obstacles)
+        self._take(OBSTACLES, subscriptions_node.read_obstacles, raw, self._set_obstacles)
 
     def on_odometry(self, raw: bytes) -> None:
         """Keep the state if it is one to answer."""
@@ -113,7 +114,7 @@ class Inputs:
     def decoded_state(self) -> VehicleState:
         """Return the state; an unknown one, logged, when its message breaks the contract."""
         try:
-            return decode.odometry(ros.message(TOPICS[STATE], self.state))
+            return decode.odometry(ros.deserialize(TOPICS[STATE], self.state))
         except decode.DecodeError as error:
             fault = self._watchdog.refuse(STATE, str(error))
             self._turn_down(TOPICS[STATE], UNREADABLE, fault)
@@ -122,7 +123,7 @@ class Inputs:
     def decoded_actuators(self) -> Actuators | None:
         """Return where the actuators are; None, logged, when their message breaks the contract."""
         try:
-            return decode.actuators(ros.message(ACTUATORS, self.actuators))
+            return decode.actuators(ros.deserialize(ACTUATORS, self.actuators))
         except decode.DecodeError as error:
             self._turn_down(ACTUATORS, UNREADABLE, f'{error}; waiting for valid ones to start from')
             self.actuators = None
@@ -156,7 +157,7 @@ class Inputs:
             f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
             f'limits.least_speed_mps, {least:g} m/s: below that the car brakes to a stop'
         )
-        if self._slow_path.is_news(told) and told:
+        if self._slow_path.has_changed(told) and told:
             self._node.get_logger().warning(told)
 
     def _take(self, name, decoder, raw, setter) -> bool:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from node_runtime import ranges
+from node_runtime import parameters
 from node_runtime.parameters import Choice, Range
 
 
@@ -16,7 +16,7 @@ class Model:
     tyre_switch: Annotated[float, Range(0.5, 1.0, 'share of the slip of full sliding')]
     least_slip_speed_mps: Annotated[float, Range(1.0, 10.0, 'm/s')]
     force_blend_n: Annotated[float, Range(1.0, 1e4, 'N, from braking to driving')]
-    friction: Annotated[float, ranges.ROAD_FRICTION]  # believed, 1 = as identified
+    friction: Annotated[float, parameters.ROAD_FRICTION]  # believed, 1 = as identified
     # in place of the car's; 0 is rear-wheel drive
     drive_front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
 

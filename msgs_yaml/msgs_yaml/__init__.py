@@ -1,1 +1,18 @@
-"""The contract between the nodes: topics, shared types, conversion, checks."""
+"""The contract between the nodes: topics, the values they carry, and conversion to messages.
+
+Contract
+    contract       topics.yaml: type, rate, frame, QoS, fields with unit and range of every topic
+    conformance    check a message against the contract
+    field_paths    field paths such as `poses[*].pose.position.x`
+Values and messages
+    types          the values of every topic as named tuples
+    decode         message -> value, checked
+    encode         value -> message
+    flat_fields    values of fixed size as flat numbers
+    cdr_templates  values of fixed size -> serialised message, fast
+    raw_scenario   serialised path and road edges -> value, fast
+    conversions    time stamps, headings, diagnostic values
+Files
+    strict_yaml    YAML whose errors name file, line and key
+    share          data files and programs of the packages
+"""

@@ -1,79 +1,225 @@
-"""Does a message obey the contract? Sizes, names, frames, stamps and ranges; fast and ROS-free.
+"""Check a message against the contract: sizes, names, frames, stamps and ranges. Fast, no ROS.
 
-Works on messages of rclpy, rosbags and mcap_ros2 alike.
+Works on messages of rclpy, rosbags and mcap_ros2 alike. Each check is a function of a message that
+returns its violations; what depends on the topic only is computed once, when the check is built.
 """
 
-from functools import cache
+import math
+from collections.abc import Callable
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
-from msgs_yaml import checks, contract
-from msgs_yaml.checks import Check, Violation
-from msgs_yaml.contract import Topic
+from msgs_yaml import contract, conversions, field_paths
+from msgs_yaml.contract import WORD, Field, Topic
 
 _HEADERS = {
     'nav_msgs/msg/Path': ('header', 'poses[*].header'),
     'visualization_msgs/msg/MarkerArray': ('markers[*].header',),
     'rosgraph_msgs/msg/Clock': (),
 }
+_JOINT_ARRAYS = ('position', 'velocity', 'effort')
+_CACHED_KEYS = 4096
+
+
+class Violation(NamedTuple):
+    """One violation of the contract."""
+
+    topic: str
+    field: str  # path in the message
+    found: Any
+    allowed: str
+
+    def __str__(self):
+        return f'{self.topic}: {self.field} is {self.found}; allowed {self.allowed}'
+
+
+Check = Callable[[Any], list[Violation]]
 
 
 def check(topic: str, message: Any) -> list[Violation]:
-    """Return every breach of the contract in a message of a topic.
+    """Return every violation of the contract in a message of a topic.
 
-    Raises KeyError for a topic that the contract does not know.
+    Raises KeyError for a topic that is not in the contract.
     """
-    return check_form(topic, message) or _run(_prepared(topic).fields, message)
+    return check_form(topic, message) or _run(_checks(topic).fields, message)
 
 
 def check_form(topic: str, message: Any) -> list[Violation]:
-    """Return what is wrong with sizes, names, frames and stamps, whatever the numbers are.
+    """Return the violations in sizes, names, frames and stamps, whatever the numbers are.
 
-    Sizes come first, and alone if one is wrong: an absurdly long message costs no time.
+    If a size is wrong, nothing else is checked: an absurdly long message costs no time.
     """
-    prepared = _prepared(topic)
-    for one in prepared.sizes:
-        violations = one(message)
+    checks = _checks(topic)
+    for check_size in checks.sizes:
+        violations = check_size(message)
         if violations:
             return violations
-    return _run(prepared.form, message)
+    return _run(checks.form, message)
 
 
-class _Prepared(NamedTuple):
+class _Checks(NamedTuple):
     sizes: tuple[Check, ...]
     form: tuple[Check, ...]
     fields: tuple[Check, ...]
 
 
-def _run(several, message):
-    return [violation for one in several for violation in one(message)]
+def _run(checks, message):
+    return [violation for check_one in checks for violation in check_one(message)]
 
 
 @cache
-def _prepared(name):
+def _checks(name):
     topic = contract.load().topics[name]
-    return _Prepared(tuple(_sizes(topic)), tuple(_form(topic)), tuple(_fields(topic)))
+    return _Checks(
+        tuple(_size_checks(topic)), tuple(_form_checks(topic)), tuple(_field_checks(topic))
+    )
 
 
-def _sizes(topic: Topic):
+def _size_checks(topic: Topic):
     # outer arrays before the arrays inside them
     for path in sorted(topic.sizes, key=len):
-        yield checks.size(topic, path)
+        yield _size(topic, path)
     if topic.joints:
-        yield checks.joints(topic)
+        yield _joint_names(topic)
 
 
-def _form(topic: Topic):
+def _form_checks(topic: Topic):
     for path in _HEADERS.get(topic.type, ('header',)):
-        yield checks.header(topic, path)
+        yield _header(topic, path)
     if topic.child_frame is not None:
-        yield checks.child_frame(topic)
+        yield _child_frame(topic)
 
 
-def _fields(topic: Topic):
+def _field_checks(topic: Topic):
     if topic.type == contract.DIAGNOSTICS:
-        yield checks.values(topic)
+        yield _diagnostic_values(topic)
         return
     if topic.joints:
-        yield checks.finite_joints(topic)
+        yield _finite_joints(topic)
     for path in topic.fields:
-        yield checks.field(topic, path)
+        yield _range(topic, path)
+
+
+def _size(topic, path) -> Check:
+    """Check the lengths of the arrays a path leads to."""
+    get, limit = field_paths.getter(path), topic.sizes[path]
+    allowed = f'{limit.low} to {limit.high} elements'
+
+    def run(message):
+        lengths = map(len, get(message))
+        outside = [n for n in lengths if not limit.low <= n <= limit.high]
+        return [Violation(topic.name, path, f'{n} long', allowed) for n in outside]
+
+    return run
+
+
+def _joint_names(topic) -> Check:
+    """Check the names of a JointState, and that every array has one number per name."""
+    names = list(topic.joints)
+
+    def run(message):
+        if len(message.name) != len(names) or list(message.name) != names:
+            found = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
+            return [Violation(topic.name, 'name', found, ', '.join(names))]
+        lengths = {array: len(getattr(message, array)) for array in _JOINT_ARRAYS}
+        return [
+            Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
+            for array, length in lengths.items()
+            if length != len(names)
+        ]
+
+    return run
+
+
+def _finite_joints(topic) -> Check:
+    """Check the unused numbers of a JointState too: NaN there breaks plots and viewers."""
+
+    def run(message):
+        return [
+            Violation(topic.name, array, 'not finite', 'finite numbers')
+            for array in _JOINT_ARRAYS
+            if not all(map(math.isfinite, getattr(message, array)))
+        ]
+
+    return run
+
+
+def _header(topic, path) -> Check:
+    """Check frame and stamp of the headers a path leads to; ROS reads a stamp of 0 as no time."""
+    get = field_paths.getter(path)
+
+    def run(message):
+        violations = []
+        for header in get(message):
+            if header.frame_id != topic.frame:
+                found, allowed = repr(header.frame_id), repr(topic.frame)
+                violations.append(Violation(topic.name, f'{path}.frame_id', found, allowed))
+            if header.stamp.sec < 0 or header.stamp.sec == 0 == header.stamp.nanosec:
+                found = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
+                violations.append(Violation(topic.name, f'{path}.stamp', found, 'above 0 s'))
+        return violations
+
+    return run
+
+
+def _child_frame(topic) -> Check:
+    """Check the child frame of an Odometry."""
+
+    def run(message):
+        found = message.child_frame_id
+        if found == topic.child_frame:
+            return []
+        return [Violation(topic.name, 'child_frame_id', repr(found), repr(topic.child_frame))]
+
+    return run
+
+
+def _range(topic, path) -> Check:
+    """Check the range of every number a path leads to; NaN is in no range."""
+    get = _joint_getter(topic, path) if topic.joints else field_paths.getter(path)
+    low, high = topic.fields[path].low, topic.fields[path].high
+    label, allowed = _label(path, topic.fields[path])
+
+    def run(message):
+        outside = [value for value in get(message) if not low <= value <= high]
+        return [Violation(topic.name, label, outside[0], allowed)] if outside else outside
+
+    return run
+
+
+def _joint_getter(topic, path):
+    (step,) = field_paths.parse(path)
+    index = topic.joints.index(step.selector)
+    return lambda message: (getattr(message, step.attribute)[index],)
+
+
+def _diagnostic_values(topic) -> Check:
+    """Check keys and numbers of every KeyValue of a DiagnosticArray."""
+    patterns = {field_paths.parse(path)[1].selector: path for path in topic.fields}
+
+    @lru_cache(_CACHED_KEYS)
+    def path_of(key):
+        return next((p for pattern, p in patterns.items() if field_paths.fits(key, pattern)), None)
+
+    def run(message):
+        pairs = [pair for status in message.status for pair in status.values]
+        return [v for pair in pairs for v in _check_pair(topic, path_of(pair.key), pair)]
+
+    return run
+
+
+def _check_pair(topic, path, pair):
+    if path is None:
+        return [Violation(topic.name, f'key {pair.key!r}', 'unknown', 'the keys of topics.yaml')]
+    field = topic.fields[path]
+    if field.unit == WORD:
+        return []
+    value = conversions.text_to_value(pair.value)
+    if not isinstance(value, str) and field.low <= value <= field.high:
+        return []
+    label, allowed = _label(pair.key, field)
+    return [Violation(topic.name, label, value, allowed)]
+
+
+def _label(path, field: Field):
+    return f'{path} ({field.symbol})', f'{field.low:g} to {field.high:g} {field.unit}'

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from msgs_yaml import paths, share
+from msgs_yaml import field_paths, share
 from msgs_yaml.strict_yaml import Item, YamlError, read
 
 MODES = ('lockstep', 'realtime')
@@ -82,7 +82,7 @@ class Topic:
         """Names of a JointState in the order in which they stand in the message."""
         if self.type != JOINT_STATE:
             return ()
-        return tuple(dict.fromkeys(paths.selector(path) for path in self.fields))
+        return tuple(dict.fromkeys(field_paths.selector(path) for path in self.fields))
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _qos(name, item):
 def _topic(name, item, profiles):
     required = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos', 'fields')
     m = item.members(required, ('child_frame', 'sizes'))
-    if not paths.is_topic_name(name):
+    if not field_paths.is_topic_name(name):
         raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
     kind = m['type'].word(TYPES)
     qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}
@@ -163,7 +163,7 @@ def _topic(name, item, profiles):
 
 def _check_path(path, item: Item, kind):
     try:
-        steps = paths.parse(path)
+        steps = field_paths.parse(path)
     except ValueError as error:
         raise item.error(str(error)) from None
     selectors = [step.selector for step in steps]

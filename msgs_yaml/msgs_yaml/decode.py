@@ -10,52 +10,46 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml import stamp, words
-from msgs_yaml.checked import DecodeError, check, check_form, heading
-from msgs_yaml.decode_markers import obstacles, road_edges
+from msgs_yaml import conformance, conversions
 from msgs_yaml.types import (
     WHEELS,
     Actuators,
     Command,
     Health,
     Imu,
+    Obstacle,
+    Obstacles,
     Prediction,
     Reference,
+    RoadEdges,
     VehicleState,
     Wheels,
     Why,
 )
 
-__all__ = [
-    'DecodeError',
-    'actuators',
-    'clock',
-    'command',
-    'health',
-    'imu',
-    'obstacles',
-    'odometry',
-    'prediction',
-    'reference',
-    'road_edges',
-    'stamp_ns_of',
-    'wheels',
-    'why',
-]
+UNIT_TOLERANCE = 1e-3  # of the squared length of a quaternion
+_CDR_ORDERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
+_STAMP_OFFSET = 4  # after the encapsulation header
+# visualization_msgs/Marker
+_ARROW, _CYLINDER, _LINE_STRIP = 0, 3, 4
+_ADD, _DELETEALL = 0, 3
+_EDGES = '/scenario/road_edges'
+_OBSTACLES = '/scenario/obstacles'
 
-_CDR_HEADERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
-_STAMP_AT = 4  # after the encapsulation header
+
+class DecodeError(ValueError):
+    """A message violates the contract."""
 
 
 def odometry(msg: Any) -> VehicleState:
     """Return the vehicle state of /vehicle/odometry."""
-    check('/vehicle/odometry', msg)
+    _check('/vehicle/odometry', msg)
     pose, twist = msg.pose.pose, msg.twist.twist
     return VehicleState(
-        stamp_ns=stamp.to_ns(msg.header.stamp),
+        stamp_ns=conversions.stamp_to_ns(msg.header.stamp),
         X=float(pose.position.x),
         Y=float(pose.position.y),
-        psi=heading('/vehicle/odometry', pose.orientation),
+        psi=_heading('/vehicle/odometry', pose.orientation),
         vx=float(twist.linear.x),
         vy=float(twist.linear.y),
         r=float(twist.angular.z),
@@ -64,34 +58,41 @@ def odometry(msg: Any) -> VehicleState:
 
 def imu(msg: Any) -> Imu:
     """Return the accelerations of /vehicle/imu."""
-    check('/vehicle/imu', msg)
+    _check('/vehicle/imu', msg)
     a = msg.linear_acceleration
-    return Imu(stamp.to_ns(msg.header.stamp), float(a.x), float(a.y), float(msg.angular_velocity.z))
+    return Imu(
+        conversions.stamp_to_ns(msg.header.stamp),
+        float(a.x),
+        float(a.y),
+        float(msg.angular_velocity.z),
+    )
 
 
 def actuators(msg: Any) -> Actuators:
     """Return the actuators of /vehicle/actuators."""
-    check('/vehicle/actuators', msg)
+    _check('/vehicle/actuators', msg)
     (delta, *_), (d_delta, *_), (_, Fxf, Fxr, *torque) = _arrays(msg)
-    return Actuators(stamp.to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr, tuple(torque))
+    return Actuators(
+        conversions.stamp_to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr, tuple(torque)
+    )
 
 
 def wheels(msg: Any) -> Wheels:
     """Return the wheels of /vehicle/wheels."""
-    check('/vehicle/wheels', msg)
+    _check('/vehicle/wheels', msg)
     position, velocity, effort = (np.reshape(a, (len(WHEELS), -1)).T for a in _arrays(msg))
     _, _, kappa, alpha = position.tolist()
     omega, *_ = velocity.tolist()
     torque, Fz, Fx, Fy = effort.tolist()
     columns = (omega, torque, Fz, kappa, Fx, alpha, Fy)
-    return Wheels(stamp.to_ns(msg.header.stamp), *map(tuple, columns))
+    return Wheels(conversions.stamp_to_ns(msg.header.stamp), *map(tuple, columns))
 
 
 def command(msg: Any) -> Command:
     """Return the set-points of /controller/command."""
-    check('/controller/command', msg)
+    _check('/controller/command', msg)
     (delta, *_), (d_delta, *_), (_, Fxf, Fxr) = _arrays(msg)
-    return Command(stamp.to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr)
+    return Command(conversions.stamp_to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr)
 
 
 def reference(msg: Any) -> Reference:
@@ -112,23 +113,52 @@ def prediction(msg: Any) -> Prediction:
     return Prediction(stamp_ns, X, Y, np.unwrap(psi), t)
 
 
+def road_edges(msg: Any) -> RoadEdges:
+    """Return the edges of /scenario/road_edges."""
+    _check(_EDGES, msg)
+    lines = {}
+    for marker in msg.markers:
+        _expect(_EDGES, marker, {'left': _LINE_STRIP, 'right': _LINE_STRIP})
+        lines[marker.ns] = np.array([(float(p.x), float(p.y)) for p in marker.points])
+    if len(lines) != 2:
+        raise DecodeError(f'{_EDGES}: markers are both {msg.markers[0].ns!r}; allowed left, right')
+    return RoadEdges(_stamp_ns(_EDGES, msg.markers), lines['left'], lines['right'])
+
+
+def obstacles(msg: Any) -> Obstacles:
+    """Return the obstacles of /scenario/obstacles, in the order of their cylinders."""
+    _check(_OBSTACLES, msg)
+    added = [marker for marker in msg.markers if marker.action != _DELETEALL]
+    for marker in added:
+        _expect(_OBSTACLES, marker, {'obstacle': _CYLINDER, 'velocity': _ARROW})
+    cylinders = _by_id([marker for marker in added if marker.ns == 'obstacle'])
+    arrows = _by_id([marker for marker in added if marker.ns == 'velocity'])
+    if arrows.keys() - cylinders.keys():
+        lost = min(arrows.keys() - cylinders.keys())
+        raise DecodeError(f'{_OBSTACLES}: velocity {lost} belongs to no obstacle; allowed same id')
+    items = tuple(_obstacle(c, arrows.get(number)) for number, c in cylinders.items())
+    return Obstacles(_stamp_ns(_OBSTACLES, msg.markers), items)
+
+
 def why(msg: Any) -> Why:
     """Return the reasons of /controller/why."""
     status = _status('/controller/why', msg)
-    return Why(stamp.to_ns(msg.header.stamp), _level(status), status.message, _values(status))
+    return Why(
+        conversions.stamp_to_ns(msg.header.stamp), _level(status), status.message, _values(status)
+    )
 
 
 def health(msg: Any) -> Health:
     """Return the health of one node from /diagnostics."""
     status = _status('/diagnostics', msg)
-    stamp_ns = stamp.to_ns(msg.header.stamp)
+    stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
     return Health(stamp_ns, status.name, _level(status), status.message, _values(status))
 
 
 def clock(msg: Any) -> int:
     """Return the time of /clock in nanoseconds; 0, which says that there is no time, is refused."""
-    check('/clock', msg)
-    now_ns = stamp.to_ns(msg.clock)
+    _check('/clock', msg)
+    now_ns = conversions.stamp_to_ns(msg.clock)
     if not now_ns:
         raise DecodeError('/clock: clock (t) is 0 s: no time yet; allowed above 0 s')
     return now_ns
@@ -136,11 +166,33 @@ def clock(msg: Any) -> int:
 
 def stamp_ns_of(raw: bytes) -> int:
     """Return the header stamp of a serialised message whose first field is a Header."""
-    form = _CDR_HEADERS.get(bytes(raw[:2]))
-    if form is None or len(raw) < _STAMP_AT + struct.calcsize(form):
+    form = _CDR_ORDERS.get(bytes(raw[:2]))
+    if form is None or len(raw) < _STAMP_OFFSET + struct.calcsize(form):
         raise DecodeError(f'no CDR message with a header: {bytes(raw[:16])!r}')
-    sec, nanosec = struct.unpack_from(form, raw, _STAMP_AT)
-    return sec * stamp.NS_PER_S + nanosec
+    sec, nanosec = struct.unpack_from(form, raw, _STAMP_OFFSET)
+    return sec * conversions.NS_PER_S + nanosec
+
+
+def _check(topic: str, msg: Any) -> None:
+    """Raise DecodeError with the first breach of the contract in a message."""
+    violations = conformance.check(topic, msg)
+    if violations:
+        raise DecodeError(str(violations[0]))
+
+
+def _check_form(topic: str, msg: Any) -> None:
+    """Raise DecodeError for wrong sizes, names, frames and stamps, whatever the numbers are."""
+    violations = conformance.check_form(topic, msg)
+    if violations:
+        raise DecodeError(str(violations[0]))
+
+
+def _heading(topic: str, q: Any) -> float:
+    """Return the heading of a turn about z [rad]; DecodeError when q is no unit quaternion."""
+    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if abs(norm - 1.0) > UNIT_TOLERANCE:
+        raise DecodeError(f'{topic}: orientation has the squared length {norm:g}; allowed 1')
+    return conversions.quaternion_to_heading(float(q.z), float(q.w))
 
 
 def _arrays(msg):
@@ -149,14 +201,14 @@ def _arrays(msg):
 
 def _path(topic, msg):
     """Return stamp, X, Y, psi, t; t in s after the stamp of the message."""
-    check(topic, msg)
-    stamp_ns = stamp.to_ns(msg.header.stamp)
+    _check(topic, msg)
+    stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
     rows = [
         (
             float(p.pose.position.x),
             float(p.pose.position.y),
-            heading(topic, p.pose.orientation),
-            stamp.seconds(stamp.to_ns(p.header.stamp) - stamp_ns),
+            _heading(topic, p.pose.orientation),
+            conversions.ns_to_s(conversions.stamp_to_ns(p.header.stamp) - stamp_ns),
         )
         for p in msg.poses
     ]
@@ -165,7 +217,7 @@ def _path(topic, msg):
 
 def _status(topic, msg):
     """Return the one status; its numbers may be absurd: a failed tick must stay readable."""
-    check_form(topic, msg)
+    _check_form(topic, msg)
     (status,) = msg.status
     return status
 
@@ -177,4 +229,45 @@ def _level(status):
 
 
 def _values(status):
-    return {pair.key: words.read(pair.value) for pair in status.values}
+    return {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
+
+
+def _obstacle(cylinder, arrow):
+    diameter = float(cylinder.scale.x)
+    if diameter != cylinder.scale.y:
+        raise DecodeError(
+            f'{_OBSTACLES}: scale.y of obstacle {cylinder.id} is {cylinder.scale.y}; '
+            f'allowed scale.x = {diameter}, obstacles are round'
+        )
+    vX = vY = 0.0
+    if arrow is not None:
+        tail, tip = arrow.points
+        vX, vY = float(tip.x) - float(tail.x), float(tip.y) - float(tail.y)
+    position = cylinder.pose.position
+    X, Y = float(position.x), float(position.y)
+    return Obstacle(int(cylinder.id), X, Y, 0.5 * diameter, vX, vY)
+
+
+def _expect(topic, marker, kinds):
+    """Check namespace, type and action of a marker."""
+    if marker.ns not in kinds:
+        raise DecodeError(f'{topic}: ns is {marker.ns!r}; allowed {", ".join(kinds)}')
+    if marker.type != kinds[marker.ns]:
+        allowed = f'{kinds[marker.ns]} with ns {marker.ns}'
+        raise DecodeError(f'{topic}: type is {marker.type}; allowed {allowed}')
+    if marker.action != _ADD:
+        raise DecodeError(f'{topic}: action is {marker.action}; allowed {_ADD} (ADD)')
+
+
+def _by_id(markers):
+    found = {int(marker.id): marker for marker in markers}
+    if len(found) != len(markers):
+        raise DecodeError(f'{_OBSTACLES}: two markers of one ns have one id; allowed different ids')
+    return found
+
+
+def _stamp_ns(topic, markers):
+    stamps = {conversions.stamp_to_ns(marker.header.stamp) for marker in markers}
+    if len(stamps) != 1:
+        raise DecodeError(f'{topic}: markers have {len(stamps)} stamps; allowed one for all')
+    return stamps.pop()

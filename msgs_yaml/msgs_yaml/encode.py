@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msgs_yaml import blocks, contract, stamp, words, yaw
+from msgs_yaml import contract, conversions, flat_fields
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -43,7 +43,7 @@ def odometry(x: VehicleState) -> Odometry:
     """Return /vehicle/odometry."""
     msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
     msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
-    pose, twist = blocks.odometry(x)
+    pose, twist = flat_fields.odometry(x)
     position, orientation = msg.pose.pose.position, msg.pose.pose.orientation
     position.x, position.y, position.z, *quaternion = pose
     orientation.x, orientation.y, orientation.z, orientation.w = quaternion
@@ -56,7 +56,7 @@ def imu(x: Imu) -> ImuMessage:
     """Return /vehicle/imu."""
     msg = ImuMessage(header=_header('/vehicle/imu', x.stamp_ns))
     msg.orientation_covariance[0] = _NO_ORIENTATION
-    rate, acceleration = blocks.imu(x)
+    rate, acceleration = flat_fields.imu(x)
     msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z = rate
     linear = msg.linear_acceleration
     linear.x, linear.y, linear.z = acceleration
@@ -65,17 +65,17 @@ def imu(x: Imu) -> ImuMessage:
 
 def actuators(x: Actuators) -> JointState:
     """Return /vehicle/actuators."""
-    return _joint_state('/vehicle/actuators', x.stamp_ns, blocks.actuators(x))
+    return _joint_state('/vehicle/actuators', x.stamp_ns, flat_fields.actuators(x))
 
 
 def wheels(x: Wheels) -> JointState:
     """Return /vehicle/wheels."""
-    return _joint_state('/vehicle/wheels', x.stamp_ns, blocks.wheels(x))
+    return _joint_state('/vehicle/wheels', x.stamp_ns, flat_fields.wheels(x))
 
 
 def command(x: Command) -> JointState:
     """Return /controller/command."""
-    return _joint_state('/controller/command', x.stamp_ns, blocks.command(x))
+    return _joint_state('/controller/command', x.stamp_ns, flat_fields.command(x))
 
 
 def reference(x: Reference) -> Path:
@@ -125,7 +125,7 @@ def clock(stamp_ns: int) -> Clock:
 
 
 def _time(stamp_ns):
-    sec, nanosec = stamp.split(stamp_ns)
+    sec, nanosec = conversions.split_stamp(stamp_ns)
     return Time(sec=sec, nanosec=nanosec)
 
 
@@ -147,9 +147,9 @@ def _joint_state(topic, stamp_ns, numbers):
 def _path(topic, x):
     msg = Path(header=_header(topic, x.stamp_ns))
     for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
-        pose = PoseStamped(header=_header(topic, stamp.later(x.stamp_ns, t)))
+        pose = PoseStamped(header=_header(topic, conversions.add_seconds(x.stamp_ns, t)))
         pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
-        pose.pose.orientation.z, pose.pose.orientation.w = yaw.to_quaternion(psi)
+        pose.pose.orientation.z, pose.pose.orientation.w = conversions.heading_to_quaternion(psi)
         msg.poses.append(pose)
     return msg
 
@@ -169,7 +169,7 @@ def _obstacle_marker(stamp_ns, obstacle, ns, kind):
     # viewers drop an obstacle that is gone after four periods
     period_s = 1.0 / contract.load().topics[topic].rate_hz['lockstep']
     fraction, whole = math.modf(4.0 * period_s)
-    marker.lifetime = Duration(sec=int(whole), nanosec=round(fraction * stamp.NS_PER_S))
+    marker.lifetime = Duration(sec=int(whole), nanosec=round(fraction * conversions.NS_PER_S))
     return marker
 
 
@@ -189,7 +189,9 @@ def _arrow(stamp_ns, obstacle):
 
 
 def _diagnostics(topic, stamp_ns, name, x):
-    values = [KeyValue(key=key, value=words.write(value)) for key, value in x.values.items()]
+    values = [
+        KeyValue(key=key, value=conversions.value_to_text(value)) for key, value in x.values.items()
+    ]
     status = DiagnosticStatus(
         level=bytes([x.level]), name=name, message=x.message, hardware_id=name, values=values
     )

@@ -1,4 +1,4 @@
-"""Find the data files of a package: in its source tree, or where an installation put them."""
+"""Find the files of a package: data in its share directory, programs as `ros2 run` does."""
 
 import importlib.util
 import os
@@ -11,20 +11,37 @@ def path(package: str, *relative: str) -> Path:
 
     Searched in this order: the source tree, when the package is imported from one; every entry of
     AMENT_PREFIX_PATH (a ROS installation or a colcon workspace); the prefix of this Python (a
-    virtual environment). Raises FileNotFoundError that names every place tried.
+    virtual environment). Raises FileNotFoundError that names every path tried.
     """
     tried = [root.joinpath(*relative) for root in _roots(package)]
     for candidate in tried:
         if candidate.exists():
             return candidate
-    places = '\n  '.join(map(str, tried))
-    raise FileNotFoundError(f'{"/".join(relative)} of package {package} is in none of\n  {places}')
+    paths = '\n  '.join(map(str, tried))
+    raise FileNotFoundError(f'{"/".join(relative)} of package {package} is in none of\n  {paths}')
+
+
+def node_command(package: str, executable: str) -> list[str]:
+    """Return the command line of a node, found as `ros2 run` does: lib/<package>/<executable>.
+
+    Searched under every prefix of AMENT_PREFIX_PATH and under that of this Python. In a source tree
+    that is not installed it is the module <package>.<executable>, run by this Python.
+    """
+    for prefix in _prefixes():
+        program = Path(prefix, 'lib', package, executable)
+        if os.access(program, os.X_OK):
+            return [str(program)]
+    return [sys.executable, '-m', f'{package}.{executable}']
+
+
+def _prefixes():
+    ament = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return [*filter(None, ament), sys.prefix]
 
 
 def _roots(package):
     source = _source_tree(package)
-    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
-    installed = [Path(prefix, 'share', package) for prefix in [*prefixes, sys.prefix]]
+    installed = [Path(prefix, 'share', package) for prefix in _prefixes()]
     return [source, *installed] if source else installed
 
 

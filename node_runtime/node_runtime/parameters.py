@@ -8,12 +8,19 @@
 
 Dataclasses nest; `tuple[float, ...]` takes a list, the range holds for each element. A parameter
 `| None` may be left out and is None then. Dataclasses hold no other defaults: `build` and `load`
-refuse a missing parameter. A node started with a partial file takes what is missing from the file
-of its package (`overrides.resolve`) and logs what it took. A misspelt parameter is always refused.
+reject a missing parameter. A misspelt parameter is always rejected.
+
+A parameter file may name another file as its `base` and then holds only what differs from it:
+
+    /**:
+      ros__parameters:
+        base: mpcc.yaml               # beside this file, or a path relative to it
+        priorities: {obstacle: 0.0}   # 1/m^2
 """
 
 import dataclasses
 import math
+import os
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -21,10 +28,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from msgs_yaml.strict_yaml import YamlError, closest, read
+from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
+BASE = 'base'
 _UNIONS = (typing.Union, types.UnionType)
 
 
@@ -43,7 +51,7 @@ class Range:
 
 @dataclass(frozen=True, init=False)
 class Choice:
-    """Allowed words."""
+    """Allowed words of a text."""
 
     words: tuple[str, ...]
 
@@ -51,8 +59,14 @@ class Choice:
         object.__setattr__(self, 'words', words)
 
 
+# quantities that several packages take: what a scenario allows, nodes accept
+ROAD_FRICTION = Range(0.05, 1.5, '-')  # scale of the grip of the road, 1 is dry asphalt
+RUN_TIME = Range(0.5, 600.0, 's')  # the ranges of positions in topics.yaml follow from it
+SPEED = Range(1.0, 100.0, 'm/s')  # at the start, and desired along a path
+
+
 class Leaf(NamedTuple):
-    """What a single parameter may be."""
+    """Type and allowed values of one parameter."""
 
     kind: type  # bool, int, float or str
     many: bool  # tuple of them
@@ -61,7 +75,7 @@ class Leaf(NamedTuple):
 
     @property
     def allowed(self) -> str:
-        """The allowed range in words."""
+        """The allowed values as text."""
         if isinstance(self.rule, Range):
             return f'{self.rule.low:g} to {self.rule.high:g} {self.rule.unit}'
         if isinstance(self.rule, Choice):
@@ -74,27 +88,29 @@ def leaves(cls: type) -> dict[str, Leaf]:
 
     Raises TypeError for a field that states no type or range of the forms above.
     """
-    found = {}
+    by_name = {}
     for name, hint in typing.get_type_hints(cls, include_extras=True).items():
         if dataclasses.is_dataclass(hint):
-            found.update({f'{name}.{inner}': leaf for inner, leaf in leaves(hint).items()})
+            by_name.update({f'{name}.{inner}': leaf for inner, leaf in leaves(hint).items()})
         else:
-            found[name] = _leaf(f'{cls.__name__}.{name}', hint)
-    return found
+            by_name[name] = _leaf(f'{cls.__name__}.{name}', hint)
+    return by_name
 
 
-def _leaf(where, hint):
-    alternatives = typing.get_args(hint) if typing.get_origin(hint) in _UNIONS else ()
-    if len(alternatives) == 2 and alternatives[1] is types.NoneType:
-        return _leaf(where, alternatives[0])._replace(optional=True)
-    rules = typing.get_args(hint)[1:] if typing.get_origin(hint) is typing.Annotated else ()
-    base = typing.get_args(hint)[0] if rules else hint
-    many = typing.get_origin(base) is tuple and typing.get_args(base)[1:] == (Ellipsis,)
-    kind = typing.get_args(base)[0] if many else base
-    rule = rules[0] if rules else None
-    wanted = {float: (Range,), int: (Range,), str: (Choice, types.NoneType), bool: types.NoneType}
-    if kind not in SCALARS or not isinstance(rule, wanted[kind]):
-        raise TypeError(f'{where}: {hint} is no parameter; numbers need a Range(low, high, unit)')
+def _leaf(field, hint):
+    if typing.get_origin(hint) in _UNIONS:
+        kinds = [kind for kind in typing.get_args(hint) if kind is not types.NoneType]
+        if len(kinds) == 1:
+            return _leaf(field, kinds[0])._replace(optional=True)
+    base, rule = hint, None
+    if typing.get_origin(hint) is typing.Annotated:
+        base, rule = hint.__origin__, hint.__metadata__[0]
+    element, *ellipsis = typing.get_args(base) or (base,)
+    many = typing.get_origin(base) is tuple and ellipsis == [Ellipsis]
+    kind = element if many else base
+    rules = {float: (Range,), int: (Range,), str: (Choice, types.NoneType), bool: types.NoneType}
+    if kind not in SCALARS or not isinstance(rule, rules[kind]):
+        raise TypeError(f'{field}: {hint} is no parameter; numbers need a Range(low, high, unit)')
     return Leaf(kind, many, rule)
 
 
@@ -107,7 +123,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: str) -> T:
 
 
 def build_from(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]) -> T:
-    """Like `build`; `source(dotted_key)` says where each value comes from."""
+    """Like `build`; `source(dotted_key)` returns where a value comes from, for errors."""
     known = leaves(cls)
     given = flatten_mapping(mapping)
     for key in given:
@@ -130,70 +146,123 @@ def _assemble(cls, values, prefix):
 
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:
-    """Return a value as its parameter's type; raise ParameterError when it may not be that."""
+    """Return a value in the type of its parameter; raise ParameterError if it is not allowed."""
     if value is None and leaf.optional:
         return None
 
-    def refuse(what):
+    def error(what):
         return ParameterError(f'{source(key)}: {key}: {what}; allowed {leaf.allowed}')
 
     if not leaf.many:
-        return _scalar(leaf, value, refuse)
+        return _scalar(leaf, value, error)
     if isinstance(value, str | bytes) or not isinstance(value, typing.Iterable):
-        raise refuse(f'must be a list, is {value!r}')
-    return tuple(_scalar(leaf, element, refuse) for element in value)
+        raise error(f'must be a list, is {value!r}')
+    return tuple(_scalar(leaf, element, error) for element in value)
 
 
-def _scalar(leaf, value, refuse):
+def _scalar(leaf, value, error):
     is_whole = isinstance(value, int) and not isinstance(value, bool)
-    right = {
+    has_type = {
         bool: isinstance(value, bool),
         int: is_whole,
         float: is_whole or isinstance(value, float),
         str: isinstance(value, str),
     }
-    if not right[leaf.kind]:
+    if not has_type[leaf.kind]:
         names = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
-        raise refuse(f'must be {names[leaf.kind]}, is {value!r}')
+        raise error(f'must be {names[leaf.kind]}, is {value!r}')
     if isinstance(leaf.rule, Range):
-        # a whole number may be too large even to ask
+        # math.isfinite raises for a whole number beyond all floats
         if isinstance(value, float) and not math.isfinite(value):
-            raise refuse(f'must be finite, is {value!r}')
+            raise error(f'must be finite, is {value!r}')
         if not leaf.rule.low <= value <= leaf.rule.high:
-            raise refuse(f'is out of range with {value!r}')
+            raise error(f'is out of range with {value!r}')
     if isinstance(leaf.rule, Choice) and value not in leaf.rule.words:
-        raise refuse(f'is {value!r}{closest(value, leaf.rule.words)}')
+        raise error(f'is {value!r}{closest(value, leaf.rule.words)}')
     return leaf.kind(value)
 
 
-def load(cls: type[T], path: Path) -> T:
-    """Read a ROS parameter file, `/**: {ros__parameters: {...}}`, into a dataclass.
+class ParameterFile(NamedTuple):
+    """The parameters of a file and its bases, by dotted name."""
+
+    values: dict[str, Any]
+    sources: dict[str, str]  # <file>:<line>
+    comments: dict[str, str]  # behind the value
+    base: Path | None
+
+    def __repr__(self):
+        return f'ParameterFile({len(self.values)} parameters, base={self.base})'
+
+
+def load(cls: type[T], path: Path, config: Path | None = None) -> T:
+    """Read a parameter file into a dataclass; see `read_file`.
 
     Raises ParameterError that names the file, the line and the dotted key.
     """
-    values, lines = read_file(path)
-    return build_from(
-        cls, values, lambda key: f'{path}:{lines[key]}' if key in lines else f'{path}'
-    )
+    file = read_file(path, config)
+    return build_from(cls, file.values, lambda key: file.sources.get(key, str(path)))
 
 
-def read_file(path: Path) -> tuple[dict[str, Any], dict[str, int]]:
-    """Return the dotted values of a ROS parameter file and the line of each."""
+def read_file(path: Path, config: Path | None = None) -> ParameterFile:
+    """Read a ROS parameter file, `/**: {ros__parameters: {...}}`, and the files it is based on.
+
+    Instead of `/**` it may have the name of a node, as `ros2 param dump` writes it. A base that is
+    a bare name is looked for beside the file, then in the folder `config`; a path is relative to
+    the file. Raises ParameterError `<file>:<line>: <key>: <what>`.
+    """
     try:
-        root = read(path).members(('/**',))['/**'].members(('ros__parameters',))
-        items = _leaf_items(root['ros__parameters'], '')
-        return {k: item.value() for k, item in items.items()}, {k: i.line for k, i in items.items()}
+        return _read_chain(Path(path), config, ())
     except YamlError as error:
         raise ParameterError(str(error)) from None
 
 
+def _read_chain(path, config, derived):
+    """Return a file and its bases; `derived` are the files that lead to it, the first one first."""
+    root = read(path)
+    node = next(iter(root.items())) if len(root.items()) == 1 else ''
+    name = node if node.startswith('/') else '/**'
+    parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
+    items = _leaf_items(parameters, '')
+    lines = path.read_text().splitlines()
+    base = items.pop(BASE, None)
+    own = ParameterFile(
+        {key: item.value() for key, item in items.items()},
+        {key: f'{path}:{item.line}' for key, item in items.items()},
+        {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()},
+        _find_base(base, path, config) if base and base.text() else None,
+    )
+    if own.base is None:
+        return own
+    chain = (*derived, path)
+    if own.base.resolve() in [file.resolve() for file in chain]:
+        names = ' -> '.join(file.name for file in (*chain, own.base))
+        raise base.error(f'the files are based on each other: {names}')
+    inherited = _read_chain(own.base, config, chain)
+    comments = {key: text for key, text in own.comments.items() if text}
+    return ParameterFile(
+        inherited.values | own.values,
+        inherited.sources | own.sources,
+        inherited.comments | comments,
+        own.base,
+    )
+
+
+def _find_base(item: Item, path, config):
+    name = item.text()
+    folders = [path.parent, *([config] if config and os.sep not in name else [])]
+    for folder in folders:
+        if Path(folder, os.path.expanduser(name)).is_file():
+            return Path(folder, os.path.expanduser(name))
+    raise item.error(f'there is no file {name} in {" or ".join(map(str, folders))}')
+
+
 def _leaf_items(item, prefix):
-    found = {}
+    leaf_items = {}
     for name, member in item.items().items():
         nested = member.node.id == 'mapping'
         key = f'{prefix}{name}'
-        found.update(_leaf_items(member, f'{key}.') if nested else {key: member})
-    return found
+        leaf_items.update(_leaf_items(member, f'{key}.') if nested else {key: member})
+    return leaf_items
 
 
 def flatten(parameters: Any) -> dict[str, Any]:
@@ -203,9 +272,9 @@ def flatten(parameters: Any) -> dict[str, Any]:
 
 def flatten_mapping(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     """Return a nested mapping as dotted keys; keys that are dotted already stay."""
-    found = {}
+    flat = {}
     for name, value in mapping.items():
         key = f'{prefix}{name}'
         nested = isinstance(value, Mapping)
-        found.update(flatten_mapping(value, f'{key}.') if nested else {key: value})
-    return found
+        flat.update(flatten_mapping(value, f'{key}.') if nested else {key: value})
+    return flat

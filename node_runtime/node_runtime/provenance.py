@@ -1,4 +1,4 @@
-"""What is noted with every run, so that a bag explains itself: parameters, versions, machine."""
+"""Provenance of a run for the metadata of its bag: parameters, versions, machine, commit."""
 
 import hashlib
 import json
@@ -32,18 +32,18 @@ PACKAGES = (
     'stage_solver',
     'vehicle_plant',
 )
-# tracked, written by commands of this project while they measure
+# tracked files that commands of this project write
 RESULTS = ('paper', 'README.md', 'docs', 'bags/reference')
 UNKNOWN = 'unknown'
 GIT_S = 5.0
 
 
-def of(
+def describe_run(
     scenario: str, text: str, controller: str, mode: str, parameters: Mapping[str, Mapping]
 ) -> dict[str, str]:
-    """Return the notes of a run, each a text; structured ones are JSON.
+    """Return the metadata of a run, each a text; structured values are JSON.
 
-    `parameters` holds the dotted parameters of every node by its role, `text` is the scenario file.
+    `text` is the scenario file; `parameters` are those of every node by role and dotted name.
     """
     return {
         'scenario': scenario,
@@ -51,12 +51,12 @@ def of(
         'scenario_sha256': digest(text),
         'controller': controller,
         'parameters': json.dumps(parameters, sort_keys=True),
-        **surroundings(mode),
+        **describe_environment(mode),
     }
 
 
-def surroundings(mode: str) -> dict[str, str]:
-    """Return what is known of every recording, whoever started the nodes."""
+def describe_environment(mode: str) -> dict[str, str]:
+    """Return the metadata of any recording, also of nodes that were started by hand."""
     return {
         'mode': mode,
         'versions': json.dumps(versions(), sort_keys=True),
@@ -66,14 +66,14 @@ def surroundings(mode: str) -> dict[str, str]:
 
 
 def digest(text: str) -> str:
-    """Return the SHA-256 of a scenario text: runs with equal ones drove the same scenario."""
+    """Return the SHA-256 of a scenario text as hex digits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything that a run's numbers may depend on.
+    """Return the version of everything that may change the numbers of a run.
 
-    Our solver is part of mpcc_controller; the others come with casadi.
+    fatrop and IPOPT come with casadi.
     """
     return {
         'python': platform.python_version(),
@@ -98,12 +98,12 @@ def _version(distribution):
 
 
 def machine() -> dict[str, Any]:
-    """Return what the run was computed on."""
+    """Return the description of this machine."""
     return {
         'processor': _processor(),
         'architecture': platform.machine(),
         'cores': len(os.sched_getaffinity(0)),
-        'kernel': platform.release().partition('-')[0],  # what follows names who built it
+        'kernel': platform.release().partition('-')[0],  # the rest names its builder
         'libc': ' '.join(platform.libc_ver()),
     }
 
@@ -115,19 +115,19 @@ def _processor():
 
 
 def commit() -> str:
-    """Return the commit of the working tree this code lies in, '' outside of one.
+    """Return the commit of the working tree of this file, '' outside of one.
 
-    `-dirty` follows it where a tracked file was changed, but for results and pages: they change
-    while they are made.
+    `-dirty` is appended if a tracked file has changed, except for RESULTS, which the measuring
+    commands themselves change.
     """
     here = Path(__file__).parent
     root = _git(here, 'rev-parse', '--show-toplevel')
-    # an installation may lie inside somebody else's repository
+    # an installation may be inside another repository
     if not root or not Path(root, 'bags', 'package.xml').is_file():
         return ''
     head = _git(here, 'rev-parse', 'HEAD')
-    besides = [f':(top,exclude){folder}' for folder in RESULTS]
-    changed = _git(here, 'status', '--porcelain', '--untracked-files=no', '--', ':(top)', *besides)
+    excluded = [f':(top,exclude){folder}' for folder in RESULTS]
+    changed = _git(here, 'status', '--porcelain', '--untracked-files=no', '--', ':(top)', *excluded)
     if not head or changed is None:
         return ''
     return head + ('-dirty' if changed else '')
@@ -135,9 +135,9 @@ def commit() -> str:
 
 def _git(folder, *arguments):
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             ['git', '-C', folder, *arguments], capture_output=True, text=True, timeout=GIT_S
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return done.stdout.strip() if done.returncode == 0 else None
+    return result.stdout.strip() if result.returncode == 0 else None

@@ -1,8 +1,8 @@
-"""The ROS side of every node: parameters, publishers, subscriptions.
+"""The ROS side of every node: parameters, publishers, subscriptions, QoS.
 
-Types and QoS come from the contract, so a node cannot misstate them. The contract's names are
-relative to the namespace of a node: `/vehicle/odometry` of a node in `/car1` is
-`/car1/vehicle/odometry`, so rings in different namespaces do not hear each other.
+Types and QoS come from the contract, so no node can deviate from them. The contract's topic names
+are relative to the namespace of a node: `/vehicle/odometry` of a node in `/car1` is
+`/car1/vehicle/odometry`, so systems in different namespaces are separate.
 """
 
 import time
@@ -13,52 +13,64 @@ from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 
-from msgs_yaml import contract, fast
-from msgs_yaml.checked import DecodeError
-from node_runtime import overrides, qos
+from msgs_yaml import cdr_templates, contract
+from msgs_yaml.contract import Qos
+from msgs_yaml.decode import DecodeError
+from node_runtime import node_parameters
 from node_runtime.parameters import Choice, Range
 
 T = TypeVar('T')
 _RETRY_S = 0.001
-_PATIENCE_S = 30.0  # DDS forgets a dead process after 20 s
-HEALTH = '/diagnostics'  # nobody waits for it to be heard
+_TIMEOUT_S = 30.0  # DDS forgets a dead process after 20 s
+HEALTH = '/diagnostics'  # no node waits for its subscriptions
 
 
 def mode(node: Node) -> str:
     """Return the parameter `mode` of a node that has declared its parameters."""
-    return node.get_parameter(overrides.MODE).value
+    return node.get_parameter(node_parameters.MODE).value
 
 
 def declare(node: Node, cls: type[T], defaults: Path) -> T:
-    """Declare a parameter dataclass as read-only ROS parameters, and `mode` and `recorders`.
+    """Declare a parameter dataclass, and the parameters of every node, as read-only; return it.
 
-    Defaults come from the YAML file, overrides from the command line and parameter files. Raises
-    ParameterError for values that break their range, and for overrides that nobody declares. Logs
-    how many values come from the YAML file.
+    Defaults come from the YAML file `defaults`, or from the one that the parameter `base` names;
+    overrides from the command line and parameter files. Raises ParameterError for values out of
+    range and for overrides that are no parameters. Logs how many values are defaults.
     """
-    # rclpy shows overrides only to those who know the names; unknown ones would pass in silence
+    # rclpy gives overrides only to those who know the names; unknown ones would be ignored
     given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
     given = {name: value for name, value in given.items() if not node.has_parameter(name)}
-    made, declarations = overrides.resolve(cls, Path(defaults), given)
-    for one in declarations:
+    params, declarations = node_parameters.resolve(cls, Path(defaults), given)
+    for declaration in declarations:
         # values are checked: ROS must neither override them again nor insist on 1.0 for 1
-        node.declare_parameter(one.name, one.value, _descriptor(one), ignore_override=True)
-    node.get_logger().info(overrides.told_defaults(cls, given, Path(defaults)))
-    return made
+        node.declare_parameter(
+            declaration.name, declaration.value, _descriptor(declaration), ignore_override=True
+        )
+    node.get_logger().info(node_parameters.describe_defaults(cls, given, Path(defaults)))
+    return params
 
 
-def _descriptor(one):
-    # without a value it has no type either, unless that may change
+def _descriptor(declaration):
+    # a parameter without a value has no type either, unless its type may change
     descriptor = ParameterDescriptor(
-        description=one.description, read_only=True, dynamic_typing=one.value is None
+        description=declaration.description,
+        read_only=True,
+        dynamic_typing=declaration.value is None,
     )
-    rule, kind = one.leaf.rule, one.leaf.kind
+    rule, kind = declaration.leaf.rule, declaration.leaf.kind
     if isinstance(rule, Range) and kind is float:
         ends = {'from_value': float(rule.low), 'to_value': float(rule.high)}
         descriptor.floating_point_range = [FloatingPointRange(**ends)]
@@ -66,25 +78,25 @@ def _descriptor(one):
         ends = {'from_value': int(rule.low), 'to_value': int(rule.high)}
         descriptor.integer_range = [IntegerRange(**ends)]
     elif isinstance(rule, Choice):
-        descriptor.additional_constraints = one.leaf.allowed
+        descriptor.additional_constraints = declaration.leaf.allowed
     return descriptor
 
 
-def relative(topic: str) -> str:
-    """Return a name of the contract or of a bag as one relative to the namespace of a node."""
+def relative_name(topic: str) -> str:
+    """Return a topic name of the contract or of a bag relative to the namespace of a node."""
     return topic.lstrip('/')
 
 
 def full_name(node: Node, topic: str) -> str:
-    """Return the name of a topic of the contract in the graph: namespace and remappings applied."""
-    return node.resolve_topic_name(relative(topic))
+    """Return a topic name of the contract with namespace and remappings of a node applied."""
+    return node.resolve_topic_name(relative_name(topic))
 
 
 def polled_node(node: Node, name: str) -> Node:
-    """Return a second node in the namespace and context of `node`, which no executor spins.
+    """Return a second node in the namespace and context of `node` that no executor spins.
 
-    Its subscriptions are asked for messages, they have no callbacks. Create them with `full_name`
-    of `node`: arguments of the process, remappings included, do not apply to this node.
+    Its subscriptions have no callbacks and are polled. Create them with `full_name` of `node`:
+    arguments of the process, remappings included, do not apply to this node.
     """
     return rclpy.create_node(
         name,
@@ -97,48 +109,49 @@ def polled_node(node: Node, name: str) -> Node:
 
 
 def publisher(node: Node, topic: str) -> Publisher:
-    """Return a publisher with type and QoS of the contract; it takes messages."""
-    return node.create_publisher(message_type(topic), relative(topic), profile(node, topic))
+    """Return a publisher of messages with type and QoS of the contract."""
+    return node.create_publisher(
+        message_type(topic), relative_name(topic), qos_profile(node, topic)
+    )
 
 
 def subscribe(
     node: Node, topic: str, callback: Callable[[Any], None], raw: bool = False
 ) -> Subscription:
     """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
-    kind, wanted = message_type(topic), profile(node, topic)
-    return node.create_subscription(kind, relative(topic), callback, wanted, raw=raw)
+    kind, profile = message_type(topic), qos_profile(node, topic)
+    return node.create_subscription(kind, relative_name(topic), callback, profile, raw=raw)
 
 
-def unheard(node: Node, listeners: Mapping[str, int]) -> list[str]:
-    """Return what the publishers of a node still have to be matched with, in words.
+def missing_subscriptions(node: Node, listeners: Mapping[str, int]) -> list[str]:
+    """Return which publishers of a node lack matched subscriptions, a text for each.
 
     Each topic of the contract needs as many subscriptions as the parameter `recorders` says, and
-    `listeners` more. One that was remapped needs the listeners only: no recorder is told to listen
-    there. Who starts earlier loses messages: DDS sends volatile ones only to readers that it has
-    matched.
+    `listeners` more. A remapped topic needs the listeners only: no recorder subscribes to it. A
+    node that starts earlier loses messages: DDS sends volatile ones only to matched readers.
     """
     topics = {full_name(node, topic): topic for topic in contract.load().topics if topic != HEALTH}
-    recorders = node.get_parameter(overrides.RECORDERS).value
-    waiting = []
+    recorders = node.get_parameter(node_parameters.RECORDERS).value
+    missing = []
     for pub in node.publishers:
         topic = topics.get(pub.topic_name)
         is_recorded = pub.topic_name == f'{node.get_namespace().rstrip("/")}{topic}'
-        wanted = recorders * is_recorded + listeners.get(topic, 0)
+        expected = recorders * is_recorded + listeners.get(topic, 0)
         matched = pub.get_subscription_count()
-        if topic and matched < wanted:
-            waiting.append(f'{wanted} subscriptions to {pub.topic_name} (has {matched})')
-    return waiting
+        if topic and matched < expected:
+            missing.append(f'{expected} subscriptions to {pub.topic_name} (has {matched})')
+    return missing
 
 
-def message(topic: str, raw: bytes) -> Any:
-    """Return the message of a topic from its serialised bytes; DecodeError when they are none."""
+def deserialize(topic: str, raw: bytes) -> Any:
+    """Return the message of a topic from its bytes; raise DecodeError for other bytes."""
     try:
         return deserialize_message(raw, message_type(topic))
-    except RuntimeError as error:  # the base of what the middleware refuses
+    except RuntimeError as error:  # the base of what the middleware raises
         raise DecodeError(f'{topic}: {len(raw)} bytes are no message of its type') from error
 
 
-def serialized(msg: Any) -> bytes:
+def serialize(msg: Any) -> bytes:
     """Return the bytes of a message, as they are published."""
     return serialize_message(msg)
 
@@ -149,55 +162,79 @@ def message_type(topic: str) -> type:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-class Sender:
-    """Publishes serialised messages, and waits where others would lose them."""
+class BlockingPublisher:
+    """Publishes serialised messages; waits while the queue is full, so that none is lost."""
 
     def __init__(self, node: Node, pub: Publisher):
         self._node = node
         self._publisher = pub
-        self._given_up = False  # told to end while the queue was full
+        self._is_ending = False  # the node was asked to end while the queue was full
 
     def send(self, raw: bytes) -> None:
         """Publish the bytes of one message.
 
-        Waits while a reliable subscriber that keeps everything is thousands of messages behind:
-        lockstep loses none. Raises RuntimeError when that lasts longer than a dead process is
-        remembered by DDS. A node that has been told to end does not wait.
+        Waits while a reliable keep-all subscriber is thousands of messages behind: lockstep loses
+        no message. Raises RuntimeError if that lasts longer than DDS remembers a dead process. A
+        node that was asked to end does not wait.
         """
-        end = time.monotonic() + _PATIENCE_S
-        while not (self._given_up or self._accepted(raw, end)):
+        end = time.monotonic() + _TIMEOUT_S
+        while not (self._is_ending or self._try_send(raw, end)):
             time.sleep(_RETRY_S)
 
-    def _accepted(self, raw, end):
+    def _try_send(self, raw, end):
         try:
             self._publisher.publish(raw)
         except RuntimeError:  # the queue is full
-            # nobody waits for the rest, and each further try would block for 0.1 s
-            self._given_up = getattr(self._node, 'finished', False)
+            # each further attempt would block for 0.1 s
+            self._is_ending = getattr(self._node, 'finished', False)
             if time.monotonic() > end or not self._publisher.get_subscription_count():
                 raise
             return False
         return True
 
 
-class FastPublisher:
-    """Publishes values, not messages, by patching a serialised template."""
+class TemplatePublisher:
+    """Publishes values of `types` by patching a serialised template; see `cdr_templates`."""
 
     def __init__(self, node: Node, topic: str):
+        """Raise KeyError for a topic without a template."""
         self.publisher = publisher(node, topic)
-        self._sender = Sender(node, self.publisher)
-        self._template = fast.Template(topic)
+        self._sender = BlockingPublisher(node, self.publisher)
+        self._template = cdr_templates.Template(topic)
 
     def publish(self, value: Any) -> None:
-        """Publish a value of `types` as `Sender` does; the bytes are those of its message."""
+        """Publish a value as `BlockingPublisher` does; the bytes are those of its message."""
         self._sender.send(self._template.fill(value))
 
 
-def fast_publisher(node: Node, topic: str) -> FastPublisher:
-    """Return a publisher of values for a topic of `fast.FORMS`; KeyError for others."""
-    return FastPublisher(node, topic)
+def qos_profile(node: Node, topic: str) -> QoSProfile:
+    """Return the QoS of a topic of the contract in the mode of a node."""
+    return to_qos_profile(contract.load().topics[topic].qos[mode(node)])
 
 
-def profile(node: Node, topic: str) -> QoSProfile:
-    """Return the QoS of a topic of the contract, in the mode of a node."""
-    return qos.profile(contract.load().topics[topic].qos[mode(node)])
+def to_qos_profile(qos: Qos) -> QoSProfile:
+    """Return the rclpy profile of a QoS profile of the contract."""
+    profile = QoSProfile(
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+        history=HistoryPolicy[qos.history.upper()],
+        depth=qos.depth,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+    )
+    if qos.deadline_ms is not None:
+        profile.deadline = Duration(nanoseconds=round(qos.deadline_ms * 1e6))
+    return profile
+
+
+def observer_profile(offered: Qos) -> QoSProfile:
+    """Return the profile of an observer: compatible with whatever is offered, and never blocking.
+
+    It may lose messages of a topic that is not latched.
+    """
+    latched = offered.durability == 'transient_local'
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy[offered.durability.upper()],
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1,
+    )

@@ -1,4 +1,4 @@
-"""Runs a node from its command line to its exit code."""
+"""Run a node from its command line to its exit code."""
 
 import gc
 import os
@@ -18,20 +18,20 @@ from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from msgs_yaml.strict_yaml import YamlError
-from node_runtime import leaving, overrides, parameters, realtime, ros, signals
+from node_runtime import node_parameters, parameters, ros, scheduling, shutdown
 from node_runtime.parameters import ParameterError
 
 # also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
 _WAKE_S = 0.1  # longest time until a signal is noticed
-_FLUSH_S = 5.0  # what was lost on its way is sent again with the next heartbeat, after 3 s
-_LEAVE_S = 4.0  # as a rule it takes a tenth of a second
+_FLUSH_S = 5.0  # a lost packet is sent again with the next heartbeat, after 3 s
+_SHUTDOWN_S = 4.0  # usually it takes a tenth of a second
 FAST_DDS = 'rmw_fastrtps'
 EXIT_CONFIGURATION = os.EX_CONFIG
 _EXIT_ERROR = 1
 
 
 def finish(node: Node, exit_code: int = 0) -> None:
-    """End the spinning of a node after this callback; its process exits with this code."""
+    """Stop the spinning of a node after this callback; its process exits with this code."""
     node.exit_code = exit_code
     node.finished = True
     if hasattr(node, 'spinning'):
@@ -39,24 +39,24 @@ def finish(node: Node, exit_code: int = 0) -> None:
 
 
 def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, run it until it finishes or is told to end, and return its exit code.
+    """Create a node, spin it until it finishes or gets a signal, and return its exit code.
 
-    SIGINT and SIGTERM end it after the callback under way, with the node's `exit_code`, 0 unless
-    set. Wrong parameters or a broken contract are one line of the log and EXIT_CONFIGURATION; an
-    error in a callback is shown and ends the node with 1. In the end `node.close()` is called, if
-    there is one, which may take its time. Then the node is destroyed; if the middleware does not
-    let it go the process ends after 4 s with the same exit code, and says where it was held.
-    Discovery stays on this machine unless the environment says otherwise. To be called from the
-    main thread, as the last thing that a process does: from then on both signals are ignored.
+    SIGINT and SIGTERM end it after the running callback, with the node's `exit_code`, 0 unless set.
+    Wrong parameters or a broken contract give one log line and EXIT_CONFIGURATION; an error in a
+    callback is printed and gives 1. Then `node.close()` is called, if there is one, without a time
+    limit, and the node is destroyed; if the middleware hangs there, the process prints its
+    traceback and ends after 4 s with the same exit code. DDS discovery is limited to this machine
+    unless the environment sets ROS_AUTOMATIC_DISCOVERY_RANGE. Call it from the main thread, as the
+    last action of a process: from its end on both signals are ignored.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with signals.caught():
+    with shutdown.signals_as_interrupts():
         return _spin(make_node, args)
 
 
-def leave(*nodes: Node, context: Context | None = None) -> None:
-    """Destroy nodes and shut down their context; this process hears nothing of others any more."""
-    _hear_nothing()
+def shut_down(*nodes: Node, context: Context | None = None) -> None:
+    """Destroy nodes and shut down their context; from now on incoming packets are dropped."""
+    _drop_incoming()
     _destroy(nodes, context)
 
 
@@ -65,34 +65,34 @@ def _spin(make_node, args):
     try:
         _start(args)
         node = make_node()
-        _be_punctual(node)
+        _apply_scheduling(node)
         _run(node)
     except BaseException as caught:
-        _be_undisturbed()
-        error = caught  # it holds a node that is half made, whose end needs a bound, too
-        code = _told(error)
-    _be_undisturbed()
+        _ignore_signals()
+        error = caught  # it refers to a half-built node, whose destruction needs a time limit, too
+        code = _report(error)
+    _ignore_signals()
     code = _close(node) or code or _exit_code(node)
-    with leaving.within(_LEAVE_S, code):
-        _hear_nothing()
-        _forget(error)
+    with shutdown.exit_after(_SHUTDOWN_S, code):
+        _drop_incoming()
+        _release(error)
         _destroy([node] if node else [], None)
     return code
 
 
-def _be_undisturbed():
+def _ignore_signals():
     """Let no signal interrupt the closing."""
-    signals.ask_instead(lambda: None)
+    shutdown.call_on_signal(lambda: None)
 
 
-def _hear_nothing():
-    # others may wake their own threads with a packet
+def _drop_incoming():
+    # other middlewares may wake their own threads with a packet
     if get_rmw_implementation_identifier().startswith(FAST_DDS):
-        leaving.deafen()
+        shutdown.drop_incoming()
 
 
-def _told(error):
-    """Say what ended a node, if it is not the user; return the exit code for it."""
+def _report(error):
+    """Log what ended a node, unless the user did; return the exit code for it."""
     if isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
         return 0
     if isinstance(error, (ParameterError, YamlError)):
@@ -103,7 +103,7 @@ def _told(error):
 
 
 def _close(node):
-    """Let a node complete what it has; return the exit code of that."""
+    """Call `close` of a node, if it has one; return the exit code of that."""
     try:
         if hasattr(node, 'close'):
             node.close()
@@ -119,8 +119,8 @@ def _destroy(nodes, context):
     rclpy.try_shutdown(context=context)
 
 
-def _forget(error):
-    """Free what an exception and those before it hold."""
+def _release(error):
+    """Free the objects that an exception and its causes refer to."""
     while error is not None:
         traceback.clear_frames(error.__traceback__)
         error.__traceback__ = None
@@ -132,13 +132,14 @@ def _exit_code(node):
     return getattr(node, 'exit_code', 0)
 
 
-def _be_punctual(node):
-    """Ask Linux for what the parameters `realtime.*` say; what it refuses is logged."""
-    if not node.has_parameter(overrides.MODE) or ros.mode(node) != overrides.REALTIME:
+def _apply_scheduling(node):
+    """Apply the parameters `realtime.*`; log what the system refuses."""
+    realtime = node_parameters.REALTIME
+    if not node.has_parameter(node_parameters.MODE) or ros.mode(node) != realtime:
         return
-    names = parameters.flatten(realtime.DEFAULTS)
-    given = {k: node.get_parameter(f'{overrides.REALTIME}.{k}').value for k in names}
-    for refusal in realtime.apply(realtime.Options(**given)):
+    names = parameters.flatten(scheduling.DEFAULTS)
+    given = {name: node.get_parameter(f'{realtime}.{name}').value for name in names}
+    for refusal in scheduling.apply(scheduling.SchedulingOptions(**given)):
         node.get_logger().warning(refusal)
 
 
@@ -146,7 +147,7 @@ def _start(args):
     try:
         # rclpy's own handlers shut down in the middle of a callback
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # the base of what rcl refuses
+    except RuntimeError as error:  # the base of what rcl raises
         raise ParameterError(f'command line: {error}') from None
 
 
@@ -155,7 +156,7 @@ def _run(node):
     executor.add_node(node)
     node.spinning = Future(executor=executor)
     # in a thread: the signal may come while this one holds the lock of the future
-    signals.ask_instead(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
+    shutdown.call_on_signal(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
     while rclpy.ok() and not getattr(node, 'finished', False):
         executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
     if rclpy.ok():
@@ -163,7 +164,7 @@ def _run(node):
 
 
 def _flush(node):
-    """Let reliable subscribers receive what was just published."""
+    """Wait until reliable subscribers have received the last messages."""
     end = time.monotonic() + _FLUSH_S
     for pub in node.publishers:
         pub.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))

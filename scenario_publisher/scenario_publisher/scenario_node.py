@@ -5,9 +5,9 @@ import sys
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import contract, decode, encode, raw_edges, raw_path, share
+from msgs_yaml import contract, decode, encode, raw_scenario, share
 from node_runtime import ros, spin_node
-from node_runtime.wall import Wall
+from node_runtime.clocks import SteadyClock
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams
 from scenario_publisher.timeline import NAME, Timeline
@@ -31,8 +31,8 @@ class ScenarioNode(Node):
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
         # serialised: making the messages anew takes longer than the time between two obstacles
-        self.path = ros.serialized(encode.reference(self.timeline.reference(scenario.START_NS)))
-        self.edges = ros.serialized(encode.road_edges(self.timeline.edges(scenario.START_NS)))
+        self.path = ros.serialize(encode.reference(self.timeline.reference(scenario.START_NS)))
+        self.edges = ros.serialize(encode.road_edges(self.timeline.edges(scenario.START_NS)))
         self.instant = None  # of simulated time, not answered yet
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
@@ -40,7 +40,7 @@ class ScenarioNode(Node):
             self.looking = self.create_timer(LOOK_S, self.answer, clock=steady)
             self.publish_facts(scenario.START_NS)
         else:
-            self.wall = Wall()
+            self.wall = SteadyClock()
             ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer, clock=steady)
@@ -59,7 +59,7 @@ class ScenarioNode(Node):
 
     def answer(self):
         """Answer the instant as soon as all are listening; from then on at once."""
-        if self.instant is None or ros.unheard(self, {'/scenario/obstacles': 1}):
+        if self.instant is None or ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
             return
         self.looking.cancel()
         self.publish(self.instant)
@@ -92,8 +92,8 @@ class ScenarioNode(Node):
     def publish_facts(self, stamp_ns):
         """Publish path and edges when they are due."""
         if self.timeline.facts.is_due(stamp_ns):
-            self.reference_pub.publish(raw_path.restamped(self.path, stamp_ns))
-            self.edges_pub.publish(raw_edges.restamped(self.edges, stamp_ns))
+            self.reference_pub.publish(raw_scenario.restamp_reference(self.path, stamp_ns))
+            self.edges_pub.publish(raw_scenario.restamp_road_edges(self.edges, stamp_ns))
 
 
 def read_health(raw):
@@ -105,7 +105,7 @@ def read_health(raw):
     largest = VALUE_BYTES * contract.load().topics[ros.HEALTH].sizes['status[*].values'].high
     if len(raw) > largest:
         raise decode.DecodeError(f'{ros.HEALTH}: {len(raw)} bytes; allowed {largest}')
-    return decode.health(ros.message(ros.HEALTH, raw))
+    return decode.health(ros.deserialize(ros.HEALTH, raw))
 
 
 def main():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Literal
 
-from node_runtime import ranges
+from node_runtime import parameters
 from node_runtime.parameters import Range
 from scenario_publisher.quantities import (
     Coordinate,
@@ -169,7 +169,7 @@ class Stop:
     """What ends the run, whichever comes first."""
 
     progress_m: Annotated[float, Range(1.0, 10000.0, 'm')]
-    time_s: Annotated[float, ranges.RUN_TIME]
+    time_s: Annotated[float, parameters.RUN_TIME]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What is to be said at a stamp: obstacles of the moment, and whether facts are to be repeated."""
 
-from msgs_yaml import contract, stamp
-from msgs_yaml.checked import DecodeError
+from msgs_yaml import contract, conversions
+from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -9,7 +9,7 @@ from scenario_publisher.scenario import Scenario
 NAME = 'scenario'
 PLANT = 'plant'
 BEGAN = 'run_began_ns'  # what the plant calls the instant at which its car was let go
-LATEST_NS = 2**31 * stamp.NS_PER_S  # ROS counts seconds in 32 bits
+LATEST_NS = 2**31 * conversions.NS_PER_S  # ROS counts seconds in 32 bits
 OK, STALE = 0, 3
 
 
@@ -17,7 +17,7 @@ class Beat:
     """Tells whether something is due that is to happen at a rate [Hz] of stamps."""
 
     def __init__(self, rate_hz: float):
-        self._period_ns = round(stamp.NS_PER_S / rate_hz)
+        self._period_ns = round(conversions.NS_PER_S / rate_hz)
         self._last_ns = None
 
     def is_due(self, stamp_ns: int) -> bool:
@@ -56,7 +56,7 @@ class Timeline:
     def obstacles(self, stamp_ns: int) -> Obstacles:
         """Return the obstacles at a stamp; before the beginning, those of the beginning."""
         origin = stamp_ns if self._origin_ns is None else self._origin_ns
-        return scenario.obstacles_at(self._scn, stamp.seconds(stamp_ns - origin), stamp_ns)
+        return scenario.obstacles_at(self._scn, conversions.ns_to_s(stamp_ns - origin), stamp_ns)
 
     def reference(self, stamp_ns: int) -> Reference:
         """Return the coarse path under a stamp."""

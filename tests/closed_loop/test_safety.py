@@ -9,8 +9,8 @@ import pytest
 from experiments.configuration import inputs
 from mpcc_controller.driving import guide
 from mpcc_controller.driving.controller import Controller
-from msgs_yaml import ring as as_received
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml import conversions as as_received
+from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
 from stage_solver.solution import FAILED
 from vehicle_plant.run_end import RunEnd
@@ -71,7 +71,7 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
     car = Simulator(plant, scn.friction, Start(*scn.start))
     end, outcome = RunEnd(inputs.stop_params(scn), car.now), None
     controller.reset(car.actuators)
-    assert not controller.set_reference(as_received.reference(scn.reference))
+    assert not controller.set_reference(as_received.reference_as_received(scn.reference))
     assert not controller.set_edges(scn.edges)
     rows, gaps, whys, commands = [], [], [], []
     while not outcome and (not rows or rows[-1][3] > 0.3):
@@ -80,7 +80,7 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
         obstacles = scenario.obstacles_at(scn, t, car.stamp_ns)
         controller.set_obstacles(obstacles)
         x = car.state
-        command, _, why = controller.step(as_received.odometry(x))
+        command, _, why = controller.step(as_received.odometry_as_received(x))
         rows.append(x[1:])
         gaps.append(min(np.hypot(x.X - o.X, x.Y - o.Y) - o.r_obs - R_VEH for o in obstacles.items))
         whys.append(why)

@@ -16,7 +16,7 @@ from mpcc_controller.path import reference, road
 from mpcc_controller.path.distance import CENTRE_ROUNDING
 from mpcc_controller.problem import formulation, stages
 from mpcc_controller.problem.stages import Scene
-from msgs_yaml import ring as ring_values
+from msgs_yaml import conversions as ring_values
 from scenario_publisher import scenario
 from stage_solver.stage_problem import Plan
 
@@ -42,7 +42,7 @@ def distances(simulated, controller, states, inside, rules=None):
     one = scenario.obstacles_at(scn, 0.0, 0).items[0]
     spot = one._replace(X=reach * np.sin(bearing), Y=RADIUS - reach * np.cos(bearing))
     told = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
-    path = reference.build(ring_values.reference(scn.reference))
+    path = reference.build(ring_values.reference_as_received(scn.reference))
     scene = Scene(path, road.build(scn.edges), told)
     form = formulation.make(params, stages.car(params, vehicle))
     plan = form.enter(Plan(states, np.zeros((len(states) - 1, 4))), path)

@@ -7,7 +7,7 @@ from pathlib import Path
 from catalogue import HERE, Fault
 
 from experiments.configuration import node_config
-from node_runtime import executables
+from msgs_yaml import share
 
 HARMED, SOUND = '/harmed', '/sound'  # put before the names of topics
 HEARS = {  # who is told the harmed messages
@@ -69,7 +69,7 @@ def command(fault: Fault, node: node_config.Node) -> list[str]:
     """Return the program of a node."""
     if fault.does == 'fail_ticks' and node.role == 'controller':
         return [sys.executable, str(HERE / 'failing_node.py'), str(FROM_TICK), str(fault.to)]
-    return executables.resolve(node.package, node.executable)
+    return share.node_command(node.package, node.executable)
 
 
 class MachineClock:

@@ -27,7 +27,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from bags.storage.decoding import stamp_reader
 from msgs_yaml import contract
 from msgs_yaml.decode import DecodeError
-from node_runtime import qos, realtime, ros, spin_node
+from node_runtime import ros, scheduling, spin_node
 
 BEGIN = '/controller/command'
 MORE = ('/controller/prediction', '/controller/why')
@@ -44,7 +44,7 @@ class Relay(Node):
             time.sleep(GO_S)
         super().__init__('relay')
         if given.mode == 'realtime':  # as the nodes beside it
-            realtime.apply(replace(realtime.DEFAULTS, priority=given.priority))
+            scheduling.apply(replace(scheduling.DEFAULTS, priority=given.priority))
         self.given = given
         self.harm = _harm(given)
         self.began = None  # of the drive: s, on the clock of `now`
@@ -53,14 +53,14 @@ class Relay(Node):
         topics = contract.load().topics
         self.stamps = {name: stamp_reader(topics[name].type) for name in topics}
         for name in given.topics:
-            profile = qos.profile(topics[name].qos[given.mode])
+            profile = ros.to_qos_profile(topics[name].qos[given.mode])
             kind = ros.message_type(name)
             pub = self.create_publisher(kind, given.target + name, profile)
             send = partial(self.pass_on, name, kind, pub)
             self.create_subscription(kind, given.source + name, send, profile, raw=True)
         hears = {BEGIN: self.on_tick} | dict.fromkeys(MORE, self.on_more)
         for name, hear in hears.items():
-            profile = qos.profile(topics[name].qos[given.mode])
+            profile = ros.to_qos_profile(topics[name].qos[given.mode])
             self.create_subscription(ros.message_type(name), name, hear, profile, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_S, self.release, clock=steady)

@@ -17,7 +17,7 @@ from states import BEFORE_NS
 from experiments.configuration import inputs, node_config
 from experiments.run import processes
 from experiments.run.processes import Process
-from node_runtime import leaving
+from node_runtime import shutdown
 
 START_NS = 1_000_000_000  # of simulated time
 LOOK_S = 0.01
@@ -188,7 +188,7 @@ class Ring:
 def was_held(process: Process) -> bool:
     """Tell whether a process had to be ended, by the suite or by its own timer."""
     said = process.log.read_text(errors='replace')
-    return process.code == -signal.SIGKILL or leaving.HELD in said
+    return process.code == -signal.SIGKILL or shutdown.TRACEBACK_START in said
 
 
 def undergo(fault: Fault, ring: Ring) -> list[str]:

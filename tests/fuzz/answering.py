@@ -19,7 +19,7 @@ from nodes import Bench
 from mpcc_controller.driving import ladder
 from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
-from node_runtime import realtime, ros
+from node_runtime import ros, scheduling
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
@@ -54,7 +54,7 @@ def punctual(mode: str) -> Iterator[None]:
     """Give this process real-time priority for a test on the wall clock, where the user may."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     if mode == 'realtime':
-        realtime.apply(replace(realtime.DEFAULTS, priority=PRIORITY))
+        scheduling.apply(replace(scheduling.DEFAULTS, priority=PRIORITY))
     try:
         yield
     finally:
@@ -132,7 +132,7 @@ class Driver:
 
     def tell(self, topic: str, message) -> None:
         """Call the callback of a topic with a message or its bytes."""
-        raw = message if isinstance(message, bytes) else ros.serialized(message)
+        raw = message if isinstance(message, bytes) else ros.serialize(message)
         nodes.hearing(self.node, topic).callback(raw)
 
     def tell_sound(self, *but: str) -> None:

@@ -121,8 +121,8 @@ def changed(message: Any, change: Change) -> bytes:
     if isinstance(change, bytes):
         return change
     if isinstance(change, tuple):
-        return bent(ros.serialized(message), *change)
-    return ros.serialized(_harmed(message, change))
+        return bent(ros.serialize(message), *change)
+    return ros.serialize(_harmed(message, change))
 
 
 def messages(topic: str) -> st.SearchStrategy:
@@ -140,7 +140,7 @@ def _harmed(sound, several):
 
 def raws(topic: str) -> st.SearchStrategy:
     """Return a strategy of bytes that are nearly a message of a topic, or nothing like it."""
-    sound = ros.serialized(example(topic))
+    sound = ros.serialize(example(topic))
     number = st.integers(0, 99999)
     near = st.tuples(number, number, number).map(lambda given: bent(sound, *given))
     return st.one_of(near, st.binary(max_size=64))

@@ -23,7 +23,7 @@ from msgs_yaml.types import (
     RoadEdges,
     VehicleState,
 )
-from node_runtime import overrides, ros
+from node_runtime import node_parameters, ros
 from scenario_publisher.scenario_node import ScenarioNode
 from vehicle_plant.plant_node import PlantNode
 
@@ -102,7 +102,7 @@ def running(name: str, mode: str) -> Iterator[Bench]:
 
 def _made(name, mode):
     listener = rclpy.create_node('listener', start_parameter_services=False)
-    listener.declare_parameter(overrides.MODE, mode)
+    listener.declare_parameter(node_parameters.MODE, mode)
     said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
     inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
     bench = Bench(name, mode, NODES[name](), listener, inlets)
@@ -149,7 +149,7 @@ def hearing(node: Node, topic: str) -> Any:
 def tell(node: Node, topic: str, message: Any) -> None:
     """Call the callback of a node's subscription, with bytes where it takes bytes."""
     heard = hearing(node, topic)
-    heard.callback(ros.serialized(message) if heard.raw else message)
+    heard.callback(ros.serialize(message) if heard.raw else message)
 
 
 def command(stamp_ns: int) -> Any:

@@ -22,7 +22,7 @@ def tell_all(bench, topic, batch, count):
     messages, raws = batch
     heard = nodes.hearing(bench.node, topic)
     for message in messages:
-        heard.callback(ros.serialized(message) if heard.raw else message)
+        heard.callback(ros.serialize(message) if heard.raw else message)
         count(topic)
     for raw in raws:
         if heard.raw:
@@ -30,7 +30,7 @@ def tell_all(bench, topic, batch, count):
             count(topic)
             continue
         try:
-            message = ros.message(topic, raw)
+            message = ros.deserialize(topic, raw)
         except ros.DecodeError:
             continue  # the middleware drops it
         heard.callback(message)

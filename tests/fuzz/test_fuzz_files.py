@@ -17,7 +17,7 @@ from bags.storage.simulated_time import SimulatedTime
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import YamlError
-from node_runtime import overrides, parameters, ros
+from node_runtime import node_parameters, parameters, ros
 from node_runtime.parameters import ParameterError
 from scenario_publisher import scenario
 from vehicle_plant.parameters import NodeParams
@@ -130,7 +130,7 @@ def test_every_contract_is_read_or_refused_with_a_reason(tmp_path, count):
 def test_every_parameter_given_at_start_is_taken_or_refused_with_a_reason(name, count):
     package, cls = CONFIGS[name]
     defaults = share.path(package, 'config', name)
-    known = [*parameters.leaves(cls), *overrides.COMMON]
+    known = [*parameters.leaves(cls), *node_parameters.COMMON]
 
     @FUZZ
     @given(batch(st.tuples(number, number)))
@@ -138,9 +138,9 @@ def test_every_parameter_given_at_start_is_taken_or_refused_with_a_reason(name, 
         for place, choice in several:
             chosen = known[place % len(known)]
             given_one = {chosen: SETTINGS[choice % len(SETTINGS)]}
-            told = complaint(ParameterError, overrides.resolve, cls, defaults, given_one)
+            told = complaint(ParameterError, node_parameters.resolve, cls, defaults, given_one)
             if told is None:
-                _, declared = overrides.resolve(cls, defaults, given_one)
+                _, declared = node_parameters.resolve(cls, defaults, given_one)
                 (one,) = (one for one in declared if one.name == chosen)
                 parameters.check(one.leaf, one.value, chosen, str)
             else:
@@ -155,7 +155,7 @@ def bag(tmp_path_factory):
     """Return a folder for bags and the bytes of a sound one."""
     folder = tmp_path_factory.mktemp('bags')
     made, refused = record(
-        folder / 'sound', {name: [ros.serialized(hostile.example(name))] * 3 for name in TOPICS}
+        folder / 'sound', {name: [ros.serialize(hostile.example(name))] * 3 for name in TOPICS}
     )
     assert refused == []
     return folder, made.read_bytes()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from telling import BATCH, batches, tell_all
 
-from msgs_yaml import decode, encode, stamp
+from msgs_yaml import conversions, decode, encode
 from msgs_yaml.types import Command
 from vehicle_plant.gate import Gate
 
@@ -62,7 +62,7 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
             begin(plant)
         drive = plant.node.drive
         for message in batch[0]:  # that the plant waits for, but for what is wrong with them
-            sec, nanosec = stamp.split(drive.ring.car.stamp_ns)
+            sec, nanosec = conversions.split_stamp(drive.ring.car.stamp_ns)
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
         tell_all(plant, topic, batch, count)
         for delta, Fxf, Fxr in sound:

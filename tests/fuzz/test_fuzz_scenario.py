@@ -33,13 +33,13 @@ def plant_began(text):
     """Return the serialised health of a plant that says when its run began."""
     message = hostile.example(TELEMETRY)
     message.status[0].values.append(KeyValue(key='run_began_ns', value=text))
-    return ros.serialized(message)
+    return ros.serialize(message)
 
 
 def heard_after(scenario, speak):
     """Return what the scenario says when it is made to speak; at least that is to be heard."""
     end = time.monotonic() + PATIENCE_S
-    while ros.unheard(scenario.node, {OBSTACLES: 1}):
+    while ros.missing_subscriptions(scenario.node, {OBSTACLES: 1}):
         assert time.monotonic() < end, 'nobody listens'
         time.sleep(0.01)
     speak()

@@ -30,12 +30,12 @@ def edges(points=LONGEST, stamp_ns=5 * S + 3):
 
 def raw_path(**given):
     """Return the bytes of a path."""
-    return ros.serialized(encode.reference(path(**given)))
+    return ros.serialize(encode.reference(path(**given)))
 
 
 def raw_edges(**given):
     """Return the bytes of edges."""
-    return ros.serialized(encode.road_edges(edges(**given)))
+    return ros.serialize(encode.road_edges(edges(**given)))
 
 
 def same(ours, theirs):

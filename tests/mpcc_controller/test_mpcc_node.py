@@ -20,9 +20,9 @@ from mpcc_controller.inputs_node import Inputs
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import decode, encode
 from msgs_yaml.types import Actuators, VehicleState
-from node_runtime import overrides, ros, spin_node
+from node_runtime import node_parameters, ros, spin_node
+from node_runtime.clocks import SteadyClock
 from node_runtime.parameters import leaves
-from node_runtime.wall import Wall
 
 pytestmark = pytest.mark.usefixtures('domain')
 START, TICK, MS = 1_000_000_000, 50_000_000, 1_000_000
@@ -34,7 +34,7 @@ class Ring(Node):
 
     def __init__(self, context):
         super().__init__('ring', context=context)
-        self.declare_parameter(overrides.MODE, 'lockstep')
+        self.declare_parameter(node_parameters.MODE, 'lockstep')
         self.pubs = {
             name: ros.publisher(self, name)
             for name in (
@@ -93,7 +93,7 @@ def ring(domain):
     rclpy.init(context=context, domain_id=domain)
     node = Ring(context)
     yield node
-    spin_node.leave(node, context=context)
+    spin_node.shut_down(node, context=context)
 
 
 def set_to(parameters):
@@ -266,15 +266,17 @@ def test_speeds_up_to_the_least_one_are_warned_of_once_per_path(ring, process, w
 def test_a_path_as_slow_as_the_one_before_is_not_warned_of_again(ring, shared_controller, world):
     heard = []
     node = Node('listener', context=ring.context)
-    node.declare_parameter(overrides.MODE, 'lockstep')
+    node.declare_parameter(node_parameters.MODE, 'lockstep')
     node.get_logger = lambda: SimpleNamespace(warning=heard.append)
     awake = watchdog.make('lockstep', Monitor('controller'), shared_controller.params.ages)
-    inputs = Inputs(node, shared_controller, trigger.Lockstep(0.05), awake, Wall(), lambda: None)
+    inputs = Inputs(
+        node, shared_controller, trigger.Lockstep(0.05), awake, SteadyClock(), lambda: None
+    )
     try:
         for speed, shift_m in ((5.0, 0.0), (5.0, 1.0), (5.0, 2.0), (20.0, 0.0), (5.0, 0.0)):
             path = world.straight(v=speed).reference
             moved = path._replace(stamp_ns=START, X=path.X + shift_m)
-            inputs.on_reference(ros.serialized(encode.reference(moved)))
+            inputs.on_reference(ros.serialize(encode.reference(moved)))
             assert shared_controller.scene.path.arcs.X[0] == shift_m
     finally:
         inputs.destroy()

@@ -4,7 +4,7 @@ from importlib import import_module
 
 import pytest
 
-from msgs_yaml import contract, paths
+from msgs_yaml import contract, field_paths
 from node_runtime import ros
 
 NUMBERS = ('double', 'float', 'int32', 'uint32', 'int64')
@@ -15,7 +15,7 @@ SIZES = [(t.name, path) for t in contract.load().topics.values() for path in t.s
 def end_type(cls, path):
     """Return the type name at the end of a path; fail where the message has no such field."""
     declared = None
-    for step in paths.parse(path):
+    for step in field_paths.parse(path):
         declared = cls.get_fields_and_field_types()[step.attribute]
         is_array = declared.startswith('sequence<') or declared.endswith(']')
         assert is_array == (step.selector is not None), f'{path}: {step.attribute} is {declared}'

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import contract, decode, encode, ring, types, yaw
+from msgs_yaml import contract, conversions, decode, encode, types
 from node_runtime import ros
 
 PADDING = 8  # serialize_message may leave so many bytes of junk behind a message
@@ -143,7 +143,7 @@ def same(a, b):
 @pytest.mark.parametrize('topic', sorted(FORMS))
 def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
     name, kind = NAMES[topic], contract.load().topics[topic].type
-    received = getattr(ring, name, lambda value: value)
+    received = getattr(conversions, f'{name}_as_received', lambda value: value)
 
     @settings(deadline=None, derandomize=True, max_examples=25)
     @given(FORMS[topic])
@@ -163,15 +163,15 @@ def test_every_topic_makes_the_round_trip():
 @settings(deadline=None, derandomize=True)
 @given(FORMS['/vehicle/odometry'])
 def test_the_ring_moves_a_heading_by_no_more_than_rounding(state):
-    received = ring.odometry(state)
-    assert abs(yaw.wrap(received.psi - state.psi)) <= 1e-15
+    received = conversions.odometry_as_received(state)
+    assert abs(conversions.wrap_angle(received.psi - state.psi)) <= 1e-15
     assert received._replace(psi=state.psi) == state
 
 
 @settings(deadline=None, derandomize=True)
 @given(FORMS['/scenario/reference'])
 def test_the_ring_keeps_times_to_a_nanosecond_and_headings_up_to_full_turns(path):
-    received = ring.reference(path)
+    received = conversions.reference_as_received(path)
     assert np.max(np.abs(received.t - path.t)) <= 1e-9
     turns = (received.psi - path.psi) / math.tau
     assert np.allclose(turns, np.round(turns[0]), atol=1e-13)

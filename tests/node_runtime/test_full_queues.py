@@ -67,7 +67,7 @@ def test_lockstep_waits_for_a_subscriber_whose_queue_is_full(run, receive):
     last = 11_500  # more than the queues of both sides hold
     receiver = receive(last, stall_s=2.0)
     sender = run(
-        start="self.fast = ros.fast_publisher(self, '/vehicle/imu')",
+        start="self.fast = ros.TemplatePublisher(self, '/vehicle/imu')",
         tick=sending('self.fast.publish(Imu(k, 0.0, 0.0, 0.0))', last),
     )
     assert receiver.until('in order') == 'in order True'
@@ -78,7 +78,7 @@ def test_a_signal_ends_a_node_that_waits_for_a_full_queue(run, receive):
     last = 30_000
     receive(last, stall_s=60.0)
     sender = run(
-        start="self.fast = ros.fast_publisher(self, '/vehicle/imu')",
+        start="self.fast = ros.TemplatePublisher(self, '/vehicle/imu')",
         tick=sending('self.fast.publish(Imu(k, 0.0, 0.0, 0.0))', last),
     )
     sender.until('tick')

@@ -13,10 +13,10 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from until import until
 
-from msgs_yaml import contract, decode, encode, fast, types
+from msgs_yaml import cdr_templates, contract, decode, encode, types
 from node_runtime import ros, spin_node
-from node_runtime.newest_node import Newest
 from node_runtime.parameters import ParameterError, Range
+from node_runtime.subscriptions_node import LatestMessage
 
 pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 60.0
@@ -97,7 +97,7 @@ class Pair:
         return pub, received
 
     def close(self):
-        spin_node.leave(*self.nodes, context=self.context)
+        spin_node.shut_down(*self.nodes, context=self.context)
 
 
 @pytest.fixture
@@ -139,23 +139,23 @@ def test_who_comes_late_still_gets_the_facts(pair, topic):
     assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
 
 
-@pytest.mark.parametrize('topic', sorted(fast.FORMS))
+@pytest.mark.parametrize('topic', sorted(cdr_templates.FORMS))
 def test_fast_messages_arrive_byte_by_byte(pair, topic):
     received = []
-    pub = ros.fast_publisher(pair.sender, topic)
+    pub = ros.TemplatePublisher(pair.sender, topic)
     ros.subscribe(pair.receiver, topic, received.append, raw=True)
     pair.until(lambda: pub.publisher.get_subscription_count() == 1)
     value, _, to_value = coders(topic)
     pub.publish(value)
     pair.until(lambda: received)
-    assert received[0] == fast.Template(topic).fill(value)
+    assert received[0] == cdr_templates.Template(topic).fill(value)
     assert decode.stamp_ns_of(received[0]) == S
-    assert to_value(ros.message(topic, received[0])) == to_value(coders(topic)[1](value))
+    assert to_value(ros.deserialize(topic, received[0])) == to_value(coders(topic)[1](value))
 
 
 def test_lockstep_loses_none_of_a_long_burst(pair):
     received = []
-    pub = ros.fast_publisher(pair.sender, '/vehicle/odometry')
+    pub = ros.TemplatePublisher(pair.sender, '/vehicle/odometry')
     ros.subscribe(pair.receiver, '/vehicle/odometry', received.append, raw=True)
     pair.until(lambda: pub.publisher.get_subscription_count() == 1)
     stamps = [S + 1_000_000 * k for k in range(500)]
@@ -210,12 +210,16 @@ def test_a_sender_is_unheard_until_its_listeners_and_recorders_are_there(pair, d
     pub = ros.publisher(recorded, '/scenario/obstacles')
     ros.publisher(recorded, '/diagnostics')  # nobody waits for it to be heard
     ring = {'/scenario/obstacles': 1}
-    assert ros.unheard(recorded, ring) == ['2 subscriptions to /scenario/obstacles (has 0)']
+    assert ros.missing_subscriptions(recorded, ring) == [
+        '2 subscriptions to /scenario/obstacles (has 0)'
+    ]
     ros.subscribe(pair.sender, '/scenario/obstacles', lambda msg: None)
     pair.until(lambda: pub.get_subscription_count() == 1)
-    assert ros.unheard(recorded, ring) == ['2 subscriptions to /scenario/obstacles (has 1)']
+    assert ros.missing_subscriptions(recorded, ring) == [
+        '2 subscriptions to /scenario/obstacles (has 1)'
+    ]
     ros.subscribe(pair.receiver, '/scenario/obstacles', lambda msg: None)
-    pair.until(lambda: not ros.unheard(recorded, ring))
+    pair.until(lambda: not ros.missing_subscriptions(recorded, ring))
 
 
 @pytest.fixture
@@ -246,9 +250,11 @@ def test_listeners_in_another_namespace_do_not_count(pair, cars):
     ring = {'/scenario/obstacles': 1}
     for stranger in (other, pair.receiver):
         ros.subscribe(stranger, '/scenario/obstacles', lambda msg: None)
-    assert ros.unheard(sender, ring) == ['1 subscriptions to /car1/scenario/obstacles (has 0)']
+    assert ros.missing_subscriptions(sender, ring) == [
+        '1 subscriptions to /car1/scenario/obstacles (has 0)'
+    ]
     ros.subscribe(receiver, '/scenario/obstacles', lambda msg: None)
-    pair.until(lambda: not ros.unheard(sender, ring))
+    pair.until(lambda: not ros.missing_subscriptions(sender, ring))
 
 
 def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, defaults):
@@ -257,18 +263,18 @@ def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, 
     pair.nodes.append(node)
     pub = ros.publisher(node, '/vehicle/odometry')
     ring = {'/vehicle/odometry': 1}
-    assert ros.unheard(node, ring) == ['1 subscriptions to /raw/odometry (has 0)']
-    kind, profile = ros.message_type(STATE_TOPIC), ros.profile(node, STATE_TOPIC)
+    assert ros.missing_subscriptions(node, ring) == ['1 subscriptions to /raw/odometry (has 0)']
+    kind, profile = ros.message_type(STATE_TOPIC), ros.qos_profile(node, STATE_TOPIC)
     pair.sender.create_subscription(kind, '/raw/odometry', lambda msg: None, profile)
     pair.until(lambda: pub.get_subscription_count() == 1)
-    assert not ros.unheard(node, ring)
+    assert not ros.missing_subscriptions(node, ring)
 
 
 def test_the_newest_message_is_that_of_the_namespace(pair, cars):
     sender, receiver, other = cars
-    newest = Newest(receiver, STATE_TOPIC)
+    newest = LatestMessage(receiver, STATE_TOPIC)
     try:
-        pubs = {node: ros.fast_publisher(node, STATE_TOPIC) for node in (sender, other)}
+        pubs = {node: ros.TemplatePublisher(node, STATE_TOPIC) for node in (sender, other)}
         pair.until(lambda: pubs[sender].publisher.get_subscription_count() == 1)
         pubs[other].publish(STATE._replace(stamp_ns=9 * S))
         pubs[sender].publish(STATE)

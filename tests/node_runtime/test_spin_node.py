@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from node_runtime import leaving
+from node_runtime import shutdown
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -83,7 +83,7 @@ def test_a_node_that_the_middleware_holds_ends_all_the_same_with_its_code(run, t
     found, out, err = node.result()
     assert found == code
     assert 'close' in out
-    assert leaving.HELD in err
+    assert shutdown.TRACEBACK_START in err
     assert 'in destroy_node' in err
     assert time.monotonic() - begin < 12.0
 
@@ -138,7 +138,7 @@ def test_a_node_that_is_half_made_ends_all_the_same_with_its_code(run, start, co
     found, out, err = node.result()
     assert found == code
     assert says in err
-    assert leaving.HELD in err
+    assert shutdown.TRACEBACK_START in err
     assert 'freed' in out
 
 

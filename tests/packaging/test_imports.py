@@ -113,7 +113,7 @@ def test_no_two_folders_import_each_other():
 
 def test_ros_stays_in_nodes_and_glue():
     def is_glue(path):
-        return path.name.endswith('_node.py') or path.name in ('ros.py', 'qos.py', 'encode.py')
+        return path.name.endswith('_node.py') or path.name in ('ros.py', 'encode.py')
 
     core = [path for path in MODULES if not is_glue(path)]
     assert offences(core, lambda path: tops(path) & set(ROS)) == {}

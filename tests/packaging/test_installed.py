@@ -11,7 +11,7 @@ from packaging.utils import parse_wheel_filename
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
 WHERE = f'import {", ".join(PACKAGES)}; print(*(p.__file__ for p in ({", ".join(PACKAGES)})))'
 RESOLVED = (
-    'from node_runtime.executables import resolve; print(resolve("vehicle_plant", "plant_node")[0])'
+    'from msgs_yaml import share; print(share.node_command("vehicle_plant", "plant_node")[0])'
 )
 # the begin of a straight road: a second and a half
 SHORT = (

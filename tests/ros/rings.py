@@ -13,8 +13,8 @@ from until import until
 from bags.storage import read, repair
 from experiments.configuration import inputs, node_config
 from experiments.run import processes
-from msgs_yaml import decode
-from node_runtime import executables, leaving, ros, spin_node
+from msgs_yaml import decode, share
+from node_runtime import ros, shutdown, spin_node
 
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 LINES = 8  # of a log
@@ -45,12 +45,12 @@ class Ring:
         print(f'logs and bag: {self.folder}')  # shown by pytest when the test fails
         if error == (None, None, None):
             for role in self.running:
-                assert leaving.HELD not in self.said(role), self.said(role)
+                assert shutdown.TRACEBACK_START not in self.said(role), self.said(role)
 
     def start(self, role: str) -> processes.Process:
         """Start a node."""
         node = self.nodes[role]
-        program = self.prefix.get(role, []) + executables.resolve(node.package, node.executable)
+        program = self.prefix.get(role, []) + share.node_command(node.package, node.executable)
         more = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
         self.running[role] = processes.start_node(
             node, self.folder, self.environment, program=program, extra_arguments=more
@@ -92,7 +92,7 @@ class Ring:
             )
         finally:
             executor.remove_node(node)
-            spin_node.leave(node, context=context)
+            spin_node.shut_down(node, context=context)
 
     def ends(self) -> str:
         """Return the last lines of every log."""

@@ -19,7 +19,7 @@ from until import until
 from bags.storage import read
 from experiments.run import processes
 from experiments.run.domain import reserved
-from node_runtime.ranges import RUN_TIME
+from node_runtime.parameters import RUN_TIME
 from stage_solver import compile_cache
 
 pytestmark = pytest.mark.usefixtures('domain')

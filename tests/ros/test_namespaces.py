@@ -36,7 +36,9 @@ def make(folder, domain, plant, namespace=''):
     facts = inputs.load_facts('straight')
     read = inputs.check_parameters(ring.nodes.values())
     parameters = node_config.collect_parameters(ring.nodes.values(), inputs.file_values(read))
-    noted = provenance.of(facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters)
+    noted = provenance.describe_run(
+        facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters
+    )
     (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
     return ring
 

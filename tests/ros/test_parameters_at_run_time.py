@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from rings import ROLES, Ring
 
 from node_runtime import spin_node
-from node_runtime.ranges import RUN_TIME
+from node_runtime.parameters import RUN_TIME
 
 pytestmark = pytest.mark.usefixtures('domain')
 OF_ROS = ('use_sim_time', 'start_type_description_service')
@@ -50,7 +50,7 @@ def asked(domain, tmp_path_factory):
             ring.start(role)
         ring.wait_for('controller', 'ready')
         yield ask
-    spin_node.leave(node, context=context)
+    spin_node.shut_down(node, context=context)
 
 
 def names(ask, role):

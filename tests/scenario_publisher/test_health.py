@@ -14,7 +14,7 @@ LONG_S = 0.02  # of processor time; less than half a tick
 
 
 def serialized(values):
-    return ros.serialized(encode.health(Health(10**18, 'plant', 0, 'running', values)))
+    return ros.serialize(encode.health(Health(10**18, 'plant', 0, 'running', values)))
 
 
 def test_health_with_as_many_values_as_the_contract_allows_is_read():
@@ -28,7 +28,7 @@ def test_health_with_as_many_values_as_the_contract_allows_is_read():
 def test_absurdly_much_health_is_refused_before_it_is_looked_at():
     message = encode.health(Health(10**18, 'plant', 0, 'running', {'run_began_ns': 10**18}))
     message.status[0].values = list(message.status[0].values) * 20_000
-    raw = ros.serialized(message)
+    raw = ros.serialize(message)
     began = time.thread_time()
     with pytest.raises(DecodeError, match=r'/diagnostics: .* bytes; allowed 40000'):
         scenario_node.read_health(raw)

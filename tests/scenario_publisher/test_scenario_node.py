@@ -12,7 +12,7 @@ from until import until
 
 from msgs_yaml import contract, decode, encode
 from msgs_yaml.types import Health
-from node_runtime import qos, ros, spin_node
+from node_runtime import ros, spin_node
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
 
@@ -28,7 +28,7 @@ def listener(domain):
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node('listener', context=context)
     yield Listener(node)
-    spin_node.leave(node, context=context)
+    spin_node.shut_down(node, context=context)
 
 
 class Listener:
@@ -42,13 +42,13 @@ class Listener:
     def hear(self, topic, mode='lockstep'):
         """Return a list that fills with the messages of a topic."""
         heard = []
-        profile = qos.profile(contract.load().topics[topic].qos[mode])
+        profile = ros.to_qos_profile(contract.load().topics[topic].qos[mode])
         self.node.create_subscription(ros.message_type(topic), topic, heard.append, profile)
         return heard
 
     def speak(self, topic, mode='lockstep'):
         """Return a publisher for a topic."""
-        profile = qos.profile(contract.load().topics[topic].qos[mode])
+        profile = ros.to_qos_profile(contract.load().topics[topic].qos[mode])
         return self.node.create_publisher(ros.message_type(topic), topic, profile)
 
     def until(self, done):

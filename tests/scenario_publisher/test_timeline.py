@@ -3,7 +3,7 @@ import math
 import pytest
 
 from msgs_yaml import contract
-from msgs_yaml.checked import DecodeError
+from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Health
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS

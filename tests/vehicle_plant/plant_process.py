@@ -56,7 +56,9 @@ class Controller(Node):
             self.command_pub.publish(command)
 
     def state(self, which):
-        return decode.odometry(ros.message('/vehicle/odometry', self.received['odometry'][which]))
+        return decode.odometry(
+            ros.deserialize('/vehicle/odometry', self.received['odometry'][which])
+        )
 
     def stamps(self, name):
         return [decode.stamp_ns_of(raw) for raw in self.received[name]]
@@ -101,7 +103,7 @@ def run(answer, mode='lockstep', before=None, **settings):
     finally:
         plant.kill()
         executor.remove_node(controller)
-        spin_node.leave(controller, context=context)
+        spin_node.shut_down(controller, context=context)
 
 
 def weave(stamp_ns):

@@ -86,7 +86,7 @@ def test_same_plant_gives_the_same_files(tmp_path, tyre, friction):
         assert identify.main(given) == 0
     assert (tmp_path / 'a.yaml').read_bytes() == (tmp_path / 'b.yaml').read_bytes()
     assert (tmp_path / 'a.png').read_bytes() == (tmp_path / 'b.png').read_bytes()
-    found, _ = yaml_parameters.read_file(tmp_path / 'a.yaml')
+    found = yaml_parameters.read_file(tmp_path / 'a.yaml').values
     # a wide tyre is stiffer on any road; friction is that of the road, to a tenth
     stiff = found['tyre.front_cornering_npr'] > 160e3
     assert stiff == (tyre == 'tyre_245_40r18.yaml')
@@ -131,7 +131,7 @@ def test_the_file_says_which_axle_is_driven_and_what_the_actuators_can_do(
 ):
     out = tmp_path / 'car.yaml'
     assert identify.main(['--out', str(out), '--car', car]) == 0
-    found, _ = yaml_parameters.read_file(out)
+    found = yaml_parameters.read_file(out).values
     force = parameters.load(parameters.config(car)).car.force
     assert found['actuators.drive_front_share'] == share_
     assert found['actuators.steer_rate_radps'] == steer_rate
@@ -168,8 +168,8 @@ def test_a_file_that_is_not_there_is_named_with_its_option_and_those_there_are(
 def test_controller_uses_what_this_plant_gives(tmp_path):
     """The committed file is not older than the plant."""
     identify.main(['--out', str(tmp_path / 'car.yaml')])
-    fresh, _ = yaml_parameters.read_file(tmp_path / 'car.yaml')
-    used, _ = yaml_parameters.read_file(share.path('mpcc_controller', 'config', 'car.yaml'))
+    fresh = yaml_parameters.read_file(tmp_path / 'car.yaml').values
+    used = yaml_parameters.read_file(share.path('mpcc_controller', 'config', 'car.yaml')).values
     assert fresh == pytest.approx(used, rel=1e-4)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from msgs_yaml.types import Command
-from node_runtime.ages import ERROR, OK, STALE, WARN
+from node_runtime.input_monitor import ERROR, OK, STALE, WARN
 from vehicle_plant import health
 from vehicle_plant.parameters import StopParams
 from vehicle_plant.ring import Hold, Lockstep, Realtime
@@ -50,7 +50,7 @@ def test_a_command_ages_from_the_instant_at_which_it_is_due(ring):
     for after_ms in (50, 100, 101, 150, 151):
         ring.advance_to(START_NS + after_ms * STEP_NS)
         monitor.health(ring.car.stamp_ns)
-        levels.append(ring.watch.held)
+        levels.append(ring.watch.held_level)
     assert levels == [OK, OK, WARN, WARN, ERROR]
     assert ring.gone
 

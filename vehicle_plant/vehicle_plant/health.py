@@ -3,7 +3,7 @@
 from typing import Any
 
 from msgs_yaml.types import Health
-from node_runtime.ages import ERROR, OK, STALE, WARN, Held
+from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel
 from vehicle_plant.ring import Lockstep, Realtime
 
 NODE = 'plant'
@@ -13,11 +13,11 @@ BEGAN = 'run_began_ns'  # the instant at which the car was let go; the scenario 
 
 
 class Cause:
-    """A fault of one level that is held for a while after it was seen (`ages.Held`)."""
+    """A fault of one level that is held for a while after it was seen (`HeldLevel`)."""
 
     def __init__(self, level: int):
         self._level = level
-        self._held = Held()
+        self._held = HeldLevel()
         self.held = OK
         self.message = ''  # of when it was seen last
 
@@ -25,7 +25,7 @@ class Cause:
         """Take whether it is there now, and what it says."""
         if seen:
             self.message = message
-        self.held = self._held.take(self._level if seen else OK, now_ns)
+        self.held = self._held.update(self._level if seen else OK, now_ns)
 
 
 class Monitor:
@@ -77,13 +77,13 @@ class Monitor:
         """Return the level of the last command's age."""
         if not isinstance(self._ring, Realtime):
             return OK
-        self._ring.watch.look(stamp_ns)
-        return self._ring.watch.held
+        self._ring.watch.update(stamp_ns)
+        return self._ring.watch.held_level
 
     def _ages(self, stamp_ns) -> dict[str, Any]:
         if not isinstance(self._ring, Realtime):
             return {}
-        return {BEGAN: self._ring.began_ns, **self._ring.watch.values(stamp_ns)}
+        return {BEGAN: self._ring.began_ns, **self._ring.watch.diagnostics(stamp_ns)}
 
 
 def waiting(stamp_ns: int, message: str) -> Health:

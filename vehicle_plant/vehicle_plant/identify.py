@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from node_runtime import parameters as yaml_parameters
-from node_runtime.ranges import ROAD_FRICTION
+from node_runtime.parameters import ROAD_FRICTION
 from vehicle_plant import capability, circle, fiala_fit, parameters
 from vehicle_plant.circle import AxlePoints, Circle, CircleError
 from vehicle_plant.fiala_fit import Fit

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from node_runtime import named_file, parameters, ranges
-from node_runtime.overrides import NO_SOURCES
+from node_runtime import node_parameters, parameters
+from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameters import Choice, ParameterError, Range
 from vehicle_plant import tir
 from vehicle_plant.car import Car, PlantParams
@@ -25,7 +25,7 @@ class StartParams:
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
     # it may stand, too
-    speed_mps: Annotated[float, Range(0.0, ranges.SPEED.high, ranges.SPEED.unit)]
+    speed_mps: Annotated[float, Range(0.0, parameters.SPEED.high, parameters.SPEED.unit)]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class StopParams:
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
     armed_after_m: Annotated[float, Range(0.0, 1e5, 'm')]
-    time_s: Annotated[float, ranges.RUN_TIME]
+    time_s: Annotated[float, parameters.RUN_TIME]
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class PatchParams:
     """Where the road has another friction: see `road`."""
 
     corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
-    friction: Annotated[tuple[float, ...], ranges.ROAD_FRICTION]
+    friction: Annotated[tuple[float, ...], parameters.ROAD_FRICTION]
 
 
 @dataclass(frozen=True)
 class NodeParams:
     """The plant as a node: config/bmw_545i.yaml."""
 
-    friction: Annotated[float, ranges.ROAD_FRICTION]
+    friction: Annotated[float, parameters.ROAD_FRICTION]
     patches: PatchParams
     tyre_set: str
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
@@ -63,21 +63,21 @@ class NodeParams:
 
 
 def config(name: str) -> Path:
-    """Return the path of a file, see `named_file.config`; ParameterError when there is none."""
+    """Return the path of a file (`node_parameters.find_config`); ParameterError without one."""
     try:
-        return named_file.config('vehicle_plant', name)
+        return node_parameters.find_config('vehicle_plant', name)
     except FileNotFoundError as error:
         raise ParameterError(str(error)) from None
 
 
 def car_file(name: str, named_by: str = 'plant_params') -> Path:
     """Return the path of the car that a parameter or option names. Raises ParameterError."""
-    return named_file.find('vehicle_plant', named_by, name, OF_A_CAR)
+    return node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_CAR)
 
 
 def tyre(name: str, named_by: str = 'tyre_set') -> TyreSet:
     """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
-    return _tyre(named_file.find('vehicle_plant', named_by, name, OF_A_TYRE))
+    return _tyre(node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_TYRE))
 
 
 def _tyre(path):
@@ -89,7 +89,9 @@ def plant(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantPar
 
     Raises ParameterError; `sources` says by parameter where its value comes from.
     """
-    path = named_file.find('vehicle_plant', 'tyre_set', node.tyre_set, OF_A_TYRE, sources)
+    path = node_parameters.find_named_config(
+        'vehicle_plant', 'tyre_set', node.tyre_set, OF_A_TYRE, sources
+    )
     return PlantParams(node.car, _tyre(path))
 
 

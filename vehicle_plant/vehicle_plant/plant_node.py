@@ -8,13 +8,12 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msgs_yaml import decode, encode, stamp
-from msgs_yaml.checked import DecodeError
-from node_runtime import facts_node, ros, spin_node
+from msgs_yaml import conversions, decode, encode
+from msgs_yaml.decode import DecodeError
+from node_runtime import ros, spin_node, subscriptions_node
+from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.parameters import ParameterError
-from node_runtime.publishers_node import Publishers
-from node_runtime.refusals import Refusals
-from node_runtime.wall import Spoken
+from node_runtime.subscriptions_node import PublisherMonitor
 from vehicle_plant import health, parameters, road, starts, stepper
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.lockstep_node import LockstepDrive
@@ -38,19 +37,19 @@ class PlantNode(Node):
         self.plant = parameters.plant(self.params)
         self.patches = road.of(self.params.patches)
         stepper.library()  # compiles, if need be, before time starts
-        self.odometry_pub = ros.fast_publisher(self, '/vehicle/odometry')
-        self.actuators_pub = ros.fast_publisher(self, '/vehicle/actuators')
-        self.imu_pub = ros.fast_publisher(self, '/vehicle/imu')
-        self.wheels_pub = ros.fast_publisher(self, '/vehicle/wheels')
+        self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
+        self.actuators_pub = ros.TemplatePublisher(self, '/vehicle/actuators')
+        self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')
+        self.wheels_pub = ros.TemplatePublisher(self, '/vehicle/wheels')
         self.health_pub = ros.publisher(self, '/diagnostics')
         self.reference = None
-        self.waited = Spoken()
+        self.waited = ChangeFilter()
         if self.at_reference:
             ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
         self.drive = {'lockstep': LockstepDrive, 'realtime': RealtimeDrive}[ros.mode(self)](self)
         self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
-        self.command_publishers = Publishers(self, {COMMAND: self.command_sub})
-        self.refusals = Refusals(COMMAND)
+        self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
+        self.refusals = RejectionLog(COMMAND)
         self.starting = self.every(LOOK_S, self.on_look)
 
     def _declare_start(self) -> bool:
@@ -77,7 +76,7 @@ class PlantNode(Node):
         if self.drive.ring:  # repeats: there is a step to take every millisecond
             return
         try:
-            self.reference = facts_node.read_reference(raw)
+            self.reference = subscriptions_node.read_reference(raw)
         except DecodeError as error:
             told = f'/scenario/reference turned down: {error}'
             self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
@@ -87,7 +86,7 @@ class PlantNode(Node):
         missing = self.missing()
         if missing:
             text = f'waiting for {", ".join(missing)}'
-            if self.waited.is_news(text):
+            if self.waited.has_changed(text):
                 self.get_logger().info(text)
             self.drive.wait(text)
             return
@@ -101,7 +100,7 @@ class PlantNode(Node):
             (f'a publisher of {COMMAND}', not self.command_sub.get_publisher_count()),
         )
         missing = [what for what, is_missing in checks if is_missing]
-        return missing + ros.unheard(self, {'/vehicle/odometry': 1})
+        return missing + ros.missing_subscriptions(self, {'/vehicle/odometry': 1})
 
     def car_at(self, stamp_ns: int) -> Simulator:
         """Return the car at its start at this time."""
@@ -114,7 +113,7 @@ class PlantNode(Node):
         try:
             command = decode.command(msg)
         except DecodeError as error:
-            self.drive.unreadable(stamp.to_ns(msg.header.stamp), str(error))
+            self.drive.unreadable(conversions.stamp_to_ns(msg.header.stamp), str(error))
             self.say_refused(UNREADABLE, str(error))
         else:
             refused = self.drive.ring.car.gate.rejected if self.drive.ring else 0
@@ -149,7 +148,7 @@ class PlantNode(Node):
 
     def tell(self, found):
         """Publish a health."""
-        self.health_pub.publish(encode.health(self.command_publishers.added_to(found)))
+        self.health_pub.publish(encode.health(self.command_publishers.add_warnings(found)))
 
 
 def main() -> int:

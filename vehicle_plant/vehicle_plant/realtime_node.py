@@ -2,8 +2,8 @@
 
 from rclpy.node import Node
 
-from node_runtime import realtime, spin_node
-from node_runtime.wall import Wall
+from node_runtime import scheduling, spin_node
+from node_runtime.clocks import SteadyClock
 from vehicle_plant import health
 from vehicle_plant.ring import Hold, Realtime
 from vehicle_plant.run_end import RunEnd
@@ -24,7 +24,7 @@ class RealtimeDrive:
         self.timer = None
         self.hold = Hold()
         # so that a correction of the system's clock is no jump of the car
-        self.wall = Wall()
+        self.wall = SteadyClock()
         self.told_ns = 0
 
     def now_ns(self) -> int:
@@ -42,7 +42,7 @@ class RealtimeDrive:
         """Hold the car at its start until the first command comes."""
         # the first steps of all are slow: code and data have to be brought into memory
         self.node.car_at(self.now_ns()).advance(None, TICK_STEPS)
-        realtime.settle()
+        scheduling.freeze_garbage()
         self.node.get_logger().info('holding the car at its start until a command answers it')
         self.timer = self.node.every(HELD_S, self.on_held)
 

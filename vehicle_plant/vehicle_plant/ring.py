@@ -8,7 +8,7 @@ straight. No ROS, no clock: time is an argument.
 from collections import deque
 
 from msgs_yaml.types import Command
-from node_runtime.ages import ERROR, Watch
+from node_runtime.input_monitor import ERROR, InputMonitor
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.track import Track, join
@@ -79,8 +79,8 @@ class Realtime:
     def __init__(self, car: Simulator, end: RunEnd, limit_s: float = HELD_S):
         self.car = car
         self.began_ns = car.stamp_ns
-        self.watch = Watch('command', limit_s)
-        self.watch.take(car.stamp_ns + TICK_NS)
+        self.watch = InputMonitor('command', limit_s)
+        self.watch.record(car.stamp_ns + TICK_NS)
         self._end = end
         self._unwatched: list[Track] = []
         self.gone = False
@@ -91,15 +91,15 @@ class Realtime:
     def command(self, command: Command) -> None:
         """Follow a command; a silent controller that speaks again is followed again."""
         if self.car.command(command).accepted:
-            self.watch.take(command.stamp_ns + TICK_NS)
+            self.watch.record(command.stamp_ns + TICK_NS)
             self.gone = False
         else:
-            self.watch.refuse(self.car.gate.last_reason)
+            self.watch.reject(self.car.gate.last_reason)
 
     def refuse(self, reason: str) -> None:
         """Count a command that could not be read; the last good one stands."""
         self.car.gate.refuse(reason)
-        self.watch.refuse(reason)
+        self.watch.reject(reason)
 
     def advance_to(self, now_ns: int) -> Track | None:
         """Advance by all steps that are due at now_ns; None when there are none.
@@ -111,7 +111,7 @@ class Realtime:
         if due <= 0 or self.outcome:
             return None
         self.longest_gap = max(self.longest_gap, due)
-        if self.watch.look(now_ns) == ERROR and not self.gone:
+        if self.watch.update(now_ns) == ERROR and not self.gone:
             self.gone = True
             self.car.brake_straight()
         pieces = []

@@ -31,9 +31,9 @@ PARAMETERS = (
 
 def run(chosen: argparse.Namespace) -> int:
     """Become the player; it has the terminal and its signals for itself."""
-    from node_runtime import executables
+    from msgs_yaml import share
 
-    words = [*executables.resolve('bags', 'player_node'), '--ros-args']
+    words = [*share.node_command('bags', 'player_node'), '--ros-args']
     for name in PARAMETERS:
         value = getattr(chosen, name)
         if value is not None:

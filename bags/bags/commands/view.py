@@ -7,7 +7,7 @@ import threading
 from importlib.util import find_spec
 
 from bags.errors import BagError
-from node_runtime import executables
+from msgs_yaml import share
 
 HELP = 'show a bag or the running ring to Foxglove (ws://127.0.0.1:8765)'
 PORT = 8765
@@ -47,7 +47,7 @@ def run(chosen: argparse.Namespace) -> int:
     if find_spec('foxglove') is None:
         raise BagError('bags view needs the package foxglove-sdk: pip install foxglove-sdk')
     if chosen.live:
-        command = executables.resolve('bags', 'view_node')
+        command = share.node_command('bags', 'view_node')
         os.execv(command[0], [*command, '--port', str(chosen.port)])
     # Foxglove's library takes half a second to load
     from bags.storage import read

@@ -11,7 +11,7 @@ from bags.evaluation.drive import FRESH_PLAN
 from bags.storage import read
 from bags.storage.invalid_messages import count_invalid, drop_invalid
 from bags.storage.message_loss import LossCounter
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 MS_PER_S = 1000.0
 

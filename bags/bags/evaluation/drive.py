@@ -17,7 +17,7 @@ from bags.evaluation.geometry import Outline
 from bags.storage import read
 from bags.storage.columns import Columns
 from bags.storage.invalid_messages import drop_invalid
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 LONGEST_S = 86_400.0  # of a drive
 

@@ -21,7 +21,7 @@ from bags.storage import read
 from bags.storage.decoding import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
 from msgs_yaml import contract
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Why
 
 STATE = '/vehicle/odometry'

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from bags.evaluation import geometry
 from bags.figures import panels, style
 from bags.figures.panels import EVERY, note
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 SHEET_WIDTH = 15.0  # inch
 PANEL_SIZE = (7.0, 4.2)  # inch

@@ -20,7 +20,7 @@ from bags.evaluation.series import obstacle_position
 from bags.figures import comparison_figures, style
 from bags.figures.panels import Run
 from bags.report import interactive_panels
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 FRAME_NS = 20_000_000
 STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn

@@ -23,9 +23,9 @@ from bags.storage.cdr import CODES, HEADER, aligned, byte_order
 from bags.storage.columns import Columns, Source
 from bags.storage.message_definitions import parse_definition
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml import decode, yaw
+from msgs_yaml import conversions, decode
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
-from msgs_yaml.stamp import NS_PER_S
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 ENCAPSULATION = 4  # bytes of encapsulation
@@ -202,7 +202,9 @@ def build_columns(source: Source, topic: BagTopic, payloads: list[bytes], zero_n
                 found[name][rows] = column(bytes_, where, paths)
     if YAW in found:
         # math.atan2, as every receiver of the message uses: numpy's may differ in the last bit
-        found[YAW] = np.array([yaw.from_quaternion(z, w) for z, w in found[YAW].tolist()])
+        found[YAW] = np.array(
+            [conversions.quaternion_to_heading(z, w) for z, w in found[YAW].tolist()]
+        )
     return source.table(stamp_ns=stamp_ns, t_s=(stamp_ns - zero_ns) / NS_PER_S, **found)
 
 

@@ -40,8 +40,8 @@ from bags.storage.message_filing import LOCKSTEP
 from bags.storage.read import STATE, Bag, InvalidMessages, Recording
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import contract
-from msgs_yaml.checked import UNIT_TOLERANCE
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.decode import UNIT_TOLERANCE
 
 KEY = 'invalid_messages'  # in JSON
 

@@ -14,8 +14,8 @@ from bags.storage.message_loss import LossCounter
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from bags.storage.simulated_time import SimulatedTime
 from msgs_yaml.contract import Contract
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.stamp import NS_PER_S
 from node_runtime.parameters import Range
 
 

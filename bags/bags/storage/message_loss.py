@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from msgs_yaml import contract
 from msgs_yaml.types import Health
-from node_runtime.ages import OK, STALE, WARN, Held
+from node_runtime.input_monitor import OK, STALE, WARN, HeldLevel
 
 LOSS_RECORD = 'losses'  # name of the MCAP metadata record: {topic: a Losses as JSON}
 
@@ -77,21 +77,21 @@ NO_TOPIC = 'none'
 
 
 class RecordingHealth:
-    """Tells the health of a recording; what was lost counts for a while (`ages.Held`)."""
+    """Tells the health of a recording; what was lost counts for a while (`HeldLevel`)."""
 
     def __init__(self, mode: str):
         """In `mode` the contract says which topics nodes publish by themselves."""
         topics = contract.load().topics.values()
         self._expected = [one.name for one in topics if one.rate_hz[mode]]
         self._lost = 0  # when it was told last
-        self._held = Held()
+        self._held = HeldLevel()
 
     def health(self, stamp_ns: int, counted: Mapping[str, Losses]) -> Health:
         """Return the health at a stamp; `counted` has what is known of every topic so far."""
         received = sum(one.received for one in counted.values())
         lost = sum(one.lost or 0 for one in counted.values())
         more, self._lost = lost > self._lost, lost
-        level = self._held.take(WARN if more else OK if received else STALE, stamp_ns)
+        level = self._held.update(WARN if more else OK if received else STALE, stamp_ns)
         silent = [name for name in self._expected if not counted[name].received]
         values = {'messages': received, 'lost': lost, 'silent': ' '.join(silent) or NO_TOPIC}
         return Health(stamp_ns, RECORDER, level, _MESSAGES[level], values)

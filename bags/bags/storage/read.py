@@ -24,7 +24,7 @@ from bags.storage.decoding import (
 )
 from bags.storage.mcap_reader import mcap_files, missing_before, read_mcap
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 STATE = '/vehicle/odometry'
 

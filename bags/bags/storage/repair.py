@@ -19,7 +19,7 @@ from bags.storage.bag_writer import METADATA, McapFile, mcap_name, write_metadat
 from bags.storage.mcap_reader import EMPTY_FILE, Contents, mcap_files, missing_before, read_mcap
 from bags.storage.mcap_scan import Damage
 from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, Span, build_metadata
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 COMPARED = ('message_count', 'starting_time', 'relative_file_paths')
 DRAFT = '.repaired'

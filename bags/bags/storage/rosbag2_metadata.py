@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import yaml
 
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 # what PyYAML raises for a text that is none: also for a tag that does not fit its value

@@ -9,7 +9,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from bags.viewers import marker_scene
 from bags.viewers.marker_scene import Shape
-from msgs_yaml import contract, stamp, yaw
+from msgs_yaml import contract, conversions
 from msgs_yaml.types import VehicleState
 
 TYPES = {
@@ -34,7 +34,7 @@ def transform(x: VehicleState) -> TransformStamped:
     header = Header(stamp=_time(x.stamp_ns), frame_id=odometry.frame)
     msg = TransformStamped(header=header, child_frame_id=odometry.child_frame)
     msg.transform.translation.x, msg.transform.translation.y = x.X, x.Y
-    msg.transform.rotation.z, msg.transform.rotation.w = yaw.to_quaternion(x.psi)
+    msg.transform.rotation.z, msg.transform.rotation.w = conversions.heading_to_quaternion(x.psi)
     return msg
 
 
@@ -42,7 +42,7 @@ def _marker(header, one):
     msg = Marker(header=header, ns=one.ns, id=one.id, type=TYPES[one.kind], action=Marker.ADD)
     position, orientation = msg.pose.position, msg.pose.orientation
     position.x, position.y, position.z = one.at
-    orientation.z, orientation.w = yaw.to_quaternion(one.yaw)
+    orientation.z, orientation.w = conversions.heading_to_quaternion(one.yaw)
     if one.kind == marker_scene.TEXT:
         msg.scale.z = one.size[0]
     else:
@@ -60,5 +60,5 @@ def _colour(rgba):
 
 
 def _time(stamp_ns):
-    sec, nanosec = stamp.split(stamp_ns)
+    sec, nanosec = conversions.split_stamp(stamp_ns)
     return Time(sec=sec, nanosec=nanosec)

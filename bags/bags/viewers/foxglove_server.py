@@ -28,7 +28,7 @@ from bags.viewers.marker_scene import (
     MarkerScene,
     Shape,
 )
-from msgs_yaml import share, stamp, yaw
+from msgs_yaml import conversions, share
 from msgs_yaml.types import VehicleState
 
 HOST, PORT = '127.0.0.1', 8765
@@ -147,7 +147,7 @@ def _channel(topic, context):
 
 def frame_transforms(x: VehicleState) -> messages.FrameTransforms:
     """Return the pose of base_link in map."""
-    z, w = yaw.to_quaternion(x.psi)
+    z, w = conversions.heading_to_quaternion(x.psi)
     one = messages.FrameTransform(
         timestamp=_time(x.stamp_ns),
         parent_frame_id=FRAME,
@@ -181,11 +181,11 @@ def scene_update(picture: Drawing) -> messages.SceneUpdate:
 
 
 def _time(stamp_ns):
-    return messages.Timestamp(*stamp.split(stamp_ns))
+    return messages.Timestamp(*conversions.split_stamp(stamp_ns))
 
 
 def _pose(one: Shape):
-    z, w = yaw.to_quaternion(one.yaw)
+    z, w = conversions.heading_to_quaternion(one.yaw)
     x, y, up = one.at
     position = messages.Vector3(x=x, y=y, z=up)
     return messages.Pose(position=position, orientation=messages.Quaternion(z=z, w=w))

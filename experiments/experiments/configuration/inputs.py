@@ -16,7 +16,7 @@ from experiments.configuration import node_config
 from experiments.configuration.node_config import Node, ScenarioFacts
 from mpcc_controller import car_file, least_speed, limits_in_force
 from mpcc_controller.parameters import CarParams, ControllerParams
-from node_runtime import overrides, parameters
+from node_runtime import node_parameters, parameters
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
@@ -130,11 +130,10 @@ def _load(node):
         for name in extras.keys() & given.keys():
             parameters.check(extras[name], given.pop(name), name, sources.get)
         defaults = node_config.defaults_file(node)
-        params, _ = overrides.resolve(cls, defaults, given, sources)
+        params, _ = node_parameters.resolve(cls, defaults, given, sources)
         if load is None:
             return params, None
-        lines = parameters.read_file(defaults)[1].items()
-        return params, load(params, {name: f'{defaults}:{line}' for name, line in lines} | sources)
+        return params, load(params, parameters.read_file(defaults).sources | sources)
     except (parameters.ParameterError, OSError) as error:
         files = ''.join(f' ({file})' for file in node.files)
         raise BagError(f'the {node.role}{files} would not start: {error}') from None

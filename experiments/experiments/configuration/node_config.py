@@ -11,8 +11,8 @@ import yaml
 
 from bags.errors import BagError
 from msgs_yaml import share
-from node_runtime import named_file, parameters, provenance
-from node_runtime.overrides import NO_SOURCES
+from node_runtime import node_parameters, parameters, provenance
+from node_runtime.node_parameters import NO_SOURCES
 
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
@@ -116,7 +116,7 @@ def find_controllers(names_or_paths: Sequence[str]) -> list[Controller]:
 def _known_controllers():
     """Return the controller files in config/ by name; a file without a car is no controller."""
     files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
-    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file)[0]}
+    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file).values}
 
 
 def build_nodes(
@@ -223,14 +223,14 @@ def write_run_info(
     It holds scenario, versions, machine and the parameters of every node (`collect_parameters`).
     """
     values = collect_parameters(nodes, file_values)
-    run_info = provenance.of(facts.name, facts.text, controller.name, mode, values)
+    run_info = provenance.describe_run(facts.name, facts.text, controller.name, mode, values)
     path.write_text(json.dumps(run_info, indent=2))
 
 
 def _all_values(node):
     values = given_parameters(node)
     if node.executable in DEFAULTS:
-        values = parameters.read_file(defaults_file(node))[0] | values
+        values = parameters.read_file(defaults_file(node)).values | values
     return values
 
 
@@ -239,15 +239,17 @@ def defaults_file(node: Node) -> Path:
     package, name = DEFAULTS[node.executable]
     if node.role == 'plant':
         chosen = str(node.parameters.get(PLANT_DEFAULTS, name))
-        return named_file.find(package, PLANT_DEFAULTS, chosen, 'tyre_set', parameter_sources(node))
-    return named_file.config(package, name)
+        return node_parameters.find_named_config(
+            package, PLANT_DEFAULTS, chosen, 'tyre_set', parameter_sources(node)
+        )
+    return node_parameters.find_config(package, name)
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that a node is given by dotted name: files first, then settings."""
     values = {}
     for file in node.files:
-        values |= parameters.read_file(file)[0]
+        values |= parameters.read_file(file).values
     return values | node.parameters
 
 
@@ -255,7 +257,7 @@ def parameter_sources(node: Node) -> dict[str, str]:
     """Return the source of each given parameter: file and line, scenario key, or --set."""
     sources = {}
     for file in node.files:
-        sources |= {name: f'{file}:{line}' for name, line in parameters.read_file(file)[1].items()}
+        sources |= parameters.read_file(file).sources
     return sources | dict(node.origins)
 
 

@@ -78,7 +78,7 @@ def _hint(target):
 
 def _shipped(role):
     package, file = node_config.SHIPPED[role]
-    return parameters.read_file(share.path(package, 'config', file))[0]
+    return parameters.read_file(share.path(package, 'config', file)).values
 
 
 def parse_controller_settings(settings: Sequence[str]) -> dict[str, Any]:

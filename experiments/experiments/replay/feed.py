@@ -16,7 +16,7 @@ from bags.evaluation.controller_log import report_number
 from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
 from experiments.replay.topic import Topic
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import (
     Actuators,
     Command,

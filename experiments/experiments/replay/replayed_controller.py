@@ -12,10 +12,10 @@ from mpcc_controller import car_file, limits_in_force
 from mpcc_controller.driving import controller
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
-from msgs_yaml import ring, share
+from msgs_yaml import conversions, share
 from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Prediction, Why
-from node_runtime import overrides, parameters
+from node_runtime import node_parameters, parameters
 
 ROLE = 'controller'
 ACTUATORS, LAYOUT, CAR_FILE = 'actuators', 'model.drive_front_share', 'car_file'
@@ -40,7 +40,7 @@ class Again:
         self._tell(told)
         state = told.state if told.state is not None else controller.unknown_state(stamp_ns)
         command, plan, why = self.controller.step(state, fault=told.fault, acts_ns=told.acts_ns)
-        return command, ring.prediction(plan), why
+        return command, conversions.prediction_as_received(plan), why
 
     def follow(self, command: Command) -> None:
         """Go on from a recorded command, which the car has been told, not from the last answer."""
@@ -87,7 +87,7 @@ def params(
 
     older = _actuators(noted)
     # the car says the layout, unless it is set: what an older run noted must not hide another car
-    unused = {*overrides.COMMON, *([LAYOUT] if older else [])}
+    unused = {*node_parameters.COMMON, *([LAYOUT] if older else [])}
     given = {key: value for key, value in noted.items() if key not in unused}
     given = _defaults(noted, name) | older | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)
@@ -140,7 +140,7 @@ def _actuators(noted):
 def _defaults(noted, name):
     """Return what the notes of an older run do not say, as it is set today."""
     path = share.path('mpcc_controller', 'config', f'{noted.get(FORMULATION, DEFAULT)}.yaml')
-    today = parameters.read_file(path)[0]
+    today = parameters.read_file(path).values
     unsaid = {key: value for key, value in today.items() if key not in noted}
     if unsaid:
         told = ', '.join(f'{key} = {value}' for key, value in unsaid.items())

@@ -19,7 +19,7 @@ from bags.evaluation import geometry
 from bags.storage.decoding import DECODE_ERRORS, decode_message
 from bags.storage.mcap_scan import RECORD_PREFIX, records_in_chunk
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 
 STATE = '/vehicle/odometry'
 MAGIC_BYTES = 8

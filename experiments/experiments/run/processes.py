@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Node
-from node_runtime import executables, leaving
+from msgs_yaml import share
+from node_runtime import shutdown
 
 INTERRUPT_S = 12.0  # to end after SIGINT: the last messages take 5 s at most, shutdown 4
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -137,7 +138,7 @@ def last_line(log: Path) -> str:
     with log.open('rb') as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - TAIL_BYTES))
-        text = file.read().decode(errors='replace').partition(f'\n{leaving.HELD}')
+        text = file.read().decode(errors='replace').partition(f'\n{shutdown.TRACEBACK_START}')
     # the text after the last line feed is still being written
     lines = (text[0] + text[1]).split('\n')[:-1]
     return next((line for line in reversed(lines) if line.strip()), '')
@@ -177,7 +178,7 @@ def start_node(
     and `nice` as in `start`.
     """
     parameter_file = node_config.write_parameter_file(node, folder)
-    command = [*(program or executables.resolve(node.package, node.executable))]
+    command = [*(program or share.node_command(node.package, node.executable))]
     command += [*node_config.ros_arguments(node, parameter_file), *extra_arguments]
     name = name or node.role
     return start(name, command, folder / (log or f'{name}.log'), environment, cores, nice)

@@ -9,7 +9,7 @@ from mpcc_controller.driving.target import SetPoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import Limits
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Actuators, Command
 
 

@@ -22,7 +22,7 @@ from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference, road
 from mpcc_controller.problem import stages
 from mpcc_controller.problem.stages import Scene
-from msgs_yaml import stamp
+from msgs_yaml import conversions
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -151,10 +151,10 @@ class Controller:
                 said['guide'] = line
                 checked = self.gate.again(braking_command, self.last, checked_s, checked)
         self.last = checked.command
-        due_ns = max(stamp.later(x.stamp_ns, step_s), acts_ns)
+        due_ns = max(conversions.add_seconds(x.stamp_ns, step_s), acts_ns)
         self.told = Ramp(acts_ns, now, due_ns, *commanded.end(self.last, self.car))
         said |= explain.commanded(self.last, self.car, self.gate.rejections)
-        lead_s = stamp.seconds(acts_ns - x.stamp_ns)
+        lead_s = conversions.ns_to_s(acts_ns - x.stamp_ns)
         said |= explain.times(lead_s, self.publish_s, self.prepare_s) | explain.arrived(arrival)
         why = partial(explain.tick, x.stamp_ns, decision, checked.reason)
         planned = partial(explain.prediction, acts_on, decision.plan, step_s)
@@ -170,7 +170,7 @@ class Controller:
         After them code and data are in memory, and the computing time is known.
         """
         for _ in range(times):
-            x = x._replace(stamp_ns=stamp.later(x.stamp_ns, self.params.model.step_s))
+            x = x._replace(stamp_ns=conversions.add_seconds(x.stamp_ns, self.params.model.step_s))
             yield self.step(x)
         self.horizon.forget()
         self.gate.rejections.clear()
@@ -193,7 +193,7 @@ class Controller:
         if not self.params.solver.prepare or self.missing():
             return
         began = self.clock()
-        next_ns = stamp.later(self.told.begin_ns, self.params.model.step_s)
+        next_ns = conversions.add_seconds(self.told.begin_ns, self.params.model.step_s)
         self.horizon.prepare(stages.at_instant(self.scene, next_ns))
         self.prepare_s = self.clock() - began
 
@@ -201,8 +201,8 @@ class Controller:
         """Return when the command that answers `x` will take hold."""
         if not self.limit_time:
             return x.stamp_ns
-        soonest = stamp.later(x.stamp_ns, self.delay.after(age_s))
-        latest = stamp.later(x.stamp_ns, self.params.delay.longest_s)
+        soonest = conversions.add_seconds(x.stamp_ns, self.delay.after(age_s))
+        latest = conversions.add_seconds(x.stamp_ns, self.params.delay.longest_s)
         # states come a little early now and then: the set-point before is reached first
         return min(max(soonest, self.told.end_ns), latest)
 

@@ -4,7 +4,7 @@ from collections import Counter
 from typing import Any
 
 from mpcc_controller.driving.explain import ERROR, OK, WARN
-from msgs_yaml.stamp import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Health, Why
 
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from msgs_yaml.stamp import NS_PER_S, seconds
+from msgs_yaml.conversions import NS_PER_S, ns_to_s
 
 
 class Due(NamedTuple):
@@ -117,7 +117,7 @@ class Realtime:
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the state answered last."""
-        return seconds(now_ns - self.answered)
+        return ns_to_s(now_ns - self.answered)
 
     def _lacks_actuators(self):
         """Tell whether those that a first step starts from are missing, or of another time."""

@@ -6,9 +6,9 @@ On the wall clock (`Awake`) inputs age, and what grew too old makes the car brak
 
 from mpcc_controller.driving.health import TOLD, Monitor
 from mpcc_controller.parameters import Ages
-from msgs_yaml import stamp
+from msgs_yaml import conversions
 from msgs_yaml.types import Health, Why
-from node_runtime.ages import ERROR, OK, STALE, Held, Watch
+from node_runtime.input_monitor import ERROR, OK, STALE, HeldLevel, InputMonitor
 
 STATE, REFERENCE, EDGES, OBSTACLES = 'state', 'reference', 'edges', 'obstacles'
 STATE_STALE = 'state_stale'
@@ -60,17 +60,17 @@ class Awake:
             EDGES: ages.reference_s,
             OBSTACLES: ages.obstacles_s,
         }
-        self.watches = {name: Watch(name, limit_s) for name, limit_s in limits_s.items()}
-        self._steps = Held()
+        self.watches = {name: InputMonitor(name, limit_s) for name, limit_s in limits_s.items()}
+        self._steps = HeldLevel()
         self._beat_ns: int | None = None
 
     def offer(self, name: str, stamp_ns: int, now_ns: int) -> str:
         """Take the stamp of an input; return '' or why it is refused."""
-        return self.watches[name].offer(stamp_ns, now_ns)
+        return self.watches[name].accept(stamp_ns, now_ns)
 
     def refuse(self, name: str, reason: str) -> str:
         """Count a message that breaks the contract."""
-        return self.watches[name].refuse(reason)
+        return self.watches[name].reject(reason)
 
     def fault(self, now_ns: int) -> str:
         """Return the reason for which no plan can be made, '' when there is none."""
@@ -86,7 +86,7 @@ class Awake:
     def told(self, now_ns: int) -> str:
         """Return what is too old, in words."""
         stale = [w for w in self.watches.values() if w.level(now_ns) == ERROR]
-        return '; '.join(watch.told(now_ns) for watch in stale)
+        return '; '.join(watch.describe(now_ns) for watch in stale)
 
     def on_step(self, why: Why) -> Health | None:
         """Take what a step said; the health comes with the beat."""
@@ -100,17 +100,19 @@ class Awake:
         """
         watches = self.watches.values()
         for watch in watches:
-            watch.look(now_ns)
-        if self._beat_ns is not None and now_ns - self._beat_ns < stamp.NS_PER_S:
+            watch.update(now_ns)
+        if self._beat_ns is not None and now_ns - self._beat_ns < conversions.NS_PER_S:
             return None
         self._beat_ns = now_ns
-        steps = self._steps.take(self._monitor.worst, now_ns)
-        level, message = max(steps, *(watch.held for watch in watches)), TOLD[steps]
+        steps = self._steps.update(self._monitor.worst, now_ns)
+        level, message = max(steps, *(watch.held_level for watch in watches)), TOLD[steps]
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:
-            message = '; '.join(watch.cause(now_ns) for watch in watches if watch.held == level)
-        ages = {k: v for watch in watches for k, v in watch.values(now_ns).items()}
+            message = '; '.join(
+                watch.describe_held(now_ns) for watch in watches if watch.held_level == level
+            )
+        ages = {k: v for watch in watches for k, v in watch.diagnostics(now_ns).items()}
         return self._monitor.report(now_ns, level, message, ages)
 
 

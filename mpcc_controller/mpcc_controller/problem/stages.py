@@ -16,7 +16,7 @@ from mpcc_controller.problem import measure, mpcc_ocp, ocp
 from mpcc_controller.problem.measure import Measure
 from mpcc_controller.problem.mpcc_ocp import HeadingWeights, Stage, Weights
 from mpcc_controller.problem.ocp import Body, Rules, Safety
-from msgs_yaml.stamp import seconds
+from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 
 MEASURES = {'cartesian': measure.CARTESIAN, 'path': measure.PATH}
@@ -139,7 +139,7 @@ def at_instant(scene: Scene, stamp_ns: int) -> Scene:
     """Return the scene with its obstacles where they will be at `stamp_ns`, going on as they do."""
     if scene.obstacles is None:
         return scene
-    t = seconds(stamp_ns - scene.obstacles.stamp_ns)
+    t = ns_to_s(stamp_ns - scene.obstacles.stamp_ns)
     items = (o._replace(X=o.X + o.vX * t, Y=o.Y + o.vY * t) for o in scene.obstacles.items)
     return scene._replace(obstacles=Obstacles(stamp_ns, tuple(items)))
 

@@ -77,7 +77,7 @@ def write_bag(tmp_path):
     def write(drive, name='mpcc', extra=()):
         topics = message_filing.bag_topics(contract.load(), 'lockstep')
         index = {topic.name: i for i, topic in enumerate(topics)}
-        info = provenance.of('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
+        info = provenance.describe_run('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
         bag = BagWriter(tmp_path / name, topics, {'run': info})
         sent = [(topic, ns, serialize_message(one)) for topic, ns, one in messages(drive)]
         for topic, ns, data in [*sent, *extra]:

@@ -27,7 +27,7 @@ STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/w
 def recording(name, messages):
     """`messages` are (wall time of sending, message)."""
     sent_ns = np.array([ns for ns, _ in messages], dtype=np.int64)
-    payloads = [ros.serialized(msg) for _, msg in messages]
+    payloads = [ros.serialize(msg) for _, msg in messages]
     return Recording(TOPICS[name], sent_ns, sent_ns, 1 + np.arange(len(messages)), payloads)
 
 

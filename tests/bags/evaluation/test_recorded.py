@@ -44,7 +44,7 @@ def note():
     """Return note(text): the notes of a run through a scenario of this text."""
 
     def note(text):
-        return provenance.of('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
+        return provenance.describe_run('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
 
     return note
 

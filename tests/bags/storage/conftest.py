@@ -76,7 +76,7 @@ class Ring:
             assert acked, f'{topic}: not acknowledged'
 
     def close(self):
-        spin_node.leave(self.node, context=self.context)
+        spin_node.shut_down(self.node, context=self.context)
 
 
 class Recorder:

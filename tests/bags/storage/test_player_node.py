@@ -20,7 +20,7 @@ from bags.player_node import DEPTH, profile
 from bags.storage import read
 from bags.storage.rosbag2_metadata import qos_text
 from msgs_yaml import contract
-from node_runtime import qos
+from node_runtime import ros
 
 TIMEOUT_S = 90
 pytestmark = pytest.mark.usefixtures('domain')
@@ -272,7 +272,7 @@ def test_publishers_offer_what_was_recorded(topic, mode):
     text = qos_text(
         wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
     )
-    made, expected = profile(text), qos.profile(wanted)
+    made, expected = profile(text), ros.to_qos_profile(wanted)
     for name in ('history', 'reliability', 'durability', 'deadline'):
         assert getattr(made, name) == getattr(expected, name)
     if wanted.history == 'keep_last':

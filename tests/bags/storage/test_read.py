@@ -9,10 +9,17 @@ from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
 from bags.storage.columns import Values
-from msgs_yaml import stamp, types, yaw
+from msgs_yaml import conversions, types
 
 FLAT = {
-    '/vehicle/odometry': lambda v: (v.X, v.Y, yaw.as_received(v.psi), v.vx, v.vy, v.r),
+    '/vehicle/odometry': lambda v: (
+        v.X,
+        v.Y,
+        conversions.heading_as_received(v.psi),
+        v.vx,
+        v.vy,
+        v.r,
+    ),
     '/vehicle/actuators': lambda v: (v.delta, v.d_delta, v.Fxf, v.Fxr, v.torque),
     '/vehicle/imu': lambda v: (v.ax, v.ay, v.r),
     '/vehicle/wheels': lambda v: v[1:],
@@ -48,7 +55,7 @@ def test_values_of_every_topic_are_the_published_ones(bag_folder, messages):
         assert len(found) == len(sent)
         for one, other in zip(found, sent):
             if topic == '/vehicle/odometry':
-                other = other._replace(psi=yaw.as_received(other.psi))
+                other = other._replace(psi=conversions.heading_as_received(other.psi))
             assert_equal(one, other)
 
 
@@ -137,7 +144,7 @@ def test_a_minute_at_full_rate_is_read_in_six_seconds(tmp_path, bag_folder):
     written = 0
     for second in range(105):
         for index, recorded in enumerate(recordings.values()):
-            ahead = second * stamp.NS_PER_S
+            ahead = second * conversions.NS_PER_S
             for log_ns, data in zip(recorded.log_ns.tolist(), recorded.payloads):
                 sec = int.from_bytes(data[4:8], 'little') + second
                 if not recorded.topic.type.endswith('MarkerArray'):

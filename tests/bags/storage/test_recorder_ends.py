@@ -16,7 +16,7 @@ from until import until
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read, repair
 from bags.storage.mcap_reader import read_mcap
-from node_runtime import leaving
+from node_runtime import shutdown
 
 pytestmark = pytest.mark.usefixtures('domain')
 LOST_BY_A_KILL_S = 1.0
@@ -75,7 +75,7 @@ def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(
     ring.publish_all(messages)
     code, said = recorder.end()
     assert code == 0, said
-    assert leaving.HELD in said
+    assert shutdown.TRACEBACK_START in said
     assert counts(tmp_path / 'bag') == expected(messages)
     assert repair.repair_bag(tmp_path / 'bag').intact
 

@@ -2,7 +2,7 @@
 
 from bags.storage.message_loss import LossCounter, RecordingHealth
 from msgs_yaml import contract
-from node_runtime.ages import CALM_NS, OK, STALE, WARN
+from node_runtime.input_monitor import HOLD_NS, OK, STALE, WARN
 
 MODE = 'realtime'
 STATE, MARKERS = '/vehicle/odometry', '/markers/vehicle'
@@ -43,5 +43,5 @@ def test_a_loss_is_a_warning_until_nothing_was_lost_for_a_while():
     monitor, lossy = RecordingHealth(MODE), counted({STATE: (1, 2, 5)})
     first = monitor.health(NOW_NS, lossy)
     assert (first.level, first.values['lost']) == (WARN, 2)
-    assert monitor.health(NOW_NS + CALM_NS - 1, lossy).level == WARN
-    assert monitor.health(NOW_NS + CALM_NS, lossy).level == OK
+    assert monitor.health(NOW_NS + HOLD_NS - 1, lossy).level == WARN
+    assert monitor.health(NOW_NS + HOLD_NS, lossy).level == OK

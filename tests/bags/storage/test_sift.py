@@ -76,7 +76,7 @@ def change(message, draw):
         for name in parents:
             owner = getattr(owner, name)
         setattr(owner, last, draw(NUMBERS))
-    return ros.serialized(message)
+    return ros.serialize(message)
 
 
 @pytest.mark.parametrize('name', MADE)
@@ -95,7 +95,7 @@ def test_the_fast_look_decides_as_the_decoder_does(name):
 
 
 def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
-    whole = ros.serialized(MADE['/vehicle/imu']())
+    whole = ros.serialize(MADE['/vehicle/imu']())
     payloads = [whole, whole[:30], whole, b'', whole]
     found = drop_invalid(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
     assert found.recordings['/vehicle/imu'].log_ns.tolist() == [0, 2, 4]
@@ -108,7 +108,7 @@ def test_time_counts_from_the_first_valid_state():
     bad.header.stamp.sec = 0
     bad.header.stamp.nanosec = 5
     bad.header.frame_id = 'odom'
-    payloads = [ros.serialized(bad), ros.serialized(good)]
+    payloads = [ros.serialize(bad), ros.serialize(good)]
     found = drop_invalid(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
     assert read.columns(found)['/vehicle/odometry'].t_s.tolist() == [0.0]
 
@@ -116,7 +116,7 @@ def test_time_counts_from_the_first_valid_state():
 def test_columns_check_no_range_and_sifting_does():
     good, bad = MADE['/vehicle/odometry'](), MADE['/vehicle/odometry']()
     bad.twist.twist.linear.x = math.nan
-    payloads = [ros.serialized(good), ros.serialized(bad)]
+    payloads = [ros.serialize(good), ros.serialize(bad)]
     recorded = bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)})
     assert np.isnan(read.columns(recorded)['/vehicle/odometry'].vx_mps).tolist() == [False, True]
     assert len(read.columns(drop_invalid(recorded))['/vehicle/odometry'].vx_mps) == 1
@@ -126,7 +126,7 @@ def test_columns_check_no_range_and_sifting_does():
 
 def test_values_are_decoded_once_and_stay_those_of_their_messages():
     name = '/scenario/obstacles'
-    messages = [ros.serialized(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
+    messages = [ros.serialize(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
     broken = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
     found = drop_invalid(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
     assert [value.stamp_ns - S for value in read.values(found, name)] == [0, 1, 2]

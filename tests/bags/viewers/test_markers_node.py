@@ -34,7 +34,7 @@ def node(request, domain):
     made = rclpy.create_node('ring', context=context, namespace=request.param)
     made.declare_parameter('mode', 'lockstep')
     yield made
-    spin_node.leave(made, context=context)
+    spin_node.shut_down(made, context=context)
     process.send_signal(signal.SIGTERM)
     assert process.wait(SECONDS) == 0
 
@@ -106,7 +106,7 @@ def test_its_defaults_are_those_of_the_shipped_car():
     mpcc = node_config.find_controller('mpcc')
     ring = node_config.build_nodes(facts, mpcc, 'lockstep', '/b', '/n', {})
     told = node_config.build_markers_node(ring).parameters
-    defaults, _ = parameters.read_file(share.path('bags', 'config', 'markers.yaml'))
+    defaults = parameters.read_file(share.path('bags', 'config', 'markers.yaml')).values
     for name, value in defaults.items():
         assert told[name] == pytest.approx(value), name
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bags.storage import read
-from msgs_yaml import yaw
+from msgs_yaml import conversions
 
 SECONDS = 60
 FRAMES = 10
@@ -65,6 +65,8 @@ def test_tf_has_the_pose_of_the_state_of_equal_stamp(start):
         assert one['at'] == [states.x_m[row], states.y_m[row], 0.0]
         x, y, z, w = one['turn']
         assert x == y == 0.0
-        assert yaw.from_quaternion(z, w) == pytest.approx(states.yaw_rad[row], abs=1e-15)
+        assert conversions.quaternion_to_heading(z, w) == pytest.approx(
+            states.yaw_rad[row], abs=1e-15
+        )
     moved = np.ptp([one['at'][0] for one in told])
     assert moved > 1.0

@@ -21,7 +21,7 @@ from bags.storage.bag_writer import BagWriter
 from bags.storage.message_definitions import schema_text, type_hash
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from bags.viewers import playback_server
-from msgs_yaml import contract, encode, fast
+from msgs_yaml import cdr_templates, contract, encode
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
 from node_runtime import ros, spin_node
 
@@ -97,7 +97,7 @@ def bag(tmp_path):
         qos = qos_text('keep_last', 1, 'reliable', durability)
         topics.append(BagTopic(name, kind, text, digest, qos))
     writer = BagWriter(tmp_path / 'bag', topics, {})
-    template = fast.Template('/vehicle/odometry')
+    template = cdr_templates.Template('/vehicle/odometry')
     path = b'\x00\x01\x00\x00' + struct.pack('<iII', 1, 0, 4) + b'map\x00' + struct.pack('<I', 0)
     writer.write(1, S, S, path)
     for state in states(2000):
@@ -147,7 +147,7 @@ def test_a_bag_arrives_with_its_schemas_bytes_and_times(view, bag):
     assert channel['schemaName'] == 'nav_msgs/msg/Odometry'
     assert channel['schema'] == schema_text('nav_msgs/msg/Odometry')
     assert {'time', 'playbackControl'} <= set(client.info['capabilities'])
-    template = fast.Template('/vehicle/odometry')
+    template = cdr_templates.Template('/vehicle/odometry')
     sent = {one.stamp_ns: bytes(template.fill(one)) for one in states(2000)}
     for log_ns, payload in client.received[0]:
         assert payload == sent[log_ns]
@@ -200,7 +200,7 @@ def test_the_running_ring_is_seen_with_its_shapes(view, namespace):
     try:
         client = look(url, visit)
     finally:
-        spin_node.leave(node, context=context)
+        spin_node.shut_down(node, context=context)
     schemas = {topic: client.channels[topic]['schemaName'] for topic in DRAWN}
     assert schemas['/markers/vehicle'] == 'foxglove.SceneUpdate'
     assert schemas['/tf'] == 'foxglove.FrameTransforms'

@@ -31,7 +31,7 @@ def main() -> None:
             'turn': [turn.x, turn.y, turn.z, turn.w],
         }
         print(json.dumps(told))
-    spin_node.leave(node)
+    spin_node.shut_down(node)
 
 
 if __name__ == '__main__':

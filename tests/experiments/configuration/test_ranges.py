@@ -5,7 +5,7 @@ import yaml
 
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config
-from node_runtime.ranges import ROAD_FRICTION, RUN_TIME, SPEED
+from node_runtime.parameters import ROAD_FRICTION, RUN_TIME, SPEED
 from scenario_publisher import scenario
 
 ENDS = {

@@ -16,7 +16,7 @@ from mpcc_controller.parameters import CarParams
 from mpcc_controller.problem import stages
 from msgs_yaml import encode
 from msgs_yaml.types import Command, Prediction, Why
-from node_runtime import named_file, parameters, ros
+from node_runtime import node_parameters, parameters, ros
 
 STAMP = 1_000_000_000
 
@@ -136,7 +136,7 @@ def with_report(bag, row, payload):
 def said(bag, row, **values):
     """Return a report of a bag as bytes, which says something else under some keys."""
     one = Topic(bag, feed.WHY).value(row)
-    return ros.serialized(encode.why(one._replace(values=one.values | values)))
+    return ros.serialize(encode.why(one._replace(values=one.values | values)))
 
 
 @pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
@@ -303,7 +303,9 @@ def test_a_run_older_than_the_actuators_of_the_car_keeps_its_layout_and_its_limi
 def test_a_limit_that_the_car_would_cut_is_refused(golden):
     run_info = golden('mpcc').run_info
     noted = json.loads(run_info['parameters'])
-    actuators = parameters.read_file(named_file.config('mpcc_controller', 'car.yaml'))[0]
+    actuators = parameters.read_file(
+        node_parameters.find_config('mpcc_controller', 'car.yaml')
+    ).values
     noted['controller'] |= {n: v for n, v in actuators.items() if n.startswith('actuators.')}
     newer = run_info | {'parameters': json.dumps(noted)}
     replayed_controller.params(newer, {'limits.steer_rate_radps': 0.8}, 'mpcc')
@@ -313,11 +315,11 @@ def test_a_limit_that_the_car_would_cut_is_refused(golden):
 
 def test_a_car_file_replaces_the_car_of_the_run_and_single_settings_win_over_it(golden, tmp_path):
     run_info = golden('mpcc').run_info
-    text = named_file.config('mpcc_controller', 'car.yaml').read_text()
+    text = node_parameters.find_config('mpcc_controller', 'car.yaml').read_text()
     own = tmp_path / 'my_car.yaml'
     own.write_text(text.replace('mass_kg: 1850.0', 'mass_kg: 1234.0'))
     _, recorded = replayed_controller.params(run_info, {}, 'mpcc')
-    shipped = parameters.load(CarParams, named_file.config('mpcc_controller', 'car.yaml'))
+    shipped = parameters.load(CarParams, node_parameters.find_config('mpcc_controller', 'car.yaml'))
     params, vehicle = replayed_controller.params(run_info, {'car_file': str(own)}, 'mpcc')
     assert params.car_file == str(own)
     assert recorded.car.mass_kg == 1850.0
@@ -333,7 +335,7 @@ def test_a_car_file_replaces_the_car_of_the_run_and_single_settings_win_over_it(
 def test_a_new_car_gives_an_older_run_its_drive_layout_too(golden, tmp_path):
     older = golden('mpcc').run_info
     assert 'model.drive_front_share' in older['parameters']
-    text = named_file.config('mpcc_controller', 'car.yaml').read_text()
+    text = node_parameters.find_config('mpcc_controller', 'car.yaml').read_text()
     own = tmp_path / 'my_car.yaml'
     own.write_text(text.replace('drive_front_share: 0.0', 'drive_front_share: 1.0'))
     for given, used in (

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-from node_runtime import executables
+from msgs_yaml import share
 
 SIGKILL_S = 5.0  # after SIGTERM
 
@@ -98,7 +98,7 @@ class TimerAction:
 
 class Node:
     def __init__(self, *, package, executable, parameters, output, sigterm_timeout, on_exit):
-        self.command = [*executables.resolve(package, executable), '--ros-args']
+        self.command = [*share.node_command(package, executable), '--ros-args']
         for file in parameters:
             self.command += ['--params-file', file]
         self.patience_s, self.on_exit = float(sigterm_timeout), on_exit

@@ -15,7 +15,7 @@ from experiments import cli
 from experiments.configuration import inputs, node_config, set_option
 from experiments.run import domain, node_graph
 from msgs_yaml import share
-from node_runtime import named_file, parameters
+from node_runtime import node_parameters, parameters
 
 SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
 
@@ -235,7 +235,9 @@ def test_a_tyre_property_file_is_noted_as_the_tyre_that_the_plant_reads(ring, su
     made = ring(f'plant.tyre_set={own}').values()
     notes = noted(made)['plant']
     assert notes['tyre_set'] == str(own)
-    tyre = parameters.read_file(named_file.config('vehicle_plant', 'tyre_book.yaml'))[0]
+    tyre = parameters.read_file(
+        node_parameters.find_config('vehicle_plant', 'tyre_book.yaml')
+    ).values
     assert {name: notes[name] for name in tyre} == tyre
     assert notes['car.body.mass_kg'] > 0.0
 

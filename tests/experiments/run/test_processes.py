@@ -11,7 +11,7 @@ import pytest
 from until import until
 
 from experiments.run import processes
-from node_runtime import executables
+from msgs_yaml import share
 
 IGNORES_SIGINT = 'trap "" INT; echo ready; while :; do sleep 0.05; done'
 ENDS_ON_SIGINT = 'trap "exit 0" INT; echo ready; while :; do sleep 0.05; done'
@@ -83,8 +83,8 @@ def test_a_crash_is_named_by_its_signal(shell):
 
 def test_what_a_node_said_before_it_was_held_is_what_it_said_last(tmp_path):
     log = tmp_path / 'held.log'
-    held = "import time\nfrom node_runtime import leaving\nprint('over')\n"
-    held += 'with leaving.within(0.5, 3):\n    time.sleep(60)'
+    held = "import time\nfrom node_runtime import shutdown\nprint('over')\n"
+    held += 'with shutdown.exit_after(0.5, 3):\n    time.sleep(60)'
     process = processes.start('node', [sys.executable, '-c', held], log, os.environ)
     assert process.popen.wait(20) == 3
     assert 'line 5 in <module>' in log.read_text()
@@ -111,9 +111,9 @@ def test_a_node_is_found_as_ros2_run_finds_it(tmp_path, monkeypatch):
         program.write_text('#!/bin/sh\n')
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}/first:{tmp_path}/second')
     # what is not executable is no node
-    assert executables.resolve('pkg', 'node') == [sys.executable, '-m', 'pkg.node']
+    assert share.node_command('pkg', 'node') == [sys.executable, '-m', 'pkg.node']
     program.chmod(0o755)
-    assert executables.resolve('pkg', 'node') == [str(program)]
+    assert share.node_command('pkg', 'node') == [str(program)]
 
 
 def test_an_ignored_sigint_is_not_handed_on(tmp_path):

@@ -13,7 +13,7 @@ SEARCHES = Path(__file__).parents[3] / 'paper/tuning'
 
 
 def numbers(name):
-    return parameters.read_file(node_config.find_controller(name).config)[0]
+    return parameters.read_file(node_config.find_controller(name).config).values
 
 
 def found(name):

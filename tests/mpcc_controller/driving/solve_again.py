@@ -12,7 +12,7 @@ from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import share
-from node_runtime import overrides
+from node_runtime import node_parameters
 from stage_solver.stage_problem import Bounds, Plan
 
 GIVEN = {
@@ -21,7 +21,7 @@ GIVEN = {
     'solver.fallback': 'none',
 }
 file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
-params, _ = overrides.resolve(ControllerParams, file, GIVEN)
+params, _ = node_parameters.resolve(ControllerParams, file, GIVEN)
 solver = Controller(params, car_file.load(params)).horizon.solver
 with np.load(sys.argv[1]) as kept:
     bounds = Bounds(*(kept[name] for name in Bounds._fields))

@@ -8,7 +8,7 @@ from mpcc_controller.driving.health import TOLD, Monitor
 from mpcc_controller.driving.watchdog import EDGES, OBSTACLES, REFERENCE, STATE
 from mpcc_controller.parameters import Ages
 from msgs_yaml.types import Why
-from node_runtime.ages import ERROR, STALE
+from node_runtime.input_monitor import ERROR, STALE
 
 MS, S = 1_000_000, 1_000_000_000
 AGES = Ages(state_s=0.1, reference_s=1.0, obstacles_s=0.2)

@@ -46,7 +46,7 @@ def test_the_drive_layout_is_that_of_the_car_unless_the_controller_has_its_own(p
 
 def test_no_shipped_controller_overrides_the_drive_layout_of_the_car():
     for file in share.path('mpcc_controller', 'config').glob('*.yaml'):
-        values, _ = parameters.read_file(file)
+        values = parameters.read_file(file).values
         assert values.get('car_file', 'car.yaml') == 'car.yaml'
         assert 'model.drive_front_share' not in values
 

@@ -1,0 +1,109 @@
+"""Time stamps, headings and diagnostic values: between plain numbers and message fields.
+
+Stamps are whole nanoseconds. A heading psi [rad] is the rotation about z by the quaternion
+(0, 0, sin(psi / 2), cos(psi / 2)).
+"""
+
+import math
+
+import numpy as np
+
+from msgs_yaml.types import Prediction, Reference, VehicleState
+
+NS_PER_S = 1_000_000_000
+_BOOLEANS = {'True': True, 'False': False}
+
+
+def stamp_to_ns(stamp) -> int:
+    """Return the nanoseconds of a builtin_interfaces/Time of any library."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def split_stamp(stamp_ns: int) -> tuple[int, int]:
+    """Return (sec, nanosec)."""
+    return divmod(int(stamp_ns), NS_PER_S)
+
+
+def add_seconds(stamp_ns: int, t: float) -> int:
+    """Return the stamp t seconds later, rounded to 1 ns."""
+    return int(stamp_ns) + round(float(t) * NS_PER_S)
+
+
+def ns_to_s(duration_ns: int) -> float:
+    """Return a duration in seconds."""
+    return duration_ns / NS_PER_S
+
+
+def wrap_angle(psi: float) -> float:
+    """Return the same angle in (-pi, pi]."""
+    wrapped = math.remainder(psi, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def heading_to_quaternion(psi: float) -> tuple[float, float]:
+    """Return (z, w) of the unit quaternion of a heading; x and y are 0."""
+    return math.sin(0.5 * psi), math.cos(0.5 * psi)
+
+
+def quaternion_to_heading(z: float, w: float) -> float:
+    """Return the heading in (-pi, pi] of a rotation about z."""
+    return wrap_angle(2.0 * math.atan2(z, w))
+
+
+def value_to_text(value: float | int | str | bool) -> str:
+    """Return a text that `text_to_value` turns into the same value.
+
+    Raises ValueError for a word that would come back as something else, such as '12'.
+    """
+    if isinstance(value, str):
+        if not isinstance(text_to_value(value), str):
+            raise ValueError(f'the word {value!r} would be read as a number or truth')
+        return value
+    plain = value.item() if isinstance(value, np.generic) else value
+    return repr(plain)
+
+
+def text_to_value(text: str) -> float | int | str | bool:
+    """Return the number or boolean that a text spells, else the text; infinity beyond a float."""
+    if text in _BOOLEANS:
+        return _BOOLEANS[text]
+    for kind in (int, float):
+        try:
+            number = kind(text)
+            float(number)
+        except (ValueError, OverflowError):
+            continue
+        return number
+    return text
+
+
+# A heading passes through a quaternion, a time through whole nanoseconds. With these functions a
+# simulation in one process computes with the same bits as one whose values pass through messages.
+
+
+def heading_as_received(psi: float) -> float:
+    """Return the heading that a receiver decodes, to the last bit."""
+    return quaternion_to_heading(*heading_to_quaternion(psi))
+
+
+def odometry_as_received(x: VehicleState) -> VehicleState:
+    """Return decode.odometry(encode.odometry(x))."""
+    return x._replace(psi=heading_as_received(x.psi))
+
+
+def reference_as_received(x: Reference) -> Reference:
+    """Return decode.reference(encode.reference(x))."""
+    return x._replace(psi=_headings(x.psi), t=_times(x.stamp_ns, x.t))
+
+
+def prediction_as_received(x: Prediction) -> Prediction:
+    """Return decode.prediction(encode.prediction(x))."""
+    return x._replace(psi=_headings(x.psi), t=_times(x.stamp_ns, x.t))
+
+
+def _headings(psi):
+    return np.unwrap([heading_as_received(float(p)) for p in psi])
+
+
+def _times(stamp_ns, t):
+    return np.array([ns_to_s(add_seconds(stamp_ns, t_i) - stamp_ns) for t_i in t])

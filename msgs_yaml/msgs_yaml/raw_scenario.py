@@ -1,0 +1,318 @@
+"""Path and road edges read from serialised messages with numpy, and sent again under another stamp.
+
+Message objects of 5000 poses or points take 30 to 100 ms to build or to read, up to two ticks of
+the controller; their bytes take a millisecond. They are CDR, little endian (OMG DDSI-RTPS 2.2,
+chapter 10; alignments of XCDR1), with the layouts of nav_msgs/Path and visualization_msgs/Marker in
+ROS 2 Jazzy.
+
+The readers return None for every message that violates the contract or is laid out otherwise:
+`decode` then raises the error that names the cause, if there is one.
+"""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_yaml import contract, conversions
+from msgs_yaml.cdr_templates import ENCAPSULATION
+from msgs_yaml.cdr_templates import STAMP as STAMP_STRUCT
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.decode import UNIT_TOLERANCE
+from msgs_yaml.types import Reference, RoadEdges
+
+REFERENCE = '/scenario/reference'
+ROAD_EDGES = '/scenario/road_edges'
+STAMP = [('sec', '<i4'), ('nanosec', '<u4')]
+FRAME = 'V8'  # length and characters of `map`, with the closing zero
+POSE = 'V56'
+HEAD = np.dtype(
+    [
+        ('encapsulation', 'V4'),
+        ('stamp', STAMP),
+        ('frame', FRAME),
+        ('poses', '<u4'),
+        ('first_stamp', STAMP),
+        ('first_frame', FRAME),
+        ('padding', 'V4'),  # only before the first pose: its doubles would not be aligned
+        ('first_pose', POSE),
+    ]
+)
+REST = np.dtype([('stamp', STAMP), ('frame', FRAME), ('pose', POSE)])
+_POSE_FIELDS = ('position.x', 'position.y', 'position.z', *(f'orientation.{a}' for a in 'xyzw'))
+_POSE_PREFIX = 'poses[*].pose.'
+_EXACT_NS = 2**53  # longer durations are no exact double
+SIDES = ('left', 'right')
+_LINE_STRIP, _ADD = 4, 0
+_KIND = struct.Struct('<iii')  # id, type, action
+_POSE_AND_SCALE, _COLOR_AND_LIFETIME = 10 * 8, 4 * 4 + 8  # bytes
+_COLOR, _UV = 4 * 4, 2 * 4
+_UINT32 = struct.Struct('<I')
+
+
+class SerializedPath(NamedTuple):
+    """Views into a serialised path: everything up to the first pose, and the other poses."""
+
+    head: np.void  # HEAD
+    rest: np.ndarray  # (n - 1,) REST
+
+    def __repr__(self):
+        return f'SerializedPath({self.head["poses"]} poses)'
+
+
+def reference_size(poses: int) -> int:
+    """Return the size of a serialised path of so many poses [bytes]."""
+    return HEAD.itemsize + (poses - 1) * REST.itemsize
+
+
+def split_reference(raw: bytes) -> SerializedPath | None:
+    """Return views into a serialised path; None if its layout is another."""
+    if len(raw) < HEAD.itemsize or (len(raw) - HEAD.itemsize) % REST.itemsize:
+        return None
+    if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
+        return None
+    head = np.frombuffer(raw, HEAD, count=1)[0]
+    rest = np.frombuffer(raw, REST, offset=HEAD.itemsize)
+    return SerializedPath(head, rest) if head['poses'] == len(rest) + 1 else None
+
+
+def reference_stamps_ns(path: SerializedPath) -> np.ndarray:
+    """Return every stamp of a path [ns], shape (n + 1,): that of the message, then of each pose."""
+    return _to_ns(_stamps(path))
+
+
+def read_reference(raw: bytes) -> Reference | None:
+    """Return what `decode.reference` returns of the message, to the last bit; None as above."""
+    path = split_reference(raw)
+    if path is None or not _is_reference(path):
+        return None
+    stamps = _stamps(path)
+    stamps_ns = _to_ns(stamps)
+    durations_ns = stamps_ns[1:] - stamps_ns[0]
+    poses = np.concatenate((path.head['first_pose'].reshape(1), path.rest['pose']))
+    values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(poses.view('<f8').reshape(-1, 7).T)))
+    # nanoseconds may be more than a second: the sum can be positive where the seconds are not
+    if np.any(stamps['sec'] < 0) or np.any(stamps_ns == 0):
+        return None
+    if np.abs(durations_ns).max() >= _EXACT_NS or not _poses_in_range(values):
+        return None
+    t = durations_ns / NS_PER_S
+    if np.any(np.diff(t) <= 0.0):
+        return None
+    quaternions = zip(values['orientation.z'].tolist(), values['orientation.w'].tolist())
+    psi = np.unwrap([conversions.quaternion_to_heading(z, w) for z, w in quaternions])
+    return Reference(int(stamps_ns[0]), values['position.x'], values['position.y'], psi, t - t[0])
+
+
+def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
+    """Return a serialised path under another stamp, those of its poses shifted by the same time.
+
+    Raises ValueError if the layout is another.
+    """
+    buffer = bytearray(raw)
+    path = split_reference(buffer)
+    if path is None:
+        raise ValueError(f'{len(raw)} bytes are no serialised {REFERENCE}')
+    head = np.frombuffer(buffer, HEAD, count=1)
+    before_ns = reference_stamps_ns(path)
+    after_ns = before_ns - int(before_ns[0]) + stamp_ns
+    fields = (head['stamp'], head['first_stamp'], path.rest['stamp'])
+    for field, shifted in zip(fields, np.split(after_ns, (1, 2))):
+        field['sec'], field['nanosec'] = np.divmod(shifted, NS_PER_S)
+    return bytes(buffer)
+
+
+def is_repeat(new: bytes, old: bytes | None) -> bool:
+    """Return whether two paths have the same poses, with all stamps shifted by the same time.
+
+    The path is sent four times per second, and comparing bytes is faster than reading them. False
+    also for messages with another layout.
+    """
+    if old is None or len(new) != len(old):
+        return False
+    a, b = split_reference(new), split_reference(old)
+    if a is None or b is None:
+        return False
+    head = ('frame', 'poses', 'first_frame', 'first_pose')
+    if not all(a.head[name] == b.head[name] for name in head):
+        return False
+    if not all((a.rest[name] == b.rest[name]).all() for name in ('frame', 'pose')):
+        return False
+    a_ns, b_ns = reference_stamps_ns(a), reference_stamps_ns(b)
+    return bool((a_ns - b_ns == a_ns[0] - b_ns[0]).all())
+
+
+def _stamps(path):
+    first = np.array([path.head['stamp'], path.head['first_stamp']])
+    return np.concatenate((first, path.rest['stamp']))
+
+
+def _to_ns(stamps):
+    return stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
+
+
+def _is_reference(path):
+    topic = contract.load().topics[REFERENCE]
+    frame = np.void((len(topic.frame) + 1).to_bytes(4, 'little') + topic.frame.encode() + b'\x00')
+    allowed = topic.sizes['poses']
+    return (
+        frame.dtype == np.dtype(FRAME)
+        and allowed.low <= path.head['poses'] <= allowed.high
+        and path.head['frame'] == path.head['first_frame'] == frame
+        and bool((path.rest['frame'] == frame).all())
+    )
+
+
+def _in_range(column, field):
+    return bool(np.all((field.low <= column) & (column <= field.high)))
+
+
+def _poses_in_range(values):
+    fields = contract.load().topics[REFERENCE].fields
+    for path, field in fields.items():
+        if not _in_range(values[path.removeprefix(_POSE_PREFIX)], field):
+            return False
+    square = sum(values[f'orientation.{axis}'] ** 2 for axis in 'xyzw')
+    return bool(np.all(np.abs(square - 1.0) <= UNIT_TOLERANCE))
+
+
+class SerializedLine(NamedTuple):
+    """The fields of a serialised marker that matter for a road edge."""
+
+    stamp_offset: int  # in the message
+    sec: int  # of its stamp
+    stamp_ns: int
+    frame: str
+    ns: str
+    type: int
+    action: int
+    points: np.ndarray  # (n, 3) m
+
+
+def read_road_edges(raw: bytes) -> RoadEdges | None:
+    """Return what `decode.road_edges` returns of the message, to the last bit; None as above."""
+    lines = _lines(raw)
+    if lines is None or not _is_road_edges(lines):
+        return None
+    fields = contract.load().topics[ROAD_EDGES].fields
+    sides = {line.ns: np.ascontiguousarray(line.points[:, :2]) for line in lines}
+    for side, points in sides.items():
+        for column, axis in zip(points.T, 'xy'):
+            if not _in_range(column, fields[f'markers[{side}].points[*].{axis}']):
+                return None
+    return RoadEdges(lines[0].stamp_ns, sides['left'], sides['right'])
+
+
+def restamp_road_edges(raw: bytes, stamp_ns: int) -> bytes:
+    """Return serialised edges under another stamp; raise ValueError if the layout is another."""
+    lines = _lines(raw)
+    if lines is None:
+        raise ValueError(f'{len(raw)} bytes are no serialised {ROAD_EDGES}')
+    buffer = bytearray(raw)
+    for line in lines:
+        STAMP_STRUCT.pack_into(buffer, line.stamp_offset, *conversions.split_stamp(stamp_ns))
+    return bytes(buffer)
+
+
+def _lines(raw):
+    """Return the two markers of a message; None if it does not consist of these."""
+    try:
+        reader = _Reader(raw)
+        if reader.count() != len(SIDES):
+            return None
+        return [_read_line(reader) for _ in SIDES]
+    except (_CdrError, UnicodeDecodeError):
+        return None
+
+
+def _read_line(reader):
+    stamp_offset = reader.align(4)
+    sec, nanosec = reader.unpack(STAMP_STRUCT, 4)
+    frame, ns = reader.text(), reader.text()
+    _, kind, action = reader.unpack(_KIND, 4)
+    reader.skip(_POSE_AND_SCALE, 8)
+    reader.skip(_COLOR_AND_LIFETIME, 4)
+    reader.boolean()  # frame_locked
+    points = reader.floats(3 * reader.count()).reshape(-1, 3)
+    reader.skip(_COLOR * reader.count(), 4)
+    reader.text()  # texture_resource
+    reader.skip(STAMP_STRUCT.size, 4)  # texture
+    reader.text()
+    reader.text()
+    reader.skip(reader.count())
+    reader.skip(_UV * reader.count(), 4)  # uv_coordinates
+    reader.text()  # text
+    reader.text()  # mesh_resource
+    reader.text()  # mesh_file
+    reader.skip(reader.count())
+    reader.boolean()  # mesh_use_embedded_materials
+    stamp_ns = sec * NS_PER_S + nanosec
+    return SerializedLine(stamp_offset, sec, stamp_ns, frame, ns, kind, action, points)
+
+
+def _is_road_edges(lines):
+    topic = contract.load().topics[ROAD_EDGES]
+    allowed = topic.sizes['markers[*].points']
+    first_ns = lines[0].stamp_ns
+    return sorted(line.ns for line in lines) == sorted(SIDES) and all(
+        line.stamp_ns == first_ns > 0
+        and line.sec >= 0  # nanoseconds may be more than a second
+        and line.frame == topic.frame
+        and (line.type, line.action) == (_LINE_STRIP, _ADD)
+        and allowed.low <= len(line.points) <= allowed.high
+        for line in lines
+    )
+
+
+class _CdrError(ValueError):
+    """Bytes are no such message."""
+
+
+class _Reader:
+    """Reads a serialised message from its start; raises _CdrError for bytes that are none."""
+
+    def __init__(self, raw):
+        if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
+            raise _CdrError('the message is not little-endian CDR')
+        self._raw = raw
+        self._offset = len(ENCAPSULATION)
+
+    def align(self, size):
+        """Advance to the next multiple of `size`; return the offset."""
+        self._offset += -(self._offset - len(ENCAPSULATION)) % size
+        return self._offset
+
+    def skip(self, size, alignment=1):
+        """Advance by so many bytes, aligned unless 0; return the offset of the first."""
+        begin = self.align(alignment) if size else self._offset
+        if begin + size > len(self._raw):
+            raise _CdrError(f'the message ends at byte {len(self._raw)}')
+        self._offset = begin + size
+        return begin
+
+    def unpack(self, form, alignment):
+        return form.unpack_from(self._raw, self.skip(form.size, alignment))
+
+    def count(self):
+        """Return the length of a sequence."""
+        return self.unpack(_UINT32, _UINT32.size)[0]
+
+    def text(self):
+        """Return a string; raise UnicodeDecodeError if it is no UTF-8."""
+        size = self.count()
+        begin = self.skip(size)
+        encoded = bytes(self._raw[begin : begin + size])
+        if encoded[-1:] not in (b'', b'\x00'):
+            raise _CdrError(f'the string at byte {begin} has no end')
+        return encoded[:-1].decode()
+
+    def boolean(self):
+        value = self._raw[self.skip(1)]
+        if value > 1:
+            raise _CdrError(f'{value} is no boolean')
+        return bool(value)
+
+    def floats(self, number):
+        """Return a view of so many float64."""
+        begin = self.skip(8 * number, 8)
+        return np.frombuffer(self._raw, '<f8', count=number, offset=begin)

@@ -1,0 +1,88 @@
+"""Linux scheduling of a real-time process: priority, core affinity, locked memory. No ROS.
+
+All of it is optional, and priority and locked memory need permission: what the system refuses is
+logged, and the node runs without it.
+"""
+
+import ctypes
+import gc
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from node_runtime.parameters import Range
+
+# linux/mman.h: lock what is mapped now and later, each page once it is in use
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+THREADS = Path('/proc/self/task')
+ANY = -1
+
+
+@dataclass(frozen=True)
+class SchedulingOptions:
+    """Parameters `realtime.*` of every node; used in mode realtime only."""
+
+    priority: Annotated[int, Range(0, 99, 'of SCHED_FIFO for every thread of the node, 0: none')]
+    core: Annotated[int, Range(ANY, 1023, 'that the node runs on alone, -1: any')]
+    lock_memory: bool  # no page of it is ever swapped out
+    collect_garbage: bool  # false: cycles of Python objects are kept for ever
+
+
+DEFAULTS = SchedulingOptions(priority=0, core=ANY, lock_memory=False, collect_garbage=True)
+
+
+def apply(options: SchedulingOptions) -> tuple[str, ...]:
+    """Request what the options ask for; return a line for each refusal, with what would help."""
+    freeze_garbage()
+    if not options.collect_garbage:
+        gc.disable()
+    results = (_set_affinity(options), _lock_memory(options), _set_priority(options))
+    return tuple(refusal for refusal in results if refusal)
+
+
+def freeze_garbage() -> None:
+    """Collect garbage now, and exclude the objects that are left from later collections."""
+    gc.collect()
+    gc.freeze()
+
+
+def _set_affinity(options):
+    if options.core == ANY:
+        return ''
+    try:
+        for thread in _threads():
+            os.sched_setaffinity(thread, {options.core})
+    except OSError as error:
+        allowed = sorted(os.sched_getaffinity(0))
+        return f'realtime.core={options.core}: {error.strerror}; this process may use {allowed}'
+    return ''
+
+
+def _lock_memory(options):
+    if not options.lock_memory:
+        return ''
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
+        reason = os.strerror(ctypes.get_errno())
+        return f'realtime.lock_memory: {reason}; allow it with `ulimit -l unlimited`'
+    return ''
+
+
+def _set_priority(options):
+    if not options.priority:
+        return ''
+    try:
+        for thread in _threads():
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(options.priority))
+    except OSError as error:
+        return (
+            f'realtime.priority={options.priority}: {error.strerror}; allow it with '
+            f'`ulimit -r {options.priority}`, or `rtprio` in /etc/security/limits.conf'
+        )
+    return ''
+
+
+def _threads():
+    """Return every thread of this process: DDS delivers messages in threads of its own."""
+    return [int(thread.name) for thread in THREADS.iterdir()]

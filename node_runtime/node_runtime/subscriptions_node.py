@@ -1,0 +1,142 @@
+"""Subscriptions beyond callbacks: bounded decoding, polling, and a watch over their publishers.
+
+read_reference, read_road_edges, read_obstacles   serialised message of any size -> value
+LatestMessage                                     the newest message, polled
+PublisherMonitor                                  warns of a second publisher of a topic
+"""
+
+from collections.abc import Mapping
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy
+from rclpy.subscription import Subscription
+
+from msgs_yaml import contract, decode, raw_scenario
+from msgs_yaml.raw_scenario import REFERENCE, ROAD_EDGES
+from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
+from node_runtime import ros
+from node_runtime.input_monitor import OK, WARN
+
+OBSTACLES = '/scenario/obstacles'
+PERIOD_S = 1.0  # of wall time, between two counts of publishers
+_COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: number of markers
+_MARKER_BYTES, _POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
+
+
+def read_reference(raw: bytes) -> Reference:
+    """Return the path of a serialised /scenario/reference.
+
+    Raises DecodeError, also, and at once, if the message is longer than the contract allows: the
+    controller that reads it has to send a command every 50 ms. The other readers do the same.
+    """
+    most = contract.load().topics[REFERENCE].sizes['poses'].high
+    limit = raw_scenario.reference_size(most)
+    if len(raw) > limit:
+        allowed = f'allowed {limit}, those of {most} poses'
+        raise decode.DecodeError(f'{REFERENCE}: {len(raw)} bytes; {allowed}')
+    path = raw_scenario.read_reference(raw)
+    return decode.reference(ros.deserialize(REFERENCE, raw)) if path is None else path
+
+
+def read_road_edges(raw: bytes) -> RoadEdges:
+    """Return the edges of a serialised /scenario/road_edges; see `read_reference`."""
+    _check_size(ROAD_EDGES, raw)
+    edges = raw_scenario.read_road_edges(raw)
+    return decode.road_edges(ros.deserialize(ROAD_EDGES, raw)) if edges is None else edges
+
+
+def read_obstacles(raw: bytes) -> Obstacles:
+    """Return the obstacles of a serialised /scenario/obstacles; see `read_reference`."""
+    _check_size(OBSTACLES, raw)
+    return decode.obstacles(ros.deserialize(OBSTACLES, raw))
+
+
+def _check_size(topic, raw):
+    sizes = contract.load().topics[topic].sizes
+    most = sizes['markers'].high
+    points = max(allowed.high for key, allowed in sizes.items() if key.endswith('.points'))
+    limit = most * (_MARKER_BYTES + _POINT_BYTES * points)
+    is_little = raw[1:2] and raw[1] & 1
+    count = int.from_bytes(raw[_COUNT], 'little' if is_little else 'big')
+    if count > most:
+        raise decode.DecodeError(f'{topic}: markers is {count} long; allowed {most} at most')
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {limit}')
+
+
+class LatestMessage:
+    """A subscription without callbacks that keeps the newest message, serialised.
+
+    A callback costs about 50 us of Python: at 1 kHz a twentieth of a core, for messages that are
+    needed once, at the start. Its own node is in the same context and in no executor.
+    """
+
+    def __init__(self, node: Node, topic: str):
+        """`node` has declared its parameters; its namespace and remappings hold here too."""
+        self._node = ros.polled_node(node, f'{node.get_name()}_inbox')
+        profile = ros.qos_profile(node, topic)
+        profile.history, profile.depth = HistoryPolicy.KEEP_LAST, 1
+        kind = ros.message_type(topic)
+        self._subscription = self._node.create_subscription(
+            kind, ros.full_name(node, topic), lambda raw: None, profile, raw=True
+        )
+
+    def take(self) -> bytes | None:
+        """Return the newest message since the last call, None if there is none."""
+        handle = self._subscription.handle
+        with handle:
+            result = handle.take_message(self._subscription.msg_type, True)
+        return None if result is None else result[0]
+
+    def destroy(self) -> None:
+        """Destroy the node of this subscription."""
+        self._node.destroy_node()
+
+
+class PublisherMonitor:
+    """Counts the publishers of subscriptions once per second, and logs each change.
+
+    With one publisher per topic it logs nothing and leaves the health as it is.
+    """
+
+    def __init__(self, node: Node, subscriptions: Mapping[str, Subscription]):
+        """`subscriptions` of the node, by topic of the contract."""
+        self._node, self._subscriptions = node, subscriptions
+        self._counts = dict.fromkeys(subscriptions, 1)
+        self._warnings: dict[str, str] = {}  # by topic
+        node.create_timer(PERIOD_S, self.update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def update(self) -> None:
+        """Count; log topics that now have several publishers, and those that have one again."""
+        for topic, subscription in self._subscriptions.items():
+            # matched ones only: a publisher with another QoS is not received
+            count = max(subscription.get_publisher_count(), 1)
+            if count == self._counts[topic]:
+                continue
+            self._counts[topic] = count
+            self._warnings.pop(topic, None)
+            if count > 1:
+                self._warnings[topic] = self._warning(topic, count)
+                self._node.get_logger().warning(self._warnings[topic])
+            else:
+                self._node.get_logger().info(f'1 publisher of {self._name(topic)} again')
+
+    def add_warnings(self, health: Health) -> Health:
+        """Return a health with the present warnings, at least WARN if there are any."""
+        if not self._warnings:
+            return health
+        causes = [] if health.level == OK else [health.message]
+        message = '; '.join([*causes, *self._warnings.values()])
+        return health._replace(level=max(health.level, WARN), message=message)
+
+    def _warning(self, topic, count):
+        infos = self._node.get_publishers_info_by_topic(self._name(topic))
+        nodes = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos)
+        return (
+            f'{count} publishers of {self._name(topic)} ({", ".join(nodes)}), 1 expected: '
+            'all of them are heard; a process that was killed counts for 20 s'
+        )
+
+    def _name(self, topic):
+        return ros.full_name(self._node, topic)

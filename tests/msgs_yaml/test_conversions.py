@@ -1,0 +1,104 @@
+"""Stamps, headings and diagnostic values pass through messages without loss."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs_yaml import conversions
+
+ANGLES = st.floats(-100, 100)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
+def test_splitting_and_joining_a_stamp_is_the_identity(stamp_ns):
+    sec, nanosec = conversions.split_stamp(stamp_ns)
+    assert 0 <= nanosec < 10**9
+    assert conversions.stamp_to_ns(SimpleNamespace(sec=sec, nanosec=nanosec)) == stamp_ns
+
+
+def test_a_stage_of_fifty_milliseconds_is_exact():
+    assert [conversions.add_seconds(10**9, 0.05 * i) - 10**9 for i in range(3)] == [
+        0,
+        50_000_000,
+        100_000_000,
+    ]
+    assert conversions.ns_to_s(50_000_000) == 0.05
+
+
+def test_times_are_rounded_to_the_nearest_nanosecond():
+    assert conversions.add_seconds(0, 1.6e-9) == 2
+    assert conversions.add_seconds(0, pytest.approx(1.0).expected) == 10**9
+
+
+@settings(derandomize=True, deadline=None)
+@given(ANGLES)
+def test_wrapping_keeps_the_direction_and_the_half_open_turn(psi):
+    wrapped = conversions.wrap_angle(psi)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(psi), abs=1e-12)
+    assert math.sin(wrapped) == pytest.approx(math.sin(psi), abs=1e-12)
+
+
+def test_straight_back_is_plus_pi_from_either_side():
+    assert conversions.wrap_angle(math.pi) == math.pi
+    assert conversions.wrap_angle(-math.pi) == math.pi
+
+
+@settings(derandomize=True, deadline=None)
+@given(ANGLES)
+def test_the_quaternion_rotates_the_x_axis_by_the_heading(psi):
+    z, w = conversions.heading_to_quaternion(psi)
+    # rotation matrix of a unit quaternion about z
+    x_axis = np.array([1 - 2 * z * z, 2 * z * w])
+    assert np.allclose(x_axis, [math.cos(psi), math.sin(psi)], atol=1e-14)
+
+
+@settings(derandomize=True, deadline=None)
+@given(ANGLES)
+def test_a_quaternion_and_its_negative_are_one_heading(psi):
+    z, w = conversions.heading_to_quaternion(psi)
+    difference = conversions.quaternion_to_heading(-z, -w) - conversions.quaternion_to_heading(z, w)
+    assert conversions.wrap_angle(difference) == pytest.approx(0.0, abs=1e-14)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.floats(-math.pi, math.pi))
+def test_the_received_heading_is_within_rounding_of_the_sent_one(psi):
+    assert abs(conversions.wrap_angle(conversions.heading_as_received(psi) - psi)) <= 1e-15
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False)))
+def test_numbers_and_truths_survive_to_the_last_bit(value):
+    back = conversions.text_to_value(conversions.value_to_text(value))
+    assert type(back) is type(value)
+    assert back == value
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.text('abc dé_', max_size=10))
+def test_words_survive(text):
+    assert conversions.text_to_value(conversions.value_to_text(text)) == text
+
+
+def test_a_number_beyond_all_floats_is_infinite():
+    assert conversions.text_to_value('1' * 400) == math.inf
+    assert conversions.text_to_value('-' + '1' * 400) == -math.inf
+
+
+def test_numpy_numbers_are_written_as_plain_numbers():
+    assert conversions.value_to_text(np.float64(0.5)) == '0.5'
+    assert conversions.value_to_text(np.int32(3)) == '3'
+    assert conversions.value_to_text(np.bool_(True)) == 'True'
+    assert conversions.value_to_text(np.str_('solved')) == 'solved'
+
+
+@pytest.mark.parametrize('word', ['1', '1_000', ' 2', 'False', 'infinity', 'NaN'])
+def test_a_word_that_reads_as_something_else_is_refused(word):
+    with pytest.raises(ValueError, match='would be read as'):
+        conversions.value_to_text(word)

@@ -1,0 +1,133 @@
+"""The age of an input as a level: when it rises, when it falls, what is counted."""
+
+import pytest
+
+from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel, InputMonitor
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+@pytest.fixture
+def monitor():
+    monitor = InputMonitor('state', limit_s=0.1)
+    monitor.record(S)
+    return monitor
+
+
+def test_what_has_never_come_is_stale():
+    monitor = InputMonitor('state', 0.1)
+    assert (
+        monitor.level(S) == monitor.held_level == monitor.update(S) == monitor.held_level == STALE
+    )
+    assert monitor.age_ns(S) is None
+    assert monitor.describe(S) == 'state has never come'
+    assert monitor.diagnostics(S) == {
+        'age.state_limit_ms': 100.0,
+        'age.state_stale': 0,
+        'age.state_refused': 0,
+        'age.state_reason': 'none',
+    }
+
+
+@pytest.mark.parametrize(
+    ('age_ns', 'level'),
+    [
+        (-30 * MS, OK),
+        (0, OK),
+        (50 * MS, OK),
+        (50 * MS + 1, WARN),
+        (100 * MS, WARN),
+        (100 * MS + 1, ERROR),
+        (9 * S, ERROR),
+    ],
+)
+def test_beyond_half_of_the_limit_there_is_a_warning_and_beyond_it_an_error(monitor, age_ns, level):
+    assert monitor.level(S + age_ns) == level
+
+
+def test_a_new_stamp_ends_the_age_at_once_and_an_older_one_changes_nothing(monitor):
+    assert monitor.level(S + 200 * MS) == ERROR
+    assert monitor.accept(S + 190 * MS, S + 200 * MS) == ''
+    assert monitor.level(S + 200 * MS) == OK
+    monitor.record(S + 10 * MS)
+    assert monitor.age_ns(S + 200 * MS) == 10 * MS
+    assert monitor.describe(S + 200 * MS) == 'state is 10 ms old, limit 100 ms'
+
+
+@pytest.mark.parametrize(('off_ns', 'where'), [(101 * MS, 'past'), (-101 * MS, 'future')])
+def test_a_stamp_far_from_now_is_refused_with_its_reason_and_counted(monitor, off_ns, where):
+    reason = monitor.accept(2 * S - off_ns, 2 * S)
+    assert reason == f'the stamp is 101 ms in the {where}, limit 100 ms'
+    assert monitor.age_ns(2 * S) == S
+    values = monitor.diagnostics(2 * S)
+    assert values['age.state_refused'] == 1
+    assert values['age.state_reason'] == reason
+
+
+@pytest.mark.parametrize('off_ns', [100 * MS, -100 * MS])
+def test_a_stamp_on_the_limit_is_taken(monitor, off_ns):
+    assert monitor.accept(2 * S - off_ns, 2 * S) == ''
+    assert monitor.diagnostics(2 * S)['age.state_refused'] == 0
+
+
+def test_a_level_that_is_held_names_what_it_comes_from(monitor):
+    assert monitor.describe_held(S) == 'state is 0 ms old, limit 100 ms'  # nobody has looked yet
+    for age_ms in (60, 110, 130):
+        monitor.update(S + age_ms * MS)
+    assert monitor.describe_held(S + 131 * MS) == 'state is 131 ms old, limit 100 ms'
+    monitor.record(S + 130 * MS)
+    monitor.update(S + 130 * MS)
+    assert monitor.held_level == ERROR
+    monitor.update(S + 210 * MS)  # a warning does not hide it
+    assert monitor.describe_held(S + 630 * MS) == 'state is 500 ms old, limit 100 ms'
+    monitor.record(S + 630 * MS)
+    assert monitor.describe_held(S + 630 * MS) == 'state was 130 ms old 0.5 s ago, limit 100 ms'
+    monitor.record(4 * S)
+    monitor.update(4 * S)
+    assert monitor.held_level == OK
+    assert monitor.describe_held(4 * S) == 'state is 0 ms old, limit 100 ms'
+
+
+def test_each_time_that_the_limit_is_passed_counts_once(monitor):
+    for now_ns in (S + 150 * MS, S + 160 * MS):
+        monitor.update(now_ns)
+    assert monitor.diagnostics(S + 160 * MS)['age.state_stale'] == 1
+    monitor.record(S + 170 * MS)
+    monitor.update(S + 170 * MS)
+    monitor.update(S + 400 * MS)
+    assert monitor.diagnostics(S + 400 * MS)['age.state_stale'] == 2
+
+
+def test_the_worst_age_is_that_since_it_was_told_last(monitor):
+    monitor.update(S + 80 * MS)
+    monitor.record(S + 80 * MS)
+    first = monitor.diagnostics(S + 90 * MS)
+    assert (first['age.state_ms'], first['age.state_worst_ms']) == (10.0, 80.0)
+    assert monitor.diagnostics(S + 95 * MS)['age.state_worst_ms'] == 15.0
+
+
+def test_the_level_that_is_shown_falls_after_two_good_seconds(monitor):
+    assert monitor.update(S + 150 * MS) == monitor.held_level == ERROR
+    monitor.record(S + 160 * MS)
+    assert monitor.update(S + 160 * MS) == OK
+    assert monitor.held_level == ERROR
+    monitor.record(3 * S + 149 * MS)
+    monitor.update(3 * S + 149 * MS)
+    assert monitor.held_level == ERROR
+    monitor.update(3 * S + 150 * MS)
+    assert monitor.held_level == OK
+
+
+def test_a_held_level_rises_at_once_and_falls_step_by_step():
+    held = HeldLevel()
+    shown = [held.update(level, ns) for level, ns in ((OK, 0), (ERROR, 1), (WARN, S), (OK, 2 * S))]
+    assert shown == [OK, ERROR, ERROR, ERROR]
+    assert held.update(OK, 2 * S + 1) == WARN
+    assert held.update(OK, 3 * S) == OK
+
+
+def test_never_heard_ends_with_the_first_message():
+    held = HeldLevel()
+    assert held.update(STALE, 0) == STALE
+    assert held.update(OK, 1) == OK

@@ -1,0 +1,153 @@
+"""Command line before file; whatever is wrong is said with its source."""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+from data_package import put
+
+from node_runtime import node_parameters
+from node_runtime.parameters import Choice, ParameterError, Range
+
+
+@dataclass(frozen=True)
+class Params:
+    gain: Annotated[float, Range(0.0, 9.0, 'N')]
+    widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
+
+
+@dataclass(frozen=True)
+class WithMode:
+    mode: Annotated[str, Choice('lockstep', 'realtime')]
+    gain: Annotated[float, Range(0.0, 9.0, 'N')]
+
+
+@pytest.fixture
+def defaults(tmp_path):
+    path = tmp_path / 'node.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters:\n    gain: 2.0  # N per metre of error\n    widths: [1.0]\n'
+    )
+    return path
+
+
+def test_without_overrides_the_file_counts(defaults):
+    made, declared = node_parameters.resolve(Params, defaults, {})
+    assert made == Params(2.0, (1.0,))
+    assert {one.name: one.value for one in declared} == {
+        'mode': 'lockstep',
+        'recorders': 0,
+        'base': '',
+        'realtime.priority': 0,
+        'realtime.core': -1,
+        'realtime.lock_memory': False,
+        'realtime.collect_garbage': True,
+        'gain': 2.0,
+        'widths': (1.0,),
+    }
+
+
+def test_overrides_count_and_whole_numbers_will_do(defaults):
+    given = {'gain': 3, 'widths': [1, 2], 'mode': 'realtime', 'use_sim_time': True}
+    made, declared = node_parameters.resolve(Params, defaults, given)
+    assert made == Params(3.0, (1.0, 2.0))
+    values = {one.name: one.value for one in declared}
+    assert values['mode'] == 'realtime'
+    assert isinstance(values['gain'], float)
+    assert 'use_sim_time' not in values
+
+
+def test_an_empty_list_comes_from_ros_as_nothing(defaults):
+    assert node_parameters.resolve(Params, defaults, {'widths': None})[0].widths == ()
+
+
+def test_the_comment_in_the_file_is_the_description(defaults):
+    _, declared = node_parameters.resolve(Params, defaults, {})
+    described = {one.name: one.description for one in declared}
+    assert described['gain'] == 'N per metre of error; 0 to 9 N'
+    assert described['widths'] == '0 to 9 m'
+
+
+@pytest.mark.parametrize(
+    ('given', 'says'),
+    [
+        ({'gian': 1.0}, "gian: this node has no such parameter; did you mean 'gain'"),
+        ({'gain': 10}, 'gain: is out of range with 10; allowed 0 to 9 N'),
+        ({'gain': math.nan}, 'gain: must be finite'),
+        ({'gain': None}, 'gain: must be a number, is None'),
+        ({'gain': 'x'}, "gain: must be a number, is 'x'"),
+        ({'widths': 3}, 'widths: must be a list, is 3'),
+        ({'mode': 'fast'}, "mode: is 'fast'; allowed lockstep or realtime"),
+        ({'mode': 3}, 'mode: must be a text, is 3'),
+        ({'recorders': -1}, 'recorders: is out of range with -1; allowed 0 to 10 recorders'),
+    ],
+)
+def test_a_wrong_override_names_the_command_line(defaults, given, says):
+    with pytest.raises(ParameterError, match=f'^command line or parameter file: {says}'):
+        node_parameters.resolve(Params, defaults, given)
+
+
+def test_a_wrong_default_names_the_file_and_line(defaults):
+    defaults.write_text(defaults.read_text().replace('2.0', '20'))
+    with pytest.raises(ParameterError, match=r'node.yaml:3: gain: is out of range'):
+        node_parameters.resolve(Params, defaults, {})
+
+
+def test_a_node_may_have_the_mode_among_its_own_parameters(tmp_path):
+    path = tmp_path / 'node.yaml'
+    path.write_text('/**:\n  ros__parameters: {mode: realtime, gain: 1.0}\n')
+    made, declared = node_parameters.resolve(WithMode, path, {})
+    assert made.mode == 'realtime'
+    assert [one.name for one in declared].count('mode') == 1
+    assert node_parameters.resolve(WithMode, path, {'mode': 'lockstep'})[0].mode == 'lockstep'
+
+
+def test_the_file_may_give_the_mode_of_any_node(defaults):
+    defaults.write_text(defaults.read_text() + '    mode: realtime\n')
+    made, declared = node_parameters.resolve(Params, defaults, {})
+    assert made == Params(2.0, (1.0,))
+    assert {one.name: one.value for one in declared}['mode'] == 'realtime'
+
+
+def test_an_error_cites_where_an_override_comes_from(defaults):
+    sources = {'gain': 'scenario ice.yaml: friction'}
+    with pytest.raises(ParameterError, match=r'^scenario ice.yaml: friction: gain: .* 0 to 9 N'):
+        node_parameters.resolve(Params, defaults, {'gain': -1.0}, sources)
+    with pytest.raises(ParameterError, match=r'^command line or parameter file: widths: '):
+        node_parameters.resolve(Params, defaults, {'widths': [-1.0]}, sources)
+
+
+def test_the_parameters_that_were_not_given_are_counted_and_named_with_their_file(defaults):
+    told = node_parameters.describe_defaults(Params, {'gain': 3.0, 'mode': 'realtime'}, defaults)
+    assert told == f'1 of 2 parameters are not given and come from {defaults}: widths'
+    every = node_parameters.describe_defaults(Params, {}, defaults)
+    assert every == f'2 of 2 parameters are not given and come from {defaults}'
+    assert node_parameters.describe_defaults(
+        Params, {'gain': 1.0, 'widths': ()}, defaults
+    ).startswith('0 of')
+
+
+def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(installed, monkeypatch):
+    in_config = put(installed / 'venv', 'config')
+    monkeypatch.chdir(installed)
+    (installed / 'a.yaml').write_text('here')
+    (installed / 'sub').mkdir()
+    (installed / 'sub/a.yaml').write_text('below')
+    assert node_parameters.find_config('some_pkg', 'a.yaml') == in_config
+    assert node_parameters.find_config('some_pkg', './a.yaml').read_text() == 'here'
+    assert node_parameters.find_config('some_pkg', 'sub/a.yaml').read_text() == 'below'
+    assert node_parameters.find_config('some_pkg', str(installed / 'a.yaml')).read_text() == 'here'
+    monkeypatch.setenv('HOME', str(installed / 'sub'))
+    assert node_parameters.find_config('some_pkg', '~/a.yaml').read_text() == 'below'
+
+
+def test_a_file_that_is_not_there_is_named_with_those_that_are_and_the_form_of_a_path(installed):
+    put(installed / 'venv', 'config')
+    for name in ('b.yaml', ''):
+        with pytest.raises(FileNotFoundError, match=rf'config/{name}; it has a.yaml; .*\./{name}'):
+            node_parameters.find_config('some_pkg', name)
+    for name in ('./b.yaml', '~nosuchuser/b.yaml'):
+        with pytest.raises(FileNotFoundError, match=f'no file {re.escape(name)}'):
+            node_parameters.find_config('some_pkg', name)

@@ -1,0 +1,75 @@
+"""What a node hears may be of any size; it must not take long to say no."""
+
+import time
+
+import numpy as np
+import pytest
+
+from msgs_yaml import contract, encode
+from msgs_yaml.decode import DecodeError
+from msgs_yaml.types import Obstacle, Obstacles, RoadEdges
+from node_runtime import ros, subscriptions_node
+
+LONG_S = 0.02  # of processor time; to look at what is sent here takes ten times as long
+STAMP = 1_000_000_000
+FAR = np.array([[0.0, 3.5], [900.0, 3.5]])
+
+
+def obstacles(count):
+    items = tuple(Obstacle(k, 60.0 + k, 3.0, 0.5, 1.0, 0.0) for k in range(count))
+    return Obstacles(STAMP, items)
+
+
+def swollen(message, many):
+    message.markers = list(message.markers) * many
+    return ros.serialize(message)
+
+
+def quickly(read, raw):
+    began = time.thread_time()
+    with pytest.raises(DecodeError) as refused:
+        read(raw)
+    assert time.thread_time() - began < LONG_S
+    return str(refused.value)
+
+
+def test_a_crowd_of_obstacles_is_refused_before_it_is_looked_at():
+    raw = swollen(encode.obstacles(obstacles(1)), 20_000)
+    told = quickly(subscriptions_node.read_obstacles, raw)
+    assert told == '/scenario/obstacles: markers is 40000 long; allowed 400 at most'
+
+
+def test_a_crowd_of_edges_is_refused_before_it_is_looked_at():
+    raw = swollen(encode.road_edges(RoadEdges(STAMP, FAR, -FAR)), 20_000)
+    assert 'markers is 40000 long; allowed 2' in quickly(subscriptions_node.read_road_edges, raw)
+
+
+def test_few_but_huge_markers_are_refused_before_they_are_looked_at():
+    message = encode.road_edges(RoadEdges(STAMP, FAR, -FAR))
+    message.markers[0].points = list(message.markers[0].points) * 50_000
+    told = quickly(subscriptions_node.read_road_edges, ros.serialize(message))
+    assert told.startswith('/scenario/road_edges: ')
+    assert 'bytes; allowed' in told
+
+
+def test_as_many_as_the_contract_allows_are_read():
+    most = contract.load().topics['/scenario/obstacles'].sizes['markers'].high
+    said = obstacles(most // 2)  # each with an arrow
+    assert subscriptions_node.read_obstacles(ros.serialize(encode.obstacles(said))) == said
+    longest = contract.load().topics['/scenario/road_edges'].sizes['markers[*].points'].high
+    line = np.column_stack([np.linspace(0.0, 900.0, longest), np.full(longest, 3.5)])
+    edges = subscriptions_node.read_road_edges(
+        ros.serialize(encode.road_edges(RoadEdges(STAMP, line, -line)))
+    )
+    assert len(edges.left) == longest
+
+
+@pytest.mark.parametrize('raw', [b'', b'\x00', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00\x01\x00'])
+def test_what_is_cut_off_is_refused(raw):
+    for read in (
+        subscriptions_node.read_reference,
+        subscriptions_node.read_road_edges,
+        subscriptions_node.read_obstacles,
+    ):
+        with pytest.raises(DecodeError):
+            read(raw)
