@@ -17,9 +17,10 @@ from node_runtime import parameters
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
-from vehicle_plant.ring import Lockstep
+from vehicle_plant.initial_state import Start
 from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import Simulator, Start
+from vehicle_plant.simulator import Simulator
+from vehicle_plant.stepping import LockstepStepper
 
 SCENARIOS = Path(__file__).parent / 'scenarios'
 RECORDING_SOLVER = 'fatrop'
@@ -91,7 +92,7 @@ def load_scenario(name: str, speed: float | None) -> Scenario:
 def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
     """Drive a scenario to its end, as `bags.simulation.run`, and stop to look at every tick."""
     car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
-    plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
+    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller.reset(car.actuators)
     controller.set_reference(conversions.reference_as_received(scn.reference))
     controller.set_edges(scn.edges)

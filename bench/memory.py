@@ -23,9 +23,10 @@ from msgs_yaml.conversions import NS_PER_S
 from node_runtime import parameters
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
-from vehicle_plant.ring import Lockstep
+from vehicle_plant.initial_state import Start
 from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import Simulator, Start
+from vehicle_plant.simulator import Simulator
+from vehicle_plant.stepping import LockstepStepper
 
 WARM_UP = 0.1  # share of the ticks after which nothing may grow any more
 MOST_MB = 250.0
@@ -56,7 +57,7 @@ def laps(controller, scn, plant):
     """Drive the scenario again and again; yield after every answered tick."""
     while True:
         car = Simulator(plant, scn.friction, Start(*scn.start))
-        side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
+        side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
         controller.reset(car.actuators)
         controller.set_reference(conversions.reference_as_received(scn.reference))
         controller.set_edges(scn.edges)

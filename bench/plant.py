@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vehicle_plant import graph, parameters, road, stepper
-from vehicle_plant.simulator import TICK_STEPS, Simulator, Start, trimmed
+from vehicle_plant import integrator, parameters, road_friction
+from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.simulator import TICK_STEPS, Simulator
 
 BURSTS = 400
 INTERPRETED_STEPS = 50
@@ -34,17 +35,20 @@ def per_step_us(call, steps: int, repeats: int) -> list[float]:
 def measure() -> dict[str, float]:
     """Drive a swerve in bursts of 50 steps, as the node does; and the bare integrator."""
     params = parameters.load()
-    p = graph.parameter_vector(params, 1.0)
-    x = trimmed(params, Start(0.0, 0.0, 0.0, 25.0))
+    p = integrator.parameter_vector(params, 1.0)
+    x = rolling_state(params, Start(0.0, 0.0, 0.0, 25.0))
     swerve = np.column_stack([0.1 * np.sin(np.arange(TICK_STEPS + 1) / 10)] + [np.zeros(51)] * 2)
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 25.0))
-    strips = [[i, 0.0, i + 1.0, 0.0, i + 1.0, 4.0, float(i), 4.0] for i in range(road.MOST_PATCHES)]
-    some = road.patches(np.ravel(strips), [0.5] * road.MOST_PATCHES)
-    bare = per_step_us(lambda: stepper.advance(x, swerve, p), TICK_STEPS, BURSTS)
-    patchy = per_step_us(lambda: stepper.advance(x, swerve, p, patches=some), TICK_STEPS, BURSTS)
+    strips = [
+        [i, 0.0, i + 1.0, 0.0, i + 1.0, 4.0, float(i), 4.0]
+        for i in range(road_friction.MAX_PATCHES)
+    ]
+    some = road_friction.patch_array(np.ravel(strips), [0.5] * road_friction.MAX_PATCHES)
+    bare = per_step_us(lambda: integrator.advance(x, swerve, p), TICK_STEPS, BURSTS)
+    patchy = per_step_us(lambda: integrator.advance(x, swerve, p, patches=some), TICK_STEPS, BURSTS)
     burst = per_step_us(lambda: car.advance(None, TICK_STEPS), TICK_STEPS, BURSTS)
     single = per_step_us(lambda: car.advance(None, 1), 1, BURSTS)
-    slow = per_step_us(lambda: stepper.interpreted(x, swerve, p), INTERPRETED_STEPS, 2)
+    slow = per_step_us(lambda: integrator.advance_interpreted(x, swerve, p), INTERPRETED_STEPS, 2)
     return {
         'step_us': statistics.median(bare),
         'step_p99_us': float(np.percentile(bare, 99)),

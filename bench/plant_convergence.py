@@ -5,21 +5,21 @@
 
 import argparse
 
-from vehicle_plant import graph, parameters
-from vehicle_plant.manoeuvres import convergence, course, settings
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant import integrator, parameters
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings, verification
 
-STEPS_S = (2 * graph.STEP_S, graph.STEP_S)
+STEPS_S = (2 * integrator.STEP_S, integrator.STEP_S)
 MOVING = 0.9  # of the time of a stop: until then no brake has stuck
 
 
 def cases(friction: float):
     """Yield the label, the runs and the case of each line of the table."""
-    case = course.Case(parameters.load(), friction, settings.load())
+    case = procedure.Case(parameters.load(), friction, settings.load())
     for name, manoeuvre in MANOEUVRES.items():
         runs = manoeuvre.runs(case)
         if name == 'straight_braking':
-            stop = manoeuvre.numbers(case, runs, [course.drive(runs[0], case)])['stopping_time']
+            stop = manoeuvre.numbers(case, runs, [procedure.drive(runs[0], case)])['stopping_time']
             moving = case.settings.settle_s + MOVING * stop.value
             yield f'{name}, moving', [run._replace(seconds=moving) for run in runs], case
             yield f'{name}, to rest', runs, case
@@ -37,12 +37,12 @@ def main() -> None:
     )
     print('|---|---|---|---|---|---|')
     for label, runs, case in cases(options.friction):
-        both = [convergence.errors(run, case, STEPS_S) for run in runs]
+        both = [verification.step_errors(run, case, STEPS_S) for run in runs]
         coarse, fine = both[0]
         for more_coarse, more_fine in both[1:]:
             coarse, fine = coarse.or_greater(more_coarse), fine.or_greater(more_fine)
         shown = ' | '.join(f'{value:.1e}' for value in fine)
-        order = convergence.order(coarse.acceleration, fine.acceleration)
+        order = verification.convergence_order(coarse.acceleration, fine.acceleration)
         print(f'| {label} | {shown} | {order:.1f} |', flush=True)
 
 

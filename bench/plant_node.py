@@ -59,9 +59,9 @@ class Driver(Node):
 
 def inside(out: Path) -> int:
     """Be the node, and leave behind when its steps began."""
-    from vehicle_plant import plant_node, realtime_node
+    from vehicle_plant import modes_node, plant_node
 
-    on_step = realtime_node.RealtimeDrive.on_step
+    on_step = modes_node.RealtimeMode.on_step
     begun, cpu, rings, stamps = [], [], [], []
 
     def noted(drive):
@@ -71,7 +71,7 @@ def inside(out: Path) -> int:
         stamps.append(drive.ring.car.stamp_ns)
         on_step(drive)
 
-    realtime_node.RealtimeDrive.on_step = noted
+    modes_node.RealtimeMode.on_step = noted
     exit_code = plant_node.main()
     (ring,), first_ns = rings, stamps[0]
     found = {

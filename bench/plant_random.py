@@ -11,20 +11,20 @@ from functools import cache, partial
 from multiprocessing import Pool
 
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import course, random_driving, settings
+from vehicle_plant.manoeuvres import procedure, settings, verification
 
 CHUNK = 50
 
 
 @cache
-def case() -> course.Case:
+def case() -> procedure.Case:
     """Return the car; the sequences bring their own friction."""
-    return course.Case(parameters.load(), 1.0, settings.load())
+    return procedure.Case(parameters.load(), 1.0, settings.load())
 
 
 def drive(seed: int, seconds: float) -> tuple[int, list[str]]:
     """Return the seed and what its sequence broke."""
-    return seed, random_driving.drive(seed, case(), seconds)
+    return seed, verification.drive_random_run(seed, case(), seconds)
 
 
 def main() -> int:

@@ -19,11 +19,13 @@ from msgs_yaml.conversions import NS_PER_S
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
-from vehicle_plant import road, track
+from vehicle_plant import road_friction
+from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.ring import Lockstep
 from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import Simulator, Start
+from vehicle_plant.simulator import Simulator
+from vehicle_plant.state import join_trajectories
+from vehicle_plant.stepping import LockstepStepper
 
 # the plant's parameters that a simulation uses; start, end and patches are the scenario's, the
 # others concern messages and wall time
@@ -87,9 +89,12 @@ def run(setup: Setup) -> dict[str, Columns]:
     """
     scn = setup.scn
     car = Simulator(
-        setup.plant, setup.friction, Start(*scn.start), patches=road.patches(*scn.patches)
+        setup.plant,
+        setup.friction,
+        Start(*scn.start),
+        patches=road_friction.patch_array(*scn.patches),
     )
-    plant_side = Lockstep(car, RunEnd(inputs.stop_params(scn), car.now))
+    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = Controller(setup.params, setup.vehicle)
     controller.reset(car.actuators)
     controller.set_reference(conversions.reference_as_received(scn.reference))
@@ -114,7 +119,7 @@ def run(setup: Setup) -> dict[str, Columns]:
         '/controller/prediction': [conversions.prediction_as_received(plan) for plan in plans],
         '/controller/why': reports,
     }
-    return build_columns(track.join(tracks), commands, values)
+    return build_columns(join_trajectories(tracks), commands, values)
 
 
 def run_info(setup: Setup) -> dict[str, str]:

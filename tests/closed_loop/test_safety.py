@@ -13,8 +13,9 @@ from msgs_yaml import conversions as as_received
 from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
 from stage_solver.solution import FAILED
+from vehicle_plant.initial_state import Start
 from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
+from vehicle_plant.simulator import TICK_STEPS, Simulator
 
 DOUBLE = 'double_lane_change'
 R_VEH, EDGES = 1.1, (-2.5, 6.0)

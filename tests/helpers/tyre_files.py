@@ -5,7 +5,7 @@ from vehicle_plant import parameters
 
 def property_file(name: str) -> str:
     """Return a tyre of vehicle_plant/config as the text of a .tir file."""
-    tyre = parameters.tyre(name)
+    tyre = parameters.load_tyre(name)
     sections = {
         'VERTICAL': (tyre.reference,),
         'LONGITUDINAL_COEFFICIENTS': (tyre.longitudinal, tyre.combined_longitudinal),

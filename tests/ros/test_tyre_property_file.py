@@ -26,6 +26,6 @@ def test_bags_run_drives_with_a_property_file_and_notes_its_coefficients(tmp_pat
     bag = read.load(tmp_path / 'runs/straight/mpcc')
     noted = json.loads(bag.run_info['parameters'])['plant']
     assert noted['tyre_set'] == './my.tir'
-    for name, value in yaml_parameters.flatten(parameters.tyre(TYRE)).items():
+    for name, value in yaml_parameters.flatten(parameters.load_tyre(TYRE)).items():
         assert noted[name] == value, name
     assert len(bag.recordings['/vehicle/odometry'].payloads) > 100

@@ -5,8 +5,9 @@ import pytest
 
 from msgs_yaml.types import Command
 from vehicle_plant import parameters
-from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
-from vehicle_plant.track import join
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import TICK_STEPS, Simulator
+from vehicle_plant.state import join_trajectories
 
 
 @pytest.fixture(scope='session')
@@ -37,7 +38,7 @@ def drive(params):
             delta, Fxf, Fxr = law(tick / 20, car)
             tracks.append(car.advance(Command(car.stamp_ns, delta, 0.0, Fxf, Fxr), TICK_STEPS))
         assert car.gate.rejected == 0, car.gate.last_reason
-        return join(tracks)
+        return join_trajectories(tracks)
 
     return driven
 

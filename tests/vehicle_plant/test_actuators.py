@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from vehicle_plant import graph, named, stepper
-from vehicle_plant.simulator import Start, trimmed
+from node_runtime import named_vector
+from vehicle_plant import integrator
+from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.state import State
 
-COLUMN = {name: i for i, name in enumerate(named.names(State))}
+COLUMN = {name: i for i, name in enumerate(named_vector.names(State))}
 
 
 def response(params, steps, target):
-    x = trimmed(params, Start(0.0, 0.0, 0.0, 15.0))
+    x = rolling_state(params, Start(0.0, 0.0, 0.0, 15.0))
     set_points = np.tile(target, (steps + 1, 1))
-    rows = stepper.advance(x, set_points, graph.parameter_vector(params, 1.0))
+    rows = integrator.advance(x, set_points, integrator.parameter_vector(params, 1.0))
     return {name: rows[:, i] for name, i in COLUMN.items()}
 
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from msgs_yaml.types import WHEELS, Command
+from node_runtime import named_vector
 from node_runtime import parameters as yaml_parameters
-from vehicle_plant import circle, double_track, fiala_fit, graph, named, parameters, tyre
-from vehicle_plant.circle import Circle
-from vehicle_plant.simulator import Simulator, Start
+from vehicle_plant import circular_driving, double_track, identify, integrator, parameters, tyre
+from vehicle_plant.circular_driving import CircleParams
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import State
 
 CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml')
@@ -23,7 +25,7 @@ def name(request):
 
 @pytest.fixture(scope='module')
 def cars():
-    return {name: parameters.load(parameters.config(name)) for name in CARS}
+    return {name: parameters.load(parameters.config_file(name)) for name in CARS}
 
 
 @pytest.fixture(scope='module')
@@ -33,8 +35,8 @@ def plant(cars, name):
 
 @pytest.fixture(scope='module')
 def circles(cars):
-    manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
-    return {name: circle.drive(car, 1.0, manoeuvre) for name, car in cars.items()}
+    manoeuvre = yaml_parameters.load(CircleParams, parameters.config_file('identify.yaml'))
+    return {name: circular_driving.drive(car, 1.0, manoeuvre) for name, car in cars.items()}
 
 
 def wheelbase(plant):
@@ -51,7 +53,7 @@ def understeer_gradient(plant, track):
 
 
 def test_all_car_files_are_here():
-    folder = parameters.config(parameters.DEFAULT_CAR).parent
+    folder = parameters.config_file(parameters.DEFAULT_CAR).parent
     found = {p.name for p in folder.glob('*.yaml') if '\n    car:' in p.read_text()}
     assert found == set(CARS)
 
@@ -70,20 +72,20 @@ def test_static_loads_are_those_of_the_lever_arms(plant):
 def test_car_understeers(plant, circles, name):
     track = circles[name]
     assert 0.5 < understeer_gradient(plant, track) < 4.0
-    front, rear = circle.axles(track, plant)
+    front, rear = circular_driving.axle_points(track, plant)
     assert abs(front.alpha[-1]) > 2 * abs(rear.alpha[-1])
 
 
 def test_straight_running_is_stable_at_every_speed(plant):
     """Eigenvalues of the linearised car: nothing grows; yaw and side slip decay within seconds."""
-    states = named.names(State)
-    derivative, _ = graph.functions()
+    states = named_vector.names(State)
+    derivative, _ = integrator.plant_functions()
     x, u, p = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate('xup'))
     slope = ca.Function('A', [x, u, p], [ca.jacobian(derivative(x, u, p)[0], x)])
     # position, heading and the slipped brake lining have no restoring force
     free = ('planar.X', 'planar.Y', 'planar.psi', *(f'wheels.{w}.windup' for w in WHEELS))
     kept = [i for i, n in enumerate(states) if n not in free]
-    numbers = graph.parameter_vector(plant, 1.0)
+    numbers = integrator.parameter_vector(plant, 1.0)
     for speed in (10.0, 25.0, 40.0, 55.0):
         car = Simulator(plant, 1.0, Start(0.0, 0.0, 0.0, speed))
         row = car.advance(None, 1000).rows[-1, : len(states)]
@@ -101,7 +103,7 @@ def test_step_of_steer_settles(plant):
     r = []
     for _ in range(80):
         force = 4000.0 * (speed - car.state.vx)
-        rear = circle.rear_drive(plant)
+        rear = circular_driving.rear_drive_share(plant)
         command = Command(car.stamp_ns, delta, 0.0, force * (1 - rear), force * rear)
         r.append(car.advance(command, 50).column('planar.r'))
     r = np.concatenate(r)
@@ -131,7 +133,9 @@ def test_gti_rolls_as_published(cars, circles):
     ('axle', 'cornering', 'friction'), [(0, 120e3, 0.85), (1, 200e3, 0.90)], ids=['front', 'rear']
 )
 def test_gti_has_the_published_axles(cars, circles, axle, cornering, friction):
-    found = fiala_fit.fit(circle.axles(circles['vw_gti.yaml'], cars['vw_gti.yaml'])[axle])
+    found = identify.fit_fiala(
+        circular_driving.axle_points(circles['vw_gti.yaml'], cars['vw_gti.yaml'])[axle]
+    )
     assert found.cornering == pytest.approx(cornering, rel=0.03)
     assert found.friction == pytest.approx(friction, rel=0.03)
 
@@ -140,7 +144,7 @@ def test_e90_tyres_have_the_measured_stiffness(cars):
     """Per tyre at the static load: 116.6 and 109.5 kN/rad between the tabulated loads."""
     plant = cars['bmw_330i.yaml']
     for corner, scaling, expected in zip(
-        double_track.corners(plant.car)[::2],
+        double_track.wheel_corners(plant.car)[::2],
         (plant.car.scaling.front, plant.car.scaling.rear),
         (116.6e3, 109.5e3),
     ):
@@ -152,5 +156,5 @@ def test_car_without_an_engine_cannot_hold_its_speed(cars):
     force = cars['vw_gti.yaml'].car.force
     off = replace(force, front=replace(force.front, drive_n=0.0))
     plant = replace(cars['vw_gti.yaml'], car=replace(cars['vw_gti.yaml'].car, force=off))
-    with pytest.raises(circle.CircleError, match='no engine'):
-        circle.rear_drive(plant)
+    with pytest.raises(circular_driving.CircleError, match='no engine'):
+        circular_driving.rear_drive_share(plant)

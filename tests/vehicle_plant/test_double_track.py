@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from msgs_yaml.types import WHEELS
-from vehicle_plant import graph, named, tyre
-from vehicle_plant.simulator import Start, trimmed
-from vehicle_plant.state import Readings, State
+from node_runtime import named_vector
+from vehicle_plant import integrator, tyre
+from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.state import Outputs, State
 
-STATES = named.names(State)
-READINGS = named.names(Readings)
+STATES = named_vector.names(State)
+READINGS = named_vector.names(Outputs)
 
 
 def wild(t, car):
@@ -78,8 +79,8 @@ def energy_and_power(x, readings, rates, params):
 
 def test_power_equals_the_change_of_energy(params, rng):
     """At random states: body, springs and wheels store exactly what flows in and is not lost."""
-    derivative, _ = graph.functions()
-    p = graph.parameter_vector(params, 1.0)
+    derivative, _ = integrator.plant_functions()
+    p = integrator.parameter_vector(params, 1.0)
     scale = dict.fromkeys(STATES, 0.0)
     scale |= {f'planar.{n}': s for n, s in zip(('vx', 'vy', 'r'), (3.0, 3.0, 0.5))}
     scale |= {f'ride.{n}': s for n, s in zip(('z', 'vz', 'phi', 'p'), (0.02, 0.2, 0.05, 0.3))}
@@ -89,7 +90,7 @@ def test_power_equals_the_change_of_energy(params, rng):
         names = ('z', 'vz', 'omega', 'kappa', 'tan_alpha')
         for n, s in zip(names, (0.005, 0.2, 5.0, 0.1, 0.1)):
             scale[f'wheels.{w}.{n}'] = s
-    at_rest = trimmed(params, Start(0.0, 0.0, 0.4, 25.0))
+    at_rest = rolling_state(params, Start(0.0, 0.0, 0.4, 25.0))
     for _ in range(30):
         x = at_rest + np.array([scale[n] for n in STATES]) * rng.uniform(-1, 1, len(STATES))
         slope, readings = (np.array(v).ravel() for v in derivative(x, np.zeros(3), p))

@@ -12,8 +12,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from msgs_yaml.types import WHEELS
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import course, settings
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings
 
 BALANCE = 1e-5  # of the energy exchanged; what is left is the quadrature over 1 ms rows
 
@@ -144,7 +144,7 @@ def powers(track, car):
 
 def imbalance(track, car):
     """Return the greatest error of the balance over the greatest energy that changed hands [-]."""
-    t, E = course.times(track), stored(track, car)
+    t, E = procedure.times(track), stored(track, car)
     work = {part: cumulative_trapezoid(P, t, initial=0) for part, P in powers(track, car).items()}
     error = E - E[0] - sum(work.values())
     exchanged = sum(np.abs(W).max() for W in work.values())
@@ -154,9 +154,9 @@ def imbalance(track, car):
 @pytest.mark.parametrize('friction', [1.0, 0.4])
 @pytest.mark.parametrize('name', MANOEUVRES)
 def test_energy_balances_over_the_manoeuvre(name, friction):
-    case = course.Case(parameters.load(), friction, settings.load())
+    case = procedure.Case(parameters.load(), friction, settings.load())
     for run in MANOEUVRES[name].runs(case):
-        error, work = imbalance(course.drive(run, case), case.plant.car)
+        error, work = imbalance(procedure.drive(run, case), case.plant.car)
         assert error < BALANCE, (run.label, error)
         # drag, rolling resistance and dampers only take, and so do tyres in the long run
         for part in ('drag', 'rolling resistance', 'tyres'):
@@ -174,17 +174,17 @@ def test_energy_balances_in_a_car_with_lift_and_wheels_that_steer_by_themselves(
             axles, front=replace(axles.front, **steering), rear=replace(axles.rear, **steering)
         ),
     )
-    case = course.Case(replace(params, car=car), 1.0, settings.load())
+    case = procedure.Case(replace(params, car=car), 1.0, settings.load())
     run = MANOEUVRES['sine_with_dwell'].runs(case)[-1]
-    track = course.drive(run, case)
+    track = procedure.drive(run, case)
     assert imbalance(track, car)[0] < BALANCE
     assert imbalance(track, params.car)[0] > 10 * BALANCE
 
 
 def test_one_percent_of_mass_would_be_missed():
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     (run,) = MANOEUVRES['straight_braking'].runs(case)
-    track = course.drive(run, case)
+    track = procedure.drive(run, case)
     body = case.plant.car.body
     heavier = replace(case.plant.car, body=replace(body, mass_kg=1.01 * body.mass_kg))
     assert imbalance(track, heavier)[0] > 100 * BALANCE

@@ -6,9 +6,10 @@ import math
 import pytest
 
 from msgs_yaml.types import Command
-from vehicle_plant import ring
+from vehicle_plant import stepping
 from vehicle_plant.gate import OLDEST_TICKS, Gate, axle_friction
-from vehicle_plant.simulator import START_NS, TICK_NS, TICK_STEPS, Simulator, Start
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import START_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import SetPoints
 
 HELD = SetPoints(0.1, -4000.0, -3000.0)
@@ -129,7 +130,7 @@ def test_a_command_with_the_stamp_of_the_last_one_may_come_again(gate):
 
 
 def test_a_command_is_too_old_when_it_is_held_no_longer(gate):
-    assert OLDEST_TICKS == 1 + ring.HELD_TICKS
+    assert OLDEST_TICKS == 1 + stepping.HELD_TICKS
     oldest = GOOD.stamp_ns + OLDEST_TICKS * TICK_NS
     assert check(gate, oldest + 1) == (False, 'the command is 0.15 s old')
     assert gate.rejections == {'too_old': 1}

@@ -7,18 +7,18 @@ import pytest
 
 from msgs_yaml import share
 from node_runtime import parameters as yaml_parameters
-from vehicle_plant import circle, fiala_fit, identify, parameters
-from vehicle_plant.circle import AxlePoints, Circle, CircleError
+from vehicle_plant import circular_driving, identify, parameters
+from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 
 
 @pytest.fixture(scope='module')
 def manoeuvre():
-    return yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+    return yaml_parameters.load(CircleParams, parameters.config_file('identify.yaml'))
 
 
 @pytest.fixture(scope='module')
 def track(params, manoeuvre):
-    return circle.drive(params, 1.0, manoeuvre)
+    return circular_driving.drive(params, 1.0, manoeuvre)
 
 
 def test_fit_finds_the_tyre_that_made_the_points(rng):
@@ -26,11 +26,11 @@ def test_fit_finds_the_tyre_that_made_the_points(rng):
     Fz = np.linspace(8000, 9000, 200)
     Fx = np.linspace(0, 2500, 200)
     blank = AxlePoints(alpha, Fx, np.zeros(200), Fz)
-    Fy = fiala_fit.force(blank, 130e3, 0.93)
-    exact = fiala_fit.fit(blank._replace(Fy=Fy))
+    Fy = identify.fiala_force(blank, 130e3, 0.93)
+    exact = identify.fit_fiala(blank._replace(Fy=Fy))
     assert exact.cornering == pytest.approx(130e3, rel=1e-6)
     assert exact.friction == pytest.approx(0.93, rel=1e-6)
-    noisy = fiala_fit.fit(blank._replace(Fy=Fy + rng.normal(0, 50, 200)))
+    noisy = identify.fit_fiala(blank._replace(Fy=Fy + rng.normal(0, 50, 200)))
     assert noisy.residual == pytest.approx(50, rel=0.15)
     assert abs(noisy.cornering - 130e3) < 2 * noisy.cornering_confidence
     assert abs(noisy.friction - 0.93) < 2 * noisy.friction_confidence
@@ -39,7 +39,7 @@ def test_fit_finds_the_tyre_that_made_the_points(rng):
 def test_car_reaches_nine_tenths_of_g_and_its_front_slides_first(track, params):
     ay = track.column('acceleration.ay') / 9.81
     assert 0.85 < ay.max() < 0.95
-    front, rear = circle.axles(track, params)
+    front, rear = circular_driving.axle_points(track, params)
     assert abs(front.alpha[-1]) > 2 * abs(rear.alpha[-1])
 
 
@@ -59,7 +59,7 @@ def test_car_understeers_up_to_the_limit(track, params):
 
 def test_axle_forces_make_the_lateral_acceleration(track, params):
     """Force balance over the record: quasi-steady, so tyres carry the centripetal force."""
-    front, rear = circle.axles(track, params)
+    front, rear = circular_driving.axle_points(track, params)
     delta = track.column('servos.steer.position')
     Fy = front.Fy * np.cos(delta) + front.Fx * np.sin(delta) + rear.Fy
     vx, vy = track.column('planar.vx'), track.column('planar.vy')
@@ -70,8 +70,8 @@ def test_axle_forces_make_the_lateral_acceleration(track, params):
 
 
 def test_residual_is_a_hundredth_of_the_axle_load(track, params):
-    for axle in circle.axles(track, params):
-        found = fiala_fit.fit(axle)
+    for axle in circular_driving.axle_points(track, params):
+        found = identify.fit_fiala(axle)
         assert found.residual < 0.01 * axle.Fz.mean()
         assert found.cornering_confidence < 0.02 * found.cornering
         assert found.friction_confidence < 0.02 * found.friction
@@ -96,7 +96,12 @@ def test_same_plant_gives_the_same_files(tmp_path, tyre, friction):
 def test_both_manoeuvres_find_the_same_car(params, manoeuvre):
     """Constant speed and constant radius, ISO 4138: within 2 % of stiffness and friction."""
     fits = [
-        [fiala_fit.fit(axle) for axle in circle.axles(circle.drive(params, 1.0, one), params)]
+        [
+            identify.fit_fiala(axle)
+            for axle in circular_driving.axle_points(
+                circular_driving.drive(params, 1.0, one), params
+            )
+        ]
         for one in (manoeuvre, replace(manoeuvre, manoeuvre='constant_radius'))
     ]
     for by_speed, by_radius in zip(*fits):
@@ -105,7 +110,7 @@ def test_both_manoeuvres_find_the_same_car(params, manoeuvre):
 
 
 def test_radius_is_held_until_the_front_slides(params, manoeuvre):
-    track = circle.drive(params, 1.0, replace(manoeuvre, manoeuvre='constant_radius'))
+    track = circular_driving.drive(params, 1.0, replace(manoeuvre, manoeuvre='constant_radius'))
     ay = track.column('acceleration.ay')
     radius = (track.column('planar.vx') / track.column('planar.r'))[(ay > 1.5) & (ay < 7.5)]
     assert np.abs(radius / manoeuvre.radius_m - 1).max() < 0.02
@@ -132,7 +137,7 @@ def test_the_file_says_which_axle_is_driven_and_what_the_actuators_can_do(
     out = tmp_path / 'car.yaml'
     assert identify.main(['--out', str(out), '--car', car]) == 0
     found = yaml_parameters.read_file(out).values
-    force = parameters.load(parameters.config(car)).car.force
+    force = parameters.load(parameters.config_file(car)).car.force
     assert found['actuators.drive_front_share'] == share_
     assert found['actuators.steer_rate_radps'] == steer_rate
     assert found['actuators.brake_n'] == force.front.brake_n + force.rear.brake_n
@@ -174,11 +179,11 @@ def test_controller_uses_what_this_plant_gives(tmp_path):
 
 
 def test_less_friction_is_found_as_such(params, manoeuvre):
-    track = circle.drive(params, 0.5, manoeuvre)
-    for axle in circle.axles(track, params):
-        assert fiala_fit.fit(axle).friction == pytest.approx(0.5, abs=0.05)
+    track = circular_driving.drive(params, 0.5, manoeuvre)
+    for axle in circular_driving.axle_points(track, params):
+        assert identify.fit_fiala(axle).friction == pytest.approx(0.5, abs=0.05)
 
 
 def test_manoeuvre_that_does_not_end_is_an_error(params, manoeuvre):
     with pytest.raises(CircleError, match='front slip'):
-        circle.drive(params, 1.0, replace(manoeuvre, longest_s=5.0))
+        circular_driving.drive(params, 1.0, replace(manoeuvre, longest_s=5.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import course, settings, sine_sweep, steady_circle
+from vehicle_plant.manoeuvres import procedure, settings, sine_sweep, steady_circle
 from vehicle_plant.manoeuvres.linear_single_track import linear_car, yaw_rate_response
 
 GAIN, PHASE = 0.03, np.radians(5.0)
@@ -20,13 +20,13 @@ def plant():
 
 def case_of(plant, **sweep):
     given = settings.load()
-    return course.Case(plant, 1.0, replace(given, sine_sweep=replace(given.sine_sweep, **sweep)))
+    return procedure.Case(plant, 1.0, replace(given, sine_sweep=replace(given.sine_sweep, **sweep)))
 
 
 def swept(plant, **sweep):
     case = case_of(plant, **sweep)
     (run,) = sine_sweep.runs(case)
-    return case, course.drive(run, case)
+    return case, procedure.drive(run, case)
 
 
 def hung(plant, **axle):
@@ -55,7 +55,7 @@ def test_single_track_predicts_the_yaw_rate_up_to_half_a_hertz(plant):
     ],
 )
 def test_relaxation_and_body_predict_the_yaw_rate_up_to_two_hertz(car, speed):
-    plant = parameters.load(parameters.config(car))
+    plant = parameters.load(parameters.config_file(car))
     case, track = swept(plant, speed_mps=speed, frequencies_hz=(0.2, 0.5, 1.0, 1.4, 2.0), periods=2)
     assert np.abs(track.column('acceleration.ay')).max() < 0.2 * plant.car.body.gravity_mps2
     gain, phase = sine_sweep.errors(case, track, 'with relaxation and body', TWO_HERTZ)
@@ -138,9 +138,9 @@ def test_understeer_gradient_tends_to_the_closed_form(plant):
     """At a twentieth of g; up to 0.2 g the bend of the tyres adds 6 %."""
     given = settings.load()
     gentle = replace(given.steady_circle, fit_from_mps2=0.1, fit_to_mps2=0.5)
-    case = course.Case(plant, 1.0, replace(given, steady_circle=gentle))
+    case = procedure.Case(plant, 1.0, replace(given, steady_circle=gentle))
     runs = steady_circle.runs(case)
-    found = steady_circle.numbers(case, runs, [course.drive(runs[0], case)])
+    found = steady_circle.numbers(case, runs, [procedure.drive(runs[0], case)])
     expected = found['understeer_gradient_with_body'].value
     assert found['understeer_gradient'].value == pytest.approx(expected, rel=0.03)
     # camber by roll and load transfer add to the understeer

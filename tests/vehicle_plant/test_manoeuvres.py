@@ -11,24 +11,24 @@ from scipy.integrate import trapezoid
 
 from msgs_yaml.types import Command
 from vehicle_plant import manoeuvre, parameters
+from vehicle_plant.initial_state import Start
+from vehicle_plant.manoeuvre import MANOEUVRES
 from vehicle_plant.manoeuvres import (
-    analysis,
-    course,
     linear_single_track,
+    procedure,
     settings,
     sine_with_dwell,
     steady_circle,
     straight_braking,
 )
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
-from vehicle_plant.simulator import TICK_STEPS, Simulator, Start
-from vehicle_plant.track import join
+from vehicle_plant.simulator import TICK_STEPS, Simulator
+from vehicle_plant.state import join_trajectories
 
 
 @pytest.fixture(scope='module')
 def results():
     """Numbers and figure of every manoeuvre on dry road."""
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     return {name: manoeuvre.perform(name, case) for name in MANOEUVRES}
 
 
@@ -41,16 +41,16 @@ def test_a_run_is_what_a_simulator_makes_of_the_same_commands(delay_ms):
     plant = parameters.load()
     late = replace(plant.car.steering, delay_ms=delay_ms)
     plant = replace(plant, car=replace(plant.car, steering=late))
-    case = course.Case(plant, 0.8, settings.load())
+    case = procedure.Case(plant, 0.8, settings.load())
     run = MANOEUVRES['turn_braking'].runs(case)[2]
     car = Simulator(case.plant, case.friction, Start(0.0, 0.0, 0.0, run.speed))
     tracks = []
-    for tick in range(1, round(run.seconds / course.TICK_S) + 1):
-        wanted = run.law(tick * course.TICK_S, car.state.vx)
+    for tick in range(1, round(run.seconds / procedure.TICK_S) + 1):
+        wanted = run.law(tick * procedure.TICK_S, car.state.vx)
         command = Command(car.stamp_ns, wanted.delta, 0.0, wanted.Fxf, wanted.Fxr)
         tracks.append(car.advance(command, TICK_STEPS))
     assert car.gate.rejected == 0, car.gate.last_reason
-    expected, found = join(tracks), course.drive(run, case)
+    expected, found = join_trajectories(tracks), procedure.drive(run, case)
     assert found.rows.tobytes() == expected.rows.tobytes()
     assert found.stamp_ns.tolist() == expected.stamp_ns.tolist()
 
@@ -76,7 +76,7 @@ def test_car_understeers_and_slides_at_nine_tenths_of_g(results):
 
 
 def test_steer_for_an_acceleration_is_nearly_that_of_the_single_track():
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     car = linear_single_track.linear_car(case.plant, 1.0)
     # and more: roll, load transfer, bent tyres, and the lag of the car behind the ramp
     assert 1.0 < steady_circle.steer_at(case, 25.0, 2.0) / car.steer(2.0, 25.0) < 1.15
@@ -151,9 +151,9 @@ def test_car_is_agile_enough_and_stable_up_to_five_times_the_unit(results):
     }.items(),
 )
 def test_ice_can_be_driven_on(results, name, limited):
-    case = course.Case(parameters.load(), 0.2, settings.load())
+    case = procedure.Case(parameters.load(), 0.2, settings.load())
     runs = MANOEUVRES[name].runs(case)
-    tracks = [course.drive(run, case) for run in runs]
+    tracks = [procedure.drive(run, case) for run in runs]
     numbers = MANOEUVRES[name].numbers(case, runs, tracks)
     assert numbers.keys() == results[name][0].keys()
     assert all(np.isfinite(number.value) for number in numbers.values())
@@ -174,14 +174,14 @@ def test_every_manoeuvre_is_driven_on_ice():
 def test_phasor_finds_amplitude_and_phase_beside_a_drift():
     t = np.arange(0, 3, 1e-3)
     y = 0.3 * np.cos(2 * np.pi * t + 0.7) + 5 - 2 * t
-    assert analysis.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
+    assert procedure.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
 
 
 def test_reaching_is_interpolated_and_never_is_nan():
     t = np.array([0.0, 1.0, 2.0])
-    assert analysis.first_reaching(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
-    assert analysis.first_reaching(t, np.array([2.0, 0.0, 4.0]), 1.0) == 0.0
-    assert np.isnan(analysis.first_reaching(t, np.zeros(3), 1.0))
+    assert procedure.first_crossing_time(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
+    assert procedure.first_crossing_time(t, np.array([2.0, 0.0, 4.0]), 1.0) == 0.0
+    assert np.isnan(procedure.first_crossing_time(t, np.zeros(3), 1.0))
 
 
 def test_command_lists_prints_and_writes(tmp_path, capsys):
@@ -221,7 +221,7 @@ def test_command_refuses_what_it_cannot_drive(arguments, line, capsys):
 
 
 def test_command_finds_a_car_by_name_and_by_path(tmp_path, capsys):
-    inside = parameters.config('vw_gti.yaml')
+    inside = parameters.config_file('vw_gti.yaml')
     outside = tmp_path / 'my_car.yaml'
     outside.write_bytes(inside.read_bytes())
     printed = []
@@ -234,7 +234,7 @@ def test_command_finds_a_car_by_name_and_by_path(tmp_path, capsys):
 
 @pytest.mark.parametrize('name', ['step_steer', 'steady_circle'])
 def test_a_car_without_an_engine_is_named_as_such(name, tmp_path, capsys):
-    driven = parameters.config('vw_gti.yaml').read_text()
+    driven = parameters.config_file('vw_gti.yaml').read_text()
     pushed = tmp_path / 'pushed.yaml'
     pushed.write_text(re.sub(r'drive_n: [0-9.e+]+', 'drive_n: 0.0', driven))
     with pytest.raises(SystemExit) as ended:

@@ -2,18 +2,18 @@
 
 import pytest
 
-from vehicle_plant import graph, parameters
-from vehicle_plant.manoeuvres import convergence, course, settings
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
+from vehicle_plant import integrator, parameters
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings, verification
 
 
 @pytest.mark.parametrize('name', ['step_steer', 'turn_braking', 'sine_with_dwell'])
 def test_error_falls_with_the_fourth_power_and_a_millisecond_leaves_little(name):
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     run = MANOEUVRES[name].runs(case)[0]
-    coarse, fine = convergence.errors(run, case, (2 * graph.STEP_S, graph.STEP_S))
+    coarse, fine = verification.step_errors(run, case, (2 * integrator.STEP_S, integrator.STEP_S))
     for one in ('acceleration', 'slip'):
-        assert convergence.order(getattr(coarse, one), getattr(fine, one)) > 3.5
+        assert verification.convergence_order(getattr(coarse, one), getattr(fine, one)) > 3.5
     assert fine.position < 1e-7
     assert fine.yaw_rate < 1e-8
     assert fine.acceleration < 1e-5
@@ -21,8 +21,8 @@ def test_error_falls_with_the_fourth_power_and_a_millisecond_leaves_little(name)
 
 
 def test_standstill_is_of_first_order_and_still_accurate():
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     (run,) = MANOEUVRES['straight_braking'].runs(case)
-    (fine,) = convergence.errors(run, case, (graph.STEP_S,))
+    (fine,) = verification.step_errors(run, case, (integrator.STEP_S,))
     assert fine.position < 1e-5
     assert fine.acceleration < 1e-2

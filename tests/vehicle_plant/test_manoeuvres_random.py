@@ -5,7 +5,7 @@ import pytest
 
 from msgs_yaml.types import WHEELS
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import course, random_driving, settings
+from vehicle_plant.manoeuvres import procedure, settings, verification
 from vehicle_plant.state import SetPoints
 
 SEQUENCES, SECONDS = 500, 1.5
@@ -13,14 +13,14 @@ SEQUENCES, SECONDS = 500, 1.5
 
 @pytest.fixture(scope='module')
 def case():
-    return course.Case(parameters.load(), 1.0, settings.load())
+    return procedure.Case(parameters.load(), 1.0, settings.load())
 
 
 def test_random_commands_never_break_a_bound(case):
     broken = {
         seed: lines
         for seed in range(SEQUENCES)
-        if (lines := random_driving.drive(seed, case, SECONDS))
+        if (lines := verification.drive_random_run(seed, case, SECONDS))
     }
     assert broken == {}
 
@@ -30,9 +30,9 @@ def test_sequences_reach_the_corners_of_what_can_be_asked(case):
     car = case.plant.car
     frictions, speeds, asked = [], [], set()
     for seed in range(100):
-        run, friction = random_driving.sequence(seed, case.plant, SECONDS)
-        again, _ = random_driving.sequence(seed, case.plant, SECONDS)
-        ticks = np.arange(1, round(SECONDS / course.TICK_S) + 1) * course.TICK_S
+        run, friction = verification.random_run(seed, case.plant, SECONDS)
+        again, _ = verification.random_run(seed, case.plant, SECONDS)
+        ticks = np.arange(1, round(SECONDS / procedure.TICK_S) + 1) * procedure.TICK_S
         wanted = [run.law(t, 0.0) for t in ticks]
         assert wanted == [again.law(t, 0.0) for t in ticks]
         asked.update(wanted)
@@ -52,10 +52,10 @@ def test_full_brakes_at_full_lock_end_at_standstill(case):
     """Every odd sequence brakes with all it has in its second half."""
     car, stood = case.plant.car, 0
     for seed in range(1, 40, 2):
-        run, friction = random_driving.sequence(seed, case.plant, 4.0)
+        run, friction = verification.random_run(seed, case.plant, 4.0)
         if run.speed > 5.0 or friction < 0.5:
             continue
-        track = course.drive(run, case._replace(friction=friction))
+        track = procedure.drive(run, case._replace(friction=friction))
         assert np.abs(track.column('planar.vx')[-500:]).max() < 0.05, seed
         for w in WHEELS:
             rim = track.column(f'wheels.{w}.omega')[-500:] * car.wheel.radius_m
@@ -68,9 +68,9 @@ def test_full_brakes_at_full_lock_end_at_standstill(case):
 def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(case, speed):
     """Full throttle for three seconds: the rims race, the slips stay."""
     drive = case.plant.car.force.rear.drive_n
-    run = course.Run('throttle', speed, 3.0, lambda t, _: SetPoints(0.0, 0.0, drive))
-    track = course.drive(run, case._replace(friction=0.1))
-    assert random_driving.broken(track, run, 0.1, case.plant) == []
+    run = procedure.Run('throttle', speed, 3.0, lambda t, _: SetPoints(0.0, 0.0, drive))
+    track = procedure.drive(run, case._replace(friction=0.1))
+    assert verification.violated_bounds(track, run, 0.1, case.plant) == []
     assert track.column('planar.vx')[-1] > speed
 
 
@@ -86,9 +86,9 @@ def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(case, speed):
     ],
 )
 def test_a_broken_bound_is_named(case, column, value, line):
-    run, friction = random_driving.sequence(0, case.plant, SECONDS)
-    track = course.drive(run, case._replace(friction=friction))
-    assert random_driving.broken(track, run, friction, case.plant) == []
+    run, friction = verification.random_run(0, case.plant, SECONDS)
+    track = procedure.drive(run, case._replace(friction=friction))
+    assert verification.violated_bounds(track, run, friction, case.plant) == []
     track.column(column)[len(track.rows) // 2] = value
-    (found,) = random_driving.broken(track, run, friction, case.plant)
+    (found,) = verification.violated_bounds(track, run, friction, case.plant)
     assert found.startswith(line)

@@ -5,10 +5,11 @@ import pytest
 from msgs_yaml.types import Command
 from node_runtime.input_monitor import ERROR, OK, STALE, WARN
 from vehicle_plant import health
+from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import StopParams
-from vehicle_plant.ring import Hold, Lockstep, Realtime
 from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator, Start
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator
+from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
 
 FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
 S = 1_000_000_000
@@ -17,7 +18,7 @@ S = 1_000_000_000
 @pytest.fixture
 def ring(params):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
-    return Realtime(car, RunEnd(FAR, car.now))
+    return RealtimeStepper(car, RunEnd(FAR, car.now))
 
 
 def coast(stamp_ns, delta=0.0):
@@ -122,7 +123,7 @@ def test_steps_that_came_late_are_a_warning(ring):
 
 def test_in_lockstep_there_are_no_ages(params):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
-    found = health.Monitor(Lockstep(car, RunEnd(FAR, car.now))).health(START_NS)
+    found = health.Monitor(LockstepStepper(car, RunEnd(FAR, car.now))).health(START_NS)
     assert found.level == OK
     assert not any(key.startswith('age.') or key == 'run_began_ns' for key in found.values)
 
@@ -133,7 +134,7 @@ def test_before_its_run_the_plant_says_what_it_waits_for():
 
 
 def test_only_an_answer_to_the_start_lets_the_car_go():
-    hold = Hold()
+    hold = StartHold()
     hold.sent(START_NS)
     assert hold.is_answer(coast(START_NS))
     assert not hold.is_answer(coast(START_NS + 1))

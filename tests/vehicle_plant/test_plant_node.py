@@ -8,7 +8,8 @@ from plant_process import Controller, run, weave
 from scipy.integrate import trapezoid
 
 from msgs_yaml import contract, decode
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator, Start
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator
 
 pytestmark = pytest.mark.usefixtures('domain')
 CLOCKS_DIFFER_S = 0.01  # the node starts from the wall clock and goes on with the steady one

@@ -9,8 +9,9 @@ from plant_process import run, weave
 from msgs_yaml import decode, encode
 from msgs_yaml.types import Command, Reference
 from node_runtime import ros, spin_node
-from vehicle_plant import parameters, road
-from vehicle_plant.simulator import START_NS, TICK_NS, Simulator, Start
+from vehicle_plant import parameters, road_friction
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import START_NS, TICK_NS, Simulator
 
 pytestmark = pytest.mark.usefixtures('domain')
 
@@ -56,9 +57,11 @@ def test_another_car_on_another_tyre_and_a_road_with_ice(tmp_path):
 
     done = run(brake, plant_params='vw_gti.yaml', tyre_set=str(tyre_file), **settings)
     assert done.exit_code == 0, done.log
-    plant = parameters.load(parameters.config('vw_gti.yaml'))
-    plant = replace(plant, tyre=parameters.tyre(str(tyre_file)))
-    car = Simulator(plant, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=road.patches(ice, [0.2]))
+    plant = parameters.load(parameters.config_file('vw_gti.yaml'))
+    plant = replace(plant, tyre=parameters.load_tyre(str(tyre_file)))
+    car = Simulator(
+        plant, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=road_friction.patch_array(ice, [0.2])
+    )
     ticks = (done.controller.stamps('odometry')[-1] - START_NS) // TICK_NS
     for i in range(ticks):
         car.advance(decode.command(brake(START_NS + i * TICK_NS)), 50)

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from msgs_yaml.types import WHEELS, Command
 from vehicle_plant import parameters
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS, Simulator, Start
-from vehicle_plant.track import join, wrapped
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS, Simulator
+from vehicle_plant.state import join_trajectories, wrap_angle
 
 PARAMS = parameters.load()
 CAR = PARAMS.car
@@ -36,7 +37,7 @@ def test_no_command_makes_it_leave_physics(commands, speed, friction):
     for target in commands:
         car.command(Command(car.stamp_ns, target[0], 0.0, target[1], target[2]))
         rows.append(car.advance(None, 6 * TICK_STEPS))
-    track = join(rows)
+    track = join_trajectories(rows)
     assert np.isfinite(track.rows).all()
     v = np.hypot(track.column('planar.vx'), track.column('planar.vy'))
     driven = len(commands) * 0.3 * CAR.force.rear.drive_n / CAR.body.mass_kg
@@ -89,8 +90,8 @@ def test_bursts_of_any_length_give_the_same_track():
     parts = Simulator(PARAMS, 1.0, Start(0.0, 0.0, 0.0, 20.0))
     a = whole.advance(command, 50)
     pieces = [parts.advance(command, 17), parts.advance(None, 1), parts.advance(None, 32)]
-    assert np.allclose(a.rows, join(pieces).rows, rtol=0, atol=1e-10)
-    assert a.stamp_ns.tolist() == join(pieces).stamp_ns.tolist()
+    assert np.allclose(a.rows, join_trajectories(pieces).rows, rtol=0, atol=1e-10)
+    assert a.stamp_ns.tolist() == join_trajectories(pieces).stamp_ns.tolist()
 
 
 def test_stamps_count_milliseconds_from_the_start():
@@ -112,9 +113,9 @@ def test_start_must_be_finite_and_friction_sensible():
 
 
 def test_heading_is_reported_between_minus_pi_and_pi():
-    assert wrapped(np.pi) == np.pi
-    assert wrapped(-np.pi) == np.pi
-    assert wrapped(7.0) == pytest.approx(7.0 - 2 * np.pi)
+    assert wrap_angle(np.pi) == np.pi
+    assert wrap_angle(-np.pi) == np.pi
+    assert wrap_angle(7.0) == pytest.approx(7.0 - 2 * np.pi)
 
 
 def test_safe_stop_straightens_and_stops_the_car(drive):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from node_runtime import parameters as yaml_parameters
-from vehicle_plant import circle, parameters
-from vehicle_plant.circle import Circle
+from vehicle_plant import circular_driving, parameters
+from vehicle_plant.circular_driving import CircleParams
 
-DRIVEN = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+DRIVEN = yaml_parameters.load(CircleParams, parameters.config_file('identify.yaml'))
 GENTLE = replace(DRIVEN, last_front_slip_rad=0.04)
 
 
@@ -21,7 +21,7 @@ def with_axles(params, **changes):
 
 def gradient(plant):
     """Return the understeer gradient over lateral acceleration [rad/(m/s^2)] up to 3 m/s^2."""
-    track = circle.drive(plant, 1.0, GENTLE)
+    track = circular_driving.drive(plant, 1.0, GENTLE)
     body = plant.car.body
     ay = track.column('acceleration.ay')
     curvature = track.column('planar.r') / track.column('planar.vx')

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from msgs_yaml.types import WHEELS
-from vehicle_plant.simulator import Simulator, Start
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import Simulator
 
 
 def loads(track):

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from vehicle_plant import named, parameters
-from vehicle_plant.manoeuvres import course, settings
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
-from vehicle_plant.state import Readings, State
+from node_runtime import named_vector
+from vehicle_plant import parameters
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings
+from vehicle_plant.state import Outputs, State
 
-COLUMNS = (*named.names(State), *named.names(Readings))
+COLUMNS = (*named_vector.names(State), *named_vector.names(Outputs))
 SIDES = {'fl': 'fr', 'fr': 'fl', 'rl': 'rr', 'rr': 'rl'}
 ODD = {'Y', 'psi', 'vy', 'r', 'phi', 'p', 'tan_alpha', 'ay', 'Fy'}  # change sign in a mirror
 LARGE = {'Fz', 'Fx', 'Fy', 'torque', 'front', 'rear'}  # N, N m: thousands
@@ -30,9 +31,9 @@ def test_a_mirror_shown_in_a_mirror_is_the_car():
 
 @pytest.mark.parametrize('name', MANOEUVRES)
 def test_mirrored_steering_mirrors_every_column(name):
-    case = course.Case(parameters.load(), 1.0, settings.load())
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
     for run in MANOEUVRES[name].runs(case):
-        left, right = (course.drive(run, case, side=side) for side in (1, -1))
+        left, right = (procedure.drive(run, case, side=side) for side in (1, -1))
         for column in COLUMNS:
             other, sign = mirrored(column)
             scale = 1e4 if LARGE & set(column.split('.')) else 1.0

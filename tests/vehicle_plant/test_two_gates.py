@@ -13,7 +13,8 @@ from mpcc_controller.problem import stages
 from msgs_yaml import share
 from msgs_yaml.types import Command
 from node_runtime import parameters
-from vehicle_plant.simulator import START_NS, TICK_NS, TICK_STEPS, Simulator, Start
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import START_NS, TICK_NS, TICK_STEPS, Simulator
 
 FRESH_S = 0.0
 MOST_N = 1e5  # no gate lets this pass

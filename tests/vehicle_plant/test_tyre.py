@@ -43,7 +43,7 @@ def forces(params):
 def test_stiffness_and_peaks_fall_with_load_as_published(
     bare, forces, name, Fz, Ky, right, left, braking
 ):
-    tyre_set = parameters.tyre(name)
+    tyre_set = parameters.load_tyre(name)
     assert -tyre.stiffness(contact(Fz), tyre_set, bare).Ky == pytest.approx(Ky, rel=2e-3)
     slip = np.linspace(-0.6, 0.6, 2401)
     rest, one = np.zeros_like(slip), np.ones_like(slip)
@@ -88,7 +88,7 @@ def test_published_tyre_stays_within_the_friction_ellipse(params, bare, forces, 
 )
 def test_rounder_tyres_pass_the_ellipse_by_little(params, forces, rng, name, most):
     """Their published weightings give more than an ellipse where both slips are used."""
-    use = friction_use(parameters.tyre(name), params.car.scaling.front, forces, rng)
+    use = friction_use(parameters.load_tyre(name), params.car.scaling.front, forces, rng)
     assert np.percentile(use, 95) < 1.06
     assert 1.06 < use.max() < most
 
@@ -109,7 +109,9 @@ def test_slopes_at_zero_slip_are_the_stiffnesses(params):
 def test_symbolic_derivatives_equal_finite_differences(params, rng, name):
     """To 1e-6 of the slope: central differences of fourth order, away from the kinks at zero."""
     symbols = [ca.SX.sym(name) for name in Contact._fields]
-    F = ca.vertcat(*tyre.force(Contact(*symbols), parameters.tyre(name), params.car.scaling.front))
+    F = ca.vertcat(
+        *tyre.force(Contact(*symbols), parameters.load_tyre(name), params.car.scaling.front)
+    )
     inner = ca.vertcat(*symbols[:4])
     f = ca.Function('f', symbols, [F, ca.jacobian(F, inner)])
     steps = (1.0, 1e-4, 1e-4, 1e-4)

@@ -13,7 +13,7 @@ import pytest
 
 from vehicle_plant import parameters, tyre
 from vehicle_plant.tyre import Contact
-from vehicle_plant.tyre_set import TyreScaling, TyreSet
+from vehicle_plant.tyre_coefficients import TyreCoefficients, TyreScaling
 
 SETS = ('tyre_205_60r15.yaml', 'tyre_book.yaml', 'tyre_245_40r18.yaml')
 ONES = TyreScaling(**dict.fromkeys((f.name for f in fields(TyreScaling)), 1.0))
@@ -131,13 +131,13 @@ def coefficients(tyre_set):
 def all_terms():
     """A tyre that no coefficient leaves out: the 245/40R18, every zero replaced."""
     rng = np.random.default_rng(7)
-    published = parameters.tyre('tyre_245_40r18.yaml')
+    published = parameters.load_tyre('tyre_245_40r18.yaml')
     groups = {}
-    for f in fields(TyreSet):
+    for f in fields(TyreCoefficients):
         group = getattr(published, f.name)
         small = {k: rng.uniform(0.02, 0.2) for k, v in by_name(group).items() if v == 0.0}
         groups[f.name] = replace(group, **small)
-    return TyreSet(**groups)
+    return TyreCoefficients(**groups)
 
 
 def assert_equal(point, tyre_set, scaling):
@@ -151,7 +151,7 @@ def assert_equal(point, tyre_set, scaling):
 @pytest.mark.parametrize('name', SETS)
 @pytest.mark.parametrize('point', PURE + COMBINED)
 def test_published_tyres_give_the_force_of_the_book(name, point):
-    assert_equal(point, parameters.tyre(name), ONES)
+    assert_equal(point, parameters.load_tyre(name), ONES)
 
 
 @pytest.mark.parametrize('point', PURE + COMBINED)

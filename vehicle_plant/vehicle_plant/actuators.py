@@ -1,53 +1,117 @@
-"""Second-order servos with a rate limit: steering angle, and brake or drive force per axle.
+"""From an accepted command to the force at the wheels: ramp, delay and servo of each set-point.
 
-The servo is a rate loop inside a position loop, x'' = 2 zeta w (v - x'), v = w / (2 zeta) (u - x)
-limited to the greatest rate; without limits this is x'' = w^2 (u - x) - 2 zeta w x'. Limiting v
-instead of x'' leaves no wind-up.
+A command is due one tick after its stamp; until then each set-point is a straight line
+(`SetPointRamp`). Set-points are linear between samples at the ends of the 1 ms steps, so shifting
+the samples by n of them delays the signal by exactly n steps (`DelayLine`).
+
+A servo for the steering angle, and for brake or drive force per axle, is a rate loop inside a
+position loop, x'' = 2 zeta w (v - x'), v = w / (2 zeta) (u - x) limited to the greatest rate;
+without limits this is x'' = w^2 (u - x) - 2 zeta w x'. Limiting v instead of x'' avoids wind-up.
 """
 
 from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
+
+from vehicle_plant.state import Servo, SetPoints
 
 
-class Servo(NamedTuple):
-    """Position (rad or N) and its rate."""
+class SetPointRamp:
+    """The set-points over time, counted in steps."""
 
-    position: Any
-    rate: Any
+    def __init__(self, held: SetPoints):
+        self._now = held
+        self._target = held
+        self._steps_left = 0  # until the target is due
+
+    @property
+    def now(self) -> SetPoints:
+        """The set-points at this step."""
+        return self._now
+
+    def aim(self, target: SetPoints, due_in: int) -> None:
+        """Set a target that is due in that many steps, after one step if none are left."""
+        self._target = target
+        self._steps_left = max(due_in, 1)
+
+    def advance(self, steps: int) -> np.ndarray:
+        """Advance; return the set-points at the ends of the steps, (steps + 1, 3)."""
+        begin, target = np.array(self._now), np.array(self._target)
+        done = np.arange(steps + 1)[:, None] / max(self._steps_left, 1)
+        # the last point is the target itself, not a rounded sum
+        path = np.where(done < 1, begin + (target - begin) * done, target)
+        self._steps_left = max(self._steps_left - steps, 0)
+        self._now = SetPoints(*path[-1].tolist())
+        return path
 
 
-class Limits(NamedTuple):
-    """Greatest and smallest position, greatest rate."""
+class DelaySteps(NamedTuple):
+    """Delay of each set-point in steps, in the order of `SetPoints`."""
+
+    delta: int
+    Fxf: int
+    Fxr: int
+
+
+def delay_steps(car) -> DelaySteps:
+    """Return the delays of a `car.Car`; a step is 1 ms."""
+    return DelaySteps(car.steering.delay_ms, car.force.front.delay_ms, car.force.rear.delay_ms)
+
+
+class DelayLine:
+    """The last samples of each delayed set-point."""
+
+    def __init__(self, delays: DelaySteps, held: SetPoints):
+        """Fill the line with the set-points held until now."""
+        self._lines = {
+            i: np.full(n + 1, value) for i, (n, value) in enumerate(zip(delays, held)) if n
+        }
+
+    def shift(self, set_points: np.ndarray) -> np.ndarray:
+        """Take the set-points (n + 1, 3) of n steps in; return the delayed ones, (n + 1, 3).
+
+        The first row is the last one of the call before.
+        """
+        delayed = np.array(set_points)
+        for i, line in self._lines.items():
+            samples = np.concatenate([line, set_points[1:, i]])
+            delayed[:, i] = samples[: len(set_points)]
+            self._lines[i] = samples[len(set_points) - 1 :]
+        return delayed
+
+
+class ServoLimits(NamedTuple):
+    """Smallest and greatest position, greatest rate."""
 
     low: Any
     high: Any
     rate: Any
 
 
-def _clip(x, low, high):
-    return ca.fmin(ca.fmax(x, low), high)
-
-
-def limits_of_steering(p) -> Limits:
+def steering_limits(p) -> ServoLimits:
     """Return the limits of `car.Steering` [rad, rad/s]."""
-    return Limits(-p.limit_rad, p.limit_rad, p.rate_radps)
+    return ServoLimits(-p.limit_rad, p.limit_rad, p.rate_radps)
 
 
-def limits_of_force(p) -> Limits:
+def force_limits(p) -> ServoLimits:
     """Return the limits of `car.AxleForce` [N, N/s], braking negative."""
-    return Limits(-p.brake_n, p.drive_n, p.rate_nps)
+    return ServoLimits(-p.brake_n, p.drive_n, p.rate_nps)
 
 
-def derivative(x: Servo, target, p, limits: Limits) -> Servo:
+def servo_derivative(x: Servo, target, p, limits: ServoLimits) -> Servo:
     """Return the time derivative of a servo with the parameters p that follows a set-point."""
-    twice = 2 * p.damping * p.natural_frequency_radps
-    gain = p.natural_frequency_radps**2 / twice
-    wanted = gain * (_clip(target, limits.low, limits.high) - x.position)
-    return Servo(x.rate, twice * (_clip(wanted, -limits.rate, limits.rate) - x.rate))
+    damping = 2 * p.damping * p.natural_frequency_radps
+    gain = p.natural_frequency_radps**2 / damping
+    rate = gain * (_clip(target, limits.low, limits.high) - x.position)
+    return Servo(x.rate, damping * (_clip(rate, -limits.rate, limits.rate) - x.rate))
 
 
-def stopped(x: Servo, limits: Limits) -> Servo:
-    """Return the servo against its mechanical stops: it rests there instead of passing them."""
+def stop_at_limits(x: Servo, limits: ServoLimits) -> Servo:
+    """Return the servo within its mechanical stops: beyond one it is at rest on it."""
     outside = ca.logic_or(x.position < limits.low, x.position > limits.high)
     return Servo(_clip(x.position, limits.low, limits.high), ca.if_else(outside, 0, x.rate))
+
+
+def _clip(x, low, high):
+    return ca.fmin(ca.fmax(x, low), high)

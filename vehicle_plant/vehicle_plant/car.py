@@ -1,10 +1,13 @@
-"""What the car is made of: one frozen dataclass per part, filled from config/, SI units."""
+"""What the car is made of: one frozen dataclass per part, filled from config/, SI units.
+
+What the actuators of a car can do together: what a controller of it must know.
+"""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from node_runtime.parameters import Range
-from vehicle_plant.tyre_set import TyreScaling, TyreSet
+from vehicle_plant.tyre_coefficients import TyreCoefficients, TyreScaling
 
 Ratio = Annotated[float, Range(0.0, 1.0, '-')]
 Height = Annotated[float, Range(-0.2, 1.0, 'm')]
@@ -172,4 +175,29 @@ class PlantParams:
     """The car and the tyre it stands on."""
 
     car: Car
-    tyre: TyreSet
+    tyre: TyreCoefficients
+
+
+class ActuatorLimits(NamedTuple):
+    """How the car is driven, and the most that its actuators do."""
+
+    drive_front_share: float  # 0 = rear-wheel drive
+    steer_rad: float  # at the road wheel, either way
+    steer_rate_radps: float
+    brake_n: float  # N, both axles
+    drive_n: float  # N, both axles
+    force_rate_nps: float  # N/s, of the slower axle
+
+
+def actuator_limits(car: Car) -> ActuatorLimits:
+    """Return what the actuators of a car do; one without a drive counts as rear-wheel drive."""
+    front, rear = car.force.front, car.force.rear
+    drive_n = front.drive_n + rear.drive_n
+    return ActuatorLimits(
+        drive_front_share=front.drive_n / drive_n if drive_n else 0.0,
+        steer_rad=car.steering.limit_rad,
+        steer_rate_radps=car.steering.rate_radps,
+        brake_n=front.brake_n + rear.brake_n,
+        drive_n=drive_n,
+        force_rate_nps=min(front.rate_nps, rear.rate_nps),
+    )

@@ -11,24 +11,24 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from vehicle_plant import actuators, steer, suspension, tyre, wheel
+from vehicle_plant import actuators, suspension, tyre, wheel
 from vehicle_plant.state import (
     Acceleration,
     FourLoads,
     FourWheels,
-    Load,
+    Outputs,
+    PerWheel,
     Planar,
-    Readings,
     Ride,
     Servos,
     SetPoints,
     State,
-    Wheel,
-    Wheels,
+    WheelLoad,
+    WheelState,
 )
 
 
-def corners(p):
+def wheel_corners(p):
     """Return the four corners of a `car.Car`, in the order of WHEELS."""
     body, axles = p.body, p.suspension
     front, rear = body.cog_to_front_m, -body.cog_to_rear_m
@@ -36,32 +36,32 @@ def corners(p):
     return tuple(suspension.corner(body, axle, x, side) for axle, x in places for side in (1, -1))
 
 
-def derivative(x: State, u: SetPoints, plant, friction: Wheels) -> tuple[State, Readings]:
+def derivative(x: State, u: SetPoints, plant, friction: PerWheel) -> tuple[State, Outputs]:
     """Return the derivative of the state, as a State, and the readings at this instant.
 
     friction: that of the road under each wheel, over that of the tyre's test surface.
     """
     p = plant.car
-    at = corners(p)
+    at = wheel_corners(p)
     travels = [suspension.travel(x.ride, w, c) for w, c in zip(x.wheels, at)]
     velocities = [_contact_velocity(x, c, rate, p.body) for c, (_, rate) in zip(at, travels)]
-    toes = steer.with_roll(x.servos.steer.position, x.ride.phi, p.suspension)
+    toes = suspension.roll_steer(x.servos.steer.position, x.ride.phi, p.suspension)
     tyres = [
         _tyre(x.ride, w, c, V, toe, mu, plant)
         for w, c, V, toe, mu in zip(x.wheels, at, velocities, toes, friction)
     ]
-    angles = steer.with_compliance(toes, [one.force.Fy for one in tyres], p.suspension)
+    angles = suspension.compliance_steer(toes, [one.force.Fy for one in tyres], p.suspension)
 
     axle_forces = (x.servos.front.position,) * 2 + (x.servos.rear.position,) * 2
     loads, wheel_dots, contact_forces = [], [], []
     for w, one, V, angle, axle_force in zip(x.wheels, tyres, velocities, angles, axle_forces):
         drive, brake, rolling = wheel.torques(w, axle_force, one.Fz, p.wheel, p.brake)
         torque = drive + brake + rolling - one.force.Fx * p.wheel.radius_m
-        m = wheel.motion(*V, angle, w.omega, p.wheel.radius_m)
+        m = wheel.contact_motion(*V, angle, w.omega, p.wheel.radius_m)
         slip_dot = wheel.slip_rate(w, m, one.slope, one.grip, p.wheel)
         wheel_dots.append((torque / p.wheel.spin_inertia_kgm2, slip_dot))
-        loads.append(Load(drive + brake, one.Fz, *one.force))
-        contact_forces.append(wheel.turned(one.force, angle))
+        loads.append(WheelLoad(drive + brake, one.Fz, *one.force))
+        contact_forces.append(wheel.in_vehicle_axes(one.force, angle))
 
     acceleration, planar_dot = _planar(x.planar, contact_forces, at, p.body)
     body_forces, lifts = _vertical(travels, loads, contact_forces, at)
@@ -72,11 +72,11 @@ def derivative(x: State, u: SetPoints, plant, friction: Wheels) -> tuple[State, 
     ride_dot = Ride(x.ride.vz, vz_dot, x.ride.p, p_dot, x.ride.q, q_dot)
     wheels_dot = FourWheels(
         *(
-            Wheel(w.vz, lift, spin, wheel.windup_rate(w, p.brake), *slip_dot)
+            WheelState(w.vz, lift, spin, wheel.windup_rate(w, p.brake), *slip_dot)
             for w, lift, (spin, slip_dot) in zip(x.wheels, lifts, wheel_dots)
         )
     )
-    readings = Readings(acceleration, FourLoads(*loads))
+    readings = Outputs(acceleration, FourLoads(*loads))
     return State(planar_dot, ride_dot, wheels_dot, _servos(x.servos, u, p)), readings
 
 
@@ -97,10 +97,10 @@ def _contact_velocity(x: State, c: suspension.Corner, rate, body):
     return Vx, Vy
 
 
-def _tyre(ride, w: Wheel, c: suspension.Corner, velocity, angle, friction, plant) -> _Tyre:
+def _tyre(ride, w: WheelState, c: suspension.Corner, velocity, angle, friction, plant) -> _Tyre:
     """Return the force of a tyre by its transient slips."""
     p = plant.car
-    m = wheel.motion(*velocity, angle, w.omega, p.wheel.radius_m)
+    m = wheel.contact_motion(*velocity, angle, w.omega, p.wheel.radius_m)
     Fz = suspension.tyre_load(w, c, p.wheel)
     contact = tyre.Contact(
         Fz=ca.fmax(Fz, p.wheel.minimum_load_n),
@@ -155,23 +155,23 @@ def _vertical(travels, loads, contact_forces, at):
 
 
 def _servos(servos: Servos, u: SetPoints, p) -> Servos:
-    steering = actuators.limits_of_steering(p.steering)
-    front = actuators.limits_of_force(p.force.front)
-    rear = actuators.limits_of_force(p.force.rear)
+    steering = actuators.steering_limits(p.steering)
+    front = actuators.force_limits(p.force.front)
+    rear = actuators.force_limits(p.force.rear)
     return Servos(
-        actuators.derivative(servos.steer, u.delta, p.steering, steering),
-        actuators.derivative(servos.front, u.Fxf, p.force.front, front),
-        actuators.derivative(servos.rear, u.Fxr, p.force.rear, rear),
+        actuators.servo_derivative(servos.steer, u.delta, p.steering, steering),
+        actuators.servo_derivative(servos.front, u.Fxf, p.force.front, front),
+        actuators.servo_derivative(servos.rear, u.Fxr, p.force.rear, rear),
     )
 
 
-def settled(x: State, p) -> State:
+def project_constraints(x: State, p) -> State:
     """Return the state after a step, back within what sticks and what stops (p: `Car`)."""
     return x._replace(
-        wheels=FourWheels(*(wheel.slipped(w) for w in x.wheels)),
+        wheels=FourWheels(*(wheel.limit_windup(w) for w in x.wheels)),
         servos=Servos(
-            actuators.stopped(x.servos.steer, actuators.limits_of_steering(p.steering)),
-            actuators.stopped(x.servos.front, actuators.limits_of_force(p.force.front)),
-            actuators.stopped(x.servos.rear, actuators.limits_of_force(p.force.rear)),
+            actuators.stop_at_limits(x.servos.steer, actuators.steering_limits(p.steering)),
+            actuators.stop_at_limits(x.servos.front, actuators.force_limits(p.force.front)),
+            actuators.stop_at_limits(x.servos.rear, actuators.force_limits(p.force.rear)),
         ),
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 from msgs_yaml.types import Health
 from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel
-from vehicle_plant.ring import Lockstep, Realtime
+from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 NODE = 'plant'
 RUNNING = 'running'
@@ -34,7 +34,7 @@ class Monitor:
     The heaviest first, within a level refusals before late steps.
     """
 
-    def __init__(self, ring: Lockstep | Realtime):
+    def __init__(self, ring: LockstepStepper | RealtimeStepper):
         self._ring = ring
         self._rejected = self._missed = 0  # when it was told last
         self._causes = tuple(Cause(level) for level in (ERROR, WARN, WARN))
@@ -75,13 +75,13 @@ class Monitor:
 
     def _aged(self, stamp_ns):
         """Return the level of the last command's age."""
-        if not isinstance(self._ring, Realtime):
+        if not isinstance(self._ring, RealtimeStepper):
             return OK
         self._ring.watch.update(stamp_ns)
         return self._ring.watch.held_level
 
     def _ages(self, stamp_ns) -> dict[str, Any]:
-        if not isinstance(self._ring, Realtime):
+        if not isinstance(self._ring, RealtimeStepper):
             return {}
         return {BEGAN: self._ring.began_ns, **self._ring.watch.diagnostics(stamp_ns)}
 

@@ -1,11 +1,17 @@
-"""What the controllers know of the car, from the plant; tyres by quasi-steady circular driving.
+"""Identify the parameters of the controllers' car from the plant; tyres by circular driving.
 
     identify --out car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
 
 The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout and
 limits of the actuators. The same plant gives the same file, byte by byte. A bare name of a car or
-tyre is a file of config/; a name with a path separator is a path, relative to where you are.
+tyre is a file of config/; a name with a path separator is a path relative to the working directory.
+
+Per axle the Fiala brush tyre is fitted by least squares:
+Fy = -C z + C^2 / (3 Fm) |z| z - C^3 / (27 Fm^2) z^3 with z = tan(alpha) up to sliding at
+|z| = 3 Fm / C, then -Fm sign(z); Fm = sqrt((mu Fz)^2 - Fx^2) is the lateral force that the friction
+circle leaves (Pacejka 2012, 3.2; Hindiyeh 2013, 2.2). The plant and the prediction model share no
+code, so the formula is implemented here, too.
 """
 
 import argparse
@@ -13,18 +19,63 @@ import hashlib
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import least_squares
 
 from node_runtime import parameters as yaml_parameters
 from node_runtime.parameters import ROAD_FRICTION
-from vehicle_plant import capability, circle, fiala_fit, parameters
-from vehicle_plant.circle import AxlePoints, Circle, CircleError
-from vehicle_plant.fiala_fit import Fit
+from vehicle_plant import car, circular_driving, parameters
+from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
 
-_FILE = """\
+_NORMAL_95 = 1.959964
+
+
+class FialaFit(NamedTuple):
+    """Parameters of one axle, half widths of their 95 % confidence intervals, residual."""
+
+    cornering: float  # N/rad
+    friction: float  # -
+    cornering_confidence: float  # N/rad
+    friction_confidence: float  # -
+    residual: float  # N, root mean square
+
+
+def fiala_force(points: AxlePoints, cornering: float, friction: float) -> np.ndarray:
+    """Return the lateral force of a Fiala axle [N] at slip, Fx and Fz of the points, (n,)."""
+    z = np.tan(points.alpha)
+    lateral_limit = np.sqrt(np.maximum((friction * points.Fz) ** 2 - points.Fx**2, 1.0))
+    q = np.minimum(np.abs(z) * cornering / (3 * lateral_limit), 1)
+    return -np.sign(z) * lateral_limit * (3 * q - 3 * q**2 + q**3)
+
+
+def fit_fiala(points: AxlePoints) -> FialaFit:
+    """Return the unweighted least-squares fit to n >= 3 points of one axle."""
+    load = points.Fz.mean()
+
+    def residuals(scaled):
+        # both parameters of order one: stiffness per load, friction
+        return (fiala_force(points, scaled[0] * load, scaled[1]) - points.Fy) / load
+
+    stiffness_per_load = 20.0  # 1/rad, a usual road tyre; the fit does not depend on it
+    guess, bounds = [stiffness_per_load, 1.0], ([1.0, 0.01], [200.0, 3.0])
+    solution = least_squares(residuals, guess, bounds=bounds, xtol=1e-14)
+    variance = 2 * solution.cost / (len(points.alpha) - len(solution.x))
+    covariance = np.linalg.inv(solution.jac.T @ solution.jac)
+    deviation = np.sqrt(np.diag(covariance) * variance)
+    return FialaFit(
+        cornering=float(solution.x[0] * load),
+        friction=float(solution.x[1]),
+        cornering_confidence=float(_NORMAL_95 * deviation[0] * load),
+        friction_confidence=float(_NORMAL_95 * deviation[1]),
+        residual=float(np.sqrt(np.mean(solution.fun**2)) * load),
+    )
+
+
+_TEMPLATE = """\
 # Car, tyre and actuators as the controllers know them. Tyres by quasi-steady circular driving:
 # {how}, {points} points up to {ay:.3f} m/s^2.
 # Do not edit; made by
@@ -61,27 +112,27 @@ residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
 """
 
 
-_WORDS = {
+_MANOEUVRES = {
     'constant_speed': '{p.speed_mps:g} m/s, steer increasing by {p.steer_rate_radps:g} rad/s',
     'constant_radius': 'radius {p.radius_m:g} m, speed increasing by {p.acceleration_mps2:g} m/s^2',
 }
 
 
 def identify(
-    plant: PlantParams, friction: float, manoeuvre: Circle, options: str = ''
+    plant: PlantParams, friction: float, manoeuvre: CircleParams, options: str = ''
 ) -> tuple[str, Figure]:
-    """Drive, fit, and return the file's text and the figure. Raises CircleError.
+    """Drive, fit, and return the text of the file and the figure. Raises CircleError.
 
-    options: those of the command line, to be noted.
+    options: those of the command line, recorded in the file.
     """
-    track = circle.drive(plant, friction, manoeuvre)
-    points = circle.axles(track, plant)
-    fits = tuple(fiala_fit.fit(axle) for axle in points)
+    trajectory = circular_driving.drive(plant, friction, manoeuvre)
+    points = circular_driving.axle_points(trajectory, plant)
+    fits = tuple(fit_fiala(axle) for axle in points)
     body = plant.car.body
-    text = _FILE.format(
-        how=_WORDS[manoeuvre.manoeuvre].format(p=manoeuvre),
-        points=len(track.rows),
-        ay=track.column('acceleration.ay').max(),
+    text = _TEMPLATE.format(
+        how=_MANOEUVRES[manoeuvre.manoeuvre].format(p=manoeuvre),
+        points=len(trajectory.rows),
+        ay=trajectory.column('acceleration.ay').max(),
         options=f'{options} --friction {friction:g}',
         digest=digest(plant),
         fit_f=fits[0],
@@ -91,7 +142,7 @@ def identify(
         body=body,
         drag=body.air_density_kgpm3 / 2 * body.drag_area_m2,
         rolling=plant.car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2,
-        act=capability.of(plant.car),
+        act=car.actuator_limits(plant.car),
     )
     return text, draw(points, fits)
 
@@ -102,12 +153,12 @@ def digest(plant: PlantParams) -> str:
     return hashlib.sha256(repr(items).encode()).hexdigest()
 
 
-def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[Fit, Fit]) -> Figure:
-    """Return the measured points, the fitted curve and what is between them, of both axles."""
+def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[FialaFit, FialaFit]) -> Figure:
+    """Return the measured points, the fitted curves and the residuals of both axles."""
     figure = Figure(figsize=(10, 6), layout='constrained')
     rows = figure.subplots(2, 2, sharex='col', height_ratios=(3, 1))
-    for curve, rest, name, axle, fit in zip(*rows, ('front', 'rear'), points, fits):
-        fitted = fiala_fit.force(axle, fit.cornering, fit.friction)
+    for curve, residual, name, axle, fit in zip(*rows, ('front', 'rear'), points, fits):
+        fitted = fiala_force(axle, fit.cornering, fit.friction)
         curve.plot(_degrees(axle), axle.Fy / 1e3, '.', label='plant')
         curve.plot(_degrees(axle), fitted / 1e3, label='Fiala')
         curve.set_title(
@@ -116,11 +167,12 @@ def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[Fit, Fit]) -> Figure
         curve.set_ylabel('lateral force [kN]')
         curve.legend()
         curve.grid()
-        rest.plot(_degrees(axle), fitted - axle.Fy, '.')
-        rest.set_title(f'Fiala less plant: {fit.residual:.0f} N rms, systematic', fontsize='medium')
-        rest.set_xlabel('slip angle [deg], to the right')
-        rest.set_ylabel('force [N]')
-        rest.grid()
+        residual.plot(_degrees(axle), fitted - axle.Fy, '.')
+        title = f'Fiala less plant: {fit.residual:.0f} N rms, systematic'
+        residual.set_title(title, fontsize='medium')
+        residual.set_xlabel('slip angle [deg], to the right')
+        residual.set_ylabel('force [N]')
+        residual.grid()
     return figure
 
 
@@ -141,19 +193,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--out', type=Path, required=True, help='YAML file to write')
     parser.add_argument('--car', help='car file instead of the default car')
     parser.add_argument('--tyre', help='.tir or YAML file instead of the tyre of the car')
-    parser.add_argument('--manoeuvre', choices=list(_WORDS), help='instead of constant_speed')
+    parser.add_argument('--manoeuvre', choices=list(_MANOEUVRES), help='instead of constant_speed')
     parser.add_argument('--friction', type=_friction, default=1.0, help='road friction scale')
     parser.add_argument('--figure', type=Path, help='PNG to write, beside the YAML by default')
     options = parser.parse_args(arguments)
-    chosen = {name: getattr(options, name) for name in ('car', 'tyre', 'manoeuvre')}
-    noted = ''.join(f' --{name} {value}' for name, value in chosen.items() if value)
+    values = {name: getattr(options, name) for name in ('car', 'tyre', 'manoeuvre')}
+    recorded = ''.join(f' --{name} {value}' for name, value in values.items() if value)
     try:
-        manoeuvre = yaml_parameters.load(Circle, parameters.config('identify.yaml'))
+        manoeuvre = yaml_parameters.load(CircleParams, parameters.config_file('identify.yaml'))
         manoeuvre = replace(manoeuvre, manoeuvre=options.manoeuvre or manoeuvre.manoeuvre)
         plant = parameters.load(parameters.car_file(options.car or parameters.DEFAULT_CAR, '--car'))
         if options.tyre:
-            plant = replace(plant, tyre=parameters.tyre(options.tyre, '--tyre'))
-        text, figure = identify(plant, options.friction, manoeuvre, noted)
+            plant = replace(plant, tyre=parameters.load_tyre(options.tyre, '--tyre'))
+        text, figure = identify(plant, options.friction, manoeuvre, recorded)
     except (CircleError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
     options.out.write_text(text)

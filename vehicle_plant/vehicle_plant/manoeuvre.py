@@ -4,6 +4,8 @@ manoeuvre NAME [--car vw_gti.yaml] [--friction F] [--out DIR]
 manoeuvre --list
 
 Cars are files in config/, or paths with a folder.
+
+Every manoeuvre by its name.
 """
 
 import argparse
@@ -15,16 +17,24 @@ from matplotlib.figure import Figure
 
 from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import course, settings
-from vehicle_plant.manoeuvres.catalogue import MANOEUVRES
-from vehicle_plant.manoeuvres.course import Case, Number
+from vehicle_plant.manoeuvres import (
+    procedure,
+    settings,
+    sine_sweep,
+    sine_with_dwell,
+    steady_circle,
+    step_steer,
+    straight_braking,
+    turn_braking,
+)
+from vehicle_plant.manoeuvres.procedure import Case, Manoeuvre, Number
 
 
 def perform(name: str, case: Case) -> tuple[dict[str, Number], Figure]:
     """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
     manoeuvre = MANOEUVRES[name]
     runs = manoeuvre.runs(case)
-    tracks = [course.drive(run, case) for run in runs]
+    tracks = [procedure.drive(run, case) for run in runs]
     return manoeuvre.numbers(case, runs, tracks), manoeuvre.draw(case, runs, tracks)
 
 
@@ -81,3 +91,17 @@ def main(arguments: list[str] | None = None) -> int:
 
 if __name__ == '__main__':
     sys.exit(main())
+
+
+def _of(module, about: str) -> Manoeuvre:
+    return Manoeuvre(about, module.runs, module.numbers, module.draw)
+
+
+MANOEUVRES = {
+    'steady_circle': _of(steady_circle, 'understeer gradient on a circle, ISO 4138'),
+    'step_steer': _of(step_steer, 'rise time and overshoot after a step, ISO 7401'),
+    'sine_sweep': _of(sine_sweep, 'frequency response against closed forms, ISO 7401'),
+    'straight_braking': _of(straight_braking, 'stopping distance against the closed form'),
+    'turn_braking': _of(turn_braking, 'brakes on a circle, steering held, ISO 7975'),
+    'sine_with_dwell': _of(sine_with_dwell, 'stability and agility, FMVSS 126'),
+}

@@ -8,9 +8,9 @@ from typing import Annotated
 from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameters import Choice, ParameterError, Range
-from vehicle_plant import tir
+from vehicle_plant import tyre_property_file
 from vehicle_plant.car import Car, PlantParams
-from vehicle_plant.tyre_set import TyreSet
+from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
 OF_A_CAR, OF_A_TYRE = 'tyre_set', 'reference.FNOMIN'  # a parameter that no other file has
@@ -40,7 +40,7 @@ class StopParams:
 
 
 @dataclass(frozen=True)
-class PatchParams:
+class FrictionPatchParams:
     """Where the road has another friction: see `road`."""
 
     corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
@@ -52,7 +52,7 @@ class NodeParams:
     """The plant as a node: config/bmw_545i.yaml."""
 
     friction: Annotated[float, parameters.ROAD_FRICTION]
-    patches: PatchParams
+    patches: FrictionPatchParams
     tyre_set: str
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
     command_age_s: Annotated[float, Range(0.05, 1.0, 's')]
@@ -62,8 +62,8 @@ class NodeParams:
     car: Car
 
 
-def config(name: str) -> Path:
-    """Return the path of a file (`node_parameters.find_config`); ParameterError without one."""
+def config_file(name: str) -> Path:
+    """Return the path of a file of config/. Raises ParameterError when there is none."""
     try:
         return node_parameters.find_config('vehicle_plant', name)
     except FileNotFoundError as error:
@@ -75,16 +75,20 @@ def car_file(name: str, named_by: str = 'plant_params') -> Path:
     return node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_CAR)
 
 
-def tyre(name: str, named_by: str = 'tyre_set') -> TyreSet:
+def load_tyre(name: str, named_by: str = 'tyre_set') -> TyreCoefficients:
     """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
     return _tyre(node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_TYRE))
 
 
 def _tyre(path):
-    return tir.load(path) if path.suffix.lower() == '.tir' else parameters.load(TyreSet, path)
+    return (
+        tyre_property_file.load(path)
+        if path.suffix.lower() == '.tir'
+        else parameters.load(TyreCoefficients, path)
+    )
 
 
-def plant(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
+def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
     """Return the car with the tyre that it names.
 
     Raises ParameterError; `sources` says by parameter where its value comes from.
@@ -97,4 +101,4 @@ def plant(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantPar
 
 def load(path: Path | None = None) -> PlantParams:
     """Read car and tyre, those of config/bmw_545i.yaml unless told otherwise."""
-    return plant(parameters.load(NodeParams, path or config(DEFAULT_CAR)))
+    return plant_params(parameters.load(NodeParams, path or config_file(DEFAULT_CAR)))

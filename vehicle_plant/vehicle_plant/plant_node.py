@@ -14,10 +14,9 @@ from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
-from vehicle_plant import health, parameters, road, starts, stepper
+from vehicle_plant import health, initial_state, integrator, parameters, road_friction
 from vehicle_plant.gate import UNREADABLE
-from vehicle_plant.lockstep_node import LockstepDrive
-from vehicle_plant.realtime_node import RealtimeDrive
+from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.simulator import STEP_NS, Simulator
 
 COMMAND = '/controller/command'
@@ -34,9 +33,9 @@ class PlantNode(Node):
         self.wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.at_reference = self._declare_start()
         self.params = ros.declare(self, parameters.NodeParams, self._declare_car())
-        self.plant = parameters.plant(self.params)
-        self.patches = road.of(self.params.patches)
-        stepper.library()  # compiles, if need be, before time starts
+        self.plant = parameters.plant_params(self.params)
+        self.patches = road_friction.patches_from_parameters(self.params.patches)
+        integrator.library()  # compiles, if need be, before time starts
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
         self.actuators_pub = ros.TemplatePublisher(self, '/vehicle/actuators')
         self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')
@@ -46,7 +45,7 @@ class PlantNode(Node):
         self.waited = ChangeFilter()
         if self.at_reference:
             ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
-        self.drive = {'lockstep': LockstepDrive, 'realtime': RealtimeDrive}[ros.mode(self)](self)
+        self.drive = {'lockstep': LockstepMode, 'realtime': RealtimeMode}[ros.mode(self)](self)
         self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
         self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
         self.refusals = RejectionLog(COMMAND)
@@ -104,8 +103,8 @@ class PlantNode(Node):
 
     def car_at(self, stamp_ns: int) -> Simulator:
         """Return the car at its start at this time."""
-        at_path = starts.from_reference(self.reference) if self.at_reference else None
-        start = at_path or starts.from_parameters(self.params.start)
+        at_path = initial_state.start_from_reference(self.reference) if self.at_reference else None
+        start = at_path or initial_state.start_from_parameters(self.params.start)
         return Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
 
     def on_command(self, msg):

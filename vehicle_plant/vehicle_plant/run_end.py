@@ -7,7 +7,7 @@ import numpy as np
 
 from vehicle_plant.gate import NS_PER_S
 from vehicle_plant.parameters import StopParams
-from vehicle_plant.track import Track
+from vehicle_plant.state import Trajectory
 
 FINISHED = 0
 FAILED = 2
@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
 class RunEnd:
     """Watches the track of one run, piece by piece."""
 
-    def __init__(self, stop: StopParams, start: Track):
+    def __init__(self, stop: StopParams, start: Trajectory):
         """Start at a track of one row."""
         self._stop = stop
         self._begin_ns = int(start.stamp_ns[-1])
@@ -41,11 +41,11 @@ class RunEnd:
         """Whether the car has stood still for a second."""
         return self._still_s >= _STANDSTILL_S
 
-    def watch(self, track: Track) -> Outcome | None:
+    def watch(self, track: Trajectory) -> Outcome | None:
         """Return how the run ended within these rows, or None. Call once per piece of track."""
         crossed_ns = self._crossing(track)
         self._watch_standstill(track)
-        self._last = Track(track.stamp_ns[-1:], track.rows[-1:])
+        self._last = Trajectory(track.stamp_ns[-1:], track.rows[-1:])
         now_ns = int(track.stamp_ns[-1])
         if crossed_ns is not None:
             seconds = (crossed_ns - self._begin_ns) / NS_PER_S
@@ -57,7 +57,7 @@ class RunEnd:
             return Outcome(FAILED, 'the car stands still', now_ns)
         return None
 
-    def _crossing(self, track: Track) -> int | None:
+    def _crossing(self, track: Trajectory) -> int | None:
         """Return the stamp of the first row behind the line, coming from before it."""
         X = np.concatenate([self._last.column('planar.X'), track.column('planar.X')])
         Y = np.concatenate([self._last.column('planar.Y'), track.column('planar.Y')])
@@ -68,7 +68,7 @@ class RunEnd:
         crossed = (ahead[:-1] < 0) & (ahead[1:] >= 0) & (travelled >= stop.armed_after_m)
         return int(track.stamp_ns[np.argmax(crossed)]) if crossed.any() else None
 
-    def _watch_standstill(self, track: Track) -> None:
+    def _watch_standstill(self, track: Trajectory) -> None:
         speed = np.hypot(track.column('planar.vx'), track.column('planar.vy'))
         stands = speed < _STANDSTILL_MPS
         step_s = (

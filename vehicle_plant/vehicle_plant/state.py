@@ -1,12 +1,18 @@
-"""State, set-points and readings of the plant as named vectors (see `named`), SI, ISO 8855 axes."""
+"""State, set-points and outputs as named vectors (`named_vector`), and trajectories of them.
+
+SI units, ISO 8855 axes. The dotted names of the fields are the column names of a trajectory.
+"""
 
 from typing import Any, NamedTuple
 
-from vehicle_plant.actuators import Servo
+import numpy as np
+
+from msgs_yaml.types import WHEELS, Actuators, Imu, VehicleState, Wheels
+from node_runtime import named_vector
 
 
 class Planar(NamedTuple):
-    """The CoG in the plane: pose in the map, velocities in the vehicle frame."""
+    """Planar motion of the CoG: pose in the map, velocities in the vehicle frame."""
 
     X: Any  # m
     Y: Any  # m
@@ -17,7 +23,7 @@ class Planar(NamedTuple):
 
 
 class Ride(NamedTuple):
-    """The sprung body against its static position."""
+    """Vertical motion of the sprung body relative to its static position."""
 
     z: Any  # m, up
     vz: Any  # m/s
@@ -27,19 +33,19 @@ class Ride(NamedTuple):
     q: Any  # rad/s
 
 
-class Wheel(NamedTuple):
+class WheelState(NamedTuple):
     """One wheel and its tyre."""
 
-    z: Any  # m, up, against its static position
+    z: Any  # m, up, relative to its static position
     vz: Any  # m/s
     omega: Any  # rad/s, spin, positive forwards
-    windup: Any  # -, brake lining: -1 and 1 slip, between them it sticks
+    windup: Any  # -, brake lining: slips at -1 and 1, sticks between them
     kappa: Any  # -, transient longitudinal slip
     tan_alpha: Any  # -, transient side slip, Vy / |Vx|
 
 
-class Wheels(NamedTuple):
-    """One of anything per wheel, in the order of `msgs_yaml.types.WHEELS`."""
+class PerWheel(NamedTuple):
+    """A value per wheel, in the order of `msgs_yaml.types.WHEELS`."""
 
     fl: Any
     fr: Any
@@ -48,16 +54,23 @@ class Wheels(NamedTuple):
 
 
 class FourWheels(NamedTuple):
-    """The wheels' states."""
+    """The states of the wheels."""
 
-    fl: Wheel
-    fr: Wheel
-    rl: Wheel
-    rr: Wheel
+    fl: WheelState
+    fr: WheelState
+    rl: WheelState
+    rr: WheelState
+
+
+class Servo(NamedTuple):
+    """An actuator: its position [rad or N] and its rate."""
+
+    position: Any
+    rate: Any
 
 
 class Servos(NamedTuple):
-    """Steering angle [rad], axle forces at the contact patches [N]."""
+    """Road-wheel steering angle [rad], axle forces at the contact patches [N]."""
 
     steer: Servo
     front: Servo
@@ -65,7 +78,7 @@ class Servos(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that is integrated."""
+    """The state vector x."""
 
     planar: Planar
     ride: Ride
@@ -74,7 +87,7 @@ class State(NamedTuple):
 
 
 class SetPoints(NamedTuple):
-    """What the servos follow."""
+    """The input vector u, which the servos follow."""
 
     delta: Any  # rad
     Fxf: Any  # N
@@ -82,14 +95,14 @@ class SetPoints(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """Of the CoG without gravity, vehicle frame."""
+    """Acceleration of the CoG without gravity, vehicle frame."""
 
     ax: Any  # m/s^2
     ay: Any  # m/s^2
 
 
-class Load(NamedTuple):
-    """What a wheel transmits, tyre axes."""
+class WheelLoad(NamedTuple):
+    """Torque and contact force of a wheel, tyre axes."""
 
     torque: Any  # N m, drive plus brake
     Fz: Any  # N
@@ -98,16 +111,97 @@ class Load(NamedTuple):
 
 
 class FourLoads(NamedTuple):
-    """The wheels' loads."""
+    """The loads of the wheels."""
 
-    fl: Load
-    fr: Load
-    rl: Load
-    rr: Load
+    fl: WheelLoad
+    fr: WheelLoad
+    rl: WheelLoad
+    rr: WheelLoad
 
 
-class Readings(NamedTuple):
-    """What is measured but not integrated."""
+class Outputs(NamedTuple):
+    """The output vector y: measured but not integrated."""
 
     acceleration: Acceleration
     loads: FourLoads
+
+
+_COLUMNS = {
+    name: i for i, name in enumerate((*named_vector.names(State), *named_vector.names(Outputs)))
+}
+_PLANAR = [_COLUMNS[f'planar.{name}'] for name in Planar._fields]
+_SERVOS = [
+    _COLUMNS[f'servos.{name}']
+    for name in ('steer.position', 'steer.rate', 'front.position', 'rear.position')
+]
+_IMU = [_COLUMNS[name] for name in ('acceleration.ax', 'acceleration.ay', 'planar.r')]
+# by field of the message `Wheels`
+_WHEELS = {
+    field: [_COLUMNS[column.format(w)] for w in WHEELS]
+    for field, column in {
+        'omega': 'wheels.{}.omega',
+        'torque': 'loads.{}.torque',
+        'Fz': 'loads.{}.Fz',
+        'kappa': 'wheels.{}.kappa',
+        'Fx': 'loads.{}.Fx',
+        'alpha': 'wheels.{}.tan_alpha',
+        'Fy': 'loads.{}.Fy',
+    }.items()
+}
+
+
+class Trajectory(NamedTuple):
+    """State and outputs over time, one row per millisecond unless a caller says otherwise."""
+
+    stamp_ns: np.ndarray  # (n,) int64
+    rows: np.ndarray  # (n, state + outputs)
+
+    def __repr__(self) -> str:
+        return f'Trajectory({len(self.rows)} rows from {self.stamp_ns[:1].tolist()} ns)'
+
+    def column(self, name: str) -> np.ndarray:
+        """Return a column, (n,): `planar.vx`, `ride.phi`, `wheels.fl.omega`, `loads.rr.Fz` ..."""
+        return self.rows[:, _COLUMNS[name]]
+
+    def where(self, mask: np.ndarray) -> 'Trajectory':
+        """Return the rows that a mask (n,) selects."""
+        return Trajectory(self.stamp_ns[mask], self.rows[mask])
+
+    def states(self) -> list[VehicleState]:
+        """Return the planar motion at each row; the heading is wrapped to (-pi, pi]."""
+        return [
+            VehicleState(stamp_ns, X, Y, wrap_angle(psi), *velocities)
+            for stamp_ns, (X, Y, psi, *velocities) in self._stamped(_PLANAR)
+        ]
+
+    def actuators(self) -> list[Actuators]:
+        """Return the positions of the servos and the wheel torques at each row."""
+        torques = self.rows[:, _WHEELS['torque']].tolist()
+        return [
+            Actuators(stamp_ns, *servos, tuple(torque))
+            for (stamp_ns, servos), torque in zip(self._stamped(_SERVOS), torques)
+        ]
+
+    def imu(self) -> list[Imu]:
+        """Return accelerations of the CoG and yaw rate at each row."""
+        return [Imu(stamp_ns, *values) for stamp_ns, values in self._stamped(_IMU)]
+
+    def wheels(self) -> list[Wheels]:
+        """Return the wheels at each row; slips are the transient ones."""
+        fields = {field: self.rows[:, columns] for field, columns in _WHEELS.items()}
+        fields['alpha'] = np.arctan(fields['alpha'])
+        per_row = zip(self.stamp_ns.tolist(), *(values.tolist() for values in fields.values()))
+        return [Wheels(stamp_ns, *map(tuple, values)) for stamp_ns, *values in per_row]
+
+    def _stamped(self, columns):
+        return zip(self.stamp_ns.tolist(), self.rows[:, columns].tolist())
+
+
+def wrap_angle(psi: float) -> float:
+    """Return a heading in (-pi, pi]."""
+    return float(np.pi - (np.pi - psi) % (2 * np.pi))
+
+
+def join_trajectories(trajectories: list[Trajectory]) -> Trajectory:
+    """Return consecutive trajectories as one."""
+    return Trajectory(*(np.concatenate(parts) for parts in zip(*trajectories)))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from vehicle_plant.tyre_set import TyreScaling, TyreSet
+from vehicle_plant.tyre_coefficients import TyreCoefficients, TyreScaling
 
 
 class Contact(NamedTuple):
@@ -46,16 +46,16 @@ def _cos_atan(x):
     return 1 / ca.sqrt(1 + x**2)
 
 
-def _load_excess(c: Contact, t: TyreSet, s: TyreScaling):
+def _load_excess(c: Contact, t: TyreCoefficients, s: TyreScaling):
     nominal = s.LFZO * t.reference.FNOMIN
     return nominal, (c.Fz - nominal) / nominal
 
 
-def _pressure_excess(c: Contact, t: TyreSet):
+def _pressure_excess(c: Contact, t: TyreCoefficients):
     return (c.pressure - t.reference.NOMPRES) / t.reference.NOMPRES
 
 
-def stiffness(c: Contact, t: TyreSet, s: TyreScaling) -> Stiffness:
+def stiffness(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Stiffness:
     """Return longitudinal slip stiffness (4.E15) and cornering stiffness (4.E25)."""
     x, y = t.longitudinal, t.lateral
     nominal, dfz = _load_excess(c, t, s)
@@ -120,7 +120,7 @@ def _similar(c, s):
     return kappa, c.tan_alpha * s.LKY / (s.LMUY * c.friction)
 
 
-def force(c: Contact, t: TyreSet, s: TyreScaling) -> Force:
+def force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:
     """Return the force at combined slip (4.E50, 4.E58), its weighting at the similar slips."""
     slope = stiffness(c, t, s)
     Fx0 = _pure_longitudinal(c, t, s, slope.Kx)
@@ -142,7 +142,7 @@ def force(c: Contact, t: TyreSet, s: TyreScaling) -> Force:
     return Force(Fx, Fy0 * _loss(B, y.RCY1, E, kappa, y.RHY1 + y.RHY2 * dfz) + induced)
 
 
-def mirrored_force(c: Contact, t: TyreSet, s: TyreScaling) -> Force:
+def mirrored_force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:
     """Return the force of the same tyre mounted on the right-hand side."""
     left = force(c._replace(tan_alpha=-c.tan_alpha, gamma=-c.gamma), t, s)
     return Force(left.Fx, -left.Fy)

@@ -13,7 +13,7 @@ import casadi as ca
 from vehicle_plant import tyre
 
 
-class Motion(NamedTuple):
+class ContactMotion(NamedTuple):
     """Velocity of the contact patch in the wheel's axes, and slip speed."""
 
     Vx: Any  # m/s
@@ -21,26 +21,26 @@ class Motion(NamedTuple):
     Vsx: Any  # m/s, Vx - omega R
 
 
-def motion(vx, vy, delta, omega, radius) -> Motion:
+def contact_motion(vx, vy, delta, omega, radius) -> ContactMotion:
     """Turn a contact velocity from vehicle axes into those of a wheel steered by delta."""
     Vx = ca.cos(delta) * vx + ca.sin(delta) * vy
     Vy = -ca.sin(delta) * vx + ca.cos(delta) * vy
-    return Motion(Vx, Vy, Vx - omega * radius)
+    return ContactMotion(Vx, Vy, Vx - omega * radius)
 
 
-def turned(force: tyre.Force, delta):
+def in_vehicle_axes(force: tyre.Force, delta):
     """Return the force on a wheel steered by delta as (Fx, Fy) in vehicle axes."""
     c, s = ca.cos(delta), ca.sin(delta)
     return c * force.Fx - s * force.Fy, s * force.Fx + c * force.Fy
 
 
-def _moving(m: Motion, p):
+def _moving(m: ContactMotion, p):
     """Return 0 at standstill, rising smoothly to 1 at the standstill speed."""
     speed = ca.sqrt(m.Vx**2 + m.Vy**2 + m.Vsx**2)
     return (1 - ca.cos(ca.pi * ca.fmin(speed / p.standstill_speed_mps, 1))) / 2
 
 
-def slip_rate(wheel, m: Motion, slope: tyre.Stiffness, grip, p):
+def slip_rate(wheel, m: ContactMotion, slope: tyre.Stiffness, grip, p):
     """Return the derivatives of transient kappa and tan(alpha) [1/s]; grip: friction times Fz [N].
 
     The relaxation length is deflection over slip, so it falls with slip: a sliding tyre is
@@ -60,7 +60,7 @@ def slip_rate(wheel, m: Motion, slope: tyre.Stiffness, grip, p):
     return (-m.Vsx - V * wheel.kappa) / sigma_x, (m.Vy - V * wheel.tan_alpha) / sigma_y
 
 
-def tyre_slip(wheel, m: Motion, slope: tyre.Stiffness, p):
+def tyre_slip(wheel, m: ContactMotion, slope: tyre.Stiffness, p):
     """Return kappa and tan(alpha) for the tyre: the transient ones plus the standstill damping."""
     damping = p.standstill_damping_nspm * (1 - _moving(m, p))
     return wheel.kappa - damping * m.Vsx / slope.Kx, wheel.tan_alpha - damping * m.Vy / slope.Ky
@@ -84,6 +84,6 @@ def windup_rate(wheel, lining):
     return wheel.omega / lining.windup_rad
 
 
-def slipped(wheel):
+def limit_windup(wheel):
     """Return the wheel after its lining has slipped back to the greatest wind-up."""
     return wheel._replace(windup=ca.fmin(ca.fmax(wheel.windup, -1), 1))

@@ -20,8 +20,8 @@ from node_runtime import node_parameters, parameters
 from scenario_publisher import scenario
 from scenario_publisher.parameters import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
-from vehicle_plant import capability
 from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.car import actuator_limits
 from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 
 KPH = 3.6  # km/h per m/s
@@ -31,7 +31,7 @@ LOADERS = {
     'scenario_node': (ScenarioParams, None),
     'mpcc_node': (ControllerParams, car_file.load),
     'frenet_node': (ControllerParams, car_file.load),
-    'plant_node': (NodeParams, plant_parameters.plant),
+    'plant_node': (NodeParams, plant_parameters.plant_params),
 }
 # parameters that the plant declares besides those of its class
 PLANT_EXTRAS = {
@@ -204,7 +204,7 @@ def _drive_layout(params: ControllerParams, vehicle: CarParams, plant: PlantPara
     share, key = params.model.drive_front_share, 'model.drive_front_share'
     if share is None:
         share, key = vehicle.actuators.drive_front_share, f'car_file {params.car_file}'
-    driven = capability.of(plant.car).drive_front_share
+    driven = actuator_limits(plant.car).drive_front_share
     if abs(share - driven) <= SHARE_TOLERANCE:
         return []
     return [

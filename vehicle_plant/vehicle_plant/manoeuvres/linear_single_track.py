@@ -73,7 +73,7 @@ class LinearCar(NamedTuple):
 def linear_car(plant: PlantParams, friction: float) -> LinearCar:
     """Return the car with the slopes of its own tyres."""
     car = plant.car
-    left_front, _, left_rear, _ = double_track.corners(car)
+    left_front, _, left_rear, _ = double_track.wheel_corners(car)
     spin = 2 * car.wheel.spin_inertia_kgm2 / car.wheel.radius_m**2
     return LinearCar(
         plant,

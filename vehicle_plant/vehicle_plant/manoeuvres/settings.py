@@ -5,7 +5,7 @@ from typing import Annotated
 
 from node_runtime import parameters
 from node_runtime.parameters import Range
-from vehicle_plant.parameters import config
+from vehicle_plant.parameters import config_file
 
 Speed = Annotated[float, Range(3.0, 60.0, 'm/s')]
 Acceleration = Annotated[float, Range(0.1, 12.0, 'm/s^2')]
@@ -106,4 +106,4 @@ class Settings:
 
 def load() -> Settings:
     """Read config/manoeuvres.yaml. Raises ParameterError."""
-    return parameters.load(Settings, config('manoeuvres.yaml'))
+    return parameters.load(Settings, config_file('manoeuvres.yaml'))

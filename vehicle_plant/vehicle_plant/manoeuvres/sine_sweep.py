@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from vehicle_plant.manoeuvres import analysis, course, linear_single_track
-from vehicle_plant.manoeuvres.course import Case, Number, Run
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.manoeuvres import linear_single_track, procedure
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import SetPoints, Trajectory
 
 FORMS = {
     'single track': {'relaxation': False},
@@ -53,7 +52,7 @@ def sines(case: Case) -> tuple[Sine, ...]:
 def runs(case: Case) -> tuple[Run, ...]:
     """Return one run with all sines."""
     speed = case.settings.sine_sweep.speed_mps
-    hold = course.holding(case, speed)
+    hold = procedure.hold_speed(case, speed)
     driven = sines(case)
 
     def law(t, vx):
@@ -67,19 +66,19 @@ def runs(case: Case) -> tuple[Run, ...]:
     return (Run('all frequencies', speed, driven[-1].end, law),)
 
 
-def response(case: Case, track: Track) -> np.ndarray:
+def response(case: Case, track: Trajectory) -> np.ndarray:
     """Return r / delta [1/s] at the frequencies of the settings, complex, (n,)."""
-    t = course.times(track)
+    t = procedure.times(track)
     signals = track.column('planar.r'), track.column('servos.steer.position')
     result = []
     for s in sines(case):
         inside = (t >= s.counted) & (t < s.end)
-        r, delta = (analysis.phasor(t[inside], y[inside], s.f_hz) for y in signals)
+        r, delta = (procedure.phasor(t[inside], y[inside], s.f_hz) for y in signals)
         result.append(r / delta)
     return np.array(result)
 
 
-def errors(case: Case, track: Track, form: str, up_to_hz: float) -> tuple[float, float]:
+def errors(case: Case, track: Trajectory, form: str, up_to_hz: float) -> tuple[float, float]:
     """Return the greatest differences to a closed form: of the gain [-], of the phase [rad]."""
     p = case.settings.sine_sweep
     f_hz = np.array(p.frequencies_hz)
@@ -89,7 +88,7 @@ def errors(case: Case, track: Track, form: str, up_to_hz: float) -> tuple[float,
     return float(np.abs(np.abs(ratio) - 1).max()), float(np.abs(np.angle(ratio)).max())
 
 
-def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
     """Return gain and phase at each frequency and the distance to the closed forms."""
     (track,), p = tracks, case.settings.sine_sweep
     result = {}
@@ -108,7 +107,7 @@ def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
     return result
 
 
-def draw(case: Case, _, tracks: list[Track]) -> Figure:
+def draw(case: Case, _, tracks: list[Trajectory]) -> Figure:
     """Return gain and phase over frequency, and the differences to the closed forms."""
     (track,), p = tracks, case.settings.sine_sweep
     f_hz = np.array(p.frequencies_hz)

@@ -7,10 +7,9 @@ amplitudes may fail it: the numbers then say from which one on.
 import numpy as np
 from matplotlib.figure import Figure
 
-from vehicle_plant.manoeuvres import analysis, course, steady_circle
-from vehicle_plant.manoeuvres.course import Case, Number, Run
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.manoeuvres import procedure, steady_circle
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import SetPoints, Trajectory
 
 SECOND_PEAK = 0.75  # of the period
 
@@ -40,22 +39,22 @@ def runs(case: Case) -> tuple[Run, ...]:
     return tuple(Run(f'{a:g}', p.speed_mps, seconds, steering(a)) for a in p.amplitudes)
 
 
-def judged(case: Case, track: Track) -> tuple[float, float, float]:
+def judged(case: Case, track: Trajectory) -> tuple[float, float, float]:
     """Return yaw rate left over its peak, early and late, and the lateral displacement [m].
 
     The peak is the greatest yaw rate after the steer has changed its sign.
     """
     p = case.settings.sine_with_dwell
-    t = course.times(track) - case.settings.settle_s
+    t = procedure.times(track) - case.settings.settle_s
     r = track.column('planar.r')
     turned = 1 / (2 * p.frequency_hz)
     done = 1 / p.frequency_hz + p.dwell_s
     peak = r[(t > turned) & (t < done + p.early_s)].min()
-    left = (analysis.at(t, r, done + after) / peak for after in (p.early_s, p.late_s))
-    return *left, analysis.at(t, track.column('planar.Y'), p.displaced_s)
+    left = (procedure.value_at(t, r, done + after) / peak for after in (p.early_s, p.late_s))
+    return *left, procedure.value_at(t, track.column('planar.Y'), p.displaced_s)
 
 
-def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> dict[str, Number]:
     """Return the three criteria at each amplitude, and up to which one all are met."""
     p = case.settings.sine_with_dwell
     result, passed, still = {}, 0.0, True
@@ -82,7 +81,7 @@ def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> dict[st
     return result
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
+def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
     """Return steer, yaw rate and path of all amplitudes, and the criteria over the amplitude."""
     p, settle = case.settings.sine_with_dwell, case.settings.settle_s
     figure = Figure(figsize=(12, 7), layout='constrained')
@@ -90,7 +89,7 @@ def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
     # from a pale to a dark blue
     shades = [(0.75 * (1 - s), 0.8 * (1 - s), 1 - 0.4 * s) for s in np.linspace(0, 1, len(tracks))]
     for run, track, shade in zip(chosen, tracks, shades):
-        t = course.times(track) - settle
+        t = procedure.times(track) - settle
         style = {'color': shade, 'label': run.label}
         steer.plot(t, np.degrees(track.column('servos.steer.position')), **style)
         yaw_rate.plot(t, np.degrees(track.column('planar.r')), **style)

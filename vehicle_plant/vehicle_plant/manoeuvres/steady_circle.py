@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from vehicle_plant.circle import axles
-from vehicle_plant.manoeuvres import analysis, course, linear_single_track
-from vehicle_plant.manoeuvres.course import Case, Number, Run
+from vehicle_plant.circular_driving import axle_points
+from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.linear_single_track import LinearCar
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import SetPoints, Trajectory
 
 SLIDING = 0.98  # of the greatest lateral acceleration so far: it will not come back
 
@@ -23,7 +22,7 @@ SLIDING = 0.98  # of the greatest lateral acceleration so far: it will not come 
 def ramp(case: Case, speed: float) -> Run:
     """Return the run at any speed [m/s]."""
     p, settle = case.settings.steady_circle, case.settings.settle_s
-    hold = course.holding(case, speed)
+    hold = procedure.hold_speed(case, speed)
 
     def law(t, vx):
         steer = np.clip((t - settle) * p.steer_rate_radps, 0.0, p.last_steer_rad)
@@ -38,7 +37,7 @@ def steer_at(case: Case, speed: float, ay: float) -> float:
 
     Raises ValueError when the car does not reach it.
     """
-    track = course.drive(ramp(case, speed), case)
+    track = procedure.drive(ramp(case, speed), case)
     gripping = _gripping(case, track)
     reached = track.column('acceleration.ay')[gripping]
     if reached.max() < ay:
@@ -47,9 +46,9 @@ def steer_at(case: Case, speed: float, ay: float) -> float:
     return float(np.interp(ay, np.maximum.accumulate(reached), steer))
 
 
-def _gripping(case: Case, track: Track) -> slice:
+def _gripping(case: Case, track: Trajectory) -> slice:
     """Return the rows from the beginning of steer until the car slides or spins."""
-    begin = round(case.settings.settle_s * analysis.MS_PER_S)
+    begin = round(case.settings.settle_s * procedure.MS_PER_S)
     ay = track.column('acceleration.ay')
     most = np.maximum.accumulate(ay)
     linear = case.scaled(case.settings.steady_circle.fit_to_mps2)
@@ -74,7 +73,7 @@ class Points(NamedTuple):
     phi: np.ndarray  # rad, roll
 
 
-def _points(case: Case, track: Track) -> Points:
+def _points(case: Case, track: Trajectory) -> Points:
     gripping = _gripping(case, track)
     vx, vy, r, ay, steer, phi = (
         track.column(name)[gripping]
@@ -99,14 +98,14 @@ def _closed_forms(car: LinearCar, V: float) -> tuple[float, float]:
     return car.understeer, 1 / (V * body) - car.wheelbase / V**2
 
 
-def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
     """Return gradients in the linear range and the limit."""
     (track,), p = tracks, case.settings.steady_circle
     low, high = case.scaled(p.fit_from_mps2), case.scaled(p.fit_to_mps2)
     points = _points(case, track)
     car = linear_single_track.linear_car(case.plant, case.friction)
     closed = _closed_forms(car, p.speed_mps)
-    slope = partial(analysis.slope, points.ay, low=low, high=high)
+    slope = partial(procedure.fit_slope, points.ay, low=low, high=high)
     K = slope(points.extra)
     gradient = 'rad/(m/s^2)'
     return {
@@ -123,7 +122,7 @@ def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
     }
 
 
-def draw(case: Case, _, tracks: list[Track]) -> Figure:
+def draw(case: Case, _, tracks: list[Trajectory]) -> Figure:
     """Return handling diagram, attitude and axle slip."""
     (track,), p = tracks, case.settings.steady_circle
     points, gripping = _points(case, track), _gripping(case, track)
@@ -141,7 +140,7 @@ def draw(case: Case, _, tracks: list[Track]) -> Figure:
     middle.plot(ay, np.degrees(points.phi), label='roll')
     middle.plot(ay, np.degrees(points.beta), label='side slip of the CoG')
     middle.set_ylabel('angle [deg]')
-    for name, axle in zip(('front', 'rear'), axles(track, case.plant)):
+    for name, axle in zip(('front', 'rear'), axle_points(track, case.plant)):
         right.plot(ay, -np.degrees(axle.alpha[gripping]), label=f'{name} axle')
     right.set_ylabel('slip angle, to the right [deg]')
     for axes in (left, middle, right):

@@ -7,10 +7,9 @@ to 90 % of the steady state, peak response time to the peak. Rise time is that f
 import numpy as np
 from matplotlib.figure import Figure
 
-from vehicle_plant.manoeuvres import analysis, course, linear_single_track
-from vehicle_plant.manoeuvres.course import Case, Number, Run
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.manoeuvres import linear_single_track, procedure
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import SetPoints, Trajectory
 
 SIGNALS = {'yaw_rate': 'planar.r', 'ay': 'acceleration.ay'}
 
@@ -21,7 +20,7 @@ def runs(case: Case) -> tuple[Run, ...]:
     car = linear_single_track.linear_car(case.plant, case.friction)
     angle = car.steer(case.scaled(p.ay_mps2), p.speed_mps)
     plant = case.plant.car
-    forces = course.driving(plant, course.resistances(plant, p.speed_mps))
+    forces = procedure.split_drive_force(plant, procedure.driving_resistance(plant, p.speed_mps))
 
     def law(t, vx):
         return SetPoints(angle * min(max((t - settle) / p.rise_s, 0.0), 1.0), *forces)
@@ -35,17 +34,18 @@ def _steady(case: Case, t: np.ndarray, y: np.ndarray) -> float:
     return float(y[t >= begin].mean())
 
 
-def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
     """Return times and overshoots of yaw rate and lateral acceleration."""
     (track,) = tracks
-    t, steer = course.times(track), track.column('servos.steer.position')
-    half = analysis.first_reaching(t, steer, analysis.HALF * _steady(case, t, steer))
+    t, steer = procedure.times(track), track.column('servos.steer.position')
+    half = procedure.first_crossing_time(t, steer, procedure.HALF * _steady(case, t, steer))
     result = {}
     for name, column in SIGNALS.items():
         y = track.column(column)
         steady = _steady(case, t, y)
         low, high = (
-            analysis.first_reaching(t, y, part * steady) for part in (analysis.LOW, analysis.HIGH)
+            procedure.first_crossing_time(t, y, part * steady)
+            for part in (procedure.LOW, procedure.HIGH)
         )
         unit = 'rad/s' if name == 'yaw_rate' else 'm/s^2'
         result |= {
@@ -62,10 +62,10 @@ def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
     return result
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
+def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
     """Return steer, yaw rate, lateral acceleration and attitude over time."""
     (track,), settle = tracks, case.settings.settle_s
-    t = course.times(track) - settle
+    t = procedure.times(track) - settle
     figure = Figure(figsize=(10, 7), layout='constrained')
     panels = figure.subplots(2, 2, sharex=True).ravel()
     beta = np.arctan2(track.column('planar.vy'), track.column('planar.vx'))
@@ -81,7 +81,7 @@ def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
         axes.grid()
     for axes, (_, y) in zip(panels[1:3], curves[1:3]):
         steady = _steady(case, t + settle, y)
-        for part in (analysis.LOW, analysis.HIGH, 1):
+        for part in (procedure.LOW, procedure.HIGH, 1):
             axes.axhline(part * steady, color='k', linestyle=':', linewidth=1)
         axes.text(t[-1], steady, 'steady', ha='right', va='bottom')
     panels[-1].plot(t, np.degrees(beta), label='side slip of the CoG')

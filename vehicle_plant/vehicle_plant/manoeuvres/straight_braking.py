@@ -12,10 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from msgs_yaml.types import WHEELS
-from vehicle_plant.manoeuvres import analysis, course
-from vehicle_plant.manoeuvres.course import Case, Number, Run
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.manoeuvres import procedure
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import SetPoints, Trajectory
 
 FULL_FROM, FULL_TO = 0.8, 0.1  # of the initial speed
 SETTLED = 0.99  # of the brake force
@@ -55,7 +54,7 @@ def closed_form(case: Case) -> ClosedForm:
     brakes = -sum(brake_forces(case, p.deceleration_mps2, p.front_share))
     return ClosedForm(
         M=body.mass_kg + len(WHEELS) * wheel.spin_inertia_kgm2 / wheel.radius_m**2,
-        F=brakes + course.resistances(car, 0.0),
+        F=brakes + procedure.driving_resistance(car, 0.0),
         k=body.air_density_kgpm3 / 2 * body.drag_area_m2,
     )
 
@@ -64,7 +63,7 @@ def runs(case: Case) -> tuple[Run, ...]:
     """Return the one run; it lasts until the car has stood for a while."""
     p, settle = case.settings.straight_braking, case.settings.settle_s
     forces = brake_forces(case, p.deceleration_mps2, p.front_share)
-    hold = course.holding(case, p.speed_mps)
+    hold = procedure.hold_speed(case, p.speed_mps)
 
     def law(t, vx):
         return SetPoints(0.0, *(forces if t > settle else hold(vx)))
@@ -73,7 +72,7 @@ def runs(case: Case) -> tuple[Run, ...]:
     return (Run(f'{case.scaled(p.deceleration_mps2):g} m/s²', p.speed_mps, seconds, law),)
 
 
-def _settled(case: Case, track: Track) -> int:
+def _settled(case: Case, track: Trajectory) -> int:
     """Return the row from which the brakes are fully on."""
     p = case.settings.straight_braking
     front, rear = brake_forces(case, p.deceleration_mps2, p.front_share)
@@ -81,16 +80,16 @@ def _settled(case: Case, track: Track) -> int:
     return int(np.flatnonzero(force > SETTLED * (front + rear))[-1]) + 1
 
 
-def _stopped(track: Track) -> int:
+def _stopped(track: Trajectory) -> int:
     """Return the row at which the car first stands."""
     return int(np.flatnonzero(track.column('planar.vx') <= 0)[0])
 
 
-def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
     """Return distances of the plant and of the closed form, and the deceleration."""
     (track,), p, settle = tracks, case.settings.straight_braking, case.settings.settle_s
-    t, X, vx = course.times(track), track.column('planar.X'), track.column('planar.vx')
-    begin, full, end = round(settle * analysis.MS_PER_S), _settled(case, track), _stopped(track)
+    t, X, vx = procedure.times(track), track.column('planar.X'), track.column('planar.vx')
+    begin, full, end = round(settle * procedure.MS_PER_S), _settled(case, track), _stopped(track)
     form = closed_form(case)
     high, low = FULL_FROM * p.speed_mps, FULL_TO * p.speed_mps
     passed = [float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low)]
@@ -114,10 +113,10 @@ def numbers(case: Case, _, tracks: list[Track]) -> dict[str, Number]:
     }
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
+def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
     """Return speed, deceleration, wheel slip and loads over time."""
     (track,), settle = tracks, case.settings.settle_s
-    t = course.times(track) - settle
+    t = procedure.times(track) - settle
     full = _settled(case, track)
     form = closed_form(case)
     vx = track.column('planar.vx')

@@ -11,11 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from msgs_yaml.types import WHEELS
-from vehicle_plant.manoeuvres import analysis, course, steady_circle
-from vehicle_plant.manoeuvres.course import Case, Number, Run
+from vehicle_plant.manoeuvres import procedure, steady_circle
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.manoeuvres.straight_braking import brake_forces
-from vehicle_plant.state import Planar, SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant.state import Planar, SetPoints, Trajectory
 
 
 def _begin(case: Case) -> float:
@@ -30,7 +29,7 @@ def runs(case: Case) -> tuple[Run, ...]:
     ay = case.scaled(p.ay_mps2)
     speed = float(np.sqrt(ay * p.radius_m))
     angle = steady_circle.steer_at(case, speed, ay)
-    hold, begin = course.holding(case, speed), _begin(case)
+    hold, begin = procedure.hold_speed(case, speed), _begin(case)
 
     def braking(deceleration):
         forces = brake_forces(case, deceleration, p.front_share)
@@ -56,21 +55,21 @@ class Motion(NamedTuple):
     outside: np.ndarray  # m, distance of the CoG outside the circle
 
 
-def _motion(case: Case, track: Track) -> Motion:
-    t = course.times(track) - _begin(case)
+def _motion(case: Case, track: Trajectory) -> Motion:
+    t = procedure.times(track) - _begin(case)
     X, Y, psi, vx, vy, r = (track.column(f'planar.{n}') for n in Planar._fields)
     V, beta = np.hypot(vx, vy), np.arctan2(vy, vx)
-    before = round(_begin(case) * analysis.MS_PER_S) - 1
+    before = round(_begin(case) * procedure.MS_PER_S) - 1
     R = V[before] / r[before]
     heading = psi[before] + beta[before]
     centre = X[before] - R * np.sin(heading), Y[before] + R * np.cos(heading)
     return Motion(t, r * R / V, beta, np.hypot(X - centre[0], Y - centre[1]) - abs(R))
 
 
-def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> dict[str, Number]:
+def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> dict[str, Number]:
     """Return the judgement at each level."""
     p = case.settings.turn_braking
-    before = round(_begin(case) * analysis.MS_PER_S) - 1
+    before = round(_begin(case) * procedure.MS_PER_S) - 1
     vx, vy, r, ay = (
         float(tracks[0].column(n)[before])
         for n in ('planar.vx', 'planar.vy', 'planar.r', 'acceleration.ay')
@@ -83,16 +82,16 @@ def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> dict[st
         m = _motion(case, track)
         t, within = m.t, (m.t > 0) & (m.t <= p.judged_s)
         slip = min(track.column(f'wheels.{w}.kappa')[within].min() for w in WHEELS)
-        lost = float(np.hypot(vx, vy)) - analysis.at(
+        lost = float(np.hypot(vx, vy)) - procedure.value_at(
             t, np.hypot(track.column('planar.vx'), track.column('planar.vy')), p.judged_s
         )
         end = f'at_{level:g}'
         when = f'{p.judged_s:g} s after braking with {run.label} begins'
         result |= {
             f'mean_deceleration_{end}': Number(lost / p.judged_s, 'm/s^2', f'over the {when}'),
-            f'yaw_rate_ratio_{end}': Number(analysis.at(t, m.ratio, p.judged_s), '-', when),
-            f'sideslip_{end}': Number(analysis.at(t, m.beta, p.judged_s), 'rad', when),
-            f'outside_{end}': Number(analysis.at(t, m.outside, p.judged_s), 'm', when),
+            f'yaw_rate_ratio_{end}': Number(procedure.value_at(t, m.ratio, p.judged_s), '-', when),
+            f'sideslip_{end}': Number(procedure.value_at(t, m.beta, p.judged_s), 'rad', when),
+            f'outside_{end}': Number(procedure.value_at(t, m.outside, p.judged_s), 'm', when),
             f'greatest_yaw_rate_ratio_{end}': Number(
                 float(m.ratio[within].max()), '-', f'within {when}'
             ),
@@ -101,7 +100,7 @@ def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> dict[st
     return result
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Track]) -> Figure:
+def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
     """Return yaw-rate ratio, distance to the circle, side slip and speed over time."""
     p = case.settings.turn_braking
     figure = Figure(figsize=(11, 7), layout='constrained')

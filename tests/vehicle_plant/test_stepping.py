@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 from msgs_yaml.types import Command
-from vehicle_plant import parameters
+from vehicle_plant import initial_state, parameters
+from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import StopParams
-from vehicle_plant.ring import Lockstep, Realtime
 from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator, Start
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator
+from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
 
@@ -32,7 +33,7 @@ def run(loop, ticks):
 
 
 def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
-    loop = ring(Lockstep, params)
+    loop = ring(LockstepStepper, params)
     assert loop.answers(START_NS)
     assert not loop.answers(START_NS + TICK_NS)
     assert len(loop.tick(coast(START_NS)).rows) == TICK_STEPS
@@ -41,26 +42,28 @@ def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
 
 
 def test_finish_line_ends_the_run_at_the_millisecond(params):
-    outcome = run(ring(Lockstep, params, replace(FAR, x_m=30.0)), 100)
+    outcome = run(ring(LockstepStepper, params, replace(FAR, x_m=30.0)), 100)
     assert outcome.exit_code == FINISHED
     assert (outcome.stamp_ns - START_NS) / 1e9 == pytest.approx(30.0 / 19.9, abs=0.02)
 
 
 def test_finish_line_counts_only_in_its_direction_and_once_armed(params):
-    assert run(ring(Lockstep, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
-    assert run(ring(Lockstep, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60) is None
+    assert run(ring(LockstepStepper, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
+    assert (
+        run(ring(LockstepStepper, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60) is None
+    )
 
 
 def test_run_fails_when_its_time_is_up(params):
-    outcome = run(ring(Lockstep, params, replace(FAR, time_s=1.0)), 100)
+    outcome = run(ring(LockstepStepper, params, replace(FAR, time_s=1.0)), 100)
     assert outcome.exit_code == FAILED
     assert outcome.stamp_ns == START_NS + 1_000_000_000
 
 
 def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
-    loop = ring(Lockstep, params, speed=0.0)
+    loop = ring(LockstepStepper, params, speed=0.0)
     assert run(loop, 40) is None
-    loop = ring(Lockstep, params, speed=2.0)
+    loop = ring(LockstepStepper, params, speed=2.0)
     for _ in range(80):
         loop.tick(Command(loop.car.stamp_ns, 0.0, 0.0, -4000.0, -2000.0))
         if loop.outcome:
@@ -70,7 +73,7 @@ def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
 
 
 def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
-    loop = ring(Lockstep, params)
+    loop = ring(LockstepStepper, params)
     for _ in range(10):
         loop.tick(Command(loop.car.stamp_ns, 0.03, 0.0, 0.0, 400.0))
     for _ in range(2):
@@ -86,7 +89,7 @@ def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
 
 
 def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
-    loop = ring(Realtime, params)
+    loop = ring(RealtimeStepper, params)
     loop.command(coast(START_NS))
     assert loop.advance_to(START_NS) is None
     assert len(loop.advance_to(START_NS + STEP_NS).rows) == 1
@@ -97,7 +100,7 @@ def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
 
 
 def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
-    late, whole = ring(Realtime, params), ring(Realtime, params)
+    late, whole = ring(RealtimeStepper, params), ring(RealtimeStepper, params)
     now_ns = START_NS + 130 * STEP_NS
     for loop in (late, whole):
         loop.command(Command(START_NS, 0.02, 0.0, -300.0, -200.0))
@@ -113,7 +116,7 @@ def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
 )
 def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed, code, latest_s):
     """After minutes, as of a process that was stopped."""
-    loop = ring(Realtime, params, replace(FAR, **changed))
+    loop = ring(RealtimeStepper, params, replace(FAR, **changed))
     loop.command(coast(START_NS))
     now_ns = START_NS + 600_000 * STEP_NS
     track = loop.advance_to(now_ns)
@@ -125,7 +128,7 @@ def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed,
 
 
 def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
-    loop = ring(Realtime, params)
+    loop = ring(RealtimeStepper, params)
     loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
     now = START_NS
     for _ in range(150):
@@ -146,7 +149,7 @@ def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
 
 
 def test_realtime_ends_with_its_own_code_when_the_silent_controller_does_not_come_back(params):
-    loop = ring(Realtime, params, speed=5.0)
+    loop = ring(RealtimeStepper, params, speed=5.0)
     loop.command(coast(START_NS))
     while not loop.outcome:
         loop.advance_to(loop.car.stamp_ns + 10 * STEP_NS)
@@ -157,7 +160,7 @@ def test_realtime_ends_with_its_own_code_when_the_silent_controller_does_not_com
 
 def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):
     """It looks every 10 steps; the crossing that it reports is that of the row."""
-    loop = ring(Realtime, params, replace(FAR, x_m=3.0))
+    loop = ring(RealtimeStepper, params, replace(FAR, x_m=3.0))
     loop.command(coast(START_NS))
     rows = []
     while not loop.outcome:
@@ -172,7 +175,6 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
     import numpy as np
 
     from msgs_yaml.types import Reference
-    from vehicle_plant import starts
 
     path = Reference(
         1,
@@ -181,6 +183,6 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
         np.array([0.9, 0.5, 0.0]),
         np.array([0.0, 0.25, 1.0]),
     )
-    assert starts.from_reference(path) == (1.0, 2.0, 0.9, 20.0)
+    assert initial_state.start_from_reference(path) == (1.0, 2.0, 0.9, 20.0)
     own = parameters.StartParams(x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0)
-    assert starts.from_parameters(own) == (1.0, 2.0, 0.3, 4.0)
+    assert initial_state.start_from_parameters(own) == (1.0, 2.0, 0.3, 4.0)

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
+from node_runtime import named_vector
 from stage_solver import compile_cache
-from vehicle_plant import graph, named, stepper
-from vehicle_plant.simulator import Start, trimmed
+from vehicle_plant import integrator
+from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.state import State
 
-N = len(named.names(State))
-PLACE = [named.names(State).index(f'planar.{name}') for name in ('X', 'Y', 'psi', 'vx', 'vy', 'r')]
+N = len(named_vector.names(State))
+PLACE = [
+    named_vector.names(State).index(f'planar.{name}') for name in ('X', 'Y', 'psi', 'vx', 'vy', 'r')
+]
 
 
 def swerve(steps, h):
@@ -20,20 +23,20 @@ def swerve(steps, h):
 
 def settled(params, speed):
     """A state on which the braked car rolls steadily: nothing sticks, no servo starts."""
-    x = trimmed(params, Start(0.0, 0.0, 0.0, speed))
+    x = rolling_state(params, Start(0.0, 0.0, 0.0, speed))
     held = np.tile([0.02, -3000.0, -1500.0], (501, 1))
-    return stepper.advance(x, held, graph.parameter_vector(params, 1.0))[-1, :N]
+    return integrator.advance(x, held, integrator.parameter_vector(params, 1.0))[-1, :N]
 
 
 def test_error_falls_with_the_fourth_power_of_the_step(params):
-    p = graph.parameter_vector(params, 1.0)
+    p = integrator.parameter_vector(params, 1.0)
     x = settled(params, 30.0)
 
     def end(steps):
         t = np.linspace(0.0, 1.0, steps + 1)
         # straight lines, which every step size samples exactly
         set_points = np.column_stack([0.02 + 0.02 * t, -3000 + 0 * t, -1500 + 0 * t])
-        return stepper.advance(x, set_points, p, 0.2 / steps)[-1, :N]
+        return integrator.advance(x, set_points, p, 0.2 / steps)[-1, :N]
 
     exact = end(3200)
     errors = [np.linalg.norm((end(steps) - exact)[PLACE]) for steps in (100, 200, 400)]
@@ -43,43 +46,43 @@ def test_error_falls_with_the_fourth_power_of_the_step(params):
 
 def test_a_millisecond_is_converged_at_the_limit(params):
     """A swerve that uses all grip, 3 s: a quarter of the step changes the end by under 1 mm."""
-    p = graph.parameter_vector(params, 1.0)
-    x = trimmed(params, Start(0.0, 0.0, 0.0, 25.0))
-    coarse = stepper.advance(x, swerve(3000, 1e-3), p, 1e-3)[-1, PLACE]
-    fine = stepper.advance(x, swerve(12000, 2.5e-4), p, 2.5e-4)[-1, PLACE]
+    p = integrator.parameter_vector(params, 1.0)
+    x = rolling_state(params, Start(0.0, 0.0, 0.0, 25.0))
+    coarse = integrator.advance(x, swerve(3000, 1e-3), p, 1e-3)[-1, PLACE]
+    fine = integrator.advance(x, swerve(12000, 2.5e-4), p, 2.5e-4)[-1, PLACE]
     assert np.hypot(*(coarse - fine)[:2]) < 1e-3
     assert np.abs(coarse - fine)[2:].max() < 1e-3
 
 
 @pytest.mark.needs('compiler')
 def test_interpreted_equals_compiled(params, rng):
-    p = graph.parameter_vector(params, 0.8)
-    x = trimmed(params, Start(1.0, 2.0, 0.5, 22.0))
+    p = integrator.parameter_vector(params, 0.8)
+    x = rolling_state(params, Start(1.0, 2.0, 0.5, 22.0))
     set_points = np.cumsum(rng.normal(size=(301, 3)) * [0.005, 300, 300], axis=0)
-    fast = stepper.advance(x, set_points, p)
-    slow = stepper.interpreted(x, set_points, p)
+    fast = integrator.advance(x, set_points, p)
+    slow = integrator.advance_interpreted(x, set_points, p)
     assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
 
 
 def test_without_a_compiler_it_runs_interpreted_and_warns(params, monkeypatch):
     monkeypatch.setenv('CC', '/nowhere/cc')
-    stepper.library.cache_clear()
-    stepper.compiled_advance.cache_clear()
+    integrator.library.cache_clear()
+    integrator.compiled_advance.cache_clear()
     try:
-        p = graph.parameter_vector(params, 1.0)
-        x = trimmed(params, Start(0.0, 0.0, 0.0, 20.0))
+        p = integrator.parameter_vector(params, 1.0)
+        x = rolling_state(params, Start(0.0, 0.0, 0.0, 20.0))
         with pytest.warns(compile_cache.NoCompilerWarning, match='interpreted'):
-            rows = stepper.advance(x, np.zeros((4, 3)), p)
+            rows = integrator.advance(x, np.zeros((4, 3)), p)
         assert rows[-1, PLACE[0]] == pytest.approx(0.06, rel=1e-3)
     finally:
-        stepper.library.cache_clear()
-        stepper.compiled_advance.cache_clear()
+        integrator.library.cache_clear()
+        integrator.compiled_advance.cache_clear()
 
 
 def test_parameters_change_nothing_but_numbers(params):
     """Another friction takes the same compiled plant."""
-    before = stepper.library()
-    x = trimmed(params, Start(0.0, 0.0, 0.0, 20.0))
+    before = integrator.library()
+    x = rolling_state(params, Start(0.0, 0.0, 0.0, 20.0))
     for friction in (1.0, 0.5):
-        stepper.advance(x, np.zeros((2, 3)), graph.parameter_vector(params, friction))
-    assert stepper.library() == before
+        integrator.advance(x, np.zeros((2, 3)), integrator.parameter_vector(params, friction))
+    assert integrator.library() == before

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_yaml.types import Command
-from vehicle_plant.delay import DelayLine, Delays
-from vehicle_plant.simulator import Simulator, Start
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import join
+from vehicle_plant.actuators import DelayLine, DelaySteps
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import Simulator
+from vehicle_plant.state import SetPoints, join_trajectories
 
 STEER_MS, FRONT_MS, REAR_MS = 15, 20, 7
 
@@ -46,8 +46,8 @@ def test_answer_to_a_command_is_the_late_closed_form(late):
     """A command due in 50 ms is a ramp of 50 ms; the answer to a ramp is a difference of areas."""
     target = SetPoints(0.01, -200.0, 150.0)
     car = Simulator(late, 1.0, Start(0.0, 0.0, 0.0, 15.0))
-    track = join([car.advance(Command(car.stamp_ns, target[0], 0.0, *target[1:]), 50)])
-    track = join([track, car.advance(None, 350)])
+    track = join_trajectories([car.advance(Command(car.stamp_ns, target[0], 0.0, *target[1:]), 50)])
+    track = join_trajectories([track, car.advance(None, 350)])
     t = np.arange(1, 401) * 1e-3
     servos = {
         'steer': (late.car.steering, STEER_MS),
@@ -74,7 +74,7 @@ def test_delay_shifts_the_answer_and_nothing_else(params, late):
             car.advance(Command(car.stamp_ns, rng.uniform(-0.03, 0.03), 0.0, 0.0, 0.0), 50)
             for _ in range(20)
         ]
-        return join(parts).column('servos.steer.position')
+        return join_trajectories(parts).column('servos.steer.position')
 
     assert np.array_equal(steer(late)[STEER_MS:], steer(params)[:-STEER_MS])
 
@@ -89,10 +89,10 @@ def test_delay_is_a_shift_of_samples_however_they_are_cut(delays, pieces):
     total = sum(pieces)
     samples = rng.normal(size=(total + 1, 3))
     held = SetPoints(*samples[0])
-    line = DelayLine(Delays(*delays), held)
+    line = DelayLine(DelaySteps(*delays), held)
     begin, last, out = 0, samples[0], [samples[:1]]
     for n in pieces:
-        late = line.take(samples[begin : begin + n + 1])
+        late = line.shift(samples[begin : begin + n + 1])
         assert np.array_equal(late[0], last)
         out.append(late[1:])
         begin, last = begin + n, late[-1]

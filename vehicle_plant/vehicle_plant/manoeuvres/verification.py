@@ -1,16 +1,62 @@
-"""Nobody's driving: random set-points on random friction, and what must hold all the same.
+"""What the integrator's step leaves of the truth: a manoeuvre against itself in shorter steps.
+
+Nobody's driving: random set-points on random friction, and what must hold all the same.
 
 Full lock, locked wheels, full throttle, from standstill or at speed; every other sequence ends with
 full brakes on. A sequence is a function of its seed.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_yaml.types import WHEELS
-from vehicle_plant.manoeuvres import course
-from vehicle_plant.manoeuvres.course import TICK_S, Case, Run
-from vehicle_plant.state import SetPoints
-from vehicle_plant.track import Track
+from vehicle_plant import integrator
+from vehicle_plant.manoeuvres import procedure
+from vehicle_plant.manoeuvres.procedure import TICK_S, Case, Run
+from vehicle_plant.state import SetPoints, Trajectory
+
+REFERENCE_S = integrator.STEP_S / 10
+
+
+class StepError(NamedTuple):
+    """Greatest differences over a run, or over several."""
+
+    position: float  # m
+    yaw_rate: float  # rad/s
+    acceleration: float  # m/s^2, of the CoG, either way
+    slip: float  # -, transient slip of any wheel, either way
+
+    def or_greater(self, other: 'StepError') -> 'StepError':
+        """Return the greater of each."""
+        return StepError(*map(max, self, other))
+
+
+def step_errors(run: Run, case: Case, steps_s: tuple[float, ...]) -> list[StepError]:
+    """Return the error with each step against a tenth of a millisecond."""
+    reference = procedure.drive(run, case, step_s=REFERENCE_S)
+    return [_between(procedure.drive(run, case, step_s=h), reference) for h in steps_s]
+
+
+def _between(track: Trajectory, reference: Trajectory) -> StepError:
+    """Compare at the instants that both have; the reference has every millisecond."""
+    rows = (track.stamp_ns - reference.stamp_ns[0]) // np.diff(reference.stamp_ns[:2])
+
+    def greatest(*names):
+        return max(float(np.abs(track.column(n) - reference.column(n)[rows]).max()) for n in names)
+
+    return StepError(
+        greatest('planar.X', 'planar.Y'),
+        greatest('planar.r'),
+        greatest('acceleration.ax', 'acceleration.ay'),
+        greatest(*(f'wheels.{w}.{slip}' for w in WHEELS for slip in ('kappa', 'tan_alpha'))),
+    )
+
+
+def convergence_order(coarse: float, fine: float) -> float:
+    """Return the order that two errors show whose steps differ by a factor of two."""
+    return float(np.log2(coarse / fine))
+
 
 SPEEDS = (0.0, 0.05, 1.0, 8.0, 25.0, 45.0)  # m/s, or anything up to the last
 
@@ -27,7 +73,7 @@ EXTRA_MPS = 0.2  # m/s beyond what the engine can give: springs
 SLIP = 1.01  # -, transient slip over its greatest value
 
 
-def sequence(seed: int, plant, seconds: float) -> tuple[Run, float]:
+def random_run(seed: int, plant, seconds: float) -> tuple[Run, float]:
     """Return a run and the friction of its road."""
     rng = np.random.default_rng(seed)
     car = plant.car
@@ -52,15 +98,15 @@ def sequence(seed: int, plant, seconds: float) -> tuple[Run, float]:
     return run, friction
 
 
-def drive(seed: int, case: Case, seconds: float) -> list[str]:
+def drive_random_run(seed: int, case: Case, seconds: float) -> list[str]:
     """Drive a sequence; return what it broke, nothing on a sound plant."""
-    run, friction = sequence(seed, case.plant, seconds)
+    run, friction = random_run(seed, case.plant, seconds)
     with np.errstate(all='ignore'):
-        track = course.drive(run, case._replace(friction=friction))
-    return broken(track, run, friction, case.plant)
+        track = procedure.drive(run, case._replace(friction=friction))
+    return violated_bounds(track, run, friction, case.plant)
 
 
-def broken(track: Track, run: Run, friction: float, plant) -> list[str]:
+def violated_bounds(track: Trajectory, run: Run, friction: float, plant) -> list[str]:
     """Return a line for every limit that a track passes."""
     if not np.isfinite(track.rows).all():
         return ['a number is not finite']

@@ -11,7 +11,7 @@ from msgs_yaml.types import Command
 from node_runtime.input_monitor import ERROR, InputMonitor
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
-from vehicle_plant.track import Track, join
+from vehicle_plant.state import Trajectory, join_trajectories
 
 HELD_TICKS = 2
 HELD_STATES = 100  # of the start, that may still be answered: 2 s
@@ -19,7 +19,7 @@ HELD_S = HELD_TICKS * TICK_NS / 1e9
 WATCHED_STEPS = 10  # at once: a look costs as much as two steps
 
 
-class Lockstep:
+class LockstepStepper:
     """Simulated time: advances a tick when the command for the present instant has come."""
 
     def __init__(self, car: Simulator, end: RunEnd):
@@ -35,13 +35,13 @@ class Lockstep:
         """Return whether a command with this stamp is the one waited for."""
         return stamp_ns == self.car.stamp_ns and not self.gone and self.outcome is None
 
-    def tick(self, command: Command | None) -> Track:
+    def tick(self, command: Command | None) -> Trajectory:
         """Advance 50 ms under a command; None stands for one that could not be read."""
         track = self.car.advance(command, TICK_STEPS)
         self.outcome = self._end.watch(track)
         return track
 
-    def tick_alone(self) -> Track:
+    def tick_alone(self) -> Trajectory:
         """Advance 50 ms without a controller: from now on it counts as gone."""
         self.gone = True
         if self._silent_ticks == HELD_TICKS:
@@ -54,7 +54,7 @@ class Lockstep:
         return track
 
 
-class Hold:
+class StartHold:
     """Wall time before a run: the car stands at its start until a command answers it."""
 
     def __init__(self):
@@ -69,7 +69,7 @@ class Hold:
         return command.stamp_ns in self._sent_ns
 
 
-class Realtime:
+class RealtimeStepper:
     """Wall time: advances by as many steps as are due.
 
     A command ages from the instant at which it is due, one tick after its stamp; `limit_s` is how
@@ -82,7 +82,7 @@ class Realtime:
         self.watch = InputMonitor('command', limit_s)
         self.watch.record(car.stamp_ns + TICK_NS)
         self._end = end
-        self._unwatched: list[Track] = []
+        self._unwatched: list[Trajectory] = []
         self.gone = False
         self.missed_steps = 0
         self.longest_gap = 1
@@ -101,7 +101,7 @@ class Realtime:
         self.car.gate.refuse(reason)
         self.watch.reject(reason)
 
-    def advance_to(self, now_ns: int) -> Track | None:
+    def advance_to(self, now_ns: int) -> Trajectory | None:
         """Advance by all steps that are due at now_ns; None when there are none.
 
         More than one means that steps came late: they are counted, and caught up here, as far as
@@ -120,15 +120,15 @@ class Realtime:
             pieces.append(self.car.advance(None, min(due, TICK_STEPS)))
             due -= TICK_STEPS
             self._watch(pieces[-1])
-        track = join(pieces)
+        track = join_trajectories(pieces)
         self.missed_steps += len(track.rows) - 1
         return track
 
-    def _watch(self, track: Track) -> None:
+    def _watch(self, track: Trajectory) -> None:
         self._unwatched.append(track)
         if sum(len(piece.rows) for piece in self._unwatched) < WATCHED_STEPS:
             return
-        self.outcome = self._end.watch(join(self._unwatched))
+        self.outcome = self._end.watch(join_trajectories(self._unwatched))
         self._unwatched = []
         if self.gone and self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)

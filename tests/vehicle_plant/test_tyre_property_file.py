@@ -7,7 +7,7 @@ import pytest
 
 from node_runtime import parameters as yaml_parameters
 from node_runtime.parameters import ParameterError
-from vehicle_plant import parameters, tir, tyre
+from vehicle_plant import parameters, tyre, tyre_property_file
 from vehicle_plant.tyre import Contact
 
 # the forms that files are written in: comments of both kinds, tabs, small letters, tables, MASS in
@@ -61,7 +61,7 @@ def read(tmp_path):
     def load(text):
         path = tmp_path / 'my.tir'
         path.write_text(text)
-        return tir.load(path)
+        return tyre_property_file.load(path)
 
     return load
 
@@ -82,7 +82,7 @@ def forces(tyre_set, bare, mirror=1):
 
 
 def test_property_file_is_the_tyre_of_its_yaml(read):
-    book = parameters.tyre('tyre_book.yaml')
+    book = parameters.load_tyre('tyre_book.yaml')
     # without pressure terms the nominal pressure has no effect
     assert read(TEXT) == replace(book, reference=replace(book.reference, NOMPRES=200e3))
 
@@ -191,7 +191,7 @@ LFZO = 0.81
 
 
 def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
-    published = parameters.tyre('tyre_245_40r18.yaml')
+    published = parameters.load_tyre('tyre_245_40r18.yaml')
     lines = [
         f'{key} = {value!r}\n'
         for key, value in (
@@ -210,7 +210,7 @@ def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
 def test_camber_shift_of_5_2_is_that_of_phy3_alone(bare, friction, LMUY):
     """Stiffness with camber: Ky PHY3 plus the vertical shift, and nothing of 6.1."""
     scaling = replace(symmetric(bare), LMUY=LMUY)
-    tyre_set = parameters.tyre('tyre_245_40r18.yaml')
+    tyre_set = parameters.load_tyre('tyre_245_40r18.yaml')
     h, Fz = 1e-5, 4500.0
     Fy = [
         tyre.force(Contact(Fz, 0.0, 0.0, s * h, friction, 220e3), tyre_set, scaling).Fy
@@ -231,12 +231,12 @@ def test_property_file_works_wherever_the_yaml_does(tmp_path):
     path = tmp_path / 'my.tir'
     path.write_text(TEXT)
     car = tmp_path / 'car.yaml'
-    text = parameters.config(parameters.DEFAULT_CAR).read_text()
+    text = parameters.config_file(parameters.DEFAULT_CAR).read_text()
     car.write_text(text.replace('tyre_205_60r15.yaml', str(path)))
-    assert parameters.load(car).tyre == tir.load(path)
+    assert parameters.load(car).tyre == tyre_property_file.load(path)
 
 
 def test_tyre_that_is_not_there_is_named(tmp_path):
     for name in ('nobody.tir', str(tmp_path / 'nobody.tir')):
         with pytest.raises(ParameterError, match=r'nobody\.tir'):
-            parameters.tyre(name)
+            parameters.load_tyre(name)

@@ -120,8 +120,8 @@ class CombinedLateral:
 
 
 @dataclass(frozen=True)
-class TyreSet:
-    """One published tyre."""
+class TyreCoefficients:
+    """The coefficients of one tyre, mounted on the left."""
 
     reference: Reference
     longitudinal: Longitudinal

@@ -1,0 +1,71 @@
+"""Named vectors: nested named tuples and dataclasses as flat sequences, in field order.
+
+One description serves the equations (leaves are CasADi symbols), compiled code (leaves are slots
+of an array) and tables (leaves are columns); no index is ever typed. A template is a type whose
+annotations name the nested types, or an instance, in which a plain tuple counts its members from 0:
+
+    names(State)               # ('planar.X', 'planar.Y', ..., 'wheels.fl.omega', ...)
+    state = build(State, values)
+    leaves(state)              # the values again
+"""
+
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any, get_type_hints
+
+
+def leaves(value: Any) -> list:
+    """Return the leaves of an instance in the order of `names`."""
+    if isinstance(value, tuple):
+        return [leaf for child in value for leaf in leaves(child)]
+    if is_dataclass(value):
+        return [leaf for field in fields(value) for leaf in leaves(getattr(value, field.name))]
+    return [value]
+
+
+def names(template: Any) -> tuple[str, ...]:
+    """Return the dotted names of the leaves of a template."""
+    return tuple(
+        f'{name}.{rest}' if rest else str(name)
+        for name, child in _children(template).items()
+        for rest in (names(child) if _children(child) is not None else ('',))
+    )
+
+
+def build(template: Any, values: Iterable) -> Any:
+    """Return an instance with these leaves. Raises ValueError when their number is wrong."""
+    given, count = list(values), len(names(template))
+    if len(given) != count:
+        kind = template if isinstance(template, type) else type(template)
+        raise ValueError(f'{kind.__name__} has {count} numbers, got {len(given)}')
+    return _build(template, iter(given))
+
+
+def _build(template, remaining):
+    children = _children(template)
+    if children is None:
+        return next(remaining)
+    values = [_build(child, remaining) for child in children.values()]
+    kind = template if isinstance(template, type) else type(template)
+    return tuple(values) if kind is tuple else kind(*values)
+
+
+def _children(template) -> dict[str | int, Any] | None:
+    """Return the fields of a nested template with their templates, None for a leaf."""
+    if isinstance(template, type):
+        return _fields_of(template)
+    if isinstance(template, tuple):
+        return dict(zip(getattr(template, '_fields', range(len(template))), template))
+    if is_dataclass(template):
+        return {field.name: getattr(template, field.name) for field in fields(template)}
+    return None
+
+
+@cache
+def _fields_of(kind: type) -> dict[str, Any] | None:
+    if not is_dataclass(kind) and not hasattr(kind, '_fields'):
+        return None
+    hints = get_type_hints(kind)
+    listed = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
+    return {name: hints[name] for name in listed}

@@ -1,0 +1,235 @@
+"""Integration of the plant on flat vectors: CasADi functions, built once, and many steps in C.
+
+Classical Runge-Kutta method of fourth order, 1 ms. The fastest modes are wheel spin against the
+carcass (160 rad/s), wheel hop (75 rad/s) and the damping of a gripping brake (some 400 1/s): all
+within its stability limit of 2.8/ms, at every speed including standstill because slip is a state.
+Constraints (linings, mechanical stops) are projected after each step; there the order is one.
+Without a C compiler the same steps run interpreted.
+"""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from node_runtime import named_vector
+from stage_solver import compile_cache
+from vehicle_plant import double_track, road_friction
+from vehicle_plant.parameters import PlantParams
+from vehicle_plant.state import Outputs, PerWheel, SetPoints, State
+
+STEP_S = 1e-3
+# no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine
+FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
+
+_DRIVER = """
+enum {{ NX = {nx}, NU = {nu}, NY = {ny}, NP = {np}, NW = {nw}, ROW = NX + NY }};
+
+static int slope(const double *x, const double *u, const double *p, double *dx, double *y) {{
+  const double *arg[{sz_arg}] = {{x, u, p}};
+  double *res[{sz_res}] = {{dx, y}};
+  casadi_int iw[{sz_iw}];
+  double w[{sz_w}];
+  return derivative(arg, res, iw, w, 0);
+}}
+
+static int project(double *x, const double *p) {{
+  const double *arg[{sz_arg}] = {{x, p}};
+  double out[NX];
+  double *res[{sz_res}] = {{out}};
+  casadi_int iw[{sz_iw}];
+  double w[{sz_w}];
+  int failed = projection(arg, res, iw, w, 0);
+  for (int i = 0; i < NX; ++i) x[i] = out[i];
+  return failed;
+}}
+
+/* the friction under each wheel, at the end of p */
+static int update_friction(const double *x, const double *patches, const double *friction,
+                           double *p) {{
+  const double *arg[{sz_arg}] = {{x, p, patches, friction}};
+  double *res[{sz_res}] = {{p + NP - NW}};
+  casadi_int iw[{sz_iw}];
+  double w[{sz_w}];
+  return patches ? local_friction(arg, res, iw, w, 0) : 0;
+}}
+
+/* u: steps + 1 rows of NU set-points; patches: all of them or none, 0;
+   rows: steps rows of state and outputs after each step */
+int advance(double *x, const double *u, const double *numbers, const double *patches, double h,
+            double *rows, long steps) {{
+  double k1[NX], k2[NX], k3[NX], k4[NX], at[NX], mid[NU], y[NY], p[NP];
+  for (int i = 0; i < NP; ++i) p[i] = numbers[i];
+  int failed = update_friction(x, patches, numbers + NP - 1, p);
+  failed |= slope(x, u, p, k1, y);
+  for (long n = 0; n < steps; ++n, u += NU, rows += ROW) {{
+    for (int i = 0; i < NU; ++i) mid[i] = (u[i] + u[NU + i]) * 0.5;
+    for (int i = 0; i < NX; ++i) at[i] = x[i] + h * 0.5 * k1[i];
+    failed |= slope(at, mid, p, k2, y);
+    for (int i = 0; i < NX; ++i) at[i] = x[i] + h * 0.5 * k2[i];
+    failed |= slope(at, mid, p, k3, y);
+    for (int i = 0; i < NX; ++i) at[i] = x[i] + h * k3[i];
+    failed |= slope(at, u + NU, p, k4, y);
+    for (int i = 0; i < NX; ++i) x[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]);
+    failed |= project(x, p);
+    failed |= update_friction(x, patches, numbers + NP - 1, p);
+    failed |= slope(x, u + NU, p, k1, rows + NX);
+    for (int i = 0; i < NX; ++i) rows[i] = x[i];
+  }}
+  return failed;
+}}
+"""
+
+
+def parameter_vector(params: PlantParams, friction: float) -> np.ndarray:
+    """Return all numbers of the plant, then the road friction scale under each wheel."""
+    per_wheel = PerWheel(*(friction,) * len(PerWheel._fields))
+    return np.array([*named_vector.leaves(params), *per_wheel], float)
+
+
+def with_local_friction(x: np.ndarray, p: np.ndarray, patches: np.ndarray) -> np.ndarray:
+    """Return p with the friction under each wheel at a state x.
+
+    p: that of `parameter_vector`, with the friction of the road beside the patches; patches:
+    (k, 13) of `road_friction.patch_array`.
+    """
+    numbers, friction = p[: -len(PerWheel._fields)], p[-1]
+    # column by column for CasADi, row by row for numpy
+    columns = road_friction.pad_patches(patches).T
+    local = road_friction.friction_function()(x, numbers, columns, friction)
+    return np.concatenate([numbers, np.asarray(local).ravel()])
+
+
+@cache
+def plant_functions() -> tuple[ca.Function, ca.Function]:
+    """Return derivative(x, u, p) -> (x_dot, outputs) and projection(x, p) -> x on flat vectors."""
+    x = ca.SX.sym('x', len(named_vector.names(State)))
+    u = ca.SX.sym('u', len(named_vector.names(SetPoints)))
+    numbers = len(named_vector.names(PlantParams))
+    p = ca.SX.sym('p', numbers + len(PerWheel._fields))
+    plant = named_vector.build(PlantParams, ca.vertsplit(p[:numbers]))
+    friction = PerWheel(*ca.vertsplit(p[numbers:]))
+    state = named_vector.build(State, ca.vertsplit(x))
+    set_points = named_vector.build(SetPoints, ca.vertsplit(u))
+    results = double_track.derivative(state, set_points, plant, friction)
+    flat = ca.cse([ca.vertcat(*named_vector.leaves(result)) for result in results])
+    projected = double_track.project_constraints(state, plant.car)
+    return (
+        ca.Function('derivative', [x, u, p], flat, ['x', 'u', 'p'], ['x_dot', 'outputs']),
+        ca.Function('projection', [x, p], [ca.vertcat(*named_vector.leaves(projected))]),
+    )
+
+
+@cache
+def step_function() -> ca.Function:
+    """Return step(x, u_begin, u_end, h, p) -> (x, outputs) after one Runge-Kutta step of h [s]."""
+    derivative, projection = plant_functions()
+    n_x, n_u, n_p = (derivative.size1_in(i) for i in range(3))
+    x, begin, end, p = (ca.MX.sym(name, n) for name, n in zip('xabp', (n_x, n_u, n_u, n_p)))
+    h = ca.MX.sym('h')
+    middle = (begin + end) * 0.5
+    k1, _ = derivative(x, begin, p)
+    k2, _ = derivative(x + h * 0.5 * k1, middle, p)
+    k3, _ = derivative(x + h * 0.5 * k2, middle, p)
+    k4, _ = derivative(x + h * k3, end, p)
+    after = projection(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), p)
+    _, outputs = derivative(after, end, p)
+    return ca.Function('step', [x, begin, end, h, p], [after, outputs])
+
+
+def row_size() -> int:
+    """Return the length of a row: state, then outputs."""
+    return len(named_vector.names(State)) + len(named_vector.names(Outputs))
+
+
+def _c_source() -> str:
+    derivative, projection = plant_functions()
+    functions = (derivative, projection, road_friction.friction_function())
+    generator = ca.CodeGenerator('plant.c', {'with_header': False})
+    for f in functions:
+        generator.add(f)
+    sizes = {
+        name: max(getattr(f, name)() for f in functions) + 1
+        for name in ('sz_arg', 'sz_res', 'sz_iw', 'sz_w')
+    }
+    nx, nu, np_ = (derivative.size1_in(i) for i in range(3))
+    ny, nw = derivative.size1_out(1), len(PerWheel._fields)
+    return generator.dump() + _DRIVER.format(nx=nx, nu=nu, np=np_, ny=ny, nw=nw, **sizes)
+
+
+@cache
+def library() -> Path | None:
+    """Return the compiled plant, or None without a C compiler."""
+    return compile_cache.compile_library(_c_source(), 'vehicle_plant', FLAGS)
+
+
+@cache
+def compiled_advance():
+    """Return the C function of the driver, or None without a C compiler, with one warning."""
+    path = library()
+    if path is None:
+        compile_cache.warn_no_compiler('the plant runs interpreted, about 20 times slower')
+        return None
+    function = ctypes.CDLL(str(path)).advance
+    pointer = ctypes.c_void_p
+    function.argtypes = [*(pointer,) * 4, ctypes.c_double, pointer, ctypes.c_long]
+    function.restype = ctypes.c_int
+    return function
+
+
+def advance(
+    x: np.ndarray,
+    set_points: np.ndarray,
+    p: np.ndarray,
+    h: float = STEP_S,
+    patches: np.ndarray | None = None,
+) -> np.ndarray:
+    """Advance by n steps of h [s]; return the rows (n, state + outputs) after each step.
+
+    x: (n_x,) before; set_points: (n + 1, n_u) at the ends of the steps; p: that of
+    `parameter_vector`; patches: (k, 13) of `road_friction.patch_array`. The inputs stay as they
+    are.
+    """
+    function = compiled_advance()
+    if function is None:
+        return advance_interpreted(x, set_points, p, h, patches)
+    steps = len(set_points) - 1
+    rows = np.empty((steps, row_size()))
+    x = np.array(x, dtype=float)
+    set_points = np.ascontiguousarray(set_points, dtype=float)
+    p = np.ascontiguousarray(p, dtype=float)
+    padded = None if patches is None or not len(patches) else road_friction.pad_patches(patches)
+    function(
+        x.ctypes.data,
+        set_points.ctypes.data,
+        p.ctypes.data,
+        None if padded is None else padded.ctypes.data,
+        h,
+        rows.ctypes.data,
+        steps,
+    )
+    return rows
+
+
+def advance_interpreted(
+    x: np.ndarray,
+    set_points: np.ndarray,
+    p: np.ndarray,
+    h: float = STEP_S,
+    patches: np.ndarray | None = None,
+) -> np.ndarray:
+    """Do the same as `advance` without compiled code."""
+    step, (derivative, _) = step_function(), plant_functions()
+    has_patches = patches is not None and len(patches) > 0
+    local = with_local_friction(x, p, patches) if has_patches else p
+    rows = np.empty((len(set_points) - 1, row_size()))
+    for row, begin, end in zip(rows, set_points, set_points[1:]):
+        after, outputs = step(x, begin, end, h, local)
+        x = np.asarray(after).ravel()
+        if has_patches:
+            local = with_local_friction(x, p, patches)
+            _, outputs = derivative(x, end, local)
+        row[: x.size], row[x.size :] = x, np.asarray(outputs).ravel()
+    return rows

@@ -1,0 +1,155 @@
+"""How a manoeuvre is driven: set-points every 50 ms, straight lines between, as by a controller.
+
+Reading numbers off a track. Times in s; x, y are arrays over the rows of the track.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vehicle_plant import actuators, integrator
+from vehicle_plant.car import PlantParams
+from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.manoeuvres.settings import Settings
+from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
+from vehicle_plant.state import SetPoints, Trajectory
+
+TICK_S = TICK_STEPS * integrator.STEP_S
+
+
+class Case(NamedTuple):
+    """A car on a road, and what the manoeuvres ask of it."""
+
+    plant: PlantParams
+    friction: float  # of the road over that of the tyre's test surface
+    settings: Settings
+
+    def scaled(self, acceleration: float) -> float:
+        """Return an acceleration meant for dry road as this road allows it [m/s^2]."""
+        return acceleration * min(self.friction, 1.0)
+
+
+class Run(NamedTuple):
+    """One run of a manoeuvre, from straight rolling."""
+
+    label: str
+    speed: float  # m/s at the start
+    seconds: float
+    law: Callable[[float, float], SetPoints]  # (instant they are due [s], vx now [m/s]) -> them
+
+
+class Number(NamedTuple):
+    """A result."""
+
+    value: float
+    unit: str
+    meaning: str
+
+
+class Manoeuvre(NamedTuple):
+    """A test procedure; tracks come in the order of the runs."""
+
+    about: str
+    runs: Callable[[Case], tuple[Run, ...]]
+    numbers: Callable[[Case, tuple[Run, ...], list[Trajectory]], dict[str, Number]]
+    draw: Callable[[Case, tuple[Run, ...], list[Trajectory]], Any]  # a matplotlib Figure
+
+
+def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1) -> Trajectory:
+    """Return the track of a run, one row per millisecond, the first at 1 ms.
+
+    step_s: of the integrator, a whole fraction or multiple of 1 ms that divides 50 ms; a longer
+    one leaves fewer rows. side: -1 mirrors the steer. With 1 ms the track is that of a `Simulator`
+    under the same commands, bit by bit.
+    """
+    p = integrator.parameter_vector(case.plant, case.friction)
+    x = rolling_state(case.plant, Start(0.0, 0.0, 0.0, run.speed))
+    vx = run.speed
+    steps = round(TICK_S / step_s)
+    stride = max(round(integrator.STEP_S / step_s), 1)
+    done = np.arange(steps + 1)[:, None] / steps
+    late = (round(n * integrator.STEP_S / step_s) for n in actuators.delay_steps(case.plant.car))
+    line = actuators.DelayLine(actuators.DelaySteps(*late), SetPoints(0.0, 0.0, 0.0))
+    now = np.zeros(len(SetPoints._fields))
+    rows = []
+    for tick in range(1, round(run.seconds / TICK_S) + 1):
+        wanted = run.law(tick * TICK_S, vx)
+        due = np.array([side * wanted.delta, wanted.Fxf, wanted.Fxr])
+        path = np.where(done < 1, now + (due - now) * done, due)
+        burst = integrator.advance(x, line.shift(path), p, step_s)
+        x, now = burst[-1, : x.size].copy(), due
+        rows.append(burst[stride - 1 :: stride])
+        vx = Trajectory(np.empty(0), rows[-1]).column('planar.vx')[-1]
+    rows = np.concatenate(rows)
+    every_ns = STEP_NS * round(step_s * stride / integrator.STEP_S)
+    return Trajectory(START_NS + every_ns * np.arange(1, len(rows) + 1, dtype=np.int64), rows)
+
+
+def times(track: Trajectory) -> np.ndarray:
+    """Return the time of each row since the start [s]."""
+    return (track.stamp_ns - START_NS) / 1e9
+
+
+def hold_speed(case: Case, speed: float) -> Callable[[float], tuple[float, float]]:
+    """Return a law vx -> front and rear axle force [N] that holds a speed.
+
+    Raises ValueError for a car without an engine, when the law is asked.
+    """
+    car = case.plant.car
+    needed, gain = driving_resistance(car, speed), case.settings.speed_gain_nspm
+    return lambda vx: split_drive_force(car, needed + gain * (speed - vx))
+
+
+def split_drive_force(car, force: float) -> tuple[float, float]:
+    """Return front and rear axle force [N], shared as the engine can drive them.
+
+    Raises ValueError for a car without an engine.
+    """
+    front, rear = car.force.front.drive_n, car.force.rear.drive_n
+    if not front + rear:
+        raise ValueError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
+    return force * front / (front + rear), force * rear / (front + rear)
+
+
+def driving_resistance(car, speed: float) -> float:
+    """Return drag and rolling resistance on a straight level road [N]."""
+    body = car.body
+    drag = body.air_density_kgpm3 / 2 * body.drag_area_m2 * speed**2
+    return drag + car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2
+
+
+LOW, HALF, HIGH = 0.1, 0.5, 0.9  # of the steady state: rise time, response time (ISO 7401)
+MS_PER_S = 1000
+
+
+def first_crossing_time(t: np.ndarray, y: np.ndarray, level: float) -> float:
+    """Return the instant at which y first reaches a positive level; nan when it never does."""
+    above = np.flatnonzero(y >= level)
+    if not len(above):
+        return float('nan')
+    i = above[0]
+    if i == 0:
+        return float(t[0])
+    return float(np.interp(level, y[i - 1 : i + 1], t[i - 1 : i + 1]))
+
+
+def value_at(t: np.ndarray, y: np.ndarray, instant: float) -> float:
+    """Return y at an instant."""
+    return float(np.interp(instant, t, y))
+
+
+def fit_slope(x: np.ndarray, y: np.ndarray, *, low: float, high: float) -> float:
+    """Return the gradient dy/dx of the straight line through the points with low <= x <= high."""
+    inside = (x >= low) & (x <= high)
+    return float(np.polyfit(x[inside], y[inside], 1)[0])
+
+
+def phasor(t: np.ndarray, y: np.ndarray, f_hz: float) -> complex:
+    """Return the complex amplitude of exp(2 pi i f t) in y beside a constant and a drift."""
+    middle = t - t.mean()
+    terms = np.column_stack(
+        [np.cos(2 * np.pi * f_hz * t), np.sin(2 * np.pi * f_hz * t), np.ones_like(t), middle]
+    )
+    (cosine, sine, _, _), *_ = np.linalg.lstsq(terms, y, rcond=None)
+    return complex(cosine, -sine)
