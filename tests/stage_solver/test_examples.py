@@ -1,4 +1,4 @@
-"""The examples: solved by the own solver as by IPOPT, and physically what they claim to be."""
+"""The examples: riccati and IPOPT agree, and the results obey physics."""
 
 import importlib.util
 import subprocess
@@ -21,20 +21,20 @@ def load(name):
     return module
 
 
-def solved(name, *numbers):
-    """Return the module, and its solutions by the own solver and by IPOPT."""
+def solve_by_both(name, *arguments):
+    """Return the module, and its solutions by riccati and by IPOPT."""
     module = load(name)
-    problem = module.problem()
+    problem = module.make_problem()
     options = {'max_iterations': 500, 'tolerance': 1e-7, 'compiled': False}
     return module, [
         make_solver(problem, SolverOptions(solver, **options)).solve(
-            *module.numbers(problem, *numbers)
+            *module.make_arguments(problem, *arguments)
         )
         for solver in ('riccati', 'ipopt')
     ]
 
 
-def check_alike(own, reference):
+def assert_equal_solutions(own, reference):
     assert own.status == reference.status == SOLVED
     assert own.cost == pytest.approx(reference.cost, rel=1e-5)
     assert np.allclose(own.plan.X, reference.plan.X, atol=2e-3)
@@ -45,10 +45,10 @@ def test_every_example_is_tested():
 
 
 def test_the_pole_is_swung_up_within_track_and_force():
-    module, (own, reference) = solved('cart_pole')
-    check_alike(own, reference)
+    module, (own, reference) = solve_by_both('cart_pole')
+    assert_equal_solutions(own, reference)
     X, U = own.plan.X, own.plan.U
-    assert np.allclose(X[-1], [module.DISTANCE_M, np.pi, 0.0, 0.0], atol=1e-5)
+    assert np.allclose(X[-1], [module.GOAL_M, np.pi, 0.0, 0.0], atol=1e-5)
     assert np.abs(X[:, 0]).max() <= module.TRACK_M + 1e-6
     assert np.abs(U).max() <= module.FORCE_N + 1e-5
 
@@ -72,34 +72,47 @@ def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone():
 
 
 def test_the_quadrotor_passes_the_discs_as_closely_as_it_may():
-    module, (own, reference) = solved('quadrotor')
-    check_alike(own, reference)
+    module, (own, reference) = solve_by_both('quadrotor')
+    assert_equal_solutions(own, reference)
     assert np.allclose(own.plan.X[-1], [*module.GOAL, 0.0, 0.0, 0.0, 0.0], atol=1e-5)
     assert own.plan.U.min() >= -1e-6
-    assert own.plan.U.max() <= module.MOST_N + 1e-5
-    assert min(module.clearance(own.plan.X)) == pytest.approx(0.0, abs=1e-4)
+    assert own.plan.U.max() <= module.MAX_THRUST_N + 1e-5
+    assert min(module.clearances(own.plan.X)) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_straight_path_takes_the_time_of_the_closed_form():
-    module, (own, reference) = solved('point_robot', np.zeros(load('point_robot').HORIZON + 1))
-    check_alike(own, reference)
-    assert own.cost == pytest.approx(module.straight_s(), rel=1e-5)
+    module, (own, reference) = solve_by_both(
+        'point_robot', np.zeros(load('point_robot').HORIZON + 1)
+    )
+    assert_equal_solutions(own, reference)
+    assert own.cost == pytest.approx(module.straight_time_s(), rel=1e-5)
 
 
 def test_in_a_bend_the_whole_acceleration_is_used_everywhere():
-    module, (own, reference) = solved('point_robot', load('point_robot').bend())
-    check_alike(own, reference)
-    lateral = module.bend()[:-1] * own.plan.X[:-1, 0]
+    module, (own, reference) = solve_by_both('point_robot', load('point_robot').bend_curvature())
+    assert_equal_solutions(own, reference)
+    lateral = module.bend_curvature()[:-1] * own.plan.X[:-1, 0]
     whole = np.hypot(own.plan.U[:, 0], lateral)
-    assert whole.max() <= module.LIMIT_MPS2 + 1e-5
-    assert np.median(whole) == pytest.approx(module.LIMIT_MPS2, rel=1e-3)
-    assert own.cost > module.straight_s()
+    assert whole.max() <= module.MAX_ACCELERATION_MPS2 + 1e-5
+    assert np.median(whole) == pytest.approx(module.MAX_ACCELERATION_MPS2, rel=1e-3)
+    assert own.cost > module.straight_time_s()
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_an_example_runs_as_its_first_lines_say(name):
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, FOLDER / f'{name}.py'], capture_output=True, text=True, timeout=240
     )
-    assert done.returncode == 0, done.stderr
-    assert 'solved after' in done.stdout
+    assert result.returncode == 0, result.stderr
+    assert 'solved after' in result.stdout
+
+
+@pytest.mark.needs('compiler')
+def test_the_benchmark_writes_a_row_per_problem_start_and_solver(tmp_path):
+    script = FOLDER.parent / 'benchmark.py'
+    command = [sys.executable, script, '--quick', '--out', tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert result.returncode == 0, result.stderr
+    rows = (tmp_path / 'benchmark.md').read_text().splitlines()[6:]
+    assert len(rows) == 2 * 2 * 3
+    assert all(row.endswith('| 2/2 |') for row in rows), rows
