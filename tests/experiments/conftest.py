@@ -2,10 +2,10 @@
 
 import pytest
 
-from experiments.study.case import Case
-from experiments.study.drives import Record
+from experiments.study.run_spec import RunSpec
+from experiments.study.runner import Record
 
-CASE = Case('double_lane_change', 'mpcc', (), 75.0, 1.0, 1e-6)
+SPEC = RunSpec('double_lane_change', 'mpcc', (), 75.0, 1.0, 1e-6)
 # a drive like those at the operating point
 METRICS = {
     'completed': True,
@@ -41,6 +41,6 @@ def make_record():
 
     def make(**given):
         solver = {name: given.pop(name, value) for name, value in SOLVER.items()}
-        return Record(CASE, {**METRICS, **given}, solver)
+        return Record(SPEC, {**METRICS, **given}, solver)
 
     return make

@@ -1,18 +1,19 @@
-"""Drive the golden runs anew: what `replay-check` must find unchanged from now on."""
+"""Record the golden runs again: the reference that `replay-check` compares later versions with."""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'replace the golden recordings by runs of today'
+HELP = 'replace the golden recordings by new runs'
+EXAMPLE = 'experiments golden'
 REFERENCE = Path('bags', 'reference')
 SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments golden`."""
+    """Add the arguments of `experiments golden`."""
     parser.add_argument(
         '--out',
         type=Path,
@@ -22,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Make the golden bags; 0 when every run completed. Raises BagError."""
+def run(options: argparse.Namespace) -> int:
+    """Record the golden bags; 0 when every run was completed. Raises BagError."""
     from experiments.replay import golden
 
-    return golden.refresh(SCENARIO, CONTROLLERS, chosen.out, Console())
+    return golden.refresh(SCENARIO, CONTROLLERS, options.out, Console())

@@ -1,38 +1,44 @@
-"""Make everything that is said about the paper anew: both experiments, distributions, claims."""
+"""Reproduce the results of the paper from scratch: both experiments, distributions and claims."""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'figures, tables and claims of the paper, from nothing'
+HELP = 'figures, tables and claims of the paper from scratch'
+EXAMPLE = 'experiments paper --quick --out /tmp/paper'
 OUT = Path('paper')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments paper`."""
+    """Add the arguments of `experiments paper`."""
     parser.add_argument(
-        '--out', type=Path, default=OUT, metavar='DIR', help=f'receives all of it (default: {OUT})'
+        '--out', type=Path, default=OUT, metavar='DIR', help=f'receives all files (default: {OUT})'
     )
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
-    parser.add_argument('--jobs', type=int, metavar='N', help='drives at a time (default: cores)')
+    parser.add_argument(
+        '--jobs', type=int, metavar='N', help='runs in parallel (default: one per core)'
+    )
     parser.add_argument(
         '--readme',
         type=Path,
         metavar='FILE',
-        help='make nothing; put the claims in DIR between the comments <!-- claims --> and '
+        help='run nothing; write the claims of DIR between the comments <!-- claims --> and '
         '<!-- /claims --> of a Markdown file',
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Make and show. Raises BagError."""
-    # the cores take a second to load: only who makes the paper waits for them
-    from experiments.paper import make
+def run(options: argparse.Namespace) -> int:
+    """Reproduce and show. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
+    from experiments.paper import claims_block, reproduction
+    from experiments.study import claim_evaluation
 
-    console = Console()
-    if chosen.readme:
-        make.rewritten(chosen.readme, chosen.out)
+    if options.readme:
+        claims_file = options.out / f'{claim_evaluation.STEM}.json'
+        claims_block.rewrite(options.readme, claims_file)
         return 0
-    make.show(make.everything(chosen.out, chosen.quick, chosen.jobs, console), console)
+    console = Console()
+    result = reproduction.reproduce(options.out, options.quick, options.jobs, console)
+    reproduction.show(result, console)
     return 0

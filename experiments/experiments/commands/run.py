@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 HELP = 'run controllers through a scenario, record and compare them'
-EPILOG = 'example: experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
+EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
 RUNS = Path('bags', 'runs')
 TIME_LIMIT_S = 900.0
 

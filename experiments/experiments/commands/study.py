@@ -1,6 +1,11 @@
-"""The paper's comparison over distributions of runs, in process: tables, figures, claims."""
+"""Compare the controllers over many paired runs in process: tables, figures, claims.
+
+The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
+paper, demand of the task.
+"""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.console import Console
@@ -8,22 +13,30 @@ from rich.console import Console
 from bags.errors import BagError
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
+EXAMPLE = 'experiments study distributions --quick --runs 10'
 PARTS = ('distributions', 'ablation', 'limit', 'claims', 'demand')
 OUT = Path('paper', 'study')
+QUICK_RUNS = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
+QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m': (0.5,)}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments study`."""
-    parser.add_argument('part', choices=PARTS, help='what is studied')
+    """Add the arguments of `experiments study`."""
+    parser.add_argument('part', choices=PARTS, help='the part of the study')
     parser.add_argument(
         '--out', type=Path, default=OUT, metavar='DIR', help=f'receives the tables (default: {OUT})'
     )
-    parser.add_argument('--runs', type=int, metavar='N', help='paired runs (limit: per probe)')
+    parser.add_argument(
+        '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per probe)'
+    )
     parser.add_argument(
         '--cause-runs', type=int, metavar='N', help='claims: runs of every switch (default: --runs)'
     )
     parser.add_argument(
-        '--sweep-runs', type=int, metavar='N', help='ablation: runs per speed and clearance'
+        '--sweep-runs',
+        type=int,
+        metavar='N',
+        help='ablation: runs per speed and clearance (default: 3)',
     )
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: one per core)')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
@@ -41,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ROLE=C',
-        help='who plays mpcc, mpcc_no_ca or frenet: a name or a YAML file',
+        help='controller in the role mpcc, mpcc_no_ca or frenet: a name or a YAML file',
     )
     parser.add_argument(
         '--row',
@@ -51,40 +64,77 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='limit: only this row; may be given several times (default: all)',
     )
     parser.add_argument(
-        '--cache', type=Path, metavar='DIR', help='keeps drives (default: beside the solvers)'
+        '--cache', type=Path, metavar='DIR', help='keeps results (default: beside the solvers)'
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Study one part; 0 when it was written. Raises BagError."""
-    # the cores take a second to load: only who studies waits for them
+def run(options: argparse.Namespace) -> int:
+    """Run one part; 0 when it was written. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
     from experiments.progress import CountProgress
-    from experiments.study import parts
-    from experiments.study.drives import Drives
+    from experiments.study.runner import Runner
 
-    roles = dict(_role(text) for text in chosen.role)
+    roles = dict(_parse_role(text) for text in options.role)
     console = Console()
-    with CountProgress(console) as bars, Drives(chosen.jobs, bars.show, chosen.cache) as drives:
-        written = parts.run(
-            chosen.part,
-            drives,
-            chosen.out,
-            chosen.runs,
-            chosen.quick,
-            chosen.tuned,
-            roles,
-            chosen.cause_runs,
-            chosen.sweep_runs,
-            chosen.row,
-        )
-    console.print(f'{drives.driven} drives made, the others were kept from before')
-    for path in written:
+    with (
+        CountProgress(console) as progress,
+        Runner(options.jobs, progress.show, options.cache) as runner,
+    ):
+        files = run_part(options, runner, roles)
+    console.print(f'{runner.simulated} drives made, the others were kept from before')
+    for path in files:
         console.print(str(path), markup=False, highlight=False, soft_wrap=True)
     return 0
 
 
-def _role(text):
+def _parse_role(text):
     role, equals, controller = text.partition('=')
     if not equals or not controller:
         raise BagError(f'--role {text}: must be ROLE=CONTROLLER')
     return role, controller
+
+
+def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> list[Path]:
+    """Run one part with a Runner and return its files. Raises BagError."""
+    from experiments.study import (
+        ablation,
+        claim_evaluation,
+        demand,
+        distributions,
+        limit,
+        variants,
+    )
+
+    part, out, quick = options.part, options.out, options.quick
+    if part == 'demand':  # simulates nothing
+        return demand.run(out)
+    if options.row and part != 'limit':
+        raise BagError(f'--row is for the limits only, not for {part}')
+    full_runs = limit.RUNS if part == 'limit' else distributions.RUNS
+    default_runs = QUICK_RUNS[part] if quick else full_runs
+    runs = default_runs if options.runs is None else options.runs
+    speeds = distributions.SPEEDS_KPH[:1] if quick else distributions.SPEEDS_KPH
+    compared = variants.role_variants(roles)
+    if part == 'distributions':
+        return distributions.run(runner, out, compared, runs, speeds).files
+    if part == 'limit':
+        rows = [*compared, *variants.further_variants(roles, options.tuned)]
+        if not quick:
+            rows += variants.switched_variants(roles)
+        return limit.run(runner, out, _select_rows(options.row, rows), runs).files
+    if part == 'claims':
+        return claim_evaluation.run(runner, out, runs, options.cause_runs, speeds, roles).files
+    sweep = QUICK_SWEEP if quick else {}
+    if options.sweep_runs:
+        sweep = sweep | {'sweep_runs': options.sweep_runs}
+    return ablation.run(runner, out, runs, tuned=options.tuned, roles=roles, **sweep).files
+
+
+def _select_rows(names, variants):
+    if not names:
+        return variants
+    known = {variant.name: variant for variant in variants}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise BagError(f'no row {unknown[0]!r}; there are {", ".join(known)}')
+    return [known[name] for name in dict.fromkeys(names)]

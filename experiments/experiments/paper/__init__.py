@@ -1,1 +1,6 @@
-"""Everything that is said about the paper, made anew by one command: figures, tables, claims."""
+"""The results of the paper, reproduced by one command: figures, tables and claims.
+
+reproduction     both experiments, distributions and claims
+operating_point  reference numbers of single runs, tracked and checked by tests
+claims_block     the claims table in README
+"""

@@ -1,4 +1,4 @@
-"""The version of the code that decides a drive: a digest of sources, libraries and processor."""
+"""The version of the code that decides a run: a digest of sources, libraries and processor."""
 
 import ast
 import hashlib
@@ -9,36 +9,36 @@ from pathlib import Path
 
 from node_runtime import provenance
 
-# what drives and judges; whatever they import, and what that imports, decides a drive, too
-ROOTS = ('experiments.study.case', 'experiments.study.measure')
-TEMPLATES = ('stage_solver', ('.c', '.h'))  # of the generated solver; nothing imports them
+# simulates and evaluates a run; its imports, and theirs, decide the result, too
+ROOTS = ('experiments.study.run_spec',)
+TEMPLATES = ('stage_solver', ('.c', '.h'))  # of the generated solver; not imported
 
 
 @cache
 def digest() -> str:
-    """Return the SHA-256 of all of it; times of the solver belong to the machine, too."""
-    found = hashlib.sha256()
+    """Return the SHA-256 of sources, libraries and processor, which decides the solver's times."""
+    digest_ = hashlib.sha256()
     for name, path in sorted({**modules(), **_templates()}.items()):
-        found.update(f'{name}\0'.encode() + path.read_bytes() + b'\0')
+        digest_.update(f'{name}\0'.encode() + path.read_bytes() + b'\0')
     versions, machine = provenance.versions(), provenance.machine()
     kept = [versions[name] for name in ('casadi', 'numpy')] + [machine['processor']]
-    found.update(json.dumps(kept).encode())
-    return found.hexdigest()
+    digest_.update(json.dumps(kept).encode())
+    return digest_.hexdigest()
 
 
 def modules() -> dict[str, Path]:
-    """Return the files of ROOTS and of all modules of this project that they need, by name."""
-    found, to_do = {}, list(ROOTS)
-    while to_do:
-        name = to_do.pop()
+    """Return {name: file} of ROOTS and of all modules of this project that they import."""
+    files, pending = {}, list(ROOTS)
+    while pending:
+        name = pending.pop()
         path = _file(name)
-        if name in found or path is None:
+        if name in files or path is None:
             continue
-        found[name] = path
-        to_do += _imported(path)
+        files[name] = path
+        pending += _imported(path)
         if '.' in name:  # its package is imported first
-            to_do.append(name.rpartition('.')[0])
-    return found
+            pending.append(name.rpartition('.')[0])
+    return files
 
 
 def _imported(path):

@@ -1,10 +1,10 @@
-"""How much lateral acceleration a scenario demands of any car, by a linear program.
+"""The lateral acceleration that a scenario demands of any car, by a linear program.
 
 A point mass drives along a straight road at constant speed v. Its lateral position y(x) has the
-curvature y'' = a / v^2 (small heading angles), with one acceleration a per STEP_M of road. Required
-are the safety distances to obstacles and edges, on the sides on which the coarse path passes the
-obstacles; the program minimises the largest |a|. No controller and no tyre model is involved, so
-the result says what the task asks for, not what a controller makes of it.
+curvature y'' = a / v^2 (small heading angles), with one acceleration a per STEP_M of road. The
+constraints are the safety distances to obstacles and edges, on the sides on which the coarse path
+passes the obstacles; the program minimises the largest |a|. The result is a property of the task:
+no controller and no tyre model is involved.
 """
 
 from collections.abc import Sequence
@@ -17,19 +17,22 @@ from scipy.optimize import linprog
 from bags.errors import BagError
 from experiments import simulation
 from experiments.configuration.inputs import KPH
-from experiments.configuration.lateral_limit import lateral_limit
-from experiments.study import provenance, samples, tables
+from experiments.study import run_spec, tables
 from experiments.study.variants import SCENARIO
+from node_runtime import parameters
+from vehicle_plant import circular_driving
+from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.parameters import PlantParams
 
 STEM = 'demand'
 COMMAND = 'experiments study demand'
-CONTROLLER = 'mpcc'  # whose circle, safety distances and horizon are used; all have the same
+CONTROLLER = 'mpcc'  # its circle, safety distances and horizon are used; all have the same
 STEP_M = 0.5
 SPEEDS_KPH = (75.0, 90.0, 110.0, 130.0, 160.0, 190.0)
 
 
 class Circle(NamedTuple):
-    """What the centre of gravity must stay out of, and on which side it passes."""
+    """An area that the centre of gravity must not enter, and the side on which it passes."""
 
     x: float  # m, centre
     y: float  # m
@@ -38,12 +41,15 @@ class Circle(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A straight road with obstacles, for the centre of gravity; arrays (n,) over x."""
+    """The bounds of the centre of gravity on a straight road; arrays (n,) over x."""
 
     x: np.ndarray  # m, equally spaced by STEP_M, driving direction
     low: np.ndarray  # m, least y allowed by the right edge
     high: np.ndarray  # m, largest y allowed by the left edge
     circles: tuple[Circle, ...]
+
+    def __repr__(self) -> str:
+        return f'Task({self.x[0]:g} to {self.x[-1]:g} m, circles={self.circles})'
 
 
 def least_peak(task: Task, speed: float, start: float | None = None) -> float:
@@ -52,47 +58,41 @@ def least_peak(task: Task, speed: float, start: float | None = None) -> float:
     The car enters at y = 0 without heading angle and may steer from x = `start` [m] on (default:
     the first x). Returns inf when no acceleration, however large, keeps it within the task.
     """
-    begins = 0 if start is None else int(np.searchsorted(task.x, start - STEP_M / 2))
-    x = task.x[begins:] - task.x[begins]
-    low, high = (bound[begins:].copy() for bound in (task.low, task.high))
-    for circle in task.circles:
-        beside = np.abs(task.x[begins:] - circle.x) < circle.radius
-        half = np.sqrt(circle.radius**2 - (task.x[begins:][beside] - circle.x) ** 2)
-        if circle.on_left:
-            low[beside] = np.maximum(low[beside], circle.y + half)
+    begin = 0 if start is None else int(np.searchsorted(task.x, start - STEP_M / 2))
+    station = task.x[begin:]
+    x = station - station[0]
+    low, high = (bound[begin:].copy() for bound in (task.low, task.high))
+    for area in task.circles:
+        beside = np.abs(station - area.x) < area.radius
+        half = np.sqrt(area.radius**2 - (station[beside] - area.x) ** 2)
+        if area.on_left:
+            low[beside] = np.maximum(low[beside], area.y + half)
         else:
-            high[beside] = np.minimum(high[beside], circle.y - half)
+            high[beside] = np.minimum(high[beside], area.y - half)
     # y at x[i] from the acceleration of each interval [x[k], x[k + 1]] before it
     behind = np.subtract.outer(x, x[1:])
     lever = np.where(behind >= 0.0, STEP_M * (STEP_M / 2 + behind), 0.0) / speed**2
     count = len(x) - 1
     peak = -np.ones((count, 1))
     identity, zero = np.eye(count), np.zeros((len(x), 1))
-    rows = np.vstack(
-        [
-            np.hstack([lever, zero]),
-            np.hstack([-lever, zero]),
-            np.hstack([identity, peak]),
-            np.hstack([-identity, peak]),
-        ]
-    )
-    solved = linprog(
+    rows = np.block([[lever, zero], [-lever, zero], [identity, peak], [-identity, peak]])
+    solution = linprog(
         c=np.append(np.zeros(count), 1.0),
         A_ub=rows,
         b_ub=np.concatenate([high, -low, np.zeros(2 * count)]),
         bounds=[(None, None)] * count + [(0.0, None)],
     )
-    return float(solved.fun) if solved.success else float('inf')
+    return float(solution.fun) if solution.success else float('inf')
 
 
-def task_of(scenario: str = SCENARIO) -> tuple[Task, float]:
+def build_task(scenario: str = SCENARIO) -> tuple[Task, float]:
     """Return the task of a scenario and the duration of the controller's horizon [s].
 
     Raises BagError for a road that is not straight along x, for a moving obstacle, and for a car
     that does not start on the x axis.
     """
-    prepared = simulation.prepare(scenario, CONTROLLER)
-    scn, params = prepared.scn, prepared.params
+    setup = simulation.prepare(scenario, CONTROLLER)
+    scn, params = setup.scn, setup.params
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     edges = {'left': scn.edges.left, 'right': scn.edges.right}
     if any(np.any(np.diff(edge[:, 0]) <= 0.0) for edge in (path, *edges.values())):
@@ -126,26 +126,38 @@ def run(
     when an obstacle is known from the controller's horizon on; both also as shares of what the
     plant holds in a steady turn. Raises BagError.
     """
-    task, horizon_s = task_of(scenario)
+    task, horizon_s = build_task(scenario)
     limit = lateral_limit(simulation.prepare(scenario, CONTROLLER).plant)
     rows = [_row(task, horizon_s, limit, kph) for kph in speeds_kph]
-    where = provenance.of(
-        COMMAND, scenario, samples.SEED, {'limits': CONTROLLER}, plant_limit_mps2=limit
+    origin = tables.build_provenance(
+        COMMAND, scenario, run_spec.SEED, {'limits': CONTROLLER}, plant_limit_mps2=limit
     )
-    return tables.write(out, STEM, 'What the task demands', rows, _markdown(rows, limit), where)
+    text = _markdown(rows, limit)
+    return tables.write_tables(out, STEM, 'What the task demands', rows, text, origin)
+
+
+def lateral_limit(plant: PlantParams, friction: float = 1.0) -> float:
+    """Return the peak lateral acceleration [m/s^2] of quasi-steady circular driving (ISO 4138).
+
+    The manoeuvre is that of `identify` (config/identify.yaml of vehicle_plant): the steering angle
+    increases slowly until the front axle slides. Raises CircleError when it does not.
+    """
+    file = plant_parameters.config_file('identify.yaml')
+    manoeuvre = parameters.load(circular_driving.CircleParams, file)
+    return float(circular_driving.drive(plant, friction, manoeuvre).column('acceleration.ay').max())
 
 
 def _row(task, horizon_s, limit, kph) -> dict[str, Any]:
     speed = kph / KPH
-    first = min(circle.x for circle in task.circles)
+    first = min(area.x for area in task.circles)
     known = max(float(task.x[0]), first - speed * horizon_s)
-    full, seen = least_peak(task, speed), least_peak(task, speed, known)
+    full, preview = least_peak(task, speed), least_peak(task, speed, known)
     return {
         'speed_kph': kph,
         'needed_mps2': full,
         'share': full / limit,
-        'needed_within_horizon_mps2': seen,
-        'share_within_horizon': seen / limit,
+        'needed_within_horizon_mps2': preview,
+        'share_within_horizon': preview / limit,
     }
 
 
@@ -170,5 +182,5 @@ def _markdown(rows, limit):
     return (
         'Least peak lateral acceleration with which a point mass at constant speed keeps the '
         f'safety distances. The plant holds {limit:.2f} m/s² in a steady turn.\n\n'
-        f'{tables.markdown(header, lines)}'
+        f'{tables.markdown_table(header, lines)}'
     )

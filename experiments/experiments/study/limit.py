@@ -1,12 +1,13 @@
-"""The highest entry speed at which a controller clears obstacles and edges almost always."""
+"""The limit speed: the highest entry speed at which nearly every run clears the scenario."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from experiments.study import case, provenance, run_verdicts, samples, statistics, tables, variants
-from experiments.study.drives import Drives
+from experiments.study import run_spec, run_statistics, tables, variants
+from experiments.study.run_spec import Draw
+from experiments.study.runner import Runner
 from experiments.study.variants import CONTROLLERS, SCENARIO, Variant
 
 SHARE = 0.95
@@ -17,12 +18,12 @@ STEM = 'limit'
 
 
 class Probe(NamedTuple):
-    """One speed that was tried; drives after the one that decided it were not made."""
+    """One tested speed; runs after the deciding one were not simulated."""
 
     speed_kph: float
     cleared: int
-    driven: int
-    holds: bool
+    runs: int
+    holds: bool  # whether SHARE of the draws are cleared
 
 
 class Limit(NamedTuple):
@@ -34,47 +35,51 @@ class Limit(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The limit of every controller."""
+    """The result of `experiments study limit`."""
 
     limits: list[Limit]
     files: list[Path]
 
 
 def run(
-    drives: Drives,
+    runner: Runner,
     out: Path,
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
     scenario: str = SCENARIO,
-    seed: int = samples.SEED,
+    seed: int = run_spec.SEED,
 ) -> Limits:
     """Find the limit of every controller; write limit.md, .csv, .json.
 
     Bisection between SLOWEST_KPH and FASTEST_KPH to STEP_KPH, `runs` draws of grip and tolerance
-    per probe, the same ones for every controller and speed. Raises BagError.
+    per probe, the same for every controller and speed. Raises BagError.
     """
-    chosen = [one if isinstance(one, Variant) else variants.plain([one])[0] for one in controllers]
-    draws = samples.draws(runs, seed, speed_kph=0.0)
-    found = [of(drives, one, draws, scenario) for one in chosen]
-    rows = [_row(one, runs) for one in found]
-    driven = {one.name: one.controller for one in chosen if not one.settings}
-    switched = {one.name: dict(one.settings) for one in chosen if one.settings}
-    where = provenance.of(
-        'experiments study limit', scenario, seed, driven, runs=runs, share=SHARE, switched=switched
+    chosen = variants.plain_variants(controllers)
+    draws = run_spec.draw_runs(runs, seed, speed_kph=0.0)
+    limits = [find_limit(runner, variant, draws, scenario) for variant in chosen]
+    rows = [_row(limit, runs) for limit in limits]
+    origin = tables.build_provenance(
+        'experiments study limit',
+        scenario,
+        seed,
+        {variant.name: variant.controller for variant in chosen if not variant.settings},
+        runs=runs,
+        share=SHARE,
+        switched={variant.name: dict(variant.settings) for variant in chosen if variant.settings},
     )
-    files = tables.write(out, STEM, 'Limit speed', rows, _told(rows, runs), where)
-    return Limits(found, files)
+    files = tables.write_tables(out, STEM, 'Limit speed', rows, _markdown(rows, runs), origin)
+    return Limits(limits, files)
 
 
-def of(
-    drives: Drives, variant: Variant, draws: Sequence[samples.Draw], scenario: str = SCENARIO
+def find_limit(
+    runner: Runner, variant: Variant, draws: Sequence[Draw], scenario: str = SCENARIO
 ) -> Limit:
     """Return the limit of one controller, by bisection on the grid of STEP_KPH."""
     probes: list[Probe] = []
 
     def holds(step):
         kph = SLOWEST_KPH + STEP_KPH * step
-        probes.append(probe(drives, variant, kph, draws, scenario))
+        probes.append(probe_speed(runner, variant, kph, draws, scenario))
         return probes[-1].holds
 
     low, high = 0, round((FASTEST_KPH - SLOWEST_KPH) / STEP_KPH)
@@ -88,60 +93,53 @@ def of(
     return Limit(variant.name, SLOWEST_KPH + STEP_KPH * low, probes)
 
 
-def probe(
-    drives: Drives,
+def probe_speed(
+    runner: Runner,
     variant: Variant,
     kph: float,
-    draws: Sequence[samples.Draw],
+    draws: Sequence[Draw],
     scenario: str = SCENARIO,
 ) -> Probe:
-    """Drive the draws at one speed until it is known whether SHARE of them is cleared."""
+    """Simulate the draws at one speed until it is known whether SHARE of them is cleared."""
     allowed = len(draws) - math.ceil(SHARE * len(draws))
-    cleared = driven = 0
-    for start in range(0, len(draws), drives.jobs):
-        batch = draws[start : start + drives.jobs]
-        cases = [case.of(variant, kph, draw, scenario) for draw in batch]
-        records = drives.of(cases, f'limit of {variant.name}', start, len(draws))
-        driven += len(records)
-        cleared += sum(run_verdicts.cleared(record) for record in records)
-        if driven - cleared > allowed:
+    cleared = simulated = 0
+    for start in range(0, len(draws), runner.jobs):
+        batch = draws[start : start + runner.jobs]
+        specs = [run_spec.build_spec(variant, kph, draw, scenario) for draw in batch]
+        records = runner.run(specs, f'limit of {variant.name}', start, len(draws))
+        simulated += len(records)
+        cleared += sum(record.is_cleared for record in records)
+        if simulated - cleared > allowed:
             break
-    return Probe(kph, cleared, driven, driven - cleared <= allowed)
+    return Probe(kph, cleared, simulated, simulated - cleared <= allowed)
 
 
-def _row(found, runs):
-    at_limit = next((one for one in found.probes if one.speed_kph == found.speed_kph), None)
-    over = statistics.share_of(at_limit.cleared, at_limit.driven) if at_limit else None
+def _row(limit, runs) -> dict[str, Any]:
+    probe = next((probe for probe in limit.probes if probe.speed_kph == limit.speed_kph), None)
+    share = run_statistics.share_of_counts(probe.cleared, probe.runs) if probe else None
     return {
-        'controller': found.name,
-        'limit_kph': found.speed_kph,
+        'controller': limit.name,
+        'limit_kph': limit.speed_kph,
         'runs_per_probe': runs,
-        'cleared_at_limit': over.holds if over else None,
-        'low': over.low if over else None,
-        'high': over.high if over else None,
-        'probes': [f'{one.speed_kph:g}:{one.cleared}/{one.driven}' for one in found.probes],
+        'cleared_at_limit': share.holds if share else None,
+        'low': share.low if share else None,
+        'high': share.high if share else None,
+        'probes': [f'{probe.speed_kph:g}:{probe.cleared}/{probe.runs}' for probe in limit.probes],
     }
 
 
-def _limit_told(row):
+def _markdown(rows, runs):
+    header = ['controller', 'limit [km/h]', f'cleared there, of {runs}', 'probes']
+    lines = [[row['controller'], *_limit_cells(row), ', '.join(row['probes'])] for row in rows]
+    return (
+        f'Highest entry speed at which at least {SHARE:.0%} of {runs} paired runs clear all '
+        f'obstacles and both edges; probes as speed:cleared/driven, ended early when the share '
+        f'cannot be reached any more.\n\n{tables.markdown_table(header, lines)}\n'
+    )
+
+
+def _limit_cells(row):
     if row['limit_kph'] is None:
         return f'< {SLOWEST_KPH:g}', '–'
     interval = f'[{row["low"]:.2f}, {row["high"]:.2f}]'
     return f'{row["limit_kph"]:.1f}', f'{row["cleared_at_limit"]} {interval}'
-
-
-def _told(rows: Sequence[dict[str, Any]], runs: int) -> str:
-    header = ['controller', 'limit [km/h]', f'cleared there, of {runs}', 'probes']
-    lines = [
-        [
-            row['controller'],
-            *_limit_told(row),
-            ', '.join(row['probes']),
-        ]
-        for row in rows
-    ]
-    return (
-        f'Highest entry speed at which at least {SHARE:.0%} of {runs} paired runs clear all '
-        f'obstacles and both edges; probes as speed:cleared/driven, ended early when the share '
-        f'cannot be reached any more.\n\n{tables.markdown(header, lines)}\n'
-    )

@@ -1,57 +1,98 @@
-"""One table as Markdown, CSV and JSON, with where it comes from."""
+"""The tables of a study as Markdown, CSV and JSON, each with its provenance."""
 
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from experiments.study import provenance
+from experiments.configuration import inputs
+from experiments.study import code_version, run_spec
+from node_runtime import provenance
 
 
-def write(
+def build_provenance(
+    command: str, scenario: str, seed: int, roles: Mapping[str, str], **more: Any
+) -> dict[str, Any]:
+    """Return the provenance of a table: command, code, versions, machine, seed and `more`.
+
+    `roles` are the controllers by the names that the table gives them.
+    """
+    return {
+        'command': command,
+        # the name of a file only: its folder on this machine means nothing elsewhere
+        'roles': {role: Path(controller).name for role, controller in roles.items()},
+        'commit': provenance.commit(),
+        'code_sha256': code_version.digest(),
+        'scenario': scenario,
+        'scenario_sha256': provenance.digest(inputs.load_scenario(scenario).text),
+        'seed': seed,
+        'spread': {
+            'speed_kph': run_spec.SPEED_SPREAD_KPH,
+            'grip': run_spec.GRIP_SPREAD,
+            'tolerance': list(run_spec.TOLERANCE_RANGE),
+        },
+        'versions': provenance.versions() | {'scipy': metadata.version('scipy')},
+        'machine': provenance.machine(),
+        **more,
+    }
+
+
+def provenance_line(origin: Mapping[str, Any]) -> str:
+    """Return a provenance as one line of Markdown."""
+    machine = origin['machine']
+    roles = ', '.join(f'{role} = {controller}' for role, controller in origin['roles'].items())
+    return (
+        f'`{origin["command"]}` with {roles}; '
+        f'commit {origin["commit"][:12] or "unknown"}, seed {origin["seed"]}, '
+        f'{machine["processor"]} with {machine["cores"]} cores.'
+    )
+
+
+def write_tables(
     out: Path,
     stem: str,
     title: str,
     rows: Sequence[Mapping[str, Any]],
     markdown: str,
-    found: Mapping[str, Any],
+    origin: Mapping[str, Any],
 ) -> list[Path]:
     """Write <stem>.md, .csv and .json into the folder `out`; return the paths.
 
-    `rows` have equal keys; the CSV has them flat, the JSON as they are; `markdown` is what a
-    person reads, `found` the provenance.
+    `rows` have equal keys, flattened in the CSV; `markdown` is the text of the Markdown file,
+    `origin` the provenance.
     """
     out.mkdir(parents=True, exist_ok=True)
     paths = [out / f'{stem}.{ending}' for ending in ('md', 'csv', 'json')]
-    paths[0].write_text(f'# {title}\n\n{markdown}\n{provenance.line(dict(found))}\n')
+    paths[0].write_text(f'# {title}\n\n{markdown}\n{provenance_line(origin)}\n')
     with open(paths[1], 'w', newline='') as file:
-        flat = [_flat(row) for row in rows]
+        flat = [_flatten(row) for row in rows]
         writer = csv.DictWriter(file, list(flat[0]))
         writer.writeheader()
         writer.writerows(flat)
-    paths[2].write_text(dumped({'provenance': found, 'rows': rows}))
+    paths[2].write_text(dump_json({'provenance': origin, 'rows': rows}))
     return paths
 
 
-def dumped(values: Any) -> str:
-    """Return JSON text, numbers that are none refused."""
+def dump_json(values: Any) -> str:
+    """Return JSON text; raises ValueError for NaN and infinity."""
     return json.dumps(values, indent=2, allow_nan=False) + '\n'
 
 
-def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table."""
     lines = [header, ['---'] * len(header), *rows]
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
-def _flat(row, prefix=''):
-    found = {}
+def _flatten(row, prefix=''):
+    flat = {}
     for key, value in row.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f'{prefix}{key}.')
+            flat |= _flatten(value, f'{prefix}{key}.')
         elif isinstance(value, (list, tuple)):
-            found[prefix + key] = ' '.join(map(str, value))
+            flat[prefix + key] = ' '.join(map(str, value))
         else:
-            found[prefix + key] = value
-    return found
+            flat[prefix + key] = value
+    return flat

@@ -1,4 +1,4 @@
-"""The controllers that are compared: as configured, tuned, and with single factors switched."""
+"""The controllers of a study: as configured, tuned, and with single factors switched."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,16 +10,20 @@ from msgs_yaml import share
 
 SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
-# penalty.py derives it: the step at this share of P_k pushes as hard as the Gaussian where the
+# derived in undisturbed_run: the step at this share of P_k pushes as hard as the Gaussian where the
 # MPCC plans its intrusions
 EQUAL_PENALTY = 0.25
 FIXED_SPLIT = 0.65  # front; Brown's lineage fixes 0.6 to 0.7
-# who plays which part: names in mpcc_controller/config, or YAML files
+# controller of each role: a name in mpcc_controller/config, or a YAML file
 ROLES: Mapping[str, str] = {name: name for name in CONTROLLERS}
+# rows of the ablation that are a role without a switch
+BASE = 'cartesian lag gaussian'  # is mpcc
+BASELINE = 'frenet'
+NO_PRIORITY = 'no priority'  # is mpcc_no_ca
 
 
 class Variant(NamedTuple):
-    """One row of a study."""
+    """One row of a study: a controller with settings."""
 
     name: str
     controller: str  # a name in mpcc_controller/config, or a YAML file
@@ -27,113 +31,11 @@ class Variant(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """Two rows that differ in one factor only."""
+    """Two rows of the ablation that differ in one factor only."""
 
     factor: str
     before: str
     after: str
-
-
-def plain(controllers: Iterable[str] = CONTROLLERS) -> list[Variant]:
-    """Return controllers as they are configured."""
-    return [Variant(name, name) for name in controllers]
-
-
-def others(roles: Mapping[str, str], files: Iterable[Path] = ()) -> list[Variant]:
-    """Return the plain and the tuned controllers that avoid collisions and play no role.
-
-    Tuned ones are the files given, else every *_tuned.yaml in mpcc_controller/config. Raises
-    BagError for a file that is not there, and for two of one name.
-    """
-    tuned = [Path(file) for file in files]
-    if not tuned:
-        tuned = sorted(share.path('mpcc_controller', 'config').glob('*_tuned.yaml'))
-    for file in tuned:
-        if not file.is_file():
-            raise BagError(f'no tuned controller {file}: there is no such file')
-    names = [file.stem if file.stem not in CONTROLLERS else f'{file.stem} tuned' for file in tuned]
-    if len(set(names)) < len(names):
-        raise BagError(f'two tuned controllers have one name: {", ".join(sorted(names))}')
-    playing = {one.controller for one in cast(roles)}
-    found = [Variant(f'{name} untuned', name) for name in ('mpcc', 'frenet')]
-    found += [Variant(name, str(file.absolute())) for name, file in zip(names, tuned)]
-    return [one for one in found if not playing & {one.controller, one.name}]
-
-
-def cast(roles: Mapping[str, str] = ROLES) -> list[Variant]:
-    """Return the controllers of a comparison, named by their roles. Raises BagError."""
-    unknown = sorted(set(roles) - set(CONTROLLERS))
-    if unknown:
-        raise BagError(f'no role {unknown[0]!r}; there are {", ".join(CONTROLLERS)}')
-    return [Variant(role, file) for role, file in {**ROLES, **roles}.items()]
-
-
-BASE = 'cartesian lag gaussian'  # is mpcc
-BASELINE = 'frenet'
-NO_PRIORITY = 'no priority'  # is mpcc_no_ca
-
-
-def ablation(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
-    """Return the rows of the ablation, the tuned ones apart. Raises BagError."""
-    playing = {one.name: one.controller for one in cast(roles)}
-    mpcc, frenet = playing['mpcc'], playing['frenet']
-    smaller, larger = EQUAL_PENALTY, 1 / EQUAL_PENALTY
-    step = {'formulation.priority': 'step'}
-    gaussian = {'formulation.priority': 'gaussian'}
-    on_path = {'formulation.distance': 'path', 'formulation.lag': False}
-    headed, unheaded = {'formulation.heading': True}, {'formulation.heading': False}
-    fixed = {f'limits.brake_front_share_{end}': FIXED_SPLIT for end in ('min', 'max')}
-    small_mpcc, large_mpcc = (_weighed(mpcc, share, scenario) for share in (smaller, larger))
-    return [
-        *_on_mpcc(mpcc),
-        _row('cartesian lag step/4', mpcc, step | small_mpcc),
-        _row('path no-lag step/4', mpcc, on_path | step | small_mpcc),
-        _row('cartesian lag gaussian x4', mpcc, large_mpcc),
-        _row('cartesian lag gaussian heading', mpcc, headed),
-        _row('path no-lag step heading', mpcc, on_path | step | headed),
-        _row(NO_PRIORITY, playing['mpcc_no_ca'], {}),
-        _row(BASELINE, frenet, {}),
-        _row('frenet gaussian', frenet, gaussian),
-        _row('frenet step/4', frenet, _weighed(frenet, smaller, scenario)),
-        _row('frenet no heading', frenet, unheaded),
-        _row('frenet fixed split', frenet, fixed),
-    ]
-
-
-def switched(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
-    """Return the rows of the ablation in which something is switched. Raises BagError."""
-    played = (BASE, BASELINE, NO_PRIORITY)
-    return [one for one in ablation(roles, scenario) if one.name not in played]
-
-
-def _on_mpcc(controller):
-    return [
-        _row(
-            ' '.join((distance, 'lag' if lag else 'no-lag', priority)),
-            controller,
-            {
-                'formulation.distance': distance,
-                'formulation.lag': lag,
-                'formulation.priority': priority,
-            },
-        )
-        for distance in ('cartesian', 'path')
-        for lag in (True, False)
-        for priority in ('gaussian', 'step')
-    ]
-
-
-def _row(name, controller, settings):
-    return Variant(name, controller, tuple(settings.items()))
-
-
-def _weighed(controller, share, scenario):
-    """Return the settings that multiply the priorities of a controller."""
-    weights = simulation.prepare(scenario, controller).params.priorities
-    return {
-        'priorities.obstacle': share * weights.obstacle,
-        'priorities.edge': share * weights.edge,
-    }
 
 
 # from the MPCC towards the baseline, then from the baseline back
@@ -151,3 +53,102 @@ SWITCHES = (
     Switch('states back to the map', BASELINE, 'path no-lag step heading'),
     Switch('brake split fixed', BASELINE, 'frenet fixed split'),
 )
+
+
+def plain_variants(controllers: Iterable[str | Variant] = CONTROLLERS) -> list[Variant]:
+    """Return controllers as they are configured; a Variant is returned as it is."""
+    return [one if isinstance(one, Variant) else Variant(one, one) for one in controllers]
+
+
+def role_variants(roles: Mapping[str, str] = ROLES) -> list[Variant]:
+    """Return the compared controllers, named by their roles. Raises BagError."""
+    unknown = sorted(set(roles) - set(CONTROLLERS))
+    if unknown:
+        raise BagError(f'no role {unknown[0]!r}; there are {", ".join(CONTROLLERS)}')
+    return [Variant(role, file) for role, file in {**ROLES, **roles}.items()]
+
+
+def further_variants(roles: Mapping[str, str], files: Iterable[Path] = ()) -> list[Variant]:
+    """Return the plain and the tuned controllers with collision avoidance that have no role.
+
+    Tuned controllers are the files given, else every *_tuned.yaml in mpcc_controller/config. Raises
+    BagError for a missing file, and for two of one name.
+    """
+    tuned = [Path(file) for file in files]
+    if not tuned:
+        tuned = sorted(share.path('mpcc_controller', 'config').glob('*_tuned.yaml'))
+    for file in tuned:
+        if not file.is_file():
+            raise BagError(f'no tuned controller {file}: there is no such file')
+    names = [file.stem if file.stem not in CONTROLLERS else f'{file.stem} tuned' for file in tuned]
+    if len(set(names)) < len(names):
+        raise BagError(f'two tuned controllers have one name: {", ".join(sorted(names))}')
+    compared = {variant.controller for variant in role_variants(roles)}
+    further = [Variant(f'{name} untuned', name) for name in ('mpcc', 'frenet')]
+    further += [Variant(name, str(file.absolute())) for name, file in zip(names, tuned)]
+    return [variant for variant in further if not compared & {variant.controller, variant.name}]
+
+
+def ablation_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+    """Return the rows of the ablation without the tuned controllers. Raises BagError."""
+    controllers = {variant.name: variant.controller for variant in role_variants(roles)}
+    mpcc, frenet = controllers['mpcc'], controllers['frenet']
+    step = {'formulation.priority': 'step'}
+    gaussian = {'formulation.priority': 'gaussian'}
+    on_path = {'formulation.distance': 'path', 'formulation.lag': False}
+    heading, no_heading = {'formulation.heading': True}, {'formulation.heading': False}
+    fixed_split = {f'limits.brake_front_share_{end}': FIXED_SPLIT for end in ('min', 'max')}
+    smaller, larger = (
+        _scale_priorities(mpcc, factor, scenario) for factor in (EQUAL_PENALTY, 1 / EQUAL_PENALTY)
+    )
+    return [
+        *_factorial_variants(mpcc),
+        _variant('cartesian lag step/4', mpcc, step | smaller),
+        _variant('path no-lag step/4', mpcc, on_path | step | smaller),
+        _variant('cartesian lag gaussian x4', mpcc, larger),
+        _variant('cartesian lag gaussian heading', mpcc, heading),
+        _variant('path no-lag step heading', mpcc, on_path | step | heading),
+        _variant(NO_PRIORITY, controllers['mpcc_no_ca'], {}),
+        _variant(BASELINE, frenet, {}),
+        _variant('frenet gaussian', frenet, gaussian),
+        _variant('frenet step/4', frenet, _scale_priorities(frenet, EQUAL_PENALTY, scenario)),
+        _variant('frenet no heading', frenet, no_heading),
+        _variant('frenet fixed split', frenet, fixed_split),
+    ]
+
+
+def switched_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+    """Return the rows of the ablation in which a factor is switched. Raises BagError."""
+    variants = ablation_variants(roles, scenario)
+    return [one for one in variants if one.name not in (BASE, BASELINE, NO_PRIORITY)]
+
+
+def _factorial_variants(controller):
+    """Return the full factorial design of frame, lag error and priority."""
+    return [
+        _variant(
+            ' '.join((distance, 'lag' if lag else 'no-lag', priority)),
+            controller,
+            {
+                'formulation.distance': distance,
+                'formulation.lag': lag,
+                'formulation.priority': priority,
+            },
+        )
+        for distance in ('cartesian', 'path')
+        for lag in (True, False)
+        for priority in ('gaussian', 'step')
+    ]
+
+
+def _variant(name, controller, settings):
+    return Variant(name, controller, tuple(settings.items()))
+
+
+def _scale_priorities(controller, factor, scenario):
+    """Return the settings that multiply the priorities of a controller."""
+    priorities = simulation.prepare(scenario, controller).params.priorities
+    return {
+        'priorities.obstacle': factor * priorities.obstacle,
+        'priorities.edge': factor * priorities.edge,
+    }

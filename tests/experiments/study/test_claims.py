@@ -3,8 +3,8 @@
 import pytest
 
 from experiments import simulation
-from experiments.study import causes, claim_rules, curvature, statistics, variants
-from experiments.study.claim_list import CLAIMS, CONVERGENCE
+from experiments.study import claim_evaluation, claims, run_statistics, variants
+from experiments.study.claims import CLAIMS, CONVERGENCE
 
 BY_KEY = {one.key: one for one in CLAIMS}
 ROLES = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -29,21 +29,21 @@ def alike(make_record):
     ],
 )
 def test_a_verdict_needs_the_whole_interval(strict, loose, said):
-    shares = (statistics.share_of(holds, 60) for holds in (strict, loose))
-    assert claim_rules.verdict(*shares) == said
+    shares = (run_statistics.share_of_counts(holds, 60) for holds in (strict, loose))
+    assert claims.decide(*shares) == said
 
 
 def test_an_undecided_claim_names_its_reasons_whatever_the_rules_give():
-    assert claim_rules.verdict_of('', 'partly') == 'partly'
-    told = claim_rules.verdict_of('ab', 'reproduced')
+    assert claims.verdict('', 'partly') == 'partly'
+    told = claims.verdict('ab', 'reproduced')
     assert told == 'not decided here (a, b)'
-    assert list(claim_rules.reasons([told, 'not'])) == ['a', 'b']
-    assert claim_rules.reasons(['reproduced', 'partly', 'not']) == {}
+    assert list(claims.find_reasons([told, 'not'])) == ['a', 'b']
+    assert claims.find_reasons(['reproduced', 'partly', 'not']) == {}
 
 
 def test_every_reason_is_used_and_every_key_has_a_reason():
     used = {key for claim in (*CLAIMS, CONVERGENCE) for key in claim.undecided}
-    assert used == claim_rules.REASONS.keys()
+    assert used == claims.REASONS.keys()
 
 
 @pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
@@ -63,7 +63,7 @@ def test_where_the_strict_rule_holds_the_loose_one_does(claim, alike, make_recor
                 'iterations_mean': value,
             }
             runs = alike(**{role: make_record(**given)})
-            assert claim.loose(runs) or not claim.strict(runs)
+            assert claim.loose.holds(runs) or not claim.strict.holds(runs)
 
 
 def test_the_paper_itself_would_be_reproduced(alike, make_record):
@@ -84,34 +84,38 @@ def test_the_paper_itself_would_be_reproduced(alike, make_record):
     )
     no_ca = make_record(min_v2o_m=-0.1, min_v2o_per_obstacle_m={'1': -0.1, '2': 0.4})
     runs = alike(mpcc=mpcc, frenet=frenet, mpcc_no_ca=no_ca)
-    assert [claim.key for claim in CLAIMS if not claim.strict(runs)] == []
+    assert [claim.key for claim in CLAIMS if not claim.strict.holds(runs)] == []
 
 
 def test_of_equal_drives_no_difference_is_claimed(alike):
     compared = [one for one in CLAIMS if one.switched == 'frenet']
     assert len(compared) >= 8
-    assert not [one.key for one in compared if one.strict(alike()) or one.loose(alike())]
+    assert not [
+        one.key for one in compared if one.strict.holds(alike()) or one.loose.holds(alike())
+    ]
 
 
 def test_who_never_brakes_does_not_brake_earlier(alike, make_record):
     claim = BY_KEY['brakes_earlier']
     braking = make_record(brake_onset_at_m=30.0)
-    assert claim.strict(alike(mpcc=braking))
-    assert not claim.loose(alike(frenet=braking))
+    assert claim.strict.holds(alike(mpcc=braking))
+    assert not claim.loose.holds(alike(frenet=braking))
     close = make_record(brake_onset_at_m=35.0)
-    assert claim.loose(alike(mpcc=braking, frenet=close))
-    assert not claim.strict(alike(mpcc=braking, frenet=close))
+    assert claim.loose.holds(alike(mpcc=braking, frenet=close))
+    assert not claim.strict.holds(alike(mpcc=braking, frenet=close))
 
 
 def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     stable, sliding = make_record(peak_sideslip_deg=3.0), make_record(peak_sideslip_deg=9.0)
-    rows = {row: [stable] * 20 for switch in variants.SWITCHES for row in switch[1:]}
+    rows = {
+        row: [stable] * 20 for switch in variants.SWITCHES for row in (switch.before, switch.after)
+    }
     rows['cartesian lag step'] = [sliding] * 20
     rows['path lag gaussian'] = [sliding] * 2 + [stable] * 18
     rows['frenet'] = [sliding] * 20
     rows['path no-lag step heading'] = [sliding] * 20
-    cast = [alike(mpcc=stable, frenet=sliding)] * 20
-    said, data = causes.of(BY_KEY['sideslip'], cast, rows, claim_rules.PARTLY)
+    draws = [alike(mpcc=stable, frenet=sliding)] * 20
+    said, data = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
     assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in said
     assert ', in some: frame of the distances (2/20)' in said
     assert 'lag error' not in said
@@ -123,14 +127,22 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
 
 
 def test_without_a_switch_that_does_it_that_is_said(alike, make_record):
-    rows = {row: [make_record()] * 5 for switch in variants.SWITCHES for row in switch[1:]}
-    said, _ = causes.of(BY_KEY['sideslip'], [alike()] * 5, rows, claim_rules.PARTLY)
+    rows = {
+        row: [make_record()] * 5
+        for switch in variants.SWITCHES
+        for row in (switch.before, switch.after)
+    }
+    said, _ = claim_evaluation.find_cause(BY_KEY['sideslip'], [alike()] * 5, rows, claims.PARTLY)
     assert said == 'no switch alone brings it about'
 
 
 @pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
 def test_nothing_is_told_to_bring_about_what_does_not_hold(claim, alike, make_record):
-    rows = {row: [make_record()] * 20 for switch in variants.SWITCHES for row in switch[1:]}
+    rows = {
+        row: [make_record()] * 20
+        for switch in variants.SWITCHES
+        for row in (switch.before, switch.after)
+    }
     # without the priority every direction turns round
     turned = make_record(
         min_v2o_m=-0.1,
@@ -144,26 +156,26 @@ def test_nothing_is_told_to_bring_about_what_does_not_hold(claim, alike, make_re
         iterations_mean=9.0,
     )
     rows['no priority'] = [turned] * 20
-    said, _ = causes.of(claim, [alike()] * 20, rows, claim_rules.NOT)
+    said, _ = claim_evaluation.find_cause(claim, [alike()] * 20, rows, claims.NOT)
     assert 'brings it about' not in said
     assert 'makes it fail' not in said
     assert 'undoes it' not in said
     if claim.switched:
-        assert said.startswith(f'direction only ({claim.loose_says}): ')
+        assert said.startswith(f'direction only ({claim.loose.text}): ')
     if claim.key == 'sideslip':
         assert said.endswith('alone would bring it about in most runs: priority at all (20/20)')
 
 
 def test_inside_a_curve_the_overestimation_grows_with_curvature_everywhere_outside_not():
-    found = curvature.shares()
+    found = claim_evaluation.overestimation_by_side()
     assert found['inside']['grows'] == found['inside']['of']
     assert 0 < found['outside']['grows'] < found['outside']['of']
     assert found['inside']['at_20m']['20'] == pytest.approx(1.31, abs=0.005)
     assert found['outside']['at_20m']['20'] == pytest.approx(0.35, abs=0.005)
-    assert curvature.row()['verdict'] == 'partly'
+    assert claim_evaluation.overestimation_row()['verdict'] == 'partly'
 
 
 def test_rules_and_targets_have_the_safety_distances_of_the_controllers():
     for controller in ROLES:
         safety = simulation.prepare(variants.SCENARIO, controller).params.safety
-        assert safety.obstacle_m == safety.edge_m == claim_rules.D_SFT
+        assert safety.obstacle_m == safety.edge_m == claims.D_SFT

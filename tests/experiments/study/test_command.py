@@ -6,16 +6,8 @@ import json
 import pytest
 
 from experiments import cli
-from experiments.study import (
-    ablation,
-    claims,
-    distributions,
-    ours,
-    provenance,
-    run_verdicts,
-    tables,
-)
-from experiments.study.claim_rules import Shown
+from experiments.study import ablation, claim_evaluation, distributions, tables
+from experiments.study.claims import Shown
 from experiments.study.variants import CONTROLLERS, SWITCHES, Switch
 
 
@@ -37,14 +29,14 @@ class Alike:
     def __init__(self, make_record):
         self.make_record = make_record
 
-    def of(self, cases, what, before=0, total=None):
-        return [self.make_record() for _ in cases]
+    def run(self, specs, label, done_before=0, total=None):
+        return [self.make_record() for _ in specs]
 
 
 @pytest.fixture(scope='module')
 def judged(make_record, tmp_path_factory):
     """Return what the claims come to when every controller drives alike."""
-    return claims.run(Alike(make_record), tmp_path_factory.mktemp('claims'), runs=20)
+    return claim_evaluation.run(Alike(make_record), tmp_path_factory.mktemp('claims'), runs=20)
 
 
 def test_every_claim_of_the_paper_has_a_verdict_an_interval_and_a_cause(judged):
@@ -68,13 +60,13 @@ def test_every_claim_of_the_paper_has_a_verdict_an_interval_and_a_cause(judged):
 
 def test_the_table_that_people_read_is_made_from_the_list(judged):
     (file,) = (path for path in judged.files if path.name == 'claims.md')
-    assert claims.told(judged.rows) == judged.markdown
+    assert claim_evaluation.claims_table(judged.rows) == judged.markdown
     assert judged.markdown in file.read_text()
 
 
 def test_the_files_name_the_command_that_made_them_and_who_was_driven(make_record, tmp_path):
     roles = {name: f'{name}_tuned' for name in CONTROLLERS}
-    claims.run(Alike(make_record), tmp_path, 2, roles=roles, command='experiments paper')
+    claim_evaluation.run(Alike(make_record), tmp_path, 2, roles=roles, command='experiments paper')
     said = json.loads((tmp_path / 'claims_provenance.json').read_text())
     assert said['command'] == 'experiments paper'
     assert said['roles'] == roles
@@ -87,22 +79,22 @@ def test_the_files_name_the_command_that_made_them_and_who_was_driven(make_recor
 
 def test_where_a_controller_lay_on_a_machine_is_not_told():
     driven = {'mpcc': 'mpcc', 'mine': '/home/somebody/mine.yaml'}
-    found = provenance.of('experiments study limit', 'double_lane_change', 1, driven)
+    found = tables.build_provenance('experiments study limit', 'double_lane_change', 1, driven)
     assert found['roles'] == {'mpcc': 'mpcc', 'mine': 'mine.yaml'}
 
 
 def test_a_number_that_most_runs_do_not_have_is_told_as_range_and_count(make_record):
     some, none = make_record(brake_onset_at_m=36.0), make_record()
-    cast = [{'mpcc': none, 'frenet': one} for one in (some, none, none)]
+    draws = [{'mpcc': none, 'frenet': one} for one in (some, none, none)]
     shown = [Shown(role, 'brake_onset_at_m') for role in ('mpcc', 'frenet')]
-    told = ours.told(shown, cast, {'mpcc': 'mpcc', 'frenet': 'frenet'})
-    assert told == 'brake onset, -500 N [m]: mpcc none, frenet 36.0 to 36.0 in 1 of 3 runs'
+    text = claim_evaluation.summarise_claim(shown, draws, {'mpcc': 'mpcc', 'frenet': 'frenet'})
+    assert text == 'brake onset, -500 N [m]: mpcc none, frenet 36.0 to 36.0 in 1 of 3 runs'
 
 
 def test_an_ablation_without_any_effect_turns_nothing(make_record, tmp_path):
     found = ablation.run(Alike(make_record), tmp_path, 4, 1, (65.0, 75.0), (0.5,))
     assert not [row for row in found.switches if row['turned_on'] or row['turned_off']]
-    assert len(found.switches) == 2 * len(SWITCHES) * len(run_verdicts.VERDICTS)
+    assert len(found.switches) == 2 * len(SWITCHES) * len(ablation.VERDICTS)
     assert {row['cleared'] for row in found.rows} == {1.0}
     assert len(found.rows) == 3 * len(found.variants)
     for name in ('ablation.md', 'ablation_switches.csv', 'ablation_50cm.png', 'ablation_50cm.svg'):
@@ -115,7 +107,7 @@ def test_a_switch_that_turns_a_verdict_names_the_drives(make_record):
         'one': [make_record(), make_record(peak_sideslip_deg=5.0)],
         'other': [make_record(peak_sideslip_deg=5.0), make_record()],
     }
-    rows = {row['verdict']: row for row in run_verdicts.flips(switch, {'75 km/h': records})}
+    rows = {row['verdict']: row for row in ablation.find_flips(switch, {'75 km/h': records})}
     turned = rows['sideslip > 4 deg']
     assert (turned['turned_on'], turned['turned_off']) == (['75 km/h #1'], ['75 km/h #2'])
     assert rows['cleared']['turned_on'] == rows['cleared']['turned_off'] == []
@@ -152,6 +144,6 @@ def test_a_role_without_a_controller_shows_the_form(tmp_path, capsys):
 def test_nested_rows_are_flat_in_the_csv(tmp_path):
     machine = {'processor': 'p', 'cores': 2}
     found = {'command': 'c', 'commit': '', 'seed': 1, 'machine': machine, 'roles': {}}
-    tables.write(tmp_path, 'one', 'One', [{'a': {'b': 1.5}, 'c': [1, 2]}], 'text', found)
+    tables.write_tables(tmp_path, 'one', 'One', [{'a': {'b': 1.5}, 'c': [1, 2]}], 'text', found)
     with open(tmp_path / 'one.csv', newline='') as file:
         assert list(csv.reader(file)) == [['a.b', 'c'], ['1.5', '1 2']]

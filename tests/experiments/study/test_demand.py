@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.study import claim_rules, demand
+from experiments.study import claims, demand
 from experiments.study.demand import Circle, Task
 
 SPEED = 20.0
@@ -71,10 +71,10 @@ def test_the_reasons_of_undecided_claims_name_the_numbers_of_the_program():
     rows = json.loads(PAPER.read_text())
     row = next(one for one in rows['rows'] if one['speed_kph'] == 75.0)
     limit = rows['provenance']['plant_limit_mps2']
-    task, horizon_s = demand.task_of()
+    task, horizon_s = demand.build_task()
     found = demand._row(task, horizon_s, limit, 75.0)
     assert found == pytest.approx(row)
-    reason = claim_rules.REASONS['a']
+    reason = claims.REASONS['a']
     for text in (
         f'with {row["needed_mps2"]:.2f} m/s²',
         f'({row["needed_within_horizon_mps2"]:.2f} m/s²',

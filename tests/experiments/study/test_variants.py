@@ -4,10 +4,10 @@ import pytest
 
 from bags.errors import BagError
 from experiments import simulation
-from experiments.study import case, samples, variants
+from experiments.study import run_spec, variants
 from node_runtime import parameters
 
-DRAW = samples.Draw(1, 0.0, 1.0, 1e-6)
+DRAW = run_spec.Draw(1, 0.0, 1.0, 1e-6)
 # parameters by which the rows of a switch may differ
 FACTORS = {
     'frame of the distances': {'formulation.distance'},
@@ -27,7 +27,7 @@ FACTORS = {
 
 @pytest.fixture(scope='module')
 def rows():
-    return {one.name: one for one in variants.ablation()}
+    return {one.name: one for one in variants.ablation_variants()}
 
 
 def settings(variant):
@@ -43,8 +43,11 @@ def test_a_switch_changes_its_factor_only(rows, switch):
 
 
 def test_the_base_of_the_ablation_is_the_mpcc_and_is_driven_once(rows):
-    base, plain = rows[variants.BASE], variants.plain(['mpcc'])[0]
-    keys = {case.key(case.of(one, 75.0, DRAW, variants.SCENARIO)) for one in (base, plain)}
+    base, plain = rows[variants.BASE], variants.plain_variants(['mpcc'])[0]
+    keys = {
+        run_spec.cache_key(run_spec.build_spec(one, 75.0, DRAW, variants.SCENARIO))
+        for one in (base, plain)
+    }
     assert len(keys) == 1
 
 
@@ -58,18 +61,18 @@ def test_who_plays_no_role_is_a_further_row(tmp_path):
     files = [tmp_path / 'mpcc.yaml', tmp_path / 'frenet_tuned.yaml']
     for file in files:
         file.write_text('')
-    found = variants.others(variants.ROLES, files)
+    found = variants.further_variants(variants.ROLES, files)
     assert [one.name for one in found] == ['mpcc tuned', 'frenet_tuned']
-    assert variants.others({}, files) == found  # whoever is not named plays himself
+    assert variants.further_variants({}, files) == found  # whoever is not named plays himself
     roles = {'frenet': 'frenet_tuned'}
-    found = variants.others(roles, files)
+    found = variants.further_variants(roles, files)
     assert [one.name for one in found] == ['frenet untuned', 'mpcc tuned']
     with pytest.raises(BagError, match='no such file'):
-        variants.others(roles, [tmp_path / 'frenet.yaml'])
+        variants.further_variants(roles, [tmp_path / 'frenet.yaml'])
     with pytest.raises(BagError, match='one name'):
-        variants.others(roles, [files[0], files[0]])
+        variants.further_variants(roles, [files[0], files[0]])
 
 
 def test_a_role_that_nobody_plays_is_named():
     with pytest.raises(BagError, match='mpc_c'):
-        variants.cast({'mpc_c': 'mpcc'})
+        variants.role_variants({'mpc_c': 'mpcc'})

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from bags.errors import BagError
-from experiments.paper import readme
-from experiments.study import claim_rules
-from experiments.study.claim_list import CLAIMS, CONVERGENCE
+from experiments.paper import claims_block
+from experiments.study import claims
+from experiments.study.claims import CLAIMS, CONVERGENCE
 
 ROOT = Path(__file__).parents[3]
 CLAIMS_FILE = ROOT / 'paper/claims.json'
@@ -24,54 +24,60 @@ ROW = {
 
 
 @pytest.fixture
-def claims(tmp_path):
+def claims_file(tmp_path):
     path = tmp_path / 'claims.json'
     path.write_text(json.dumps([ROW]))
     return path
 
 
 def test_the_readme_shows_the_claims_as_they_were_generated():
-    _, between, _ = readme.parts(ROOT / 'README.md')
-    assert between == readme.block(CLAIMS_FILE)
+    _, between, _ = claims_block.split(ROOT / 'README.md')
+    assert between == claims_block.build_block(CLAIMS_FILE)
 
 
 def test_reasons_of_undecided_claims_follow_the_table(tmp_path):
     path = tmp_path / 'claims.json'
     path.write_text(json.dumps([{**ROW, 'verdict': 'not decided here (a)'}]))
-    text = readme.block(path)
+    text = claims_block.build_block(path)
     assert '| not decided here (a) |' in text
     assert text.count('- (') == 1
-    assert f'- (a) {claim_rules.REASONS["a"]}' in text
+    assert f'- (a) {claims.REASONS["a"]}' in text
 
 
 def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
     undecided = {one.key: one.undecided for one in (*CLAIMS, CONVERGENCE)}
     for row in json.loads(CLAIMS_FILE.read_text()):
         reasons = undecided.get(row['key'], '')
-        assert row['verdict'] == claim_rules.verdict_of(reasons, row['rule_outcome'])
-        assert row['reasons'] == claim_rules.reasons([row['verdict']])
+        assert row['verdict'] == claims.verdict(reasons, row['rule_outcome'])
+        assert row['reasons'] == claims.find_reasons([row['verdict']])
 
 
-def test_only_what_stands_between_the_comments_changes(tmp_path, claims):
+def test_only_what_stands_between_the_comments_changes(tmp_path, claims_file):
     file = tmp_path / 'page.md'
-    file.write_text(f'before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n')
-    readme.rewrite(file, claims)
-    before, between, after = readme.parts(file)
-    assert before == f'before\n{readme.BEGIN}'
-    assert after == f'{readme.END}\nafter\n'
-    assert between == readme.block(claims)
+    file.write_text(f'before\n{claims_block.BEGIN}\nold\n{claims_block.END}\nafter\n')
+    claims_block.rewrite(file, claims_file)
+    before, between, after = claims_block.split(file)
+    assert before == f'before\n{claims_block.BEGIN}'
+    assert after == f'{claims_block.END}\nafter\n'
+    assert between == claims_block.build_block(claims_file)
     assert r'| min V2O [m]: mpcc_no_ca -0.04 \| mpcc 0.53 |' in between
     assert '75 km/h, 60 paired runs' in between
 
 
 @pytest.mark.parametrize(
-    'text', ['nothing', f'{readme.BEGIN}', f'{readme.END} {readme.BEGIN}', 2 * readme.BEGIN]
+    'text',
+    [
+        'nothing',
+        f'{claims_block.BEGIN}',
+        f'{claims_block.END} {claims_block.BEGIN}',
+        2 * claims_block.BEGIN,
+    ],
 )
-def test_a_file_without_the_comments_is_refused(tmp_path, claims, text):
+def test_a_file_without_the_comments_is_refused(tmp_path, claims_file, text):
     file = tmp_path / 'page.md'
     file.write_text(text)
     with pytest.raises(BagError, match='once each'):
-        readme.rewrite(file, claims)
+        claims_block.rewrite(file, claims_file)
     assert file.read_text() == text
 
 
@@ -80,4 +86,4 @@ def test_a_file_that_holds_no_claims_is_refused(tmp_path, text):
     path = tmp_path / 'claims.json'
     path.write_text(text)
     with pytest.raises(BagError, match='holds no claims'):
-        readme.block(path)
+        claims_block.build_block(path)

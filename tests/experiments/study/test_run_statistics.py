@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from experiments.study import statistics
+from experiments.study import run_statistics
 
 
 @pytest.mark.parametrize(('holds', 'runs'), [(0, 60), (57, 60), (60, 60), (1, 2)])
 def test_the_interval_is_wilsons(holds, runs):
-    found = statistics.share([True] * holds + [False] * (runs - holds))
+    found = run_statistics.share([True] * holds + [False] * (runs - holds))
     z, p = 1.959963984540054, holds / runs
     middle = (p + z**2 / (2 * runs)) / (1 + z**2 / runs)
     half = z / (1 + z**2 / runs) * math.sqrt(p * (1 - p) / runs + z**2 / (4 * runs**2))
@@ -19,16 +19,18 @@ def test_the_interval_is_wilsons(holds, runs):
 
 
 def test_a_missing_value_is_later_than_any():
-    assert statistics.summary([3.0, None, 1.0]) == (3.0, 1.0, 3.0, 2)
-    assert statistics.summary([3.0, None, None]) == (None, 3.0, 3.0, 1)
-    assert statistics.summary([None, None]) == (None, None, None, 0)
+    assert run_statistics.summarise([3.0, None, 1.0]) == (3.0, 1.0, 3.0, 2)
+    assert run_statistics.summarise([3.0, None, None]) == (None, 3.0, 3.0, 1)
+    assert run_statistics.summarise([None, None]) == (None, None, None, 0)
 
 
 def test_the_median_run_is_in_the_middle_of_every_judged_metric(make_record):
     def runs(values):
-        return [make_record(**dict.fromkeys(statistics.JUDGED, value)) for value in values]
+        return [
+            make_record(**dict.fromkeys(run_statistics.MEDIAN_METRICS, value)) for value in values
+        ]
 
-    assert statistics.median_run({'mpcc': runs([5.0, 1.0, 3.0, 9.0, 2.0])}) == 2
+    assert run_statistics.find_median_run({'mpcc': runs([5.0, 1.0, 3.0, 9.0, 2.0])}) == 2
     both = {'mpcc': runs([1.0, 2.0, 3.0]), 'frenet': runs([20.0, 30.0, 10.0])}
     # distances to the middle rank: 1 + 0, 0 + 1, 1 + 1
-    assert statistics.median_run(both) == 0
+    assert run_statistics.find_median_run(both) == 0

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.paper import graph, make, point
+from experiments.paper import operating_point, reproduction
 
 
 class Alike:
@@ -19,11 +19,11 @@ class Alike:
     jobs = 2
 
     def __init__(self, make_record):
-        self.make_record, self.cases = make_record, []
+        self.make_record, self.specs = make_record, []
 
-    def of(self, cases, what, before=0, total=None):
-        self.cases += cases
-        return [self.make_record()._replace(case=case) for case in cases]
+    def run(self, specs, label, done_before=0, total=None):
+        self.specs += specs
+        return [self.make_record()._replace(spec=spec) for spec in specs]
 
     def __enter__(self):
         return self
@@ -38,12 +38,12 @@ class Graph:
     def __init__(self, metrics):
         self.metrics, self.chosen, self.circles = metrics, [], 0
 
-    def double_lane_change(self, chosen, out, bags, console):
+    def run_double_lane_change(self, chosen, out, bags, console):
         self.chosen = list(chosen)
         runs = {one.controller: self.metrics for one in chosen}
-        return graph.Driven(runs, [out / 'sheet.png', out / 'sheet.svg'])
+        return reproduction.NodeGraphRuns(runs, [out / 'sheet.png', out / 'sheet.svg'])
 
-    def circle(self, out, bags, console):
+    def run_circle(self, out, bags, console):
         self.circles += 1
 
 
@@ -54,25 +54,27 @@ def paper(monkeypatch, tmp_path, make_record):
     def made(**metrics):
         drives = Alike(make_record)
         through = Graph({**make_record().metrics, **metrics})
-        monkeypatch.setattr(make, 'Drives', lambda jobs, show: drives)
-        monkeypatch.setattr(graph, 'double_lane_change', through.double_lane_change)
-        monkeypatch.setattr(graph, 'circle', through.circle)
-        monkeypatch.setattr(point, 'write', lambda out: None)
+        monkeypatch.setattr(reproduction, 'Runner', lambda jobs, show: drives)
+        monkeypatch.setattr(reproduction, 'run_double_lane_change', through.run_double_lane_change)
+        monkeypatch.setattr(reproduction, 'run_circle', through.run_circle)
+        monkeypatch.setattr(operating_point, 'write', lambda out: None)
         console = Console(file=io.StringIO(), width=120)
-        return make.everything(tmp_path, True, 2, console), drives, through, console
+        return reproduction.reproduce(tmp_path, True, 2, console), drives, through, console
 
     return made
 
 
 def test_the_tuned_controllers_play_and_the_median_run_goes_through_the_graph(paper, tmp_path):
     made, drives, through, _ = paper()
-    assert [case.controller for case in through.chosen] == [
+    assert [spec.controller for spec in through.chosen] == [
         'mpcc_no_ca_tuned',
         'mpcc_tuned',
         'frenet_tuned',
     ]
-    assert len({case[3:] for case in through.chosen}) == 1, 'one draw for all'
-    assert set(through.chosen) <= set(drives.cases)
+    assert len({(s.speed_kph, s.grip, s.tolerance) for s in through.chosen}) == 1, (
+        'one draw for all'
+    )
+    assert set(through.chosen) <= set(drives.specs)
     assert through.circles == 1
     assert json.loads(made.claims.read_text()) == made.rows
     assert made.claims == tmp_path / 'claims.json'
@@ -87,7 +89,7 @@ def test_a_node_graph_that_drives_otherwise_is_an_error_that_names_the_number(pa
 
 def test_the_screen_shows_every_claim_with_its_brackets(paper):
     made, _, _, console = paper()
-    make.show(made, console)
+    reproduction.show(made, console)
     said = ' '.join(console.file.getvalue().split())
     assert '4/4 experiment 1' in said
     assert said.count('paper ') >= len(made.rows)

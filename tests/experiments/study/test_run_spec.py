@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 
 from bags.errors import BagError
-from experiments.study import samples
+from experiments.study import run_spec
 
 
 def test_a_longer_study_begins_with_the_draws_of_a_shorter_one():
-    assert samples.draws(100)[:60] == samples.draws(60)
+    assert run_spec.draw_runs(100)[:60] == run_spec.draw_runs(60)
 
 
 def test_another_seed_gives_other_draws():
-    assert not set(samples.draws(10)[0][1:]) & set(samples.draws(10, seed=2)[0][1:])
+    assert not set(run_spec.draw_runs(10)[0][1:]) & set(run_spec.draw_runs(10, seed=2)[0][1:])
 
 
 def test_draws_fill_their_ranges_evenly():
-    _, speed, grip, tolerance = map(np.array, zip(*samples.draws(60)))
-    low, high = samples.TOLERANCE
+    _, speed, grip, tolerance = map(np.array, zip(*run_spec.draw_runs(60)))
+    low, high = run_spec.TOLERANCE_RANGE
     unit = [
-        (speed / samples.SPEED_KPH + 1) / 2,
-        ((grip - 1) / samples.GRIP + 1) / 2,
+        (speed / run_spec.SPEED_SPREAD_KPH + 1) / 2,
+        ((grip - 1) / run_spec.GRIP_SPREAD + 1) / 2,
         np.log(tolerance / low) / np.log(high / low),
     ]
     for values in unit:
@@ -31,7 +31,7 @@ def test_draws_fill_their_ranges_evenly():
         assert counts.max() <= 9
 
 
-@pytest.mark.parametrize('runs', [0, -1, samples.MOST_RUNS + 1])
+@pytest.mark.parametrize('runs', [0, -1, run_spec.MAX_RUNS + 1])
 def test_a_number_of_runs_that_cannot_be_made_is_refused_with_the_range(runs):
     with pytest.raises(BagError, match='from 1 to 10000'):
-        samples.draws(runs)
+        run_spec.draw_runs(runs)
