@@ -251,8 +251,9 @@ def _find_base(item: Item, path, config):
     name = item.text()
     folders = [path.parent, *([config] if config and os.sep not in name else [])]
     for folder in folders:
-        if Path(folder, os.path.expanduser(name)).is_file():
-            return Path(folder, os.path.expanduser(name))
+        path = Path(os.path.normpath(folder / os.path.expanduser(name)))
+        if path.is_file():
+            return path
     raise item.error(f'there is no file {name} in {" or ".join(map(str, folders))}')
 
 
@@ -261,6 +262,7 @@ def _leaf_items(item, prefix):
     for name, member in item.items().items():
         nested = member.node.id == 'mapping'
         key = f'{prefix}{name}'
+        member = member._replace(key=key)
         leaf_items.update(_leaf_items(member, f'{key}.') if nested else {key: member})
     return leaf_items
 

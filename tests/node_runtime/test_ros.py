@@ -1,11 +1,13 @@
 """Nodes that take everything from the contract hear each other over real Fast DDS."""
 
+from array import array
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -47,6 +49,11 @@ class Params:
     count: Annotated[int, Range(0, 9, '-')]
     widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
     loud: bool
+
+
+@dataclass(frozen=True)
+class Optional(Params):
+    share: Annotated[float, Range(0.0, 1.0, '-')] | None
 
 
 @pytest.fixture
@@ -192,6 +199,38 @@ def test_whole_numbers_and_lists_override_doubles(pair, defaults):
     assert node.made == Params(1.0, 3, (1.0, 2.0, 3.0), False)
     assert node.get_parameter('gain').value == 1.0
     assert list(node.get_parameter('widths').value) == [1.0, 2.0, 3.0]
+
+
+def params_file(path, node, values):
+    path.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))
+    return ['--ros-args', '--params-file', str(path)]
+
+
+def test_a_parameter_file_with_a_base_overrides_the_file_that_it_names(pair, defaults, tmp_path):
+    text = '/**: {ros__parameters: {base: node.yaml, gain: 4.0, loud: false}}'
+    (tmp_path / 'quiet.yaml').write_text(text)
+    for base, expected in (('quiet.yaml', 4.0), (str(tmp_path / 'quiet.yaml'), 4.0), ('', 2.0)):
+        arguments = params_file(tmp_path / 'small.yaml', '/**', {'base': base, 'count': 5})
+        node = pair.make('third', {}, defaults, arguments=arguments)
+        pair.nodes.append(node)
+        assert node.made == Params(expected, 5, (1.0, 2.0), not base)
+        assert node.get_parameter('base').value == base
+    (result,) = node.set_parameters([Parameter('base', value='quiet.yaml')])
+    assert 'read-only' in result.reason
+
+
+def test_a_node_restarts_from_the_output_of_ros2_param_dump(pair, defaults, tmp_path):
+    node = pair.make('third', {'gain': 3.0}, defaults, cls=Optional, namespace='car1')
+    pair.nodes.append(node)
+    names = node.list_parameters([], 0).names
+    values = {one.name: one.value for one in node.get_parameters(names)}
+    assert {'base', 'mode', 'use_sim_time', 'share', 'realtime.priority'} <= values.keys()
+    # as ros2cli writes it: lists plain, a value that is not set as null
+    plain = {k: v.tolist() if isinstance(v, array) else v for k, v in values.items()}
+    arguments = params_file(tmp_path / 'dump.yaml', '/car1/third', plain)
+    again = pair.make('third', {}, defaults, cls=Optional, namespace='car1', arguments=arguments)
+    pair.nodes.append(again)
+    assert again.made == node.made == Optional(3.0, 3, (1.0, 2.0), True, None)
 
 
 def test_an_override_that_nobody_declares_stops_the_node(pair, defaults):

@@ -249,7 +249,7 @@ def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that a node is given by dotted name: files first, then settings."""
     values = {}
     for file in node.files:
-        values |= parameters.read_file(file).values
+        values |= _read(node, file).values
     return values | node.parameters
 
 
@@ -257,14 +257,25 @@ def parameter_sources(node: Node) -> dict[str, str]:
     """Return the source of each given parameter: file and line, scenario key, or --set."""
     sources = {}
     for file in node.files:
-        sources |= parameters.read_file(file).sources
+        sources |= _read(node, file).sources
     return sources | dict(node.origins)
 
 
+def _read(node, file):
+    """Return a parameter file of a node; its `base` may be in the config/ of the package."""
+    return parameters.read_file(file, share.path(node.package, 'config'))
+
+
 def write_parameter_file(node: Node, folder: Path) -> Path:
-    """Write the set parameters of a node as the ROS file `folder`/<role>.yaml; return its path."""
+    """Write the set parameters of a node as the ROS file `folder`/<role>.yaml; return its path.
+
+    A `base` of the node's files is written with its path: ROS does not tell a node where its files
+    are.
+    """
+    bases = [str(base) for file in node.files if (base := _read(node, file).base)]
+    values = {parameters.BASE: bases[-1], **node.parameters} if bases else node.parameters
     path = folder / f'{node.role}.yaml'
-    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': node.parameters}}))
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
     return path
 
 
