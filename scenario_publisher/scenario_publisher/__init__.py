@@ -1,1 +1,16 @@
-"""Scenarios: road, coarse path, obstacles; the node that publishes them."""
+"""Scenarios: road, coarse path, obstacles and friction from one YAML file, and their ROS node.
+
+Use:
+    scenario          load a scenario by name or file; obstacles at an instant
+    timeline          messages of a scenario under a stamp, and their rates
+    scenario_node     the ROS node
+From file to scenario:
+    schema            every key of the file with its range and unit
+    scenario_file     strict reading: YAML text to typed values, errors with file, line and key
+    lines             straights, arcs, clothoids, lane changes, splines; sampled lines
+    polyline          distances to polylines
+    road_geometry     sampled lines and road edges of the file
+    friction_patches  stripes of another friction as quadrilaterals
+    actors            obstacles over time
+    plausibility      checks of path, start, finish and obstacles
+"""

@@ -1,4 +1,4 @@
-"""Obstacles over time: where each one is while it is there. Metres, seconds, frame map."""
+"""Obstacles over time: position while present. Metres, seconds, frame map."""
 
 from typing import NamedTuple
 
@@ -6,37 +6,39 @@ import numpy as np
 
 from msgs_yaml.types import Obstacle
 from scenario_publisher import schema
-from scenario_publisher.line import Frame, Line, at, beside
+from scenario_publisher.lines import Frame, Line, offset_point, pose_at
 
 
 class Actor(NamedTuple):
-    """An obstacle, placed where it is when it appears, and how long it stays."""
+    """An obstacle at the position where it appears, and the time during which it is present."""
 
     obstacle: Obstacle
     appears: float  # s
     disappears: float  # s, infinite: never
 
 
-def place(number: int, given: schema.MapObstacle | schema.RoadObstacle, centre: Line) -> Actor:
+def place_actor(
+    number: int, block: schema.MapObstacle | schema.RoadObstacle, centre: Line
+) -> Actor:
     """Return an obstacle of the file; along and across follow the centre line at its station."""
-    if isinstance(given, schema.MapObstacle):
-        X, Y, vX, vY = given.x_m, given.y_m, given.vx_mps, given.vy_mps
+    if isinstance(block, schema.MapObstacle):
+        X, Y, vX, vY = block.x_m, block.y_m, block.vx_mps, block.vy_mps
     else:
-        frame = at(centre, given.station_m)
-        X, Y = beside(frame, given.offset_m)
-        ahead = given.along_mps * np.cos(frame.psi), given.along_mps * np.sin(frame.psi)
-        vX, vY = beside(Frame(*ahead, frame.psi), given.across_mps)
-    obstacle = Obstacle(number, float(X), float(Y), given.radius_m, float(vX), float(vY))
-    return Actor(obstacle, given.appears_at_s, given.disappears_at_s)
+        frame = pose_at(centre, block.station_m)
+        X, Y = offset_point(frame, block.offset_m)
+        along = block.along_mps * np.cos(frame.psi), block.along_mps * np.sin(frame.psi)
+        vX, vY = offset_point(Frame(*along, frame.psi), block.across_mps)
+    obstacle = Obstacle(number, float(X), float(Y), block.radius_m, float(vX), float(vY))
+    return Actor(obstacle, block.appears_at_s, block.disappears_at_s)
 
 
-def is_there(actor: Actor, t: float) -> bool:
-    """Tell whether an obstacle is present t [s] after the start."""
+def is_present(actor: Actor, t: float) -> bool:
+    """Return whether an obstacle is present t [s] after the start."""
     return actor.appears <= t < actor.disappears
 
 
-def moved(actor: Actor, t: float) -> Obstacle:
-    """Return an obstacle where it is t [s] after the start."""
+def obstacle_at(actor: Actor, t: float) -> Obstacle:
+    """Return an obstacle at its position t [s] after the start."""
     o = actor.obstacle
     since = t - actor.appears
     return o._replace(X=o.X + o.vX * since, Y=o.Y + o.vY * since)

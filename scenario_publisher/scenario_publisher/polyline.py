@@ -1,4 +1,4 @@
-"""Polylines, straight between their points: where a point lies beside one. Metres, frame map."""
+"""Polylines, straight between their points: lengths, turns and signed distances. Metres, map."""
 
 import numpy as np
 import scipy
@@ -12,7 +12,7 @@ def steps(points: np.ndarray) -> np.ndarray:
 
 
 def turns(points: np.ndarray) -> np.ndarray:
-    """Return by how much (n - 2,) [rad] a polyline turns at each inner point, 0 to pi."""
+    """Return the change of direction (n - 2,) [rad] at each inner point, 0 to pi."""
     chord = np.diff(points, axis=0)
     before, after = chord[:-1], chord[1:]
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
@@ -27,16 +27,16 @@ def refine(points: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def left_of(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Return how far [m] points lie to the left of a polyline; to the right is negative.
+    """Return the distance [m] of points to the left of a polyline; to the right is negative.
 
-    The nearest vertex decides which two segments count, so the polyline must have points closer
-    together than the distances asked for.
+    Only the two segments at the nearest vertex are evaluated, so the points of the polyline must be
+    closer together than the distances of interest.
     """
     points = np.column_stack([np.atleast_1d(X), np.atleast_1d(Y)])
     nearest = scipy.spatial.cKDTree(line).query(points)[1]
-    before, before_side = _beside(line, np.maximum(nearest - 1, 0), points)
-    after, after_side = _beside(line, np.minimum(nearest, len(line) - 2), points)
-    # at a shared vertex the segment that sees the point more squarely knows the side
+    before, before_side = _segment_distance(line, np.maximum(nearest - 1, 0), points)
+    after, after_side = _segment_distance(line, np.minimum(nearest, len(line) - 2), points)
+    # at a shared vertex the segment that the point is more perpendicular to gives the side
     tie = np.abs(before - after) <= TIE
     take_before = np.where(tie, np.abs(before_side) > np.abs(after_side), before < after)
     side = np.where(take_before, before_side, after_side)
@@ -44,7 +44,7 @@ def left_of(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
 
 
 def overrun(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Return how far [m] points lie behind the start or ahead of the end of a polyline, else 0."""
+    """Return the distance [m] of points before the start or beyond the end of a line, else 0."""
     points = np.column_stack([np.atleast_1d(X), np.atleast_1d(Y)])
     nearest = scipy.spatial.cKDTree(line).query(points)[1]
     first, last = line[0] - line[1], line[-1] - line[-2]
@@ -54,7 +54,7 @@ def overrun(line: np.ndarray, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     return np.maximum(np.where(at_first, behind, np.where(at_last, ahead, 0.0)), 0.0)
 
 
-def _beside(line, index, points):
+def _segment_distance(line, index, points):
     """Return the distance to a segment each and the signed offset from its infinite line."""
     tail, along = line[index], line[index + 1] - line[index]
     length = np.hypot(*along.T)

@@ -1,7 +1,8 @@
-"""Scenarios: from a name or a file to path, edges, friction, obstacles, start and end of a run."""
+"""Scenarios: path, edges, friction, obstacles, start and end of a run from a name or a file."""
 
 import math
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,19 +13,17 @@ from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from scenario_publisher import (
     actors,
-    build,
-    checks,
-    document,
-    friction,
-    line,
-    road,
+    friction_patches,
+    lines,
+    plausibility,
+    road_geometry,
+    scenario_file,
     schema,
-    shape,
 )
 from scenario_publisher.actors import Actor
-from scenario_publisher.document import ScenarioError
-from scenario_publisher.friction import Patches
-from scenario_publisher.line import Line
+from scenario_publisher.friction_patches import Patches
+from scenario_publisher.lines import Line
+from scenario_publisher.scenario_file import ScenarioError
 
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
@@ -33,8 +32,15 @@ SUFFIX = '.yaml'
 START_NS = 1_000_000_000
 
 
+@dataclass(frozen=True)
+class NodeParams:
+    """Parameters of scenario_node besides `mode`."""
+
+    scenario: str
+
+
 class Start(NamedTuple):
-    """Where the car starts and how fast."""
+    """Initial pose and speed of the car."""
 
     X: float  # m, map
     Y: float  # m, map
@@ -43,7 +49,7 @@ class Start(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The finish line, across the path at (X, Y), and the longest a run may take."""
+    """The finish line, across the path at (X, Y), and the time limit of a run."""
 
     X: float  # m, map
     Y: float  # m, map
@@ -53,14 +59,14 @@ class Stop(NamedTuple):
 
 
 class GivenSpeed(NamedTuple):
-    """A speed of the start or of the path, and where the file gives it."""
+    """A speed of the start or of the path, and its key in the file."""
 
     key: str  # 'start.speed_mps', 'speed.constant_mps' or 'speed.speeds_mps[<i>]'
     speed: float  # m/s
 
 
 class Scenario(NamedTuple):
-    """A scenario, checked; stamps are those of the start of a lockstep run."""
+    """A checked scenario; stamps are those of the start of a lockstep run."""
 
     name: str
     description: str
@@ -70,10 +76,13 @@ class Scenario(NamedTuple):
     friction: float  # scale of the grip of the road, 1 is dry
     start: Start
     stop: Stop
-    text: str  # the YAML it was made from
+    text: str  # its YAML
     actors: tuple[Actor, ...]  # obstacles over time
-    patches: Patches = Patches()  # where the friction is another
-    speeds: tuple[GivenSpeed, ...] = ()  # the start's, if it is given, then the desired ones
+    patches: Patches = Patches()  # areas of another friction
+    speeds: tuple[GivenSpeed, ...] = ()  # that of the start, if given, then the desired ones
+
+    def __repr__(self) -> str:
+        return f'Scenario({self.name!r}, {len(self.reference.X)} poses, {len(self.actors)} actors)'
 
 
 def available() -> tuple[str, ...]:
@@ -89,116 +98,129 @@ def load(name_or_path: str | os.PathLike) -> Scenario:
     scenario, those that exist.
     """
     path = _find(os.fspath(name_or_path))
-    return parse(document.read(path), str(path))
+    return parse(scenario_file.read(path), str(path))
 
 
 def parse(text: str, source: str) -> Scenario:
     """Return the scenario of a YAML text; `source` is the file name that errors show."""
-    root = document.parse(text, source)
+    root = scenario_file.parse_yaml(text, source)
     try:
-        given = build.value(schema.File, root)
+        file = scenario_file.parse_value(schema.File, root)
     except YamlError as error:
         raise ScenarioError(str(error)) from None
-    return _make(given, text, lambda key, what: document.error_at(root, key, what))
+    return _build(file, text, lambda key, what: scenario_file.error_at(root, key, what))
 
 
 def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
-    """Return the obstacles that are there t [s] after the start, moved, under a stamp."""
+    """Return the obstacles present t [s] after the start, at their positions, under a stamp."""
     t = max(t, 0.0)
-    there = (actors.moved(actor, t) for actor in scn.actors if actors.is_there(actor, t))
-    return Obstacles(stamp_ns, tuple(there))
+    present = (actors.obstacle_at(actor, t) for actor in scn.actors if actors.is_present(actor, t))
+    return Obstacles(stamp_ns, tuple(present))
 
 
-def _find(wanted):
-    is_path = '/' in wanted or os.sep in wanted or wanted.endswith(SUFFIX)
+def _find(name_or_path):
+    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(SUFFIX)
     if is_path:
         # not Path.expanduser, which raises for an unknown user
-        path = Path(os.path.expanduser(wanted))
+        path = Path(os.path.expanduser(name_or_path))
         if path.is_file():
             return path
-    elif wanted in available():
-        return share.path(PACKAGE, FOLDER, wanted + SUFFIX)
+    elif name_or_path in available():
+        return share.path(PACKAGE, FOLDER, name_or_path + SUFFIX)
     what = 'no file' if is_path else 'no scenario'
-    hint = closest(Path(wanted).stem, available())
-    raise ScenarioError(f'{what} {wanted!r}; available: {", ".join(available())}{hint}')
+    hint = closest(Path(name_or_path).stem, available())
+    raise ScenarioError(f'{what} {name_or_path!r}; available: {", ".join(available())}{hint}')
 
 
-def _make(given, text, fail):
-    where = road.make(given.road, given.sampling.edges_m, fail)
-    path = shape.make_line(given.path, 'path', given.sampling.path_m, fail)
-    checks.path_stays_on_road(path, where, given.sampling.edges_m, fail)
-    speed = _speed_table(given.speed, fail)
-    crowd = _place(given.obstacles, where.centre, fail)
-    checks.obstacles_touch_road(crowd, where, given.stop.time_s, fail)
-    start = _start(given.start, path, speed, fail)
-    checks.stop_is_ahead(path, given.stop, start, fail)
-    checks.start_is_free(start, where, crowd, given.sampling.edges_m, fail)
-    made = Scenario(
-        name=given.name,
-        description=given.description,
-        reference=Reference(START_NS, path.X, path.Y, path.psi, shape.travel_times(path, speed)),
-        edges=RoadEdges(START_NS, where.left, where.right),
+def _build(file, text, error):
+    road = road_geometry.build_road(file.road, file.sampling.edges_m, error)
+    path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m, error)
+    plausibility.check_path_on_road(path, road, file.sampling.edges_m, error)
+    speed = _speed_table(file.speed, error)
+    crowd = _place_actors(file.obstacles, road.centre, error)
+    plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s, error)
+    start = _start(file.start, path, speed, error)
+    plausibility.check_stop_is_ahead(path, file.stop, start, error)
+    plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m, error)
+    scn = Scenario(
+        name=file.name,
+        description=file.description,
+        reference=Reference(START_NS, path.X, path.Y, path.psi, _travel_times(path, speed)),
+        edges=RoadEdges(START_NS, road.left, road.right),
         obstacles=Obstacles(START_NS, ()),
-        friction=given.friction,
+        friction=file.friction,
         start=start,
-        stop=_stop(given.stop, path, start),
+        stop=_stop(file.stop, path, start),
         text=text,
         actors=crowd,
-        patches=friction.make(given.friction_patches, where.centre, fail),
-        speeds=_given_speeds(given),
+        patches=friction_patches.build_patches(file.friction_patches, road.centre, error),
+        speeds=_given_speeds(file),
     )
-    return made._replace(obstacles=obstacles_at(made, 0.0, START_NS))
+    return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))
 
 
-def _given_speeds(given):
-    start = given.start.speed_mps
-    found = [] if start is None else [GivenSpeed('start.speed_mps', start)]
-    if isinstance(given.speed, schema.ConstantSpeed):
-        return (*found, GivenSpeed('speed.constant_mps', given.speed.constant_mps))
-    listed = enumerate(given.speed.speeds_mps)
-    return (*found, *(GivenSpeed(f'speed.speeds_mps[{i}]', speed) for i, speed in listed))
+def _given_speeds(file):
+    start = file.start.speed_mps
+    speeds = [] if start is None else [GivenSpeed('start.speed_mps', start)]
+    if isinstance(file.speed, schema.ConstantSpeed):
+        return (*speeds, GivenSpeed('speed.constant_mps', file.speed.constant_mps))
+    table = enumerate(file.speed.speeds_mps)
+    return (*speeds, *(GivenSpeed(f'speed.speeds_mps[{i}]', speed) for i, speed in table))
 
 
-def _speed_table(given, fail):
-    if isinstance(given, schema.ConstantSpeed):
-        return np.array([[0.0, given.constant_mps]])
-    return shape.make_table(given.stations_m, given.speeds_mps, 'speed', 'speeds_mps', fail)
+def _speed_table(block, error):
+    """Return rows (station, desired speed), (n, 2)."""
+    if isinstance(block, schema.ConstantSpeed):
+        return np.array([[0.0, block.constant_mps]])
+    return road_geometry.build_table(
+        block.stations_m, block.speeds_mps, 'speed', 'speeds_mps', error
+    )
 
 
-def _place(obstacles, centre, fail):
-    if len(obstacles) > checks.MAX_OBSTACLES:
-        what = f'has {len(obstacles)} obstacles; allowed at most {checks.MAX_OBSTACLES}'
-        raise fail('obstacles', what)
-    for i, given in enumerate(obstacles):
-        if isinstance(given, schema.RoadObstacle) and given.station_m > centre.s[-1]:
-            what = f'lies beyond the road with {given.station_m:g}'
-            raise fail(f'obstacles[{i}].station_m', f'{what}; allowed 0 to {centre.s[-1]:.2f} m')
-    return tuple(actors.place(i + 1, given, centre) for i, given in enumerate(obstacles))
+def _travel_times(path: Line, speed: np.ndarray) -> np.ndarray:
+    """Return the time [s] of each sample at the desired speed, rows (station, speed).
+
+    Between two samples the speed is that desired in the middle.
+    """
+    middle = (path.s[:-1] + path.s[1:]) / 2
+    steps = np.diff(path.s) / np.interp(middle, *speed.T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _start(given, path, speed, fail):
-    if isinstance(given, schema.StartPose):
-        return Start(given.x_m, given.y_m, _wrapped(given.yaw_rad), given.speed_mps)
-    if given.progress_m > path.s[-1]:
-        what = f'is {given.progress_m:g} m, beyond the end of the path'
-        raise fail('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
-    X, Y, psi = map(float, line.at(path, given.progress_m))
-    wanted = float(np.interp(given.progress_m, *speed.T))
-    return Start(X, Y, _wrapped(psi), wanted if given.speed_mps is None else given.speed_mps)
+def _place_actors(blocks, centre, error):
+    if len(blocks) > plausibility.MAX_OBSTACLES:
+        what = f'has {len(blocks)} obstacles; allowed at most {plausibility.MAX_OBSTACLES}'
+        raise error('obstacles', what)
+    for i, block in enumerate(blocks):
+        if isinstance(block, schema.RoadObstacle) and block.station_m > centre.s[-1]:
+            what = f'lies beyond the road with {block.station_m:g}'
+            raise error(f'obstacles[{i}].station_m', f'{what}; allowed 0 to {centre.s[-1]:.2f} m')
+    return tuple(actors.place_actor(i + 1, block, centre) for i, block in enumerate(blocks))
 
 
-def _stop(given, path: Line, start: Start):
-    X, Y, psi = map(float, line.at(path, given.progress_m))
-    begin = float(path.s[line.nearest(path, start.X, start.Y)])
+def _start(block, path, speed, error):
+    if isinstance(block, schema.StartPose):
+        return Start(block.x_m, block.y_m, _wrap_angle(block.yaw_rad), block.speed_mps)
+    if block.progress_m > path.s[-1]:
+        what = f'is {block.progress_m:g} m, beyond the end of the path'
+        raise error('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
+    X, Y, psi = map(float, lines.pose_at(path, block.progress_m))
+    desired = float(np.interp(block.progress_m, *speed.T))
+    return Start(X, Y, _wrap_angle(psi), desired if block.speed_mps is None else block.speed_mps)
+
+
+def _stop(block, path: Line, start: Start):
+    X, Y, psi = map(float, lines.pose_at(path, block.progress_m))
+    begin = float(path.s[lines.nearest_sample(path, start.X, start.Y)])
     ahead = np.cos(psi) * (path.X - X) + np.sin(psi) * (path.Y - Y)
     crossing = np.sign(ahead[:-1]) != np.sign(ahead[1:])
-    between = (path.s[:-1] > begin) & (path.s[1:] < given.progress_m)
-    # a lap passes the line before: it counts from half way since the last time
+    between = (path.s[:-1] > begin) & (path.s[1:] < block.progress_m)
+    # laps cross the line before: it counts from half way after the last crossing
     last = float(path.s[1:][crossing & between].max(initial=begin))
-    armed_after = (last + given.progress_m) / 2 - begin
-    return Stop(X, Y, _wrapped(psi), armed_after, given.time_s)
+    armed_after = (last + block.progress_m) / 2 - begin
+    return Stop(X, Y, _wrap_angle(psi), armed_after, block.time_s)
 
 
-def _wrapped(psi):
+def _wrap_angle(psi):
     """Return the same heading in [-pi, pi]."""
     return math.remainder(psi, math.tau)

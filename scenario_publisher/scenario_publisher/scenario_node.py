@@ -1,4 +1,4 @@
-"""Publishes a scenario: path and edges latched and repeated, obstacles at each instant."""
+"""ROS node of a scenario: path and edges latched and repeated, obstacles at each instant."""
 
 import sys
 
@@ -9,10 +9,10 @@ from msgs_yaml import contract, decode, encode, raw_scenario, share
 from node_runtime import ros, spin_node
 from node_runtime.clocks import SteadyClock
 from scenario_publisher import scenario
-from scenario_publisher.parameters import NodeParams
+from scenario_publisher.scenario import NodeParams
 from scenario_publisher.timeline import NAME, Timeline
 
-LOOK_S = 0.02  # of wall time, between two looks at who is listening
+POLL_S = 0.02  # of wall time, between two checks for subscribers
 THROTTLE_S = 1.0
 VALUE_BYTES = 100  # of one value of a status, on the average, at most
 
@@ -30,68 +30,67 @@ class ScenarioNode(Node):
         self.edges_pub = ros.publisher(self, '/scenario/road_edges')
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
-        # serialised: making the messages anew takes longer than the time between two obstacles
+        # serialised once: building the messages takes longer than the time between two obstacles
         self.path = ros.serialize(encode.reference(self.timeline.reference(scenario.START_NS)))
         self.edges = ros.serialize(encode.road_edges(self.timeline.edges(scenario.START_NS)))
-        self.instant = None  # of simulated time, not answered yet
+        self.pending_ns = None  # simulated instant that is not answered yet
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.looking = self.create_timer(LOOK_S, self.answer, clock=steady)
-            self.publish_facts(scenario.START_NS)
+            self.polling = self.create_timer(POLL_S, self.answer, clock=steady)
+            self.publish_road(scenario.START_NS)
         else:
             self.wall = SteadyClock()
             ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer, clock=steady)
         self.get_logger().info(f'{scn.name}: {scn.description}')
-        if not self.timeline.knows_plant:
+        if not self.timeline.has_plant:
             self.get_logger().info('obstacles wait for the plant')
 
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
         try:
-            self.instant = decode.clock(msg)
+            self.pending_ns = decode.clock(msg)
         except decode.DecodeError as error:
-            self.turn_down('/clock', error)
+            self.log_rejected('/clock', error)
         else:
             self.answer()
 
     def answer(self):
-        """Answer the instant as soon as all are listening; from then on at once."""
-        if self.instant is None or ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
+        """Answer the pending instant once all subscribers are matched."""
+        if self.pending_ns is None or ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
             return
-        self.looking.cancel()
-        self.publish(self.instant)
-        self.instant = None
+        self.polling.cancel()
+        self.publish(self.pending_ns)
+        self.pending_ns = None
 
     def on_timer(self):
         """Publish at an instant of the wall clock."""
         self.publish(self.wall.now_ns())
 
     def on_health(self, raw):
-        """Let obstacles move once the vehicle does: the plant says since when."""
+        """Take the start of the run from the plant's health."""
         try:
-            self.timeline.hear(read_health(raw))
+            self.timeline.update_run_start(read_health(raw))
         except decode.DecodeError as error:
-            self.turn_down(ros.HEALTH, error)
+            self.log_rejected(ros.HEALTH, error)
 
-    def turn_down(self, topic, error):
-        """Say why a message is not used."""
-        told = f'{topic} turned down: {error}'
-        self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+    def log_rejected(self, topic, error):
+        """Log why a message is not used."""
+        text = f'{topic} turned down: {error}'
+        self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
 
     def publish(self, stamp_ns):
-        """Publish the obstacles, and what else is due."""
-        if self.timeline.knows_plant:
+        """Publish the obstacles, and path, edges and health when they are due."""
+        if self.timeline.has_plant:
             self.obstacles_pub.publish(encode.obstacles(self.timeline.obstacles(stamp_ns)))
-        self.publish_facts(stamp_ns)
-        if self.timeline.health_beat.is_due(stamp_ns):
+        self.publish_road(stamp_ns)
+        if self.timeline.health_rate.is_due(stamp_ns):
             self.health_pub.publish(encode.health(self.timeline.health(stamp_ns)))
 
-    def publish_facts(self, stamp_ns):
+    def publish_road(self, stamp_ns):
         """Publish path and edges when they are due."""
-        if self.timeline.facts.is_due(stamp_ns):
+        if self.timeline.road_rate.is_due(stamp_ns):
             self.reference_pub.publish(raw_scenario.restamp_reference(self.path, stamp_ns))
             self.edges_pub.publish(raw_scenario.restamp_road_edges(self.edges, stamp_ns))
 
@@ -99,7 +98,7 @@ class ScenarioNode(Node):
 def read_health(raw):
     """Return the health in a serialised message.
 
-    Raises DecodeError, also and at once when it is too long: looking at it would take seconds, in
+    Raises DecodeError, at once for a message that is too long: decoding it would take seconds, in
     which no obstacle is sent.
     """
     largest = VALUE_BYTES * contract.load().topics[ros.HEALTH].sizes['status[*].values'].high

@@ -1,6 +1,6 @@
-"""The scenario file, key by key: what may stand where, in which range and unit.
+"""Schema of the scenario file: every key with its range and unit.
 
-What each key means is told in docs/scenarios.md; a test keeps both equal.
+docs/scenarios.md gives the meaning of each key; a test keeps both equal.
 """
 
 from dataclasses import dataclass
@@ -9,21 +9,24 @@ from typing import Annotated, Literal
 
 from node_runtime import parameters
 from node_runtime.parameters import Range
-from scenario_publisher.quantities import (
-    Coordinate,
-    Friction,
-    Name,
-    Offset,
-    Radius,
-    Spacing,
-    Speed,
-    Station,
-    Text,
-    Time,
-    Velocity,
-    Yaw,
-)
-from scenario_publisher.segments import Segment
+from scenario_publisher.scenario_file import Pattern
+
+# coordinates and speeds: the ranges of topics.yaml
+Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
+Station = Annotated[float, Range(0.0, 10000.0, 'm')]
+Length = Annotated[float, Range(0.5, 10000.0, 'm')]
+Offset = Annotated[float, Range(-100.0, 100.0, 'm')]
+Yaw = Annotated[float, Range(-6.3, 6.3, 'rad')]
+# 5 m is the tightest circle a passenger car can turn
+Curvature = Annotated[float, Range(-0.2, 0.2, '1/m')]
+Speed = Annotated[float, parameters.SPEED]
+Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
+Radius = Annotated[float, Range(0.01, 50.0, 'm')]
+Time = Annotated[float, Range(0.0, 600.0, 's')]
+Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
+Friction = Annotated[float, parameters.ROAD_FRICTION]
+Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
+Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,71 @@ class Pose:
 
 
 @dataclass(frozen=True)
+class Straight:
+    """A straight."""
+
+    length_m: Length
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Constant curvature."""
+
+    length_m: Length
+    curvature_1pm: Curvature
+
+
+@dataclass(frozen=True)
+class Clothoid:
+    """Curvature that changes linearly with the distance."""
+
+    length_m: Length
+    start_curvature_1pm: Curvature
+    end_curvature_1pm: Curvature
+
+
+@dataclass(frozen=True)
+class LaneChange:
+    """S-shaped lateral shift; length measured along the initial heading."""
+
+    length_m: Length
+    offset_m: Offset
+
+
+@dataclass(frozen=True)
+class StraightSegment:
+    """A straight segment."""
+
+    straight: Straight
+
+
+@dataclass(frozen=True)
+class ArcSegment:
+    """An arc segment."""
+
+    arc: Arc
+
+
+@dataclass(frozen=True)
+class ClothoidSegment:
+    """A clothoid segment."""
+
+    clothoid: Clothoid
+
+
+@dataclass(frozen=True)
+class LaneChangeSegment:
+    """A lane-change segment."""
+
+    lane_change: LaneChange
+
+
+Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
+
+
+@dataclass(frozen=True)
 class SegmentLine:
-    """A line made from curvature over distance and the pose it starts with."""
+    """A line of curvature over distance, with its initial pose."""
 
     segments: tuple[Segment, ...]
     start: Pose
@@ -70,7 +136,7 @@ class OffsetTable:
 
 @dataclass(frozen=True)
 class PointEdge:
-    """An edge of its own, straight between its points."""
+    """An edge as a polyline."""
 
     points_m: tuple[tuple[Coordinate, Coordinate], ...]
 
@@ -80,7 +146,7 @@ Edge = ConstantOffset | OffsetTable | PointEdge
 
 @dataclass(frozen=True)
 class Edges:
-    """What bounds the road."""
+    """Both edges of the road."""
 
     left: Edge
     right: Edge
@@ -88,7 +154,7 @@ class Edges:
 
 @dataclass(frozen=True)
 class Road:
-    """Where one may drive."""
+    """The drivable road."""
 
     centre_line: Line
     edges: Edges
@@ -96,7 +162,7 @@ class Road:
 
 @dataclass(frozen=True)
 class ConstantSpeed:
-    """One desired speed."""
+    """A constant desired speed."""
 
     constant_mps: Speed
 
@@ -111,7 +177,7 @@ class SpeedTable:
 
 @dataclass(frozen=True)
 class FrictionPatch:
-    """A stripe along the road with a friction of its own."""
+    """A stripe along the road with another friction."""
 
     from_m: Station
     to_m: Station
@@ -148,7 +214,7 @@ class RoadObstacle:
 
 @dataclass(frozen=True)
 class StartOnPath:
-    """A start on the coarse path, along it; left out, the speed is the desired one there."""
+    """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
     progress_m: Station
     speed_mps: Speed = None
@@ -166,7 +232,7 @@ class StartPose:
 
 @dataclass(frozen=True)
 class Stop:
-    """What ends the run, whichever comes first."""
+    """End of the run: finish line or time limit, whichever comes first."""
 
     progress_m: Annotated[float, Range(1.0, 10000.0, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
@@ -174,7 +240,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Longest distance between neighbouring points of what is published."""
+    """Greatest distance between neighbouring points of the published lines."""
 
     path_m: Spacing = 0.5
     edges_m: Spacing = 1.0
@@ -182,7 +248,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class File:
-    """A whole scenario."""
+    """A complete scenario file."""
 
     schema: Literal[1]
     name: Name

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenario_publisher import build, friction, schema
+from scenario_publisher import friction_patches, scenario_file, schema
 
 TEXT = (Path(__file__).parents[2] / 'docs/scenarios.md').read_text()
 ROW = re.compile(r'^\| `([^`]+)` \|[^|]*\| ([^|]*) \|([^|]*)\|$', re.MULTILINE)
@@ -33,8 +33,8 @@ def rows(title):
 
 def keys(cls, prefix=''):
     """Return {dotted key: (what is allowed, default)} of a schema dataclass."""
-    found, given = {}, build.defaults(cls)
-    for name, hint in build.hints(cls).items():
+    found, given = {}, scenario_file.defaults(cls)
+    for name, hint in scenario_file.field_types(cls).items():
         found.update(_key(f'{prefix}{name}', hint, given.get(name, '')))
     return found
 
@@ -47,7 +47,7 @@ def _key(key, hint, default):
         return keys(hint, f'{key}.')
     if origin is tuple and inside[-1] is Ellipsis:
         return _list(key, inside[0])
-    return {key: (build.allowed(hint), default)}
+    return {key: (scenario_file.describe_allowed(hint), default)}
 
 
 def _list(key, hint):
@@ -55,7 +55,7 @@ def _list(key, hint):
         classes = typing.get_args(hint)
         return {k: v for cls in classes for k, v in keys(cls, f'{key}[].').items()}
     if typing.get_origin(hint) is typing.Annotated:
-        return {key: (build.allowed(hint), '')}
+        return {key: (scenario_file.describe_allowed(hint), '')}
     return {key: (None, '')}
 
 
@@ -88,10 +88,10 @@ def test_the_complete_example_is_a_scenario(make):
 
 def test_documented_limits_of_friction_patches_are_those_of_the_code():
     allowed, _ = rows('Keys')['friction_patches']
-    assert allowed == f'0 to {friction.MOST} patches, see below'
-    assert f'within {100 * friction.SAGITTA:g} cm of the curve' in TEXT
-    assert f'turn by less than {friction.MAX_TURN:g} rad' in TEXT
-    assert f'{friction.SMALLEST:g} m or more behind `from_m`' in TEXT
+    assert allowed == f'0 to {friction_patches.MAX_QUADRILATERALS} patches, see below'
+    assert f'within {100 * friction_patches.MAX_SAGITTA:g} cm of the curve' in TEXT
+    assert f'turn by less than {friction_patches.MAX_TURN:g} rad' in TEXT
+    assert f'{friction_patches.MIN_SIZE:g} m or more behind `from_m`' in TEXT
 
 
 def test_the_example_of_an_error_is_what_one_sees(make):

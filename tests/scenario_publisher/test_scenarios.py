@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from msgs_yaml import contract
-from scenario_publisher import scenario, schema, shape
-from scenario_publisher.checks import CAR_RADIUS, MAX_OBSTACLES
+from scenario_publisher import road_geometry, scenario, schema
+from scenario_publisher.plausibility import CAR_RADIUS, MAX_OBSTACLES
 
 ALL = scenario.available()
 DLC = scenario.load('double_lane_change')
@@ -131,8 +131,10 @@ def test_other_shipped_scenarios_have_one_friction_everywhere(name):
 
 def test_what_a_scenario_may_hold_fits_into_the_messages():
     topics = contract.load().topics
-    assert topics['/scenario/reference'].sizes['poses'].high == shape.MAX_SAMPLES
-    assert topics['/scenario/road_edges'].sizes['markers[*].points'].high == shape.MAX_SAMPLES
+    assert topics['/scenario/reference'].sizes['poses'].high == road_geometry.MAX_SAMPLES
+    assert (
+        topics['/scenario/road_edges'].sizes['markers[*].points'].high == road_geometry.MAX_SAMPLES
+    )
     assert topics['/scenario/obstacles'].sizes['markers'].high >= 2 * MAX_OBSTACLES
 
 

@@ -5,9 +5,10 @@ import pytest
 from msgs_yaml import contract
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Health
+from node_runtime.input_monitor import OK, STALE
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
-from scenario_publisher.timeline import NAME, OK, STALE, Beat, Timeline
+from scenario_publisher.timeline import NAME, RateLimiter, Timeline
 
 MOVING = scenario.load('moving_obstacle')
 MS = 1_000_000
@@ -18,13 +19,13 @@ def plant(**values):
 
 
 def test_beat_is_due_at_first_and_then_once_per_period():
-    beat = Beat(4.0)
+    beat = RateLimiter(4.0)
     due = [ms for ms in range(0, 1001, 50) if beat.is_due(START_NS + ms * MS)]
     assert due == [0, 250, 500, 750, 1000]
 
 
 def test_beat_does_not_repeat_a_repeated_stamp_but_follows_a_jump_back():
-    beat = Beat(4.0)
+    beat = RateLimiter(4.0)
     assert [beat.is_due(t) for t in (START_NS, START_NS, 0)] == [True, False, True]
 
 
@@ -36,21 +37,21 @@ def test_lockstep_counts_from_the_first_stamp_of_simulated_time():
 
 def test_realtime_obstacles_wait_for_the_vehicle():
     timeline = Timeline(MOVING, 'realtime')
-    assert not timeline.knows_plant
+    assert not timeline.has_plant
     assert timeline.health(77 * START_NS).level == STALE
-    timeline.hear(plant())
-    assert timeline.knows_plant
+    timeline.update_run_start(plant())
+    assert timeline.has_plant
     assert timeline.health(77 * START_NS).level == OK
     (before,) = timeline.obstacles(77 * START_NS).items
-    timeline.hear(plant(run_began_ns=80 * START_NS))
+    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
     (after,) = timeline.obstacles(81 * START_NS).items
     assert pytest.approx((60.0, 68.0)) == (before.X, after.X)
 
 
 def test_a_plant_that_was_started_again_begins_another_run():
     timeline = Timeline(MOVING, 'realtime')
-    timeline.hear(plant(run_began_ns=80 * START_NS))
-    timeline.hear(plant())
+    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
+    timeline.update_run_start(plant())
     (held,) = timeline.obstacles(90 * START_NS).items
     assert pytest.approx(60.0) == held.X
 
@@ -71,20 +72,20 @@ def test_a_plant_that_was_started_again_begins_another_run():
 )
 def test_what_is_no_instant_is_turned_down_and_the_known_one_stands(began):
     timeline, waiting = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'realtime')
-    timeline.hear(plant(run_began_ns=80 * START_NS))
+    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
     for one in (timeline, waiting):
         with pytest.raises(DecodeError, match=r'run_began_ns is .* allowed are whole numbers'):
-            one.hear(plant(run_began_ns=began))
+            one.update_run_start(plant(run_began_ns=began))
     (moved,) = timeline.obstacles(81 * START_NS).items
     assert pytest.approx(68.0) == moved.X
-    assert not waiting.knows_plant
+    assert not waiting.has_plant
 
 
 def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
     waiting, stepping = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'lockstep')
-    waiting.hear(Health(START_NS, 'controller', OK, '', {'run_began_ns': START_NS}))
-    assert not waiting.knows_plant
-    stepping.hear(plant(run_began_ns=3 * START_NS))
+    waiting.update_run_start(Health(START_NS, 'controller', OK, '', {'run_began_ns': START_NS}))
+    assert not waiting.has_plant
+    stepping.update_run_start(plant(run_began_ns=3 * START_NS))
     (one,) = stepping.obstacles(2 * START_NS).items
     assert pytest.approx(68.0) == one.X
 

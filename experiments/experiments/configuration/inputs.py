@@ -18,7 +18,7 @@ from mpcc_controller import car_file, least_speed, limits_in_force
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
 from scenario_publisher import scenario
-from scenario_publisher.parameters import NodeParams as ScenarioParams
+from scenario_publisher.scenario import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.car import actuator_limits

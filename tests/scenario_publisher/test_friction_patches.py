@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scenario_publisher import curves, line
-from scenario_publisher.friction import MOST, SAGITTA, make
+from scenario_publisher import lines
+from scenario_publisher.friction_patches import MAX_QUADRILATERALS, MAX_SAGITTA, build_patches
 from scenario_publisher.scenario import ScenarioError
 from scenario_publisher.schema import FrictionPatch
 
@@ -23,19 +23,19 @@ everywhere = settings(
 lengths = st.floats(5.0, 30.0)
 curvatures = st.floats(-0.1, 0.1)
 pieces = st.one_of(
-    st.builds(curves.straight, lengths),
-    st.builds(curves.arc, lengths, curvatures),
-    st.builds(curves.clothoid, lengths, curvatures, curvatures),
-    st.builds(curves.lane_change, st.floats(10.0, 30.0), st.floats(-1.5, 1.5)),
+    st.builds(lines.straight, lengths),
+    st.builds(lines.arc, lengths, curvatures),
+    st.builds(lines.clothoid, lengths, curvatures, curvatures),
+    st.builds(lines.lane_change, st.floats(10.0, 30.0), st.floats(-1.5, 1.5)),
 )
 
 
 def road_of(*made, at=(0.0, 0.0, 0.0)):
-    return line.from_curves(made, *at, 1.0)
+    return lines.line_from_curves(made, *at, 1.0)
 
 
-STRAIGHT = road_of(curves.straight(100.0), at=(5.0, -2.0, 0.7))
-BEND = road_of(curves.straight(20.0), curves.arc(40.0, 0.02))
+STRAIGHT = road_of(lines.straight(100.0), at=(5.0, -2.0, 0.7))
+BEND = road_of(lines.straight(20.0), lines.arc(40.0, 0.02))
 
 
 def patch(from_m, to_m, from_offset_m, to_offset_m, friction=0.3):
@@ -45,14 +45,16 @@ def patch(from_m, to_m, from_offset_m, to_offset_m, friction=0.3):
 
 def cut(centre, *given_patch):
     """Return the corners (k, 4, 2) of one patch."""
-    made = make([FrictionPatch(**patch(*given_patch))], centre, lambda key, what: ValueError(what))
+    made = build_patches(
+        [FrictionPatch(**patch(*given_patch))], centre, lambda key, what: ValueError(what)
+    )
     return np.array(made.corners_m).reshape(-1, 4, 2)
 
 
 def depth(quads, s, offset, centre):
     """Return how deep [m] points at stations and offsets lie inside the best quadrilateral."""
     s, offset = (column.ravel() for column in np.meshgrid(s, offset))
-    points = np.column_stack(line.beside(line.at(centre, s), offset))
+    points = np.column_stack(lines.offset_point(lines.pose_at(centre, s), offset))
     edges = np.roll(quads, -1, axis=1) - quads
     inward = np.stack([-edges[..., 1], edges[..., 0]], axis=-1)
     inward /= np.hypot(edges[..., 0], edges[..., 1])[..., None]
@@ -79,10 +81,10 @@ def test_point_left_of_the_centre_line_is_on_a_left_patch_and_one_on_the_right_i
 @pytest.mark.parametrize(('right', 'left'), [(0.0, 6.0), (-6.0, 0.0), (-3.0, 4.0)])
 def test_arc_is_cut_into_no_more_pieces_than_its_sagitta_asks_for(kappa, right, left):
     angle = 0.5
-    centre = road_of(curves.arc(angle / abs(kappa), kappa))
+    centre = road_of(lines.arc(angle / abs(kappa), kappa))
     outer = max(1 / abs(kappa) - np.sign(kappa) * offset for offset in (right, left))
     count = len(cut(centre, 0.0, angle / abs(kappa) - ROUNDING, right, left))
-    fewest = angle / (2 * np.arccos(1 - SAGITTA / outer))
+    fewest = angle / (2 * np.arccos(1 - MAX_SAGITTA / outer))
     assert fewest <= count <= np.ceil(1.05 * fewest)
 
 
@@ -99,10 +101,10 @@ def test_pieces_cover_the_stripe_to_within_the_sagitta_and_nothing_else(made, sh
     left = right + width
     quads = cut(centre, low, high, right, left)
     s = np.linspace(low, high, 301)
-    well_inside = np.linspace(right + SAGITTA, left - SAGITTA, 7)
+    well_inside = np.linspace(right + MAX_SAGITTA, left - MAX_SAGITTA, 7)
     assert depth(quads, s, well_inside, centre).min() >= -ROUNDING
-    assert depth(quads, s, np.array([right, left]), centre).min() >= -SAGITTA
-    beyond = np.array([right - SAGITTA, left + SAGITTA])
+    assert depth(quads, s, np.array([right, left]), centre).min() >= -MAX_SAGITTA
+    beyond = np.array([right - MAX_SAGITTA, left + MAX_SAGITTA])
     assert depth(quads, s, beyond, centre).max() < 0.0
     across = np.linspace(right, left, 7)
     assert depth(quads, np.array([low - 0.01, high + 0.01]), across, centre).max() < 0.0
@@ -119,7 +121,7 @@ def test_pieces_cover_the_stripe_to_within_the_sagitta_and_nothing_else(made, sh
 def test_every_piece_is_convex_with_sides_that_a_plant_can_tell_apart(
     kappa, low, length, right, width
 ):
-    centre = road_of(curves.arc(10.0, kappa))
+    centre = road_of(lines.arc(10.0, kappa))
     try:
         quads = cut(centre, low, low + length, right, right + width)
     except ValueError as caught:
@@ -158,8 +160,8 @@ def test_patches_keep_their_order_and_each_piece_its_friction(make, tree):
 
 
 def test_as_many_patches_as_the_plant_takes_are_allowed(make, tree):
-    tree['friction_patches'] = [patch(2 * i, 2 * i + 1, 0, 4) for i in range(MOST)]
-    assert len(make(tree).patches.friction) == MOST
+    tree['friction_patches'] = [patch(2 * i, 2 * i + 1, 0, 4) for i in range(MAX_QUADRILATERALS)]
+    assert len(make(tree).patches.friction) == MAX_QUADRILATERALS
 
 
 MISTAKES = {
@@ -212,13 +214,15 @@ def test_missing_key_of_a_patch_is_named(make, tree, key):
 
 def test_more_patches_than_the_plant_takes_are_refused(make, tree):
     # each a dict of its own: the same one again would be written as an alias
-    tree['friction_patches'] = [patch(5, 9, 0, 4) for _ in range(MOST + 1)]
+    tree['friction_patches'] = [patch(5, 9, 0, 4) for _ in range(MAX_QUADRILATERALS + 1)]
     with pytest.raises(ScenarioError, match='friction_patches: has 17 patches; allowed at most 16'):
         make(tree)
 
 
 def test_patch_whose_pieces_no_longer_fit_is_the_one_that_is_named(make, tree):
-    tree['friction_patches'] = [patch(2 * i, 2 * i + 1, 0, 4) for i in range(MOST - 2)]
+    tree['friction_patches'] = [
+        patch(2 * i, 2 * i + 1, 0, 4) for i in range(MAX_QUADRILATERALS - 2)
+    ]
     tree['friction_patches'].append(patch(40, 80, 0, 4))
     what = (
         r'friction_patches\[14\]: needs more than 2 quadrilaterals to follow the road; '
@@ -238,6 +242,6 @@ def test_any_numbers_are_patches_the_plant_takes_or_a_named_error(make, tree, nu
         said = str(caught)
     else:
         assert np.isfinite(corners).all()
-        assert 1 <= len(friction) <= MOST
+        assert 1 <= len(friction) <= MAX_QUADRILATERALS
         said = 'bend.yaml:1: friction_patches: made; allowed '
     assert LINE.match(said)
