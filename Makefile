@@ -89,9 +89,9 @@ lint: $(VENV)/.requirements
 	$(BIN)/ruff format --check .
 
 # the last lines of defence: every line of them is run by their own tests
-SAFE := */gate.py,*/ladder.py,*/braking.py,*/guide.py,*/input_monitor.py,*/clocks.py,*/watchdog.py,*/driving/health.py,$\
+SAFE := */gate.py,*/fallback.py,*/braking.py,*/input_monitor.py,*/clocks.py,*/watchdog.py,$\
   */vehicle_plant/health.py,*/vehicle_plant/stepping.py
-SAFE_TESTS := $(foreach name,gate ladder braking watchdog health,tests/mpcc_controller/driving/test_$(name).py) \
+SAFE_TESTS := $(foreach name,gate fallback braking watchdog,tests/mpcc_controller/driving/test_$(name).py) \
   $(foreach name,gate gate_friction stepping plant_health,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
 COVER_SAFE := $(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \

@@ -4,9 +4,9 @@ import numpy as np
 from problems import Problems
 
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import mpcc_ocp
-from mpcc_controller.problem.insight import Insight
-from mpcc_controller.problem.mpcc_ocp import Limited
+from mpcc_controller.problem import mpcc_formulation
+from mpcc_controller.problem.ocp import Constraints
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from stage_solver.stage_problem import Plan, StageProblem
 
 NEAR = 1e-3  # of the scale of the limit: so near counts as active
@@ -18,7 +18,7 @@ KINDS = (*DEMANDING, 'track', 'speed', 'actuator')
 
 def of(problem: StageProblem, problems: Problems, circles: int, obstacles: int) -> dict:
     """Return a mask (n,) per kind: active at one stage of the driven plan, or more."""
-    insight = Insight(mpcc_ocp.formula(circles, obstacles))
+    insight = PlanEvaluator(mpcc_formulation.symbolic_ocp(circles, obstacles))
     found = [_of_one(problem, insight, problems, k) for k in range(len(problems.x0))]
     return {kind: np.array([kind in active for active in found]) for kind in KINDS}
 
@@ -30,11 +30,11 @@ def demanding(active: dict) -> np.ndarray:
 
 def _of_one(problem, insight, problems, k):
     plan, P = Plan(problems.driven_X[k], problems.driven_U[k]), problems.P[k]
-    terms = insight.of(plan, P).terms
+    terms = insight.evaluate(plan, P).costs
     active = {kind for kind, term in (('obstacle', terms.v2o), ('edge', terms.v2e)) if term.any()}
     bounds = problems.bounds_of(k)
-    g = Limited(*problem.constraints(plan.X[:-1].T, plan.U.T, P[:-1].T).full())
-    low, high = Limited(*bounds.g_low.T), Limited(*bounds.g_high.T)
+    g = Constraints(*problem.constraints(plan.X[:-1].T, plan.U.T, P[:-1].T).full())
+    low, high = Constraints(*bounds.g_low.T), Constraints(*bounds.g_high.T)
     reached = {n: _reached(v, a, b, 1) for n, v, a, b in zip(g._fields, g, low, high)}
     active |= {name for name in ('track', 'speed') if reached[name]}
     if any(reached[name] for name in FRICTION):

@@ -10,6 +10,7 @@ import yaml
 from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.conversions import NS_PER_S
@@ -100,9 +101,9 @@ def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
     while not plant_side.outcome:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
         controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-        command, _, _ = controller.step(conversions.odometry_as_received(car.state))
+        record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
         yield Tick(number, controller)
-        plant_side.tick(command)
+        plant_side.tick(record.command)
         number += 1
 
 

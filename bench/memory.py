@@ -17,6 +17,7 @@ from typing import NamedTuple
 from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, encode, share
 from msgs_yaml.conversions import NS_PER_S
@@ -64,7 +65,8 @@ def laps(controller, scn, plant):
         while not side.outcome:
             t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
             controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-            command, prediction, why = controller.step(conversions.odometry_as_received(car.state))
+            record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
+            command, (prediction, why) = record.command, controller.report(record)
             # as the node: messages are made, too
             encode.command(command), encode.prediction(prediction), encode.why(why)
             side.tick(command)

@@ -106,20 +106,21 @@ def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> D
     """Drive a whole loop in a mode of our solver, with other settings of it."""
     scn = loops.load_scenario(loop.scenario, loop.speed)
     controller = loops.make_controller(variants.with_mode(params, mode, **settings), scn.friction)
-    horizon = controller.horizon
-    timed, costs, prepared_s = Timed(horizon.solver), [], []
+    planner = controller.planner
+    timed, costs, prepared_s = Timed(planner.first_solver), [], []
     iterations, seconds = [], []
-    horizon.solver = timed
+    planner.first_solver = timed
     for _ in loops.drive(scn, controller):
-        plan, posed = horizon.ladder.plan, horizon.posed
+        plan, posed = planner.fallback.plan, planner.last_problem
         known = plan is not None
-        P = posed.numbers.P[0] if known else None
-        cost = float(horizon.problem.stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
+        P = posed.parameters.P[0] if known else None
+        cost = float(planner.problem.stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
         costs.append(cost)
         iterations += timed.iterations
         seconds += timed.seconds
+        began = time.perf_counter()
         controller.prepare()
-        prepared_s.append(controller.prepare_s or 0.0)
+        prepared_s.append(time.perf_counter() - began)
         timed.iterations, timed.seconds = [], []  # those of the preparation are told apart
     more, ms = np.array(iterations) > 1, 1e3 * np.array(seconds)
     return Drive(

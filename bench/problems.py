@@ -8,12 +8,12 @@ import loops
 import numpy as np
 from loops import Loop
 
-from mpcc_controller.driving import guess
+from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import reference
-from mpcc_controller.problem import stages
+from mpcc_controller.path import reference_path
+from mpcc_controller.problem import stage_parameters
 from msgs_yaml.types import Obstacle
 from stage_solver.stage_problem import Bounds, Plan, ProblemError, StageProblem
 
@@ -91,7 +91,7 @@ def record(
             if pop_up_P is not None:
                 pop_ups.append((len(rows), pop_up_P))
             rows.append({'loop': index, 'tick': number} | row)
-        parameters = controller.horizon.problem.parameters
+        parameters = controller.planner.problem.parameters
     if not pop_ups:
         raise ValueError('these loops have no tick for a pop-up obstacle')
     columns = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
@@ -109,22 +109,24 @@ def record(
 
 def recorded(controller: Controller, scn, ticks: range, random):
     """Drive and yield (tick, the problem's arrays by name, P with a pop-up obstacle or None)."""
-    horizon = controller.horizon
-    recorder = horizon.solver = Recorder(horizon.solver)
+    planner = controller.planner
+    recorder = planner.first_solver = Recorder(planner.first_solver)
     for tick in loops.drive(scn, controller):
         if tick.number >= ticks.stop:
             break
         (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None
-        plan = horizon.ladder.plan
+        plan = planner.fallback.plan
         if x0 is None or plan is None or tick.number not in ticks:
             continue
         state, path = State(*x0), controller.scene.path
         model = controller.params.model
-        cold = guess.from_path(path, state, controller.car, model.horizon, model.step_s)
+        cold = initial_guess.guess_from_path(
+            path, state, controller.car, model.horizon, model.step_s
+        )
         row = {
             'x0': x0,
             'P': P,
-            'cold_P': stages.numbers(controller.params, controller.car, controller.scene, cold.X).P,
+            'cold_P': planner.formulation.stage_parameters(controller.scene, cold.X).P,
             'cold_X': cold.X,
             'cold_U': cold.U,
             'driven_X': plan.X,
@@ -137,7 +139,7 @@ def recorded(controller: Controller, scn, ticks: range, random):
 def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndarray:
     """Return the stages' numbers with one more obstacle beside the path ahead."""
     scene = controller.scene
-    at, _ = reference.at(scene.path, [x0.theta + random.uniform(*POP_UP_AHEAD_M)])
+    at, _ = reference_path.arcs_at(scene.path, [x0.theta + random.uniform(*POP_UP_AHEAD_M)])
     X, Y, psi = (float(field[0]) for field in (at.X, at.Y, at.psi))
     beside = random.uniform(*POP_UP_BESIDE_M)
     known = scene.obstacles
@@ -150,7 +152,7 @@ def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndar
         vY=0.0,
     )
     scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return stages.numbers(controller.params, controller.car, scene, start.X).P
+    return stage_parameters.numbers(controller.params, controller.car, scene, start.X).P
 
 
 def save(problems: Problems, path: Path) -> None:

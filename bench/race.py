@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from problems import Problems
 
-from mpcc_controller.driving import guess
-from mpcc_controller.driving.ladder import Ladder
+from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving.fallback import FallbackLogic
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
 from stage_solver.solution import StageSolver
@@ -75,10 +75,10 @@ def _chain(problem, problems, rules, solver):
     made, ladder = [], None
     for k, x0 in enumerate(problems.x0):
         if not problems.continues(k):
-            ladder = Ladder(rules)
+            ladder = FallbackLogic(rules)
         moved_on = None
         if ladder.plan is not None:
-            moved_on = guess.moved_on(
+            moved_on = initial_guess.shift_to(
                 ladder.plan, problem.dynamics, problems.P[k - 1][-1], State(*x0)
             )
         kind = WARM if problems.continues(k) else FIRST

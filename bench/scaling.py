@@ -15,7 +15,7 @@ from tables import Sheet, number
 from variants import Variant
 
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.problem import mpcc_formulation, ocp
 
 PASSES = 3
 # 30 ticks with obstacles around; every horizon ends on the road
@@ -80,7 +80,9 @@ def measured(params: ControllerParams, size: Size, chosen: list[Variant]) -> lis
     """Return the figures of every solver for one size."""
     given = problems.record([ROAD], lambda _: params)
     model = params.model
-    problem = mpcc_ocp.build(model.horizon, model.step_s, size.circles, size.obstacles)
+    problem = ocp.build(
+        mpcc_formulation.symbolic_ocp(size.circles, size.obstacles), model.horizon, model.step_s
+    )
     solvers = variants.make(problem, chosen, params)
     tasks = {
         label: [

@@ -28,7 +28,7 @@ from variants import Variant
 from verdict import Court, Verdict
 
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.problem import mpcc_formulation, ocp
 from stage_solver.stage_problem import StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
@@ -46,7 +46,7 @@ def main() -> None:
     params = loops.controller_params('mpcc')
     model = params.model
     size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
-    problem = mpcc_ocp.build(model.horizon, model.step_s, *size)
+    problem = ocp.build(mpcc_formulation.symbolic_ocp(*size), model.horizon, model.step_s)
     chosen = variants.available(params, arguments.interpreted)
     with Progress(console=console) as progress:
         given = problems_of(arguments, problem, progress)

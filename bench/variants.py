@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import chosen, ladder
+from mpcc_controller.driving import fallback, solver_selection
 from mpcc_controller.parameters import ControllerParams
 from stage_solver import compiled_functions, solver
 from stage_solver.nlpsol_solver import NlpsolSolver
@@ -44,7 +44,7 @@ class Aided:
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """See `solution.StageSolver`."""
         found = self._first.solve(x0, P, bounds, guess)
-        if not ladder.fault(found, self._rules):
+        if not fallback.rejection_reason(found, self._rules):
             return found
         self._second.set_time_limit(max(self._limit_s - found.solve_s, 0.0))
         aid = self._second.solve(x0, P, bounds, guess._replace(multipliers=None))
@@ -71,7 +71,9 @@ def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
     for name in sorted(solver.SOLVERS, key=lambda name: (name != OWN, name)):
         options = SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled=True)
         if name == OWN:
-            one_step = chosen.options(with_mode(params, 'one_step'), limit_time=False)
+            one_step = solver_selection.first_solver_options(
+                with_mode(params, 'one_step'), limit_time=False
+            )
             made += [Variant(OURS, options), Variant(ONE_STEP, replace(one_step, compiled=True))]
             continue
         made.append(Variant(f'{name}_c', options))
@@ -95,5 +97,7 @@ def _made(problem, variant, params):
     made = solver.make_solver(problem, variant.options)
     if variant.label not in (OURS, ONE_STEP):
         return made
-    second = chosen.second(with_mode(params, 'converged'), problem, limit_time=True, first=made)
+    second = solver_selection.make_second_solver(
+        with_mode(params, 'converged'), problem, limit_time=True, first=made
+    )
     return made if second is None else Aided(made, second, params)

@@ -31,8 +31,9 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            'mpcc_node = mpcc_controller.mpcc_node:main',
-            'frenet_node = mpcc_controller.frenet_node:main',
+            'controller_node = mpcc_controller.controller_node:main',
+            'mpcc_node = mpcc_controller.controller_node:mpcc_main',
+            'frenet_node = mpcc_controller.controller_node:frenet_main',
         ],
     },
 )

@@ -13,6 +13,7 @@ from bags.storage import columns
 from bags.storage.columns import Columns
 from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -105,7 +106,8 @@ def run(setup: Setup) -> dict[str, Columns]:
         obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
         controller.set_obstacles(obstacles[-1])
         # as over ROS, the final state is still answered
-        answers.append(controller.step(conversions.odometry_as_received(car.state)))
+        record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
+        answers.append((record.command, *controller.report(record)))
         if plant_side.outcome:
             break
         controller.prepare()

@@ -1,18 +1,23 @@
-"""One vehicle state in, one command out, with the same stamp. No maths in this file."""
+"""The controller node: one vehicle state in, one command out with the same stamp. No maths here.
 
+`mpcc_node`, `frenet_node` and `controller_node` are the same node; they differ in the file of their
+default parameters.
+"""
+
+import sys
 import time
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from mpcc_controller import car_file, limits_in_force
+from mpcc_controller import car_file
+from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
-from mpcc_controller.driving.controller import TOO_SLOW, Controller, unknown_state
-from mpcc_controller.driving.explain import OK, Arrival
-from mpcc_controller.driving.health import Monitor
-from mpcc_controller.driving.watchdog import STATE_STALE
-from mpcc_controller.inputs_node import Inputs
+from mpcc_controller.driving.controller import TOO_SLOW, Controller
+from mpcc_controller.driving.tick import Arrival, TickInputs, unknown_state
+from mpcc_controller.driving.tick_report import OK
+from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
 from node_runtime import ros, scheduling, spin_node
@@ -20,15 +25,16 @@ from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter
 
 NAME = 'controller'
-LOOK_S = 0.02  # of wall time, between two looks at who is listening and at what is too old
+MPCC_CONFIG, FRENET_CONFIG = 'mpcc.yaml', 'frenet.yaml'
+TIMER_S = 0.02  # of wall time, between two checks of subscribers and ages
 THROTTLE_S = 1.0
 
 
 class ControllerNode(Node):
-    """Wires a `Controller` to its topics."""
+    """Connects a `Controller` to its topics."""
 
-    def __init__(self, config: str):
-        """`config` names the parameter file in config/ that overrides start from."""
+    def __init__(self, config: str = MPCC_CONFIG):
+        """`config` names the parameter file in config/ that holds the defaults."""
         super().__init__(NAME)
         params = ros.declare(
             self, ControllerParams, share.path('mpcc_controller', 'config', config)
@@ -41,34 +47,39 @@ class ControllerNode(Node):
         self.wall = SteadyClock()
         self.controller = Controller(params, vehicle, mode == 'realtime')
         self.trigger = trigger.make(mode, params.model.step_s)
-        self.watchdog = watchdog.make(mode, Monitor(NAME), params.ages)
-        self.answer = None  # the messages sent last
-        self.is_warm = mode == 'lockstep'  # there nobody waits for the clock
-        self.waited, self.stale, self.stopping = ChangeFilter(), ChangeFilter(), ChangeFilter()
+        self.watchdog = watchdog.make(mode, HealthMonitor(NAME), params.ages)
+        self.last_message = None  # the command published last
+        self.publish_s: float | None = None  # publishing time of the last command
+        self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step
+        self.waiting_log, self.stale_log, self.stopping_log = (
+            ChangeFilter(),
+            ChangeFilter(),
+            ChangeFilter(),
+        )
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
         self.why_pub = ros.publisher(self, '/controller/why')
         self.health_pub = ros.publisher(self, '/diagnostics')
-        self.inputs = Inputs(
+        self.inputs = ControllerInputs(
             self, self.controller, self.trigger, self.watchdog, self.wall, self.advance
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_S, self.on_look, clock=steady)
-        self.waited.has_changed(self.waiting())
+        self.create_timer(TIMER_S, self.on_timer, clock=steady)
+        self.waiting_log.has_changed(self.waiting())
         self.get_logger().info(f'ready, {mode}; {self.waiting()}')
 
     def log_cut_limits(self, vehicle):
-        """Log the limits that are cut to what the actuators of the car can do."""
-        told = limits_in_force.told(self.params, vehicle)
-        if told:
-            self.get_logger().info(told)
+        """Log the limits that are cut to those of the car's actuators."""
+        text = car_file.describe_cut_limits(self.params, vehicle)
+        if text:
+            self.get_logger().info(text)
 
     def advance(self):
-        """Answer the state if everything that the answer needs is there."""
-        if self.trigger.wants_actuators:
-            self.inputs.look_for_actuators()
-        if self.controller.missing() or self.unheard():
+        """Step if every input of the step is there."""
+        if self.trigger.needs_actuators:
+            self.inputs.take_actuators()
+        if self.controller.missing() or self.missing_subscribers():
             return
         due = self.trigger.due()
         if due.step and not self.is_warm:
@@ -78,16 +89,18 @@ class ControllerNode(Node):
             return
         if due.step:
             self.step()
-        if due.repeat and self.answer:
-            self.command_pub.publish(self.answer)
+        if due.repeat and self.last_message:
+            self.command_pub.publish(self.last_message)
 
-    def unheard(self):
-        """Return who must be listening before the first command."""
-        return [] if self.answer else ros.missing_subscriptions(self, {'/controller/command': 1})
+    def missing_subscribers(self):
+        """Return the subscribers that must be connected before the first command."""
+        if self.last_message:
+            return []
+        return ros.missing_subscriptions(self, {'/controller/command': 1})
 
     def restart(self):
-        """Take the set-points from where the actuators are; return whether they were told."""
-        actuators = self.inputs.decoded_actuators()
+        """Start from the set-points of the actuators; return whether these are known."""
+        actuators = self.inputs.decode_actuators()
         if actuators is None:
             self.trigger.on_lost(decode.stamp_ns_of(self.inputs.state))
             return False
@@ -96,51 +109,61 @@ class ControllerNode(Node):
         return True
 
     def warm_up(self):
-        """Answer a state for nobody, again and again; then start with the next one."""
+        """Step repeatedly without publishing; the next state is answered."""
         began_ns = self.wall.now_ns()
-        x = self.inputs.decoded_state()
-        for command, prediction, why in self.controller.rehearse(x, self.params.warm_up.steps):
-            for made in (encode.command(command), encode.prediction(prediction), encode.why(why)):
-                ros.serialize(made)
+        x = self.inputs.decode_state()
+        for record in self.controller.warm_up(x, self.params.warm_up.steps):
+            prediction, why = self.controller.report(record)
+            messages = (
+                encode.command(record.command),
+                encode.prediction(prediction),
+                encode.why(why),
+            )
+            for message in messages:
+                ros.serialize(message)
         scheduling.freeze_garbage()
         self.is_warm = True
-        # what came meanwhile is old
-        self.inputs.ignored = range(began_ns, self.wall.now_ns())
-        self.trigger.on_lost(self.inputs.ignored.stop)
+        # states received meanwhile are too old
+        self.inputs.ignored_ns = range(began_ns, self.wall.now_ns())
+        self.trigger.on_lost(self.inputs.ignored_ns.stop)
         self.get_logger().info('warm, answers the next state')
 
     def step(self):
-        """Answer the state with a command, and say why."""
-        x = self.inputs.decoded_state()
+        """Answer the state with a command, then report why."""
+        x = self.inputs.decode_state()
         now_ns = self.wall.now_ns()
-        heard_ns = self.inputs.heard_ns
-        arrival = Arrival(heard_ns, conversions.ns_to_s(time.time_ns() - heard_ns))
+        received_ns = self.inputs.received_ns
+        arrival = Arrival(received_ns, conversions.ns_to_s(time.time_ns() - received_ns))
         fault = self.watchdog.fault(now_ns)
-        self.send(self.controller.answer(x, self.trigger.age_s(now_ns), fault, arrival))
+        age_s = self.trigger.age_s(now_ns)
+        self.answer(TickInputs(x, age_s, fault, arrival, publish_s=self.publish_s))
 
-    def step_blindly(self, now_ns):
-        """Brake under a stamp of this node: no state comes."""
-        self.send(self.controller.answer(unknown_state(now_ns), fault=STATE_STALE))
+    def step_without_state(self, now_ns):
+        """Brake with a stamp of this node: no state arrives."""
+        x = unknown_state(now_ns)
+        self.answer(TickInputs(x, fault=STATE_STALE, publish_s=self.publish_s))
         self.trigger.on_lost(now_ns)
 
-    def send(self, command):
-        """Publish an answer, and only then work out what there is to say about it."""
-        self.answer = encode.command(command)
-        self.command_pub.publish(self.answer)
-        self.controller.published()
-        prediction, why = self.controller.explained()
+    def answer(self, inputs):
+        """Publish the command first; explain it and prepare the next step after that."""
+        record = self.controller.step(inputs)
+        began = time.perf_counter()
+        self.last_message = encode.command(record.command)
+        self.command_pub.publish(self.last_message)
+        self.publish_s = time.perf_counter() - began
+        prediction, why = self.controller.report(record)
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))
         self.why_pub.publish(encode.why(why))
         self.controller.prepare()
-        self.tell(self.watchdog.on_step(why))
-        told = self.told_too_slow() if why.values['reason'] == TOO_SLOW else ''
-        if self.stopping.has_changed(told) and told:
-            self.get_logger().warning(told)
+        self.publish_health(self.watchdog.on_step(why))
+        stopping = self.stopping_text() if why.values['reason'] == TOO_SLOW else ''
+        if self.stopping_log.has_changed(stopping) and stopping:
+            self.get_logger().warning(stopping)
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 
-    def told_too_slow(self):
+    def stopping_text(self):
         """Return why the car brakes to a stop."""
         limits = self.params.limits
         return (
@@ -148,42 +171,42 @@ class ControllerNode(Node):
             f'm/s; driven on only from {limits.least_speed_mps + limits.speed_hysteresis_mps:g} m/s'
         )
 
-    def tell(self, health):
-        """Publish the health when it is to be told."""
+    def publish_health(self, health):
+        """Publish the health if there is one to report."""
         if health:
             self.health_pub.publish(encode.health(self.inputs.publishers.add_warnings(health)))
 
     def waiting(self):
         """Return what the first step waits for, '' once it was taken."""
-        if self.answer:
+        if self.last_message:
             return ''
-        missing = (*self.inputs.missing(), *self.unheard())
+        missing = (*self.inputs.missing(), *self.missing_subscribers())
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
 
-    def on_look(self):
-        """Take the first step as soon as all are listening; brake when no state comes."""
+    def on_timer(self):
+        """Take the first step once everything is connected; brake if no state arrives."""
         now_ns, waiting = self.wall.now_ns(), self.waiting()
-        self.tell(self.watchdog.on_beat(now_ns, waiting))
+        self.publish_health(self.watchdog.on_timer(now_ns, waiting))
         if waiting:
-            if self.waited.has_changed(waiting):
+            if self.waiting_log.has_changed(waiting):
                 self.get_logger().info(waiting)
             self.advance()
         elif (
-            self.watchdog.lost(now_ns)
+            self.watchdog.is_state_lost(now_ns)
             and self.trigger.is_next(now_ns)
             and self.inputs.has_vehicle()
         ):
-            self.step_blindly(now_ns)
-        elif self.trigger.wants_actuators:  # they may come after the state
+            self.step_without_state(now_ns)
+        elif self.trigger.needs_actuators:  # they may arrive after the state
             self.advance()
-        self.say_stale(now_ns)
+        self.log_stale_inputs(now_ns)
 
-    def say_stale(self, now_ns):
-        """Say which inputs have become too old, and when they are back; once per change."""
+    def log_stale_inputs(self, now_ns):
+        """Log once per change which inputs are too old, and when they are back."""
         fault = self.watchdog.fault(now_ns)
-        if self.answer and self.stale.has_changed(fault):
+        if self.last_message and self.stale_log.has_changed(fault):
             if fault:
-                self.get_logger().error(f'braking: {self.watchdog.told(now_ns)}')
+                self.get_logger().error(f'braking: {self.watchdog.describe(now_ns)}')
             else:
                 self.get_logger().info('every input is back')
 
@@ -193,6 +216,20 @@ class ControllerNode(Node):
         super().destroy_node()
 
 
-def run(config: str) -> int:
-    """Run a controller node with a parameter file of config/ until it is stopped."""
-    return spin_node.spin(lambda: ControllerNode(config))
+def main(config: str = MPCC_CONFIG) -> None:
+    """Run a controller node until it is stopped; exit with its code."""
+    sys.exit(spin_node.spin(lambda: ControllerNode(config)))
+
+
+def mpcc_main() -> None:
+    """Run the node with the defaults of the paper's MPCC."""
+    main(MPCC_CONFIG)
+
+
+def frenet_main() -> None:
+    """Run the node with the defaults of the Frenet baseline."""
+    main(FRENET_CONFIG)
+
+
+if __name__ == '__main__':
+    main()

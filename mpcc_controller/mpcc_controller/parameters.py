@@ -72,7 +72,7 @@ class SafetyDistances:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the controller may ask for at most; `limits_in_force` cuts it to what the car can do."""
+    """The largest values that the controller commands; `car_file` cuts them to those of the car."""
 
     steer_rad: Annotated[float, Range(0.01, 1.0, 'rad at the road wheel, either way')]
     steer_rate_radps: Annotated[float, Range(0.01, 10.0, 'rad/s')]

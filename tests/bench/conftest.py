@@ -9,7 +9,7 @@ import problems
 import pytest
 from loops import Loop
 
-from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.problem import mpcc_formulation, ocp
 from stage_solver.stage_problem import Bounds, StageProblem
 
 HORIZON = 10
@@ -43,7 +43,11 @@ def params():
 
 @pytest.fixture(scope='session')
 def problem(params):
-    return mpcc_ocp.build(HORIZON, params.model.step_s, 1, params.surroundings.max_obstacles)
+    return ocp.build(
+        mpcc_formulation.symbolic_ocp(1, params.surroundings.max_obstacles),
+        HORIZON,
+        params.model.step_s,
+    )
 
 
 @pytest.fixture(scope='session')

@@ -6,9 +6,9 @@ import numpy as np
 import problems
 import pytest
 
-from mpcc_controller.model import tree
 from mpcc_controller.model.single_track import State
-from mpcc_controller.problem import mpcc_ocp
+from mpcc_controller.problem import mpcc_formulation, ocp
+from node_runtime import named_vector
 from stage_solver.stage_problem import ProblemError
 
 
@@ -21,7 +21,7 @@ def vars_of(bounds):
 
 
 def stage_numbers(P):
-    return tree.fill(mpcc_ocp.template(1, 4), P.T)
+    return named_vector.build(mpcc_formulation.symbolic_ocp(1, 4).template, P.T)
 
 
 def test_the_same_loops_give_the_same_problems_to_the_last_bit(recorded, driven_loops, small):
@@ -39,10 +39,10 @@ def test_a_file_gives_back_what_was_recorded(recorded, problem, tmp_path):
 
 def test_the_file_of_another_problem_is_refused(recorded, params, tmp_path):
     problems.save(recorded, tmp_path / 'problems.npz')
-    longer = mpcc_ocp.build(params.model.horizon + 1, params.model.step_s, 1, 4)
+    longer = ocp.build(mpcc_formulation.symbolic_ocp(1, 4), params.model.horizon + 1, 0.05)
     with pytest.raises(ProblemError, match='another control problem'):
         problems.load(tmp_path / 'problems.npz', longer)
-    wider = mpcc_ocp.build(params.model.horizon, params.model.step_s, 1, 5)
+    wider = ocp.build(mpcc_formulation.symbolic_ocp(1, 5), params.model.horizon, 0.05)
     with pytest.raises(ProblemError, match='another control problem'):
         problems.load(tmp_path / 'problems.npz', wider)
 

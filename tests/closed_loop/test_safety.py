@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from experiments.configuration import inputs
-from mpcc_controller.driving import guide
+from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs
 from msgs_yaml import conversions as as_received
 from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
@@ -81,7 +82,8 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
         obstacles = scenario.obstacles_at(scn, t, car.stamp_ns)
         controller.set_obstacles(obstacles)
         x = car.state
-        command, _, why = controller.step(as_received.odometry_as_received(x))
+        record = controller.step(TickInputs(as_received.odometry_as_received(x)))
+        command, (_, why) = record.command, controller.report(record)
         rows.append(x[1:])
         gaps.append(min(np.hypot(x.X - o.X, x.Y - o.Y) - o.r_obs - R_VEH for o in obstacles.items))
         whys.append(why)
@@ -97,8 +99,8 @@ def fails_at(parts):
     """Return a function that drives with solvers that fail for good at a tick."""
     scn, params, vehicle, plant = parts
     controller = Controller(params, vehicle)
-    failing = controller.horizon.solver = Failing(controller.horizon.solver)
-    controller.horizon.second = None
+    failing = controller.planner.first_solver = Failing(controller.planner.first_solver)
+    controller.planner.second_solver = None
 
     def run(tick):
         return drive(controller, scn, plant, on_tick=lambda k: setattr(failing, 'dead', k >= tick))
@@ -125,7 +127,8 @@ def test_a_solver_that_dies_in_the_double_lane_change_ends_in_a_safe_stop(fails_
 
 @pytest.mark.parametrize(('tick', 'hits'), [(35, 'obstacle'), (50, 'edge')])
 def test_braking_straight_instead_would_have_hit_something(fails_at, monkeypatch, tick, hits):
-    monkeypatch.setattr(guide, 'aim', lambda *_: guide.Aim(guide.NONE, None))
+    straight = braking.LookaheadPoint(braking.NONE, None)
+    monkeypatch.setattr(braking, 'lookahead_point', lambda *_: straight)
     run = fails_at(tick)
     if hits == 'obstacle':
         assert run.gap.min() < 0
@@ -142,8 +145,8 @@ def test_knowing_how_late_its_commands_are_makes_a_late_controller_better(parts,
         delay = dataclasses.replace(params.delay, longest_s=longest_s)
         changed = dataclasses.replace(params, solver=solver, delay=delay)
         controller = Controller(changed, vehicle, limit_time=True)
-        slow = Slow(controller.horizon.solver, late_ms / 1e3 - params.delay.transport_s)
-        controller.horizon.solver = controller.clock = slow
+        slow = Slow(controller.planner.first_solver, late_ms / 1e3 - params.delay.transport_s)
+        controller.planner.first_solver = controller.clock = slow
         runs[aware] = drive(controller, scn, plant, late_ms)
         leads = [why.values['time.lead_ms'] for why in runs[aware].whys[1:]]
         assert leads == pytest.approx([late_ms if aware else 0] * len(leads))

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from bags.evaluation import frame_distances
-from mpcc_controller.model import tree
 from mpcc_controller.model.single_track import State
-from mpcc_controller.path import reference, road
+from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.path.distance import CENTRE_ROUNDING
-from mpcc_controller.problem import formulation, stages
-from mpcc_controller.problem.stages import Scene
+from mpcc_controller.problem import formulation, stage_parameters
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import conversions as ring_values
+from node_runtime import named_vector
 from scenario_publisher import scenario
 from stage_solver.stage_problem import Plan
 
@@ -42,14 +42,15 @@ def distances(simulated, controller, states, inside, rules=None):
     one = scenario.obstacles_at(scn, 0.0, 0).items[0]
     spot = one._replace(X=reach * np.sin(bearing), Y=RADIUS - reach * np.cos(bearing))
     told = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
-    path = reference.build(ring_values.reference_as_received(scn.reference))
-    scene = Scene(path, road.build(scn.edges), told)
-    form = formulation.make(params, stages.car(params, vehicle))
-    plan = form.enter(Plan(states, np.zeros((len(states) - 1, 4))), path)
-    numbers = form.numbers(scene, states)
+    path = reference_path.build(ring_values.reference_as_received(scn.reference))
+    scene = Scene(path, road_edges.build(scn.edges), told)
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    plan = form.to_local(Plan(states, np.zeros((len(states) - 1, 4))), path)
+    numbers = form.stage_parameters(scene, states)
     found = []
     for row, p in zip(plan.X, numbers.P):
-        v2o, _ = form.formula.distances(form.formula.state(*row), tree.fill(numbers.stages, p))
+        stage = named_vector.build(numbers.stages, p)
+        v2o = form.ocp.quantities(form.ocp.state(*row), None, stage).v2o
         reach = one.r_obs + params.body.circle_radius_m
         # the distance to the centre is rounded by a known amount, so that its tip has a slope
         found.append(np.sqrt((float(v2o[0][0]) + reach) ** 2 - CENTRE_ROUNDING) - reach)

@@ -10,7 +10,6 @@ import sys
 
 import numpy as np
 
-from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
 from msgs_yaml import decode
 from node_runtime import spin_node
@@ -35,22 +34,22 @@ class FailingNode(ControllerNode):
     """Counts its steps, and spoils the problems of some."""
 
     def __init__(self, first: int, count: int):
-        super().__init__(mpcc_node.CONFIG)
+        super().__init__()
         self.ticks, self.tick = range(first, first + count), -1
-        horizon = self.controller.horizon
-        horizon.solver = Spoilt(horizon.solver, self.is_spoilt)
-        horizon.second = Spoilt(horizon.second, self.is_spoilt)
+        planner = self.controller.planner
+        planner.first_solver = Spoilt(planner.first_solver, self.is_spoilt)
+        planner.second_solver = Spoilt(planner.second_solver, self.is_spoilt)
 
     def is_spoilt(self):
         """Tell whether the solvers must fail now."""
         return self.tick in self.ticks
 
-    def step(self, *given):
+    def step(self):
         """Answer the state as ever."""
         self.tick += 1
         if self.tick == self.ticks.start:
             print('begins', decode.stamp_ns_of(self.inputs.state), flush=True)
-        super().step(*given)
+        super().step()
 
 
 def main() -> int:

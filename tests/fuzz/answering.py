@@ -16,7 +16,7 @@ from typing import NamedTuple
 import nodes
 from nodes import Bench
 
-from mpcc_controller.driving import ladder
+from mpcc_controller.driving import fallback
 from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
 from node_runtime import ros, scheduling
@@ -25,8 +25,8 @@ from stage_solver.solution import SOLVED, STOPPED_EARLY
 # outcomes of a tick
 SOLVE, FALLBACK, SILENT = 'answered by a solve', 'answered by a fallback', 'not answered'
 OUTCOMES = {
-    **dict.fromkeys((SOLVED, STOPPED_EARLY, ladder.SECOND), SOLVE),
-    **dict.fromkeys((ladder.SHIFTED, ladder.BRAKING), FALLBACK),
+    **dict.fromkeys((SOLVED, STOPPED_EARLY, fallback.SECOND_SOLVER), SOLVE),
+    **dict.fromkeys((fallback.SHIFTED, fallback.BRAKING), FALLBACK),
 }
 LATE_NS = 10**15  # in lockstep: time goes back at each restart
 BACK_NS = 10 * nodes.TICK_NS
@@ -120,7 +120,7 @@ class Driver:
         """
         if self.realtime:
             self.clock.advance(SILENCE_NS)
-            self.node.on_look()
+            self.node.on_timer()
             self.look()
         else:
             self.stamp_ns -= BACK_NS
@@ -144,7 +144,7 @@ class Driver:
     def look(self) -> Answer:
         """Let the node look at the time; return the last answer since the call before."""
         answer, self.answer = self.answer, UNANSWERED
-        self.node.on_look()
+        self.node.on_timer()
         self.bench.drain()
         return answer
 

@@ -1,6 +1,5 @@
 """Each real node alone, made in this process, with somebody who listens to what it says."""
 
-import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ import rclpy
 from rclpy.node import Node
 
 from experiments.run import domain
-from mpcc_controller import mpcc_node
 from mpcc_controller.controller_node import ControllerNode
 from msgs_yaml import contract, encode
 from msgs_yaml.types import (
@@ -29,7 +27,7 @@ from vehicle_plant.plant_node import PlantNode
 
 TICK_NS = 50_000_000
 NODES: dict[str, Callable[[], Node]] = {
-    'controller': functools.partial(ControllerNode, mpcc_node.CONFIG),
+    'controller': ControllerNode,
     'plant': PlantNode,
     'scenario': ScenarioNode,
 }
@@ -107,7 +105,7 @@ def _made(name, mode):
     inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
     bench = Bench(name, mode, NODES[name](), listener, inlets)
     if name == 'controller':
-        bench.node.inputs.actuators_inbox = Inbox(bench.node)
+        bench.node.inputs.newest_actuators = Inbox(bench.node)
     yield bench
     bench.node.destroy_node()
     listener.destroy_node()
@@ -118,7 +116,7 @@ def ears(node: Node) -> list:
     topics = contract.load().topics
     heard = [one for one in node.subscriptions if one.topic_name in topics]
     inputs = getattr(node, 'inputs', None)
-    return heard if inputs is None else [*heard, inputs.actuators_inbox]
+    return heard if inputs is None else [*heard, inputs.newest_actuators]
 
 
 def sound(stamp_ns: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
@@ -77,6 +78,12 @@ def tell(controller, situation):
     return controller
 
 
+def tick(controller, x, **inputs):
+    """Return command, prediction and why of one step."""
+    record = controller.step(TickInputs(x, **inputs))
+    return record.command, *controller.report(record)
+
+
 def rolling(v=20.0, stamp_ns=0, X=0.0, Y=0.0, psi=0.0, vy=0.0, r=0.0):
     return VehicleState(stamp_ns, X, Y, psi, v, vy, r)
 
@@ -128,7 +135,7 @@ def drive(controller, ticks, x=None):
     rows, commands, whys = [], [], []
     for k in range(ticks):
         stamp = k * round(TICK_S * 1e9)
-        command, _, why = controller.step(VehicleState(stamp, *x[:6]))
+        command, _, why = tick(controller, VehicleState(stamp, *x[:6]))
         rows.append(x)
         commands.append(command)
         whys.append(why)
@@ -186,18 +193,18 @@ def baseline_controller():
 def changing(shared_controller, monkeypatch):
     """Return the controller at the start of a lane change, without a second solver."""
     shared_controller.gate.rejections.clear()
-    monkeypatch.setattr(shared_controller.horizon, 'second', None)
+    monkeypatch.setattr(shared_controller.planner, 'second_solver', None)
     return tell(shared_controller, lane_change())
 
 
 @pytest.fixture
 def spoilt(changing, monkeypatch):
     """Return a function that spoils the first, or second, solver of `changing`."""
-    genuine = changing.horizon.solver
+    genuine = changing.planner.first_solver
 
-    def replace(spoil=lambda solution: solution, which='solver'):
+    def replace(spoil=lambda solution: solution, which='first_solver'):
         made = Spoilt(genuine, spoil)
-        monkeypatch.setattr(changing.horizon, which, made)
+        monkeypatch.setattr(changing.planner, which, made)
         return made
 
     return replace
@@ -211,7 +218,7 @@ def late():
     )
     clock = Clock()
     made = tell(Controller(params, vehicle, True, clock), straight())
-    made.horizon.solver = Spoilt(made.horizon.solver, clock=clock, takes_s=0.015)
+    made.planner.first_solver = Spoilt(made.planner.first_solver, clock=clock, takes_s=0.015)
     return made
 
 
@@ -230,6 +237,7 @@ class World:
     lane_change = staticmethod(lane_change)
     tell = staticmethod(tell)
     rolling = staticmethod(rolling)
+    tick = staticmethod(tick)
     drive = staticmethod(drive)
     make_car = staticmethod(make_car)
     Spoilt = Spoilt

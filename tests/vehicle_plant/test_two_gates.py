@@ -9,7 +9,7 @@ import pytest
 from mpcc_controller import car_file
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.problem import stages
+from mpcc_controller.problem import stage_parameters
 from msgs_yaml import share
 from msgs_yaml.types import Command
 from node_runtime import parameters
@@ -33,7 +33,7 @@ class Controller:
             ControllerParams, share.path('mpcc_controller', 'config', 'mpcc.yaml')
         )
         params = replace(params, model=replace(params.model, friction=friction))
-        car = stages.car(params, car_file.load(params))
+        car = stage_parameters.car(params, car_file.load(params))
         self.limits, self.step_s = params.limits, params.model.step_s
         self.gate = Gate(params.limits, car, self.step_s, params.fallback.max_state_age_s)
 

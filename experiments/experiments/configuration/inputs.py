@@ -14,7 +14,7 @@ from bags.evaluation import metrics
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Node, ScenarioFacts
-from mpcc_controller import car_file, least_speed, limits_in_force
+from mpcc_controller import car_file, minimum_speed
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
 from scenario_publisher import scenario
@@ -53,13 +53,13 @@ class SlowSpeedWarning(NamedTuple):
 
 START_SLOW = SlowSpeedWarning(
     'the car starts at',
-    least_speed.START_MARGIN_MPS,
+    minimum_speed.START_MARGIN_MPS,
     'does not pull away',
     'may not pull away',
 )
 DESIRED_SLOW = SlowSpeedWarning(
     'the scenario asks for',
-    least_speed.DESIRED_MARGIN_MPS,
+    minimum_speed.DESIRED_MARGIN_MPS,
     'stops where it is so',
     'may stop where it is so',
 )
@@ -141,7 +141,7 @@ def _load(node):
 
 def _refuse_impossible(node, params, vehicle):
     try:
-        limits_in_force.refuse(params, vehicle, node.origins)
+        car_file.check_limits(params, vehicle, node.origins)
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
 
@@ -176,7 +176,7 @@ def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) 
         *_slow_speeds(START_SLOW, start, least),
         *_slow_speeds(DESIRED_SLOW, desired, least),
         *_drive_layout(params, vehicle, plant),
-        *filter(None, [limits_in_force.told(params, vehicle)]),
+        *filter(None, [car_file.describe_cut_limits(params, vehicle)]),
     ]
 
 
@@ -184,14 +184,14 @@ def _slow_speeds(kind: SlowSpeedWarning, speeds: Sequence[tuple[str, float]], le
     """Return the warning about speeds (key, m/s) at which the controller stops, at most one."""
 
     def relation(speed):
-        return least_speed.relation(speed, least_mps, kind.margin_mps)
+        return minimum_speed.compare(speed, least_mps, kind.margin_mps)
 
     slow = [(speed, key) for key, speed in speeds if relation(speed)]
     if not slow:
         return []
     speed, key = min(slow, key=lambda pair: pair[0])
     others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
-    consequence = kind.below if relation(speed) == least_speed.BELOW else kind.near
+    consequence = kind.below if relation(speed) == minimum_speed.BELOW else kind.near
     return [
         f'{kind.subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
         f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '

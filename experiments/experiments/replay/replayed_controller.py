@@ -8,9 +8,9 @@ from typing import Any
 from bags.errors import BagError, OlderRunWarning
 from experiments.replay import feed
 from experiments.replay.feed import Told
-from mpcc_controller import car_file, limits_in_force
-from mpcc_controller.driving import controller
+from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickInputs, unknown_state
 from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.strict_yaml import closest
@@ -38,13 +38,15 @@ class Again:
         if told.actuators is not None:
             self.controller.reset(told.actuators)
         self._tell(told)
-        state = told.state if told.state is not None else controller.unknown_state(stamp_ns)
-        command, plan, why = self.controller.step(state, fault=told.fault, acts_ns=told.acts_ns)
-        return command, conversions.prediction_as_received(plan), why
+        state = told.state if told.state is not None else unknown_state(stamp_ns)
+        inputs = TickInputs(state, fault=told.fault, effective_ns=told.acts_ns)
+        record = self.controller.step(inputs)
+        plan, why = self.controller.report(record)
+        return record.command, conversions.prediction_as_received(plan), why
 
     def follow(self, command: Command) -> None:
         """Go on from a recorded command, which the car has been told, not from the last answer."""
-        self.controller.overrule(command)
+        self.controller.set_last_command(command)
         self.controller.prepare()
 
     def _tell(self, told):
@@ -98,7 +100,7 @@ def params(
             for cls, own in zip(classes, known)
         ]
         _refuse_unknown(given, known, source)
-        limits_in_force.refuse(*made, dict.fromkeys(settings, '--set'))
+        car_file.check_limits(*made, dict.fromkeys(settings, '--set'))
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
     return tuple(made)
@@ -133,7 +135,7 @@ def _actuators(noted):
     leaves = parameters.leaves(CarActuators)
     if f'{ACTUATORS}.drive_front_share' in noted or LAYOUT not in noted:
         return {}
-    unbounded = {f'{ACTUATORS}.{name}': leaves[name].rule.high for name in limits_in_force.SHARED}
+    unbounded = {f'{ACTUATORS}.{name}': leaves[name].rule.high for name in car_file.SHARED_LIMITS}
     return {f'{ACTUATORS}.drive_front_share': noted[LAYOUT], **unbounded}
 
 

@@ -11,13 +11,13 @@ from experiments.replay import active
 from experiments.replay.active import Active
 from experiments.replay.feed import Tick
 from experiments.replay.replayed_controller import Again
-from mpcc_controller.driving import ladder, target
-from mpcc_controller.driving.horizon import Horizon, Posed
-from mpcc_controller.driving.target import SetPoints
+from mpcc_controller.driving import fallback, setpoints
+from mpcc_controller.driving.planner import Planner, TickProblem
+from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.problem import stages
-from mpcc_controller.problem.ocp import Limited
+from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.ocp import Constraints
 from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Obstacle
 from stage_solver.solution import Solution
@@ -68,14 +68,14 @@ class Solved(NamedTuple):
 class Problem:
     """One problem with the solver that it was given to."""
 
-    def __init__(self, horizon: Horizon, vehicle: CarParams, posed: Posed, stamp_ns: int):
+    def __init__(self, horizon: Planner, vehicle: CarParams, posed: TickProblem, stamp_ns: int):
         self.horizon, self.vehicle = horizon, vehicle
         self.posed, self.stamp_ns = posed, stamp_ns
 
     @property
     def weights(self) -> dict[str, float]:
         """The weight of every term of the cost."""
-        found = self.posed.numbers.stages.weights._asdict()
+        found = self.posed.parameters.stages.weights._asdict()
         return {name: float(weight) for name, weight in found.items()}
 
     def changed(self, params: ControllerParams, vehicle: CarParams) -> 'Problem':
@@ -90,10 +90,10 @@ class Problem:
                 'the plan of the tick before'
             )
         horizon = self._horizon(params, vehicle)
-        start = self.posed.start
+        start = self.posed.guess_map
         if params.formulation.name != self.horizon.params.formulation.name:
             start = start._replace(multipliers=None)  # of other constraints
-        posed = horizon.pose(self.posed.x0, self.posed.scene, start)
+        posed = horizon.build_problem(self.posed.x0, self.posed.scene, start)
         return Problem(horizon, vehicle, posed, self.stamp_ns)
 
     def precise(self, tolerance: float) -> 'Problem':
@@ -116,19 +116,19 @@ class Problem:
                 )
             if not 0.0 <= factor < np.inf:
                 raise BagError(f'weights.{name}: {factor!r} is out of range; allowed from 0')
-        numbers = self.posed.numbers
+        numbers = self.posed.parameters
         scaled = {name: factor * known[name] for name, factor in factors.items()}
         stages_ = numbers.stages._replace(weights=numbers.stages.weights._replace(**scaled))
-        numbers = stages.gathered(stages_, numbers.obstacles, len(numbers.P))
-        return self._with(self.posed._replace(numbers=numbers))
+        numbers = stage_parameters.to_matrix(stages_, numbers.obstacles, len(numbers.P))
+        return self._with(self.posed._replace(parameters=numbers))
 
     def begun_at(self, solved: Solved) -> 'Problem':
         """Return the same problem with a solution, multipliers included, as its first guess."""
-        begin = self.horizon.formulation.enter(solved.plan, self.posed.scene.path)
-        return self._with(self.posed._replace(start=solved.plan, begin=begin))
+        begin = self.horizon.formulation.to_local(solved.plan, self.posed.scene.path)
+        return self._with(self.posed._replace(guess_map=solved.plan, guess_local=begin))
 
     def _horizon(self, params, vehicle):
-        return Horizon(params, vehicle, limit_time=False, clock=self.horizon.clock)
+        return Planner(params, vehicle, limit_time=False, clock=self.horizon.clock)
 
     def _with(self, posed):
         return Problem(self.horizon, self.vehicle, posed, self.stamp_ns)
@@ -136,20 +136,22 @@ class Problem:
     def solve(self) -> Solved:
         """Solve it, with the second solver where the first one fails, and look at the plan."""
         rules = self.horizon.params.fallback
-        first, second = self.horizon.attempt(self.posed)
-        if second is not None and not ladder.fault(second, rules):
-            return self._looked_at(second, ladder.SECOND)
-        return self._looked_at(first, ladder.fault(first, rules) or first.status)
+        first, second = self.horizon.solve(self.posed)
+        if second is not None and not fallback.rejection_reason(second, rules):
+            return self._looked_at(second, fallback.SECOND_SOLVER)
+        return self._looked_at(first, fallback.rejection_reason(first, rules) or first.status)
 
     def _looked_at(self, solution: Solution, rung: str) -> Solved:
         horizon, posed = self.horizon, self.posed
-        params, numbers, plan = horizon.params, posed.numbers, solution.plan
-        view = horizon.insight.of(horizon.formulation.enter(plan, posed.scene.path), numbers.P)
+        params, numbers, plan = horizon.params, posed.parameters, solution.plan
+        view = horizon.evaluator.evaluate(
+            horizon.formulation.to_local(plan, posed.scene.path), numbers.P
+        )
         names = [f'obstacle {one.id}' for one in numbers.obstacles]
         rings = [*zip(names, view.v2o, view.priority_o), *_edges(view)]
-        safe = stages.safety(params)
+        safe = stage_parameters.safety_distance(params)
         return Solved(
-            good=not ladder.fault(solution, params.fallback),
+            good=not fallback.rejection_reason(solution, params.fallback),
             told=f'{rung}: {solution.message}',
             iterations=solution.iterations,
             command=self._command(plan),
@@ -157,7 +159,7 @@ class Problem:
             states=State(*plan.X.T)._asdict(),
             inputs=Input(*plan.U.T)._asdict(),
             limits=self._limits(),
-            terms={name: float(np.sum(term)) for name, term in view.terms._asdict().items()},
+            terms={name: float(np.sum(term)) for name, term in view.costs._asdict().items()},
             weights=self.weights,
             distances=tuple(
                 Distance(
@@ -178,25 +180,25 @@ class Problem:
 
     def _command(self, plan) -> Command:
         params, car, x0 = self.horizon.params, self.horizon.car, self.posed.x0
-        goal = target.of_plan(plan, car, params.limits)
-        now = SetPoints(x0.delta, x0.Fx)
-        return target.command(goal, now, car, params.model.step_s, self.stamp_ns)
+        goal = setpoints.target_of_plan(plan, car, params.limits)
+        now = Setpoints(x0.delta, x0.Fx)
+        return setpoints.command_to(goal, now, car, params.model.step_s, self.stamp_ns)
 
     def _limits(self):
         """The last stage's: limits of states and inputs are the same at all of them."""
         bounds = self.posed.bounds
-        state = self.horizon.formulation.formula.state
+        state = self.horizon.formulation.ocp.state
         found = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
         found |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
         return {name: pair for name, pair in found.items() if np.any(np.isfinite(pair))}
 
     def _active(self, plan):
         problem, posed = self.horizon.problem, self.posed
-        P, bounds, m = posed.numbers.P, posed.bounds, plan.multipliers
-        X = self.horizon.formulation.enter(plan, posed.scene.path).X
+        P, bounds, m = posed.parameters.P, posed.bounds, plan.multipliers
+        X = self.horizon.formulation.to_local(plan, posed.scene.path).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
-        even = np.ones(len(Limited._fields))
+        even = np.ones(len(Constraints._fields))
         last = problem.horizon
         groups = (
             active.Group(
@@ -206,7 +208,7 @@ class Problem:
             active.Group(
                 problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, np.array(problem.scale_u)
             ),
-            active.Group(Limited._fields, g, bounds.g_low, bounds.g_high, m.g, even),
+            active.Group(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, even),
             active.Group(
                 ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], even[:1],
                 first=last,
@@ -220,12 +222,12 @@ def of_tick(repeated: Again, tick: Tick) -> Problem:
 
     Raises BagError when none was: the controller braked without asking a solver.
     """
-    horizon = repeated.controller.horizon
-    before = horizon.posed
+    horizon = repeated.controller.planner
+    before = horizon.last_problem
     _, _, why = repeated.answer(tick.told, tick.stamp_ns)
-    if horizon.posed is before:
+    if horizon.last_problem is before:
         raise BagError(f'tick {tick.number}: no problem was solved: {why.message}')
-    return Problem(horizon, repeated.vehicle, horizon.posed, tick.stamp_ns)
+    return Problem(horizon, repeated.vehicle, horizon.last_problem, tick.stamp_ns)
 
 
 def _edges(view):

@@ -1,93 +1,107 @@
-"""The last rung: brake with the friction that steering along a path leaves. SI units, ISO 8855.
+"""Fallback braking: brake along a line with the friction that steering leaves. SI units, ISO 8855.
 
-Nothing here is optimised, so nothing here can fail to converge. The lateral force comes first in
-the friction circle of each axle; what it leaves is for the brakes.
+Nothing here is optimised, so nothing here can fail to converge. In the friction circle of each axle
+the lateral force comes first, the brakes get the rest. The line is the last good plan or the path.
 """
 
 import math
 from typing import NamedTuple
 
-from mpcc_controller.driving.target import SetPoints, Target, within_friction
-from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import GRAVITY, Axles, Car
-from mpcc_controller.parameters import ControllerParams, Limits
-from msgs_yaml.types import VehicleState
+import numpy as np
 
-HALVINGS = 24  # of the braking force that is sought: 17 kN to 1 mN
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget, split_within_friction
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import GRAVITY, Axles, Car, State
+from mpcc_controller.parameters import Braking, ControllerParams, Limits
+from mpcc_controller.path import reference_path
+from mpcc_controller.path.reference_path import ReferencePath
+from msgs_yaml.types import VehicleState
+from stage_solver.stage_problem import Plan
+
+BISECTIONS = 24  # of the braking force: 17 kN to 1 mN
+PLAN, PATH, NONE = 'plan', 'path', 'none'  # lines to steer along
 
 
 class Point(NamedTuple):
-    """A place on the road."""
+    """A point of the road."""
 
     X: float  # m, map
     Y: float  # m, map
 
 
-def target(
-    x: VehicleState, now: SetPoints, aim: Point | None, car: Car, params: ControllerParams
-) -> Target:
+class LookaheadPoint(NamedTuple):
+    """The point to steer to, and the line that it is on."""
+
+    line: str  # PLAN, PATH or NONE
+    point: Point | None
+
+
+def braking_target(
+    x: VehicleState, now: Setpoints, aim: Point | None, car: Car, params: ControllerParams
+) -> SetpointTarget:
     """Return the set-points of one step of braking towards `aim`; without one, straight on.
 
-    Both set-points move at their rate limits at most. A state that is not finite counts as no aim
-    and no lateral motion.
+    Both set-points respect their rate limits. With a state that is not finite the car brakes
+    straight on, as without lateral motion.
     """
     limits, step_s = params.limits, params.model.step_s
     known = all(map(math.isfinite, x))
-    most = params.braking.lateral_use * grip(car, limits)
-    wanted = lateral_acceleration(x, aim, most) if known and aim else 0.0
-    present = min(abs(x.vx * x.r), most) if known else 0.0
-    push = limits.force_rate_nps * step_s
-    hardest = -hardest_braking(max(abs(wanted), present), car, limits)
-    Fx = min(max(hardest, now.Fx - push), now.Fx + push)
+    max_lateral = params.braking.lateral_use * max_acceleration(car, limits)
+    lateral = lateral_acceleration(x, aim, max_lateral) if known and aim else 0.0
+    present = min(abs(x.vx * x.r), max_lateral) if known else 0.0
+    force_step = limits.force_rate_nps * step_s
+    Fx = -max_braking_force(max(abs(lateral), present), car, limits)
+    Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     front_share = single_track.ideal_split(Fx, car)
     front_share = min(max(front_share, limits.brake_front_share_min), limits.brake_front_share_max)
-    lambda_b = within_friction(front_share, Fx, car, limits)
-    turn = limits.steer_rate_radps * step_s
-    delta = steering(x, wanted, Fx, lambda_b, car) if known and aim else 0.0
+    lambda_b = split_within_friction(front_share, Fx, car, limits)
+    steer_step = limits.steer_rate_radps * step_s
+    delta = steering_angle(x, lateral, Fx, lambda_b, car) if known and aim else 0.0
     delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
-    delta = min(max(delta, now.delta - turn), now.delta + turn)
-    return Target(delta, Fx, lambda_b)
+    delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
+    return SetpointTarget(delta, Fx, lambda_b)
 
 
-def grip(car: Car, limits: Limits) -> float:
+def max_acceleration(car: Car, limits: Limits) -> float:
     """Return the acceleration [m/s^2] that the usable friction of the weaker axle allows."""
     return limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
 
 
-def lateral_acceleration(x: VehicleState, aim: Point, most: float) -> float:
-    """Return the lateral acceleration [m/s^2] of the arc from here to `aim`, within +-`most`.
+def lateral_acceleration(x: VehicleState, aim: Point, limit: float) -> float:
+    """Return the lateral acceleration [m/s^2] of the arc from the car to `aim`, within +-`limit`.
 
-    The arc touches the direction of motion, not the heading: a car that slides is steered by
-    where it goes. Its curvature is 2 sin(angle to the aim) / distance.
+    The arc is tangent to the velocity, not to the heading, so that a sliding car is steered by
+    where it moves. Its curvature is 2 sin(angle to the aim) / distance (pure pursuit).
     """
     dX, dY = aim.X - x.X, aim.Y - x.Y
     cos_psi, sin_psi = math.cos(x.psi), math.sin(x.psi)
     ahead, aside = cos_psi * dX + sin_psi * dY, cos_psi * dY - sin_psi * dX
     # speed^2 * curvature, with the speed of the direction's normalisation cancelled
     speed, square = math.hypot(x.vx, x.vy), ahead**2 + aside**2
-    wanted = 2 * speed * (x.vx * aside - x.vy * ahead) / square if square else 0.0
-    return min(max(wanted, -most), most)
+    lateral = 2 * speed * (x.vx * aside - x.vy * ahead) / square if square else 0.0
+    return min(max(lateral, -limit), limit)
 
 
-def hardest_braking(lateral: float, car: Car, limits: Limits) -> float:
-    """Return the largest braking force [N] beside a lateral acceleration [m/s^2] at every axle.
+def max_braking_force(lateral: float, car: Car, limits: Limits) -> float:
+    """Return the largest braking force [N] that both axles hold beside a lateral acceleration.
 
-    It is 0 where the cornering alone takes all friction. Else every force up to the largest is
-    possible, because braking unloads the rear axle, which so decides; halving finds it.
+    `lateral` is in m/s^2. The force is 0 where cornering alone takes all friction. Otherwise every
+    force up to the largest is feasible, because braking unloads the rear axle, which decides; the
+    largest is found by bisection.
     """
     low, high = 0.0, limits.brake_n
-    if not _possible(low, lateral, car, limits):
+    if not _is_feasible(low, lateral, car, limits):
         return low
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        if _possible(middle, lateral, car, limits):
+        if _is_feasible(middle, lateral, car, limits):
             low = middle
         else:
             high = middle
     return low
 
 
-def _possible(brake, lateral, car, limits):
+def _is_feasible(brake, lateral, car, limits):
     Fz, Fy = single_track.loads(-brake, car), lateral_forces(lateral, car)
     share = single_track.ideal_split(-brake, car)
     share = min(max(share, limits.brake_front_share_min), limits.brake_front_share_max)
@@ -105,20 +119,65 @@ def lateral_forces(lateral: float, car: Car) -> Axles:
     )
 
 
-def steering(x: VehicleState, lateral: float, Fx: float, lambda_b: float, car: Car) -> float:
+def steering_angle(x: VehicleState, lateral: float, Fx: float, lambda_b: float, car: Car) -> float:
     """Return the steering angle [rad] at which the front axle gives its share of `lateral`.
 
-    The Fiala curve, read backwards, gives the slip of that force; the direction in which the front
-    axle moves is measured. So a car that yaws too much is steered against it. Below the model's
-    least slip speed the angle of the arc itself, which has no slip, fades in.
+    The inverse Fiala curve gives the slip angle of that force; the direction in which the front
+    axle moves follows from the measured state. A car that yaws too much is thus counter-steered.
+    Below `v_slip` of the model the kinematic angle of the arc fades in.
     """
     F_x, F_y = single_track.split(Fx, lambda_b, car).f, lateral_forces(lateral, car).f
     Fz = single_track.loads(Fx, car).f
     capacity = math.sqrt(max((car.mu_f * Fz) ** 2 - float(F_x) ** 2, 0.0))
     use = min(abs(F_y) / capacity, 1.0) if capacity else 1.0
     slip = math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / car.C_f)
-    fast = min(max(x.vx / car.v_slip, 0.0), 1.0)
-    moving = math.atan((x.vy + car.l_f * x.r) / max(x.vx, car.v_slip))
+    blend = min(max(x.vx / car.v_slip, 0.0), 1.0)
+    direction = math.atan((x.vy + car.l_f * x.r) / max(x.vx, car.v_slip))
     square = max(x.vx**2 + x.vy**2, car.v_slip**2)
-    rolling = math.atan((car.l_f + car.l_r) * lateral / square)
-    return fast * moving + (1 - fast) * rolling + math.copysign(slip, lateral)
+    kinematic = math.atan((car.l_f + car.l_r) * lateral / square)
+    return blend * direction + (1 - blend) * kinematic + math.copysign(slip, lateral)
+
+
+def lookahead_point(
+    x: VehicleState,
+    plan: Plan | None,
+    path: ReferencePath | None,
+    theta: float | None,
+    params: Braking,
+) -> LookaheadPoint:
+    """Return a point of the plan ahead of the car; of the path at `theta` without a plan.
+
+    `theta` is the path distance [m] of the car. A state that is not finite has no such point.
+    """
+    if not np.all(np.isfinite(x)):
+        return LookaheadPoint(NONE, None)
+    preview = max(params.preview_s * x.vx, params.least_preview_m)
+    if plan is not None:
+        states = State(*plan.X.T)
+        line = np.column_stack((states.X, states.Y))
+        return LookaheadPoint(PLAN, point_ahead(line, x.X, x.Y, preview))
+    if path is not None:
+        arcs, _ = reference_path.arcs_at(path, theta + preview)
+        return LookaheadPoint(PATH, Point(float(arcs.X), float(arcs.Y)))
+    return LookaheadPoint(NONE, None)
+
+
+def point_ahead(line: np.ndarray, X: float, Y: float, distance: float) -> Point:
+    """Return the point `distance` [m] along a polyline (n, 2) after the foot of (X, Y) on it.
+
+    The line continues straight past its end.
+    """
+    chords = np.diff(line, axis=0)
+    lengths = np.hypot(*chords.T)
+    chords, starts = chords[lengths > 0], line[:-1][lengths > 0]
+    lengths = lengths[lengths > 0]
+    if not len(lengths):
+        return Point(*map(float, line[-1]))
+    directions = chords / lengths[:, None]
+    along = np.clip(np.sum((np.array((X, Y)) - starts) * directions, axis=1), 0, lengths)
+    offsets = starts + along[:, None] * directions - (X, Y)
+    nearest = np.argmin(np.sum(offsets**2, axis=1))
+    before = np.concatenate(([0], np.cumsum(lengths)))
+    s = before[nearest] + along[nearest] + distance
+    k = min(np.searchsorted(before, s, side='right'), len(lengths)) - 1
+    return Point(*map(float, starts[k] + (s - before[k]) * directions[k]))

@@ -1,26 +1,26 @@
-"""When to step: which of the incoming states is answered. Stamps in ns; no ROS."""
+"""Trigger: decides which of the incoming states is answered, and when. Stamps in ns; no ROS."""
 
 from typing import NamedTuple
 
-from msgs_yaml.conversions import NS_PER_S, ns_to_s
+from msgs_yaml.conversions import NS_PER_S
 
 
 class Due(NamedTuple):
     """What to do now."""
 
     step: bool  # answer this state
-    repeat: bool  # it was answered before: send the same answer again
-    restart: bool  # time went back, or began: take the set-points from the actuators first
+    repeat: bool  # it was answered before: publish the same answer again
+    restart: bool  # first step, or time went back: take the set-points from the actuators first
 
 
 NOTHING = Due(step=False, repeat=False, restart=False)
 
 
-class Lockstep:
+class LockstepTrigger:
     """Answers the states on tick boundaries for which the obstacles carry the same stamp.
 
-    The answer is then a function of what was sent, not of what arrived first. The first state is
-    answered when the actuators of its instant are known too.
+    The answer then depends on the messages and not on the order of their arrival. The first state
+    is answered when the actuators of the same stamp are known too.
     """
 
     def __init__(self, step_s: float):
@@ -28,30 +28,30 @@ class Lockstep:
         self.state = self.obstacles = self.actuators = self.answered = None
 
     def on_state(self, stamp_ns: int) -> bool:
-        """Take the stamp of a state; return whether it is one to keep."""
+        """Note the stamp of a state; return whether the state is to be kept."""
         if stamp_ns % self.step_ns:
             return False
         self.state = stamp_ns
         return True
 
     def on_obstacles(self, stamp_ns: int) -> None:
-        """Take the stamp of the obstacles."""
+        """Note the stamp of the obstacles."""
         self.obstacles = stamp_ns
 
     @property
-    def wants_actuators(self) -> bool:
-        """Tell whether the state kept last is the first one: it needs those of its instant."""
+    def needs_actuators(self) -> bool:
+        """Whether the state kept last starts the controller and needs actuators of its stamp."""
         return self.state is not None and (self.answered is None or self.state < self.answered)
 
     def on_actuators(self, stamp_ns: int) -> None:
-        """Take the stamp of the actuators."""
+        """Note the stamp of the actuators."""
         self.actuators = stamp_ns
 
     def due(self) -> Due:
-        """Return what to do with the state kept last; call it once per message."""
+        """Return what to do with the state kept last; to be called once per message."""
         if self.state is None or self.obstacles != self.state:
             return NOTHING
-        begun = self.wants_actuators
+        begun = self.needs_actuators
         if begun and self.actuators != self.state:
             return NOTHING
         repeat = self.state == self.answered
@@ -60,16 +60,16 @@ class Lockstep:
         return Due(step=not repeat, repeat=repeat, restart=begun)
 
     def on_lost(self, stamp_ns: int) -> None:
-        """Take note that a state was not answered: the plant sends it again, with the actuators."""
+        """Note that a state was not answered: the plant repeats it, with the actuators."""
         self.answered = self.state = self.actuators = None
 
     def age_s(self, now_ns: int) -> float:
-        """Return the age of the state answered last: time stands still while it is answered."""
+        """Return the age [s] of the state answered last: 0, simulated time waits for the answer."""
         return 0.0
 
 
-class Realtime:
-    """Answers the first state at or after each tick boundary, with whatever else is known."""
+class RealtimeTrigger:
+    """Answers the first state at or after each tick boundary, with the newest other inputs."""
 
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
@@ -77,9 +77,9 @@ class Realtime:
         self.begun = False
 
     def on_state(self, stamp_ns: int) -> bool:
-        """Take the stamp of a state; return whether it is one to keep.
+        """Note the stamp of a state; return whether the state is to be kept.
 
-        One from before the last answer came late, or twice: on the wall clock nothing goes back.
+        A state of a tick that was answered is late or a repetition: wall time never goes back.
         """
         new_tick = self.answered is None or self._tick(stamp_ns) > self._tick(self.answered)
         if new_tick:
@@ -87,19 +87,19 @@ class Realtime:
         return new_tick
 
     def on_obstacles(self, stamp_ns: int) -> None:
-        """Obstacles do not decide anything here."""
+        """Do nothing: obstacles do not trigger a step in realtime."""
 
     @property
-    def wants_actuators(self) -> bool:
-        """Tell whether the next step is the first one."""
+    def needs_actuators(self) -> bool:
+        """Whether the next step is the first one."""
         return not self.begun
 
     def on_actuators(self, stamp_ns: int) -> None:
-        """Take the stamp of the actuators."""
+        """Note the stamp of the actuators."""
         self.actuators = stamp_ns
 
     def due(self) -> Due:
-        """Return what to do with the state kept last; call it once per message."""
+        """Return what to do with the state kept last; to be called once per message."""
         if self.state is None or self._lacks_actuators():
             return NOTHING
         begun, self.begun = self.begun, True
@@ -107,20 +107,20 @@ class Realtime:
         return Due(step=True, repeat=False, restart=not begun)
 
     def on_lost(self, stamp_ns: int) -> None:
-        """Take note of a command without a state: the next one starts from the actuators."""
+        """Note a command without a state: the next step starts from the actuators."""
         self.answered, self.state, self.actuators = stamp_ns, None, None
         self.begun = False
 
     def is_next(self, now_ns: int) -> bool:
-        """Tell whether a tick has passed since the last answer."""
+        """Return whether a tick has passed since the last answer."""
         return now_ns - self.answered >= self.step_ns
 
     def age_s(self, now_ns: int) -> float:
-        """Return the age of the state answered last."""
+        """Return the age [s] of the state answered last."""
         return ns_to_s(now_ns - self.answered)
 
     def _lacks_actuators(self):
-        """Tell whether those that a first step starts from are missing, or of another time."""
+        """Return whether a first step lacks actuators of about its time."""
         if self.begun:
             return False
         return self.actuators is None or abs(self.state - self.actuators) > self.step_ns
@@ -129,6 +129,6 @@ class Realtime:
         return stamp_ns // self.step_ns
 
 
-def make(mode: str, step_s: float) -> Lockstep | Realtime:
-    """Return the trigger of a mode of the contract; KeyError for others."""
-    return {'lockstep': Lockstep, 'realtime': Realtime}[mode](step_s)
+def make(mode: str, step_s: float) -> LockstepTrigger | RealtimeTrigger:
+    """Return the trigger of a mode, 'lockstep' or 'realtime'; KeyError for others."""
+    return {'lockstep': LockstepTrigger, 'realtime': RealtimeTrigger}[mode](step_s)

@@ -1,58 +1,99 @@
-"""What the controller may still believe: the ages of its inputs. Times are arguments, in ns.
+"""Watchdog and health of the controller: the ages of its inputs, and /diagnostics. Times in ns.
 
-On the wall clock (`Awake`) inputs age, and what grew too old makes the car brake. In lockstep
-(`Asleep`) time waits for every input, so nothing does.
+In realtime (`RealtimeWatchdog`) inputs age; one that is too old makes the car brake. In lockstep
+(`LockstepWatchdog`) simulated time waits for every input, so none ages.
 """
 
-from mpcc_controller.driving.health import TOLD, Monitor
+from collections import Counter
+from typing import Any
+
+from mpcc_controller.driving.tick_report import ERROR, OK, WARN
 from mpcc_controller.parameters import Ages
-from msgs_yaml import conversions
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Health, Why
-from node_runtime.input_monitor import ERROR, OK, STALE, HeldLevel, InputMonitor
+from node_runtime.input_monitor import STALE, HeldLevel, InputMonitor
 
 STATE, REFERENCE, EDGES, OBSTACLES = 'state', 'reference', 'edges', 'obstacles'
 STATE_STALE = 'state_stale'
+MESSAGES = {
+    OK: 'every step solved',
+    WARN: 'some steps followed an unfinished or older plan',
+    ERROR: 'some steps braked, or the gate turned a command back',
+}
 
 
-class Asleep:
-    """Nothing ages; health is told once per second of the steps."""
+class HealthMonitor:
+    """Counts the levels of fallback since the start."""
 
-    def __init__(self, monitor: Monitor):
+    def __init__(self, name: str):
+        self.name = name
+        self.level_counts = Counter()
+        self.rejections = 0
+        self.worst = OK  # since the last report
+        self._second: int | None = None
+
+    def add(self, why: Why) -> None:
+        """Add the report of a step."""
+        self.level_counts[why.values['rung']] += 1
+        self.rejections = why.values['gate.rejections']
+        self.worst = max(self.worst, why.level)
+
+    def on_step(self, why: Why) -> Health | None:
+        """Add the report of a step; return the health at the first step of each second."""
+        self.add(why)
+        second = why.stamp_ns // NS_PER_S
+        if second == self._second:
+            return None
+        self._second = second
+        return self.report(why.stamp_ns, self.worst, MESSAGES[self.worst], {})
+
+    def report(self, stamp_ns: int, level: int, message: str, extra: dict[str, Any]) -> Health:
+        """Return the health with the counts and `extra`; starts the next reporting period."""
+        self.worst = OK
+        counts = {f'rung.{name}': count for name, count in sorted(self.level_counts.items())}
+        values = counts | {'gate.rejections': self.rejections} | extra
+        return Health(stamp_ns, self.name, level, message, values)
+
+
+class LockstepWatchdog:
+    """No input ages; the health is reported once per second of the steps."""
+
+    def __init__(self, monitor: HealthMonitor):
         self._monitor = monitor
 
     def offer(self, name: str, stamp_ns: int, now_ns: int) -> str:
-        """Take the stamp of an input, whatever it is."""
+        """Accept the stamp of an input, whatever it is."""
         return ''
 
     def refuse(self, name: str, reason: str) -> str:
-        """Return the reason for which a message was turned down."""
+        """Return the reason for which a message is rejected."""
         return reason
 
     def fault(self, now_ns: int) -> str:
-        """Return what is too old to plan with: nothing."""
+        """Return '': no input is too old."""
         return ''
 
-    def lost(self, now_ns: int) -> bool:
-        """Tell whether the state is too old to be answered."""
+    def is_state_lost(self, now_ns: int) -> bool:
+        """Return whether the state is too old to be answered: never."""
         return False
 
-    def told(self, now_ns: int) -> str:
-        """Return what is too old, in words."""
+    def describe(self, now_ns: int) -> str:
+        """Return '': no input is too old."""
         return ''
 
     def on_step(self, why: Why) -> Health | None:
-        """Take what a step said; return the health when it is to be told."""
+        """Add the report of a step; return the health when it is due."""
         return self._monitor.on_step(why)
 
-    def on_beat(self, now_ns: int, waiting: str) -> Health | None:
-        """Return the health when it is to be told without a step."""
+    def on_timer(self, now_ns: int, waiting: str) -> Health | None:
+        """Return None: the health is due with steps only."""
         return None
 
 
-class Awake:
-    """Watches four inputs; health is told once per second of the clock."""
+class RealtimeWatchdog:
+    """Monitors the ages of four inputs; the health is reported once per second of the clock."""
 
-    def __init__(self, monitor: Monitor, ages: Ages):
+    def __init__(self, monitor: HealthMonitor, ages: Ages):
         self._monitor = monitor
         limits_s = {
             STATE: ages.state_s,
@@ -60,62 +101,63 @@ class Awake:
             EDGES: ages.reference_s,
             OBSTACLES: ages.obstacles_s,
         }
-        self.watches = {name: InputMonitor(name, limit_s) for name, limit_s in limits_s.items()}
+        self.inputs = {name: InputMonitor(name, limit_s) for name, limit_s in limits_s.items()}
         self._steps = HeldLevel()
-        self._beat_ns: int | None = None
+        self._reported_ns: int | None = None
 
     def offer(self, name: str, stamp_ns: int, now_ns: int) -> str:
-        """Take the stamp of an input; return '' or why it is refused."""
-        return self.watches[name].accept(stamp_ns, now_ns)
+        """Offer the stamp of an input; return '' or why it is rejected."""
+        return self.inputs[name].accept(stamp_ns, now_ns)
 
     def refuse(self, name: str, reason: str) -> str:
-        """Count a message that breaks the contract."""
-        return self.watches[name].reject(reason)
+        """Count a message that violates the contract; return the reason."""
+        return self.inputs[name].reject(reason)
 
     def fault(self, now_ns: int) -> str:
-        """Return the reason for which no plan can be made, '' when there is none."""
-        for name, watch in self.watches.items():
-            if watch.level(now_ns) == ERROR:
+        """Return the reason for which no plan can be made, '' if there is none."""
+        for name, monitor in self.inputs.items():
+            if monitor.level(now_ns) == ERROR:
                 return f'{name}_stale'
         return ''
 
-    def lost(self, now_ns: int) -> bool:
-        """Tell whether the state is too old to be answered."""
-        return self.watches[STATE].level(now_ns) == ERROR
+    def is_state_lost(self, now_ns: int) -> bool:
+        """Return whether the state is too old to be answered."""
+        return self.inputs[STATE].level(now_ns) == ERROR
 
-    def told(self, now_ns: int) -> str:
-        """Return what is too old, in words."""
-        stale = [w for w in self.watches.values() if w.level(now_ns) == ERROR]
-        return '; '.join(watch.describe(now_ns) for watch in stale)
+    def describe(self, now_ns: int) -> str:
+        """Return a text that names every input that is too old, with its age."""
+        stale = [monitor for monitor in self.inputs.values() if monitor.level(now_ns) == ERROR]
+        return '; '.join(monitor.describe(now_ns) for monitor in stale)
 
     def on_step(self, why: Why) -> Health | None:
-        """Take what a step said; the health comes with the beat."""
-        self._monitor.note(why)
+        """Add the report of a step; the health is due with the timer."""
+        self._monitor.add(why)
         return None
 
-    def on_beat(self, now_ns: int, waiting: str) -> Health | None:
-        """Look at every age; return the health once per second.
+    def on_timer(self, now_ns: int, waiting: str) -> Health | None:
+        """Check every age; return the health once per second.
 
-        `waiting` says what the first step waits for, '' once it was taken.
+        `waiting` names what the first step waits for, '' once it was done.
         """
-        watches = self.watches.values()
-        for watch in watches:
-            watch.update(now_ns)
-        if self._beat_ns is not None and now_ns - self._beat_ns < conversions.NS_PER_S:
+        inputs = self.inputs.values()
+        for monitor in inputs:
+            monitor.update(now_ns)
+        if self._reported_ns is not None and now_ns - self._reported_ns < NS_PER_S:
             return None
-        self._beat_ns = now_ns
+        self._reported_ns = now_ns
         steps = self._steps.update(self._monitor.worst, now_ns)
-        level, message = max(steps, *(watch.held_level for watch in watches)), TOLD[steps]
+        level, message = max(steps, *(monitor.held_level for monitor in inputs)), MESSAGES[steps]
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:
-            message = '; '.join(
-                watch.describe_held(now_ns) for watch in watches if watch.held_level == level
-            )
-        ages = {k: v for watch in watches for k, v in watch.diagnostics(now_ns).items()}
+            causes = [
+                monitor.describe_held(now_ns) for monitor in inputs if monitor.held_level == level
+            ]
+            message = '; '.join(causes)
+        ages = {k: v for monitor in inputs for k, v in monitor.diagnostics(now_ns).items()}
         return self._monitor.report(now_ns, level, message, ages)
 
 
-def make(mode: str, monitor: Monitor, ages: Ages) -> Asleep | Awake:
-    """Return the watchdog of a mode of the contract."""
-    return Awake(monitor, ages) if mode == 'realtime' else Asleep(monitor)
+def make(mode: str, monitor: HealthMonitor, ages: Ages) -> LockstepWatchdog | RealtimeWatchdog:
+    """Return the watchdog of a mode, 'lockstep' or 'realtime'."""
+    return RealtimeWatchdog(monitor, ages) if mode == 'realtime' else LockstepWatchdog(monitor)

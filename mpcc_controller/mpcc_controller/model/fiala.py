@@ -6,20 +6,20 @@ is a polynomial of it; forces are in the wheel frame, positive to the left and f
 
 import casadi as ca
 
-# A wheel on the brake keeps this share of its friction at most for the longitudinal force: what
-# is left, sqrt(1 - 0.99^2) = 14 %, keeps the square root of the circle away from its edge.
+# The longitudinal force uses at most this share of the friction: the remaining lateral capacity,
+# sqrt(1 - 0.99^2) = 14 %, keeps the square root of the friction circle differentiable.
 LONGITUDINAL_SHARE = 0.99
-# Rounding of the corner at which a wheel locks, relative to its friction. At 95 % of the
-# friction the force is 0.2 % below the demanded one.
+# Rounding of the saturation, relative to the friction. At 95 % of the friction the force is 0.2 %
+# below the demand.
 LOCK_ROUNDING = 0.02
 
 
 def longitudinal_force(demand, Fz, mu):
-    """Return the force [N] that the road gives to a wheel told to deliver `demand` [N].
+    """Return the longitudinal force [N] of an axle for a demand [N], saturated by its friction.
 
-    It is the demand well inside the friction `mu Fz` and saturates smoothly below it, as a wheel
-    that locks: without it, the RK2 midpoints and the last stage, which no constraint covers,
-    leave the friction circle and the root in `lateral_capacity` turns imaginary.
+    It equals the demand well below `mu Fz` and saturates smoothly, as a locking wheel does. Without
+    the saturation the RK2 midpoints and the last stage, which no constraint covers, leave the
+    friction circle and the root in `lateral_capacity` turns imaginary.
     """
     capacity = LONGITUDINAL_SHARE * mu * Fz
     rounding = (LOCK_ROUNDING * capacity) ** 2
@@ -37,13 +37,12 @@ def lateral_force(tan_alpha, capacity, C, switch):
     """Return the lateral force [N] at the slip `tan_alpha` [-], negative for positive slip.
 
     With s = C tan(alpha) / (3 capacity) the Fiala force is -capacity s (3 - 3 |s| + s^2) up to
-    full sliding at |s| = 1. Its gradient vanishes there, and with it the optimiser's sense of
+    full sliding at |s| = 1. Its gradient vanishes there, so that the optimiser gets no descent
     direction. From |s| = `switch` on the curve is therefore continued with its tangent;
-    `switch` = 1 is the plain Fiala tyre. `C` [N/rad] is the cornering stiffness of the axle, the
-    slope at zero slip.
+    `switch` = 1 is the plain Fiala tyre. `C` [N/rad] is the cornering stiffness of the axle.
     """
     s = C * tan_alpha / (3 * capacity)
-    bent = ca.fmin(ca.fmax(s, -switch), switch)
-    curve = bent * (3 - 3 * ca.fabs(bent) + bent**2)
-    tangent = 3 * (1 - switch) ** 2 * (s - bent)
+    clipped = ca.fmin(ca.fmax(s, -switch), switch)
+    curve = clipped * (3 - 3 * ca.fabs(clipped) + clipped**2)
+    tangent = 3 * (1 - switch) ** 2 * (s - clipped)
     return -capacity * (curve + tangent)

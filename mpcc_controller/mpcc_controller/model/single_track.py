@@ -2,7 +2,7 @@
 
 The names are the paper's. Two corrections to the printed equations: X' = vx cos psi - vy sin psi
 (the paper prints a plus), and the axle loads follow the longitudinal force quasi-statically, as
-the paper's own ideal brake split needs them to.
+the ideal brake split of the paper requires.
 """
 
 from typing import Any, NamedTuple
@@ -32,16 +32,16 @@ class State(NamedTuple):
 
 
 class Input(NamedTuple):
-    """Input u: the paper's three, and the slack that keeps the problem feasible."""
+    """Input u: the three of the paper, and the slack that keeps the problem feasible."""
 
     d_delta: Any  # rad/s
     d_Fx: Any  # N/s
     lambda_b: Any  # -, front share of the braking force
-    slack: Any  # m of missing road and m/s of missing speed
+    slack: Any  # m beyond the road edge and m/s below the minimum speed
 
 
 class Car(NamedTuple):
-    """The numbers of the vehicle and its tyres; mu_* already holds the road's friction."""
+    """Parameters of the vehicle and its tyres; mu_* include the believed friction of the road."""
 
     m: Any  # kg
     Izz: Any  # kg m^2
@@ -67,7 +67,7 @@ class Axles(NamedTuple):
     r: Any
 
 
-class Body(NamedTuple):
+class BodyRates(NamedTuple):
     """Rates of the velocities of the body."""
 
     vx: Any  # m/s^2, of the component: centripetal acceleration included
@@ -115,8 +115,8 @@ def split(Fx, lambda_b, car):
 def smooth_split(Fx, lambda_b, car):
     """Return `split` without its corner at Fx = 0, for the optimiser.
 
-    A plan that passes from braking to driving in a bend often has its best force exactly in that
-    corner, where no gradient vanishes and the solver circles until its iteration limit. The share
+    A plan that passes from braking to driving in a bend often has its optimal force exactly at that
+    corner, where no gradient vanishes and the solver iterates to its limit. The share
     of the front axle changes from lambda_b to lambda_d within some `force_blend`; the axles share
     the sign of Fx, and their sum is Fx.
     """
@@ -128,8 +128,8 @@ def smooth_split(Fx, lambda_b, car):
 def slips(x, car):
     """Return tan(alpha) per axle.
 
-    Below `v_slip` the speed in the denominator is held up smoothly: RK2 at 50 ms turns unstable
-    on the tyre dynamics near 5 m/s, and an iterate of the solver may pass through any speed.
+    Below `v_slip` the speed in the denominator is bounded smoothly: RK2 at 50 ms is unstable on the
+    tyre dynamics near 5 m/s, and an iterate of the solver may have any speed.
     """
     faster = x.vx - car.v_slip
     v = car.v_slip + (faster + ca.sqrt(faster**2 + SLIP_SPEED_ROUNDING)) / 2
@@ -156,20 +156,20 @@ def tyre_forces(x, u, car):
     )
 
 
-def body_rates(x, u: Input, car: Car) -> Body:
-    """Return how the velocities of the body change (paper, eq. 1).
+def body_rates(x, u: Input, car: Car) -> BodyRates:
+    """Return the rates of the body velocities (paper, eq. 1).
 
-    `x` needs vx, vy, r, delta and Fx: it does not matter in which coordinates the car is placed.
+    `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter.
     """
     F = tyre_forces(x, u, car)
     F_drag = car.drag * x.vx**2 + car.rolling
     sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
-    ahead = F.F_xf * cos_delta - F.F_yf * sin_delta  # front axle force along the body, N
-    aside = F.F_xf * sin_delta + F.F_yf * cos_delta  # and across it
-    return Body(
-        vx=(ahead + F.F_xr - F_drag) / car.m + x.r * x.vy,
-        vy=(aside + F.F_yr) / car.m - x.r * x.vx,
-        r=(car.l_f * aside - car.l_r * F.F_yr) / car.Izz,
+    front_x = F.F_xf * cos_delta - F.F_yf * sin_delta  # front axle force in the body frame, N
+    front_y = F.F_xf * sin_delta + F.F_yf * cos_delta
+    return BodyRates(
+        vx=(front_x + F.F_xr - F_drag) / car.m + x.r * x.vy,
+        vy=(front_y + F.F_yr) / car.m - x.r * x.vx,
+        r=(car.l_f * front_y - car.l_r * F.F_yr) / car.Izz,
     )
 
 

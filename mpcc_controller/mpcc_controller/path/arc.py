@@ -1,8 +1,8 @@
-"""A piece of path as a circular arc: how the reference enters the problem, as numbers per stage."""
+"""A piece of the path as a circular arc: the form in which the reference enters the problem."""
 
 from typing import Any, NamedTuple
 
-from mpcc_controller.model import maths
+from mpcc_controller.model import elementary_functions as functions
 
 
 class Arc(NamedTuple):
@@ -23,28 +23,28 @@ class Pose(NamedTuple):
     psi: Any  # rad
 
 
-def at(arc: Arc, theta) -> Pose:
+def pose_at(arc: Arc, theta) -> Pose:
     """Return the pose at the distance `theta` [m]; numbers or CasADi expressions.
 
     The chord of the arc points along its mean heading and is d sinc(half) long. Two terms of the
-    series of sinc replace sin(half) / half, which has no value on a straight path: the error is
+    series of sinc replace sin(half) / half, which is undefined on a straight path: the error is
     half^4 / 120, 1e-7 of the length for a turn of 0.1 rad.
     """
     d = theta - arc.theta
     half = arc.kappa * d / 2
     chord = d * (1 - half**2 / 6)
     return Pose(
-        X=arc.X + chord * maths.cos(arc.psi + half),
-        Y=arc.Y + chord * maths.sin(arc.psi + half),
+        X=arc.X + chord * functions.cos(arc.psi + half),
+        Y=arc.Y + chord * functions.sin(arc.psi + half),
         psi=arc.psi + 2 * half,
     )
 
 
-def contouring(pose: Pose, X, Y):
+def contouring_error(pose: Pose, X, Y):
     """Return e_Con [m] of a point (paper, section 3.1): positive to the right of the path."""
-    return maths.sin(pose.psi) * (X - pose.X) - maths.cos(pose.psi) * (Y - pose.Y)
+    return functions.sin(pose.psi) * (X - pose.X) - functions.cos(pose.psi) * (Y - pose.Y)
 
 
-def lag(pose: Pose, X, Y):
+def lag_error(pose: Pose, X, Y):
     """Return e_Lag [m] of a point (paper, section 3.1): positive behind the pose."""
-    return -maths.cos(pose.psi) * (X - pose.X) - maths.sin(pose.psi) * (Y - pose.Y)
+    return -functions.cos(pose.psi) * (X - pose.X) - functions.sin(pose.psi) * (Y - pose.Y)

@@ -1,4 +1,4 @@
-"""Distances to obstacles and road edges, and the priority that grows as they shrink (paper 3.3).
+"""Distances to obstacles and road edges, and their priorities in the cost (paper, section 3.3).
 
 Distances are Cartesian, between circles (paper, eq. 3), in metres; negative means contact.
 """
@@ -7,17 +7,17 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from mpcc_controller.model import maths
+from mpcc_controller.model import elementary_functions as functions
 
 # m^2; rounds the tip of the distance at an obstacle's centre, where it has no gradient
 CENTRE_ROUNDING = 1e-6
-# m; the step of the baseline's priority changes by 80 % within 2.2 of these, 4 cm: the cost would
-# jump at contact, and no solver that uses derivatives can see a jump
+# m; the step of the baseline's priority changes by 80 % within 2.2 of these, 4 cm: a solver that
+# uses derivatives needs a continuous cost at contact
 STEP_BLEND = 0.02
 
 
 class Circle(NamedTuple):
-    """Where one circle of the vehicle is."""
+    """One circle of the vehicle."""
 
     X: Any  # m, map
     Y: Any  # m, map
@@ -50,23 +50,23 @@ class Edges(NamedTuple):
 
 def circle(x, offset, radius) -> Circle:
     """Return the vehicle circle whose centre lies `offset` [m] ahead of the CoG."""
-    return Circle(x.X + offset * maths.cos(x.psi), x.Y + offset * maths.sin(x.psi), radius)
+    return Circle(x.X + offset * functions.cos(x.psi), x.Y + offset * functions.sin(x.psi), radius)
 
 
 def v2o(vehicle: Circle, obstacle: Disc):
     """Return D_V2O [m] (paper, eq. 3)."""
     dX, dY = vehicle.X - obstacle.X, vehicle.Y - obstacle.Y
-    return maths.sqrt(dX**2 + dY**2 + CENTRE_ROUNDING) - obstacle.r_obs - vehicle.r
+    return functions.sqrt(dX**2 + dY**2 + CENTRE_ROUNDING) - obstacle.r_obs - vehicle.r
 
 
-def left_of(vehicle: Circle, edge: Edge):
-    """Return how far [m] the circle's centre lies to the left of an edge.
+def lateral_offset(vehicle: Circle, edge: Edge):
+    """Return how far [m] the circle's centre is to the left of an edge.
 
     The error of the parabola is kappa^2 d (s^2 / 2) for an along-edge distance s to the touching
     point and a distance d across it: 2 mm for s = 1 m and d = 4 m on a radius of 30 m.
     """
     dX, dY = vehicle.X - edge.X, vehicle.Y - edge.Y
-    cos_psi, sin_psi = maths.cos(edge.psi), maths.sin(edge.psi)
+    cos_psi, sin_psi = functions.cos(edge.psi), functions.sin(edge.psi)
     along = cos_psi * dX + sin_psi * dY
     return cos_psi * dY - sin_psi * dX - edge.kappa * along**2 / 2
 
@@ -74,12 +74,12 @@ def left_of(vehicle: Circle, edge: Edge):
 def v2e(vehicle: Circle, edges: Edges):
     """Return D_V2E [m] to the left and to the right edge."""
     return (
-        -left_of(vehicle, edges.left) - vehicle.r,
-        left_of(vehicle, edges.right) - vehicle.r,
+        -lateral_offset(vehicle, edges.left) - vehicle.r,
+        lateral_offset(vehicle, edges.right) - vehicle.r,
     )
 
 
-def priority(D, D_sft):
+def gaussian_priority(D, D_sft):
     """Return q / P_k (paper 3.3): 1 in contact, Gaussian within the safety distance, 0 beyond."""
     gauss = ca.exp(-2 * ca.fmax(D, 0) ** 2 / D_sft**2)
     return ca.if_else(D_sft >= D, gauss, 0)
@@ -89,12 +89,12 @@ def step_priority(D, D_sft):
     """Return q / P_k of the baseline: 1 within the safety distance, 2 in contact, 0 beyond.
 
     Brown & Gerdes' published code doubles the cost of an intrusion at contact; the step is blended
-    there by a tanh of `STEP_BLEND`. P_k is what weighs an intrusion before contact.
+    there by a tanh of `STEP_BLEND`. P_k is the weight before contact.
     """
     doubled = (3 - ca.tanh(D / STEP_BLEND)) / 2
     return ca.if_else(D_sft >= D, doubled, 0)
 
 
-def intrusion(D, D_sft, weigh=priority):
-    """Return the squared error of the paper with its moving weight, in units of P_k [m^2]."""
-    return weigh(D, D_sft) * (D - D_sft) ** 2
+def intrusion(D, D_sft, priority=gaussian_priority):
+    """Return the squared error of a distance times q / P_k [m^2] (paper, section 3.3)."""
+    return priority(D, D_sft) * (D - D_sft) ** 2

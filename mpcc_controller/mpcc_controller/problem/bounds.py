@@ -4,10 +4,10 @@ import numpy as np
 
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
-from mpcc_controller.problem.ocp import Limited, total_use
+from mpcc_controller.problem.ocp import Constraints, total_friction_use
 from stage_solver.stage_problem import Bounds
 
-ROOM = 1e-3  # relative room left between a state that cannot be changed and its bound
+MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 
 
 def build(
@@ -17,9 +17,9 @@ def build(
 
     `state` is the NamedTuple of the formulation's states; delta and Fx are bounded.
 
-    Where the force is beyond its share of the friction already (the road has turned slippery, or
-    a restart found it so), the friction bounds open to what the force can be brought back to at
-    its rate limit: a present that cannot be changed must not make the problem infeasible.
+    Where the force already exceeds its share of the friction (the friction dropped, or after a
+    restart), the friction bounds widen to what the rate limit of the force allows to reach: a state
+    that cannot be changed must not make the problem infeasible.
     """
     free = np.inf
     x_high = state(
@@ -41,9 +41,9 @@ def build(
         slack=-free,
     )
     sf = friction_share(limits, car, Fx, horizon, dt)
-    every = np.ones(horizon)
-    g_high = Limited(sf[:-1], sf[:-1], sf[:-1], track=0 * every, speed=free * every)
-    g_low = Limited(-sf[:-1], -sf[:-1], -sf[:-1], -free * every, limits.least_speed_mps * every)
+    ones = np.ones(horizon)
+    g_high = Constraints(sf[:-1], sf[:-1], sf[:-1], track=0 * ones, speed=free * ones)
+    g_low = Constraints(-sf[:-1], -sf[:-1], -sf[:-1], -free * ones, limits.least_speed_mps * ones)
     return Bounds(
         x_low=np.tile(x_low, (horizon + 1, 1)),
         x_high=np.tile(x_high, (horizon + 1, 1)),
@@ -59,8 +59,8 @@ def build(
 def friction_share(limits: Limits, car: Car, Fx: float, horizon: int, dt: float) -> np.ndarray:
     """Return the share of the friction that each stage (N + 1,) may use.
 
-    It is the paper's sf, or what the force cannot be brought below sooner.
+    It is the paper's sf, or more where the rate limit keeps the force above it.
     """
-    left = np.maximum(abs(Fx) - limits.force_rate_nps * dt * np.arange(horizon + 1), 0)
-    inherited = np.abs(total_use(np.copysign(left, Fx), car))
-    return np.maximum(limits.friction_use, (1 + ROOM) * inherited)
+    smallest = np.maximum(abs(Fx) - limits.force_rate_nps * dt * np.arange(horizon + 1), 0)
+    required = np.abs(total_friction_use(np.copysign(smallest, Fx), car))
+    return np.maximum(limits.friction_use, (1 + MARGIN) * required)

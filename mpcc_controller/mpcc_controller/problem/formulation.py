@@ -1,88 +1,57 @@
-"""The two controllers behind one face: the paper's MPCC and its baseline.
+"""The formulations: the paper's MPCC and the Frenet baseline behind one interface.
 
 Outside a formulation a plan is in the map: its states are `single_track.State`, its theta the
-distance along the path. Inside it is in the states of the problem that is solved.
+distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path.reference import Path
-from mpcc_controller.problem import frenet_stages, stages
-from mpcc_controller.problem.ocp import Formula
-from mpcc_controller.problem.stages import Numbers, Scene
+from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.problem.frenet_formulation import FrenetFormulation
+from mpcc_controller.problem.mpcc_formulation import MpccFormulation
+from mpcc_controller.problem.ocp import SymbolicOcp
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
 
 class Formulation(Protocol):
-    """What a receding horizon needs to know of a problem."""
+    """One optimal control problem: what the planner needs to know of it."""
 
-    formula: Formula
+    name: ClassVar[str]  # of the parameter formulation.name
+    tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
+    distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
+    has_lag: ClassVar[bool]  # whether formulation.lag may be true
+    car: Car
+    ocp: SymbolicOcp
 
-    def numbers(self, scene: Scene, guess: np.ndarray) -> Numbers:
-        """Return the numbers of every stage around guessed states in the map (N + 1, 9)."""
+    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
+        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
 
-    def enter(self, plan: Plan, path: Path) -> Plan:
-        """Return a plan in the map in the states of the problem."""
+    def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
+        """Return a plan in the map in the states of the problem; multipliers are kept."""
 
-    def leave(self, plan: Plan, path: Path) -> Plan:
+    def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan of the problem in the map."""
 
 
-class Mpcc:
-    """The paper's: its states are those of the map."""
-
-    def __init__(self, params: ControllerParams, car: Car):
-        self.params, self.car = params, car
-        self.formula = stages.formula(params)
-
-    def numbers(self, scene: Scene, guess: np.ndarray) -> Numbers:
-        """See `Formulation`."""
-        return stages.numbers(self.params, self.car, scene, guess)
-
-    def enter(self, plan: Plan, path: Path) -> Plan:
-        """See `Formulation`."""
-        return plan
-
-    leave = enter
-
-
-class Frenet:
-    """The baseline of Brown & Gerdes: its states lie along the coarse path."""
-
-    def __init__(self, params: ControllerParams, car: Car):
-        self.params, self.car = params, car
-        self.formula = frenet_stages.formula(params)
-
-    def numbers(self, scene: Scene, guess: np.ndarray) -> Numbers:
-        """See `Formulation`."""
-        return frenet_stages.numbers(self.params, self.car, scene, guess)
-
-    def enter(self, plan: Plan, path: Path) -> Plan:
-        """See `Formulation`."""
-        return frenet_stages.entered(plan, path)
-
-    def leave(self, plan: Plan, path: Path) -> Plan:
-        """See `Formulation`."""
-        return frenet_stages.left(plan, path)
-
-
-FORMULATIONS = {'mpcc': Mpcc, 'frenet': Frenet}
+FORMULATIONS = {kind.name: kind for kind in (MpccFormulation, FrenetFormulation)}
 
 
 def make(params: ControllerParams, car: Car) -> Formulation:
     """Return the formulation that the parameters name.
 
-    Raises ParameterError for a rule that the baseline does not have.
+    Raises ParameterError for an option that the formulation does not have.
     """
-    chosen = params.formulation
-    if chosen.name == 'frenet' and (chosen.distance != 'path' or chosen.lag):
+    options = params.formulation
+    kind = FORMULATIONS[options.name]
+    if options.distance not in kind.distances or (options.lag and not kind.has_lag):
         raise ParameterError(
             'formulation: frenet measures along the path and has no lag error; '
             "allowed with it: distance 'path' and lag false"
         )
-    return FORMULATIONS[chosen.name](params, car)
+    return kind(params, car)

@@ -11,9 +11,9 @@ from bags.errors import BagError, OlderRunWarning
 from experiments.configuration import set_option
 from experiments.replay import check, feed, fields, replayed_controller
 from experiments.replay.topic import Topic
-from mpcc_controller import limits_in_force
+from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams
-from mpcc_controller.problem import stages
+from mpcc_controller.problem import stage_parameters
 from msgs_yaml import encode
 from msgs_yaml.types import Command, Prediction, Why
 from node_runtime import node_parameters, parameters, ros
@@ -294,10 +294,10 @@ def test_a_run_older_than_the_actuators_of_the_car_keeps_its_layout_and_its_limi
     older = golden('mpcc').run_info
     assert 'actuators' not in older['parameters']
     params, vehicle = replayed_controller.params(older, {}, 'mpcc')
-    assert stages.car(params, vehicle).lambda_d == 0.0
-    assert limits_in_force.apply(params, vehicle) == params
+    assert stage_parameters.car(params, vehicle).lambda_d == 0.0
+    assert car_file.limit_to_car(params, vehicle) == params
     wider, vehicle = replayed_controller.params(older, {'limits.steer_rate_radps': 3.0}, 'mpcc')
-    assert limits_in_force.apply(wider, vehicle).limits.steer_rate_radps == 3.0
+    assert car_file.limit_to_car(wider, vehicle).limits.steer_rate_radps == 3.0
 
 
 def test_a_limit_that_the_car_would_cut_is_refused(golden):
@@ -344,7 +344,9 @@ def test_a_new_car_gives_an_older_run_its_drive_layout_too(golden, tmp_path):
         ({'car_file': str(own), 'actuators.drive_front_share': 0.3}, 0.3),
         ({'actuators.drive_front_share': 0.3}, 0.3),
     ):
-        assert stages.car(*replayed_controller.params(older, given, 'mpcc')).lambda_d == used
+        assert (
+            stage_parameters.car(*replayed_controller.params(older, given, 'mpcc')).lambda_d == used
+        )
 
 
 @pytest.mark.parametrize('name', ['nosuch.yaml', './nosuch.yaml', 'mpcc.yaml', 1])

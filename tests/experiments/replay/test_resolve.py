@@ -113,7 +113,7 @@ def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
             raise ValueError('broken')
 
     other = problem.changed(*replayed_controller.params(golden('mpcc').run_info, {}, 'mpcc'))
-    other.horizon.solver = Broken()
+    other.horizon.first_solver = Broken()
     found = other.solve()
     assert found.good
     assert found.told.startswith('second_solver')

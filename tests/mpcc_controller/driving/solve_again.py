@@ -22,7 +22,7 @@ GIVEN = {
 }
 file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
 params, _ = node_parameters.resolve(ControllerParams, file, GIVEN)
-solver = Controller(params, car_file.load(params)).horizon.solver
+solver = Controller(params, car_file.load(params)).planner.first_solver
 with np.load(sys.argv[1]) as kept:
     bounds = Bounds(*(kept[name] for name in Bounds._fields))
     found = solver.solve(kept['x0'], kept['P'], bounds, Plan(kept['X'], kept['U']))

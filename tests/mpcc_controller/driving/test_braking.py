@@ -5,22 +5,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import braking, guide
+from mpcc_controller.driving import braking
 from mpcc_controller.driving.braking import Point
-from mpcc_controller.driving.target import SetPoints
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import GRAVITY, Input, State
-from mpcc_controller.path import reference
-from mpcc_controller.problem import stages
+from mpcc_controller.path import reference_path
+from mpcc_controller.problem import stage_parameters
 from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
-REST = SetPoints(0.0, 0.0)
+REST = Setpoints(0.0, 0.0)
 
 
 @pytest.fixture(scope='module')
 def car(params, vehicle):
-    return stages.car(params, vehicle)
+    return stage_parameters.car(params, vehicle)
 
 
 @pytest.fixture(scope='module')
@@ -53,8 +53,8 @@ def test_cornering_and_braking_together_stay_inside_the_circle_of_both_axles(
 ):
     x = world.rolling(v=v, r=r, vy=vy)
     aim = Point(30.0, aside)
-    goal = braking.target(x, REST, aim, car, patient)
-    most = patient.braking.lateral_use * braking.grip(car, patient.limits)
+    goal = braking.braking_target(x, REST, aim, car, patient)
+    most = patient.braking.lateral_use * braking.max_acceleration(car, patient.limits)
     lateral = abs(braking.lateral_acceleration(x, aim, most))
     assert lateral <= most
     assert max(use(goal, lateral, car)) <= patient.limits.friction_use * (1 + 1e-6)
@@ -64,26 +64,26 @@ def test_cornering_and_braking_together_stay_inside_the_circle_of_both_axles(
 
 @pytest.mark.parametrize('lateral', [0.0, 3.0, 6.0, 7.5])
 def test_braking_is_as_hard_as_the_friction_beside_the_cornering_allows(car, params, lateral):
-    hardest = braking.hardest_braking(lateral, car, params.limits)
+    hardest = braking.max_braking_force(lateral, car, params.limits)
     share = single_track.ideal_split(-hardest, car)
     share = np.clip(share, params.limits.brake_front_share_min, params.limits.brake_front_share_max)
-    used = use(braking.Target(0.0, -hardest, share), lateral, car)
+    used = use(SetpointTarget(0.0, -hardest, share), lateral, car)
     assert max(used) == pytest.approx(params.limits.friction_use, rel=1e-4)
 
 
 def test_straight_on_the_brakes_are_limited_by_the_friction_or_by_themselves(car, world):
     params, _ = world.load(limits__brake_n=5000.0)
-    assert braking.hardest_braking(0.0, car, params.limits) == pytest.approx(5000.0, rel=1e-6)
+    assert braking.max_braking_force(0.0, car, params.limits) == pytest.approx(5000.0, rel=1e-6)
 
 
 def test_more_cornering_leaves_less_braking(car, params):
-    forces = [braking.hardest_braking(a, car, params.limits) for a in np.arange(0, 9, 0.5)]
+    forces = [braking.max_braking_force(a, car, params.limits) for a in np.arange(0, 9, 0.5)]
     assert np.all(np.diff(forces) < 0)
 
 
 def test_at_the_limit_of_cornering_nothing_is_left(car, params):
-    beyond = 1.01 * braking.grip(car, params.limits)
-    assert braking.hardest_braking(beyond, car, params.limits) == 0.0
+    beyond = 1.01 * braking.max_acceleration(car, params.limits)
+    assert braking.max_braking_force(beyond, car, params.limits) == 0.0
 
 
 @quick
@@ -116,7 +116,7 @@ def test_the_steering_gives_the_front_axle_the_force_that_is_asked_for(car, late
     """The tyre model, read forwards, returns it."""
     Fx, lambda_b = -2000.0, 0.6
     x = State(0.0, 0.0, 0.0, 18.0, 0.4, 0.3, 0.0, 0.0, Fx)
-    delta = braking.steering(x, lateral, Fx, lambda_b, car)
+    delta = braking.steering_angle(x, lateral, Fx, lambda_b, car)
     u = Input(0.0, 0.0, lambda_b, 0.0)
     F = single_track.tyre_forces(x._replace(delta=delta), u, car)
     assert float(F.F_yf) == pytest.approx(braking.lateral_forces(lateral, car).f, abs=10.0)
@@ -125,7 +125,7 @@ def test_the_steering_gives_the_front_axle_the_force_that_is_asked_for(car, late
 def test_a_car_that_yaws_too_much_is_steered_against_it(car, world):
     # to the left, while the car slides to the right
     still, spinning = world.rolling(), world.rolling(r=0.8, vy=-1.5)
-    deltas = [braking.steering(x, 0.0, -3000.0, 0.6, car) for x in (still, spinning)]
+    deltas = [braking.steering_angle(x, 0.0, -3000.0, 0.6, car) for x in (still, spinning)]
     assert deltas[0] == 0.0
     assert deltas[1] < 0
     assert deltas[1] == pytest.approx((-1.5 + 0.8 * car.l_f) / 20.0, rel=0.01)
@@ -133,7 +133,7 @@ def test_a_car_that_yaws_too_much_is_steered_against_it(car, world):
 
 def test_at_walking_pace_the_steering_is_the_angle_of_the_arc(car, world):
     x = world.rolling(v=0.5)
-    delta = braking.steering(x, 5.0**2 / 20.0, 0.0, 0.6, car)
+    delta = braking.steering_angle(x, 5.0**2 / 20.0, 0.0, 0.6, car)
     assert delta == pytest.approx(np.arctan((car.l_f + car.l_r) / 20.0), rel=0.15)
 
 
@@ -142,34 +142,34 @@ def test_a_demand_beyond_the_capacity_of_the_axle_is_answered_with_full_slip(car
     load = car.m * GRAVITY * car.l_r / (car.l_f + car.l_r)
     full = np.arctan(3 * car.mu_f * load / car.C_f)
     for demand in (9.9, 99.0, -99.0):
-        delta = braking.steering(world.rolling(), demand, 0.0, 0.6, car)
+        delta = braking.steering_angle(world.rolling(), demand, 0.0, 0.6, car)
         assert delta == pytest.approx(np.copysign(full, demand), rel=1e-9)
 
 
 def test_an_axle_whose_friction_the_brakes_take_is_steered_along_its_motion(car, world):
     x = world.rolling(r=0.2, vy=0.5)
-    delta = braking.steering(x, 5.0, -99e3, 1.0, car)
+    delta = braking.steering_angle(x, 5.0, -99e3, 1.0, car)
     assert delta == pytest.approx(np.arctan2(0.5 + car.l_f * 0.2, x.vx), abs=1e-9)
 
 
 def test_braking_builds_up_at_the_rate_limits(params, car, world):
-    now = SetPoints(0.3, 2000.0)
-    first = braking.target(world.rolling(), now, None, car, params)
+    now = Setpoints(0.3, 2000.0)
+    first = braking.braking_target(world.rolling(), now, None, car, params)
     assert first.Fx == pytest.approx(2000.0 - params.limits.force_rate_nps * 0.05)
     assert first.delta == pytest.approx(0.3 - params.limits.steer_rate_radps * 0.05)
 
 
 def test_too_much_braking_for_the_bend_is_let_go_at_the_rate_limit(params, car, world):
-    now = SetPoints(0.1, -16000.0)
-    goal = braking.target(world.rolling(r=0.4), now, Point(14.0, 2.5), car, params)
+    now = Setpoints(0.1, -16000.0)
+    goal = braking.braking_target(world.rolling(r=0.4), now, Point(14.0, 2.5), car, params)
     assert goal.Fx == pytest.approx(-16000.0 + params.limits.force_rate_nps * 0.05)
 
 
 @quick
 @given(st.floats(-0.471, 0.471), st.floats(-17000, 6000), st.floats(-40, 40), st.floats(0, 40))
 def test_set_points_stay_within_range_and_rate(params, car, world, delta, Fx, aside, v):
-    now, limits = SetPoints(delta, Fx), params.limits
-    goal = braking.target(world.rolling(v=v), now, Point(10.0, aside), car, params)
+    now, limits = Setpoints(delta, Fx), params.limits
+    goal = braking.braking_target(world.rolling(v=v), now, Point(10.0, aside), car, params)
     assert abs(goal.delta) <= limits.steer_rad
     assert abs(goal.delta - delta) <= limits.steer_rate_radps * 0.05 + 1e-12
     assert abs(goal.Fx - Fx) <= limits.force_rate_nps * 0.05 + 1e-6
@@ -177,16 +177,16 @@ def test_set_points_stay_within_range_and_rate(params, car, world, delta, Fx, as
 
 
 def test_without_an_aim_or_without_a_state_the_wheels_go_straight(params, car, world):
-    now = SetPoints(0.02, 0.0)
+    now = Setpoints(0.02, 0.0)
     for x, aim in ((world.rolling(), None), (world.rolling(r=np.nan), Point(9.0, 9.0))):
-        goal = braking.target(x, now, aim, car, params)
+        goal = braking.braking_target(x, now, aim, car, params)
         assert goal.delta == 0.0
         assert goal.Fx < 0
 
 
 def test_present_cornering_counts_even_if_none_is_wanted(patient, car, world):
-    straight = braking.target(world.rolling(), REST, None, car, patient)
-    turning = braking.target(world.rolling(r=0.3), REST, None, car, patient)
+    straight = braking.braking_target(world.rolling(), REST, None, car, patient)
+    turning = braking.braking_target(world.rolling(r=0.3), REST, None, car, patient)
     assert turning.Fx > straight.Fx + 1000
     assert straight.Fx == pytest.approx(
         -patient.limits.friction_use * min(car.mu_f, car.mu_r) * car.m * GRAVITY, rel=0.05
@@ -198,11 +198,11 @@ def test_present_cornering_counts_even_if_none_is_wanted(patient, car, world):
 
 def test_the_aim_lies_on_the_line_a_preview_ahead_of_the_foot():
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
-    assert guide.ahead_on(line, 2.0, 1.0, 4.0) == pytest.approx((6.0, 0.0))
-    assert guide.ahead_on(line, 2.0, 1.0, 12.0) == pytest.approx((10.0, 4.0))
-    assert guide.ahead_on(line, 11.0, 9.0, 5.0) == pytest.approx((10.0, 14.0))
-    assert guide.ahead_on(line, -3.0, 1.0, 4.0) == pytest.approx((4.0, 0.0))
-    assert guide.ahead_on(np.ones((3, 2)), 5.0, 5.0, 4.0) == (1.0, 1.0)
+    assert braking.point_ahead(line, 2.0, 1.0, 4.0) == pytest.approx((6.0, 0.0))
+    assert braking.point_ahead(line, 2.0, 1.0, 12.0) == pytest.approx((10.0, 4.0))
+    assert braking.point_ahead(line, 11.0, 9.0, 5.0) == pytest.approx((10.0, 14.0))
+    assert braking.point_ahead(line, -3.0, 1.0, 4.0) == pytest.approx((4.0, 0.0))
+    assert braking.point_ahead(np.ones((3, 2)), 5.0, 5.0, 4.0) == (1.0, 1.0)
 
 
 def test_a_plan_is_steered_along_before_the_path_and_the_path_before_nothing(params, world):
@@ -211,25 +211,28 @@ def test_a_plan_is_steered_along_before_the_path_and_the_path_before_nothing(par
     X[:, State._fields.index('X')] = np.linspace(0, 50, 51)
     X[:, State._fields.index('Y')] = 2.0
     plan = Plan(X, np.zeros((50, 4)))
-    path = reference.build(world.straight().reference)
+    path = reference_path.build(world.straight().reference)
     preview = params.braking.preview_s * 20.0
     along = {
-        guide.PLAN: guide.aim(x, plan, path, 10.0, params.braking),
-        guide.PATH: guide.aim(x, None, path, 10.0, params.braking),
-        guide.NONE: guide.aim(x, None, None, None, params.braking),
+        braking.PLAN: braking.lookahead_point(x, plan, path, 10.0, params.braking),
+        braking.PATH: braking.lookahead_point(x, None, path, 10.0, params.braking),
+        braking.NONE: braking.lookahead_point(x, None, None, None, params.braking),
     }
     assert {line: aim.line for line, aim in along.items()} == {line: line for line in along}
-    assert along[guide.PLAN].point == pytest.approx((10.0 + preview, 2.0))
-    assert along[guide.PATH].point == pytest.approx((10.0 + preview, 0.0))
-    assert along[guide.NONE].point is None
+    assert along[braking.PLAN].point == pytest.approx((10.0 + preview, 2.0))
+    assert along[braking.PATH].point == pytest.approx((10.0 + preview, 0.0))
+    assert along[braking.NONE].point is None
 
 
 def test_near_standstill_the_aim_keeps_its_distance(params, world):
-    path = reference.build(world.straight().reference)
-    aim = guide.aim(world.rolling(v=0.1, X=10.0), None, path, 10.0, params.braking)
+    path = reference_path.build(world.straight().reference)
+    aim = braking.lookahead_point(world.rolling(v=0.1, X=10.0), None, path, 10.0, params.braking)
     assert aim.point == pytest.approx((10.0 + params.braking.least_preview_m, 0.0))
 
 
 def test_a_state_that_is_not_finite_has_no_aim(params, world):
-    path = reference.build(world.straight().reference)
-    assert guide.aim(world.rolling(X=np.nan), None, path, 0.0, params.braking) == (guide.NONE, None)
+    path = reference_path.build(world.straight().reference)
+    assert braking.lookahead_point(world.rolling(X=np.nan), None, path, 0.0, params.braking) == (
+        braking.NONE,
+        None,
+    )

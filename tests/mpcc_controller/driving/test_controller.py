@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.ladder import BRAKING
+from mpcc_controller.driving.fallback import BRAKING
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
@@ -26,7 +26,7 @@ def test_at_the_desired_speed_the_force_goes_towards_the_drag(controller, world)
 
 def test_the_cost_that_is_told_is_the_sum_of_its_terms_and_the_solver_s(controller, world):
     world.tell(controller, world.lane_change())
-    _, _, why = controller.step(world.rolling(X=20.0))
+    _, _, why = world.tick(controller, world.rolling(X=20.0))
     told = {name: value for name, value in why.values.items() if name.startswith('cost.')}
     total = told.pop('cost.total')
     assert total == pytest.approx(sum(told.values()), rel=1e-12)
@@ -47,7 +47,7 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
     world.tell(
         controller, situation._replace(reference=westwards(situation.reference), edges=swapped)
     )
-    command, prediction, _ = controller.step(world.rolling(psi=-np.pi + 0.01))
+    command, prediction, _ = world.tick(controller, world.rolling(psi=-np.pi + 0.01))
     assert prediction.psi[0] == pytest.approx(np.pi + 0.01)
     assert -0.03 < command.delta < 0
 
@@ -62,7 +62,7 @@ def test_equal_inputs_give_equal_commands(controller, world):
 
 def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, world):
     world.tell(controller, world.lane_change())
-    _, _, why = controller.step(world.rolling(X=20.0))
+    _, _, why = world.tick(controller, world.rolling(X=20.0))
     assert 0.3 < why.values['friction.front_max'] < 1.02
     assert why.values['friction.rear_max'] < 1.02
 
@@ -73,7 +73,7 @@ def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, worl
 def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controller, world):
     rungs = []
     for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
-        *_, why = controller.step(world.rolling(v=v, X=0.4 * k, stamp_ns=k * TICK))
+        *_, why = world.tick(controller, world.rolling(v=v, X=0.4 * k, stamp_ns=k * TICK))
         rungs.append((why.values['rung'], why.values['reason']))
     assert rungs[0][0] == SOLVED
     assert rungs[1:4] == [(BRAKING, 'too_slow')] * 3
@@ -82,14 +82,14 @@ def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controll
 
 def test_just_above_the_least_speed_hard_braking_is_still_a_solvable_problem(controller, world):
     controller.reset(Actuators(0, 0.0, 0.0, -7000.0, -5000.0, (0.0,) * 4))
-    *_, why = controller.step(world.rolling(v=7.1))
+    *_, why = world.tick(controller, world.rolling(v=7.1))
     assert why.values['rung'] == SOLVED
     assert why.values['slack.max'] > 0.1
 
 
 def test_outside_the_road_the_problem_stays_solvable(controller, world):
     world.tell(controller, world.straight(left=3.0, right=-3.0))
-    *_, why = controller.step(world.rolling(Y=2.5))
+    *_, why = world.tick(controller, world.rolling(Y=2.5))
     assert why.values['rung'] == SOLVED
     assert why.values['v2e.left'] < 0
     assert why.values['slack.max'] > 0.1
@@ -97,12 +97,12 @@ def test_outside_the_road_the_problem_stays_solvable(controller, world):
 
 def test_a_restart_takes_its_set_points_from_the_actuators(controller, world):
     controller.reset(Actuators(0, 0.05, 0.0, -1200.0, -800.0, (0.0,) * 4))
-    _, _, why = controller.step(world.rolling())
+    _, _, why = world.tick(controller, world.rolling())
     assert why.values['set_point.delta'] == pytest.approx(0.05)
     assert why.values['set_point.Fx'] == pytest.approx(-2000.0)
     controller.reset(Actuators(0, 0.6, 0.0, 3000.0, -1000.0, (0.0,) * 4))
-    assert controller.last.delta == pytest.approx(controller.params.limits.steer_rad)
-    assert (controller.last.Fxf, controller.last.Fxr) == (0, 0)
+    assert controller.last_command.delta == pytest.approx(controller.params.limits.steer_rad)
+    assert (controller.last_command.Fxf, controller.last_command.Fxr) == (0, 0)
 
 
 def test_a_path_or_an_edge_that_is_no_good_is_turned_down_and_the_old_one_kept(controller, world):
@@ -115,17 +115,17 @@ def test_a_path_or_an_edge_that_is_no_good_is_turned_down_and_the_old_one_kept(c
 
 
 def test_the_same_path_again_keeps_the_place_on_it(controller, world):
-    controller.step(world.rolling(X=30.0))
+    world.tick(controller, world.rolling(X=30.0))
     assert controller.set_reference(world.straight().reference) == ''
-    assert controller.horizon.theta == pytest.approx(30.0)
+    assert controller.planner.theta == pytest.approx(30.0)
     controller.set_reference(world.straight(v=15.0).reference)
-    assert controller.horizon.theta is None
+    assert controller.planner.theta is None
 
 
 def test_a_pop_up_obstacle_is_avoided_from_the_next_step_on(controller, world):
-    controller.step(world.rolling())
+    world.tick(controller, world.rolling())
     controller.set_obstacles(Obstacles(0, (Obstacle(7, 28.0, -0.4, 1.0, 0.0, 0.0),)))
-    *_, why = controller.step(world.rolling(X=1.0, stamp_ns=TICK))
+    *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=TICK))
     assert why.values['rung'] == SOLVED
     assert why.values['v2o.7.least'] > 0
 
@@ -160,6 +160,6 @@ def test_both_solvers_answer_alike(controller, world):
     for name in ('fatrop', 'ipopt'):
         params, vehicle = world.load(solver__name=name, solver__compiled=False)
         made = world.tell(Controller(params, vehicle), situation)
-        commands.append(made.step(world.rolling(X=30.0))[0])
+        commands.append(world.tick(made, world.rolling(X=30.0))[0])
     assert commands[0][1:] == pytest.approx(commands[1][1:], abs=2.0)
     assert commands[0].delta == pytest.approx(commands[1].delta, abs=1e-5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.ladder import SHIFTED
+from mpcc_controller.driving.fallback import SHIFTED
 from msgs_yaml import conformance, encode
 from stage_solver.solution import FAILED, SOLVED
 
@@ -16,7 +16,7 @@ def controller(baseline_controller):
 
 def test_what_is_told_is_what_was_solved_and_obeys_the_contract(controller, world):
     world.tell(controller, world.lane_change())
-    _, prediction, why = controller.step(world.rolling(X=20.0, Y=0.3, psi=0.05, stamp_ns=1))
+    _, prediction, why = world.tick(controller, world.rolling(X=20.0, Y=0.3, psi=0.05, stamp_ns=1))
     told = {name: value for name, value in why.values.items() if name.startswith('cost.')}
     assert set(told) - {'cost.total', 'cost.slack'} == {
         f'cost.{name}' for name in ('e', 'dpsi', 'vel', 'd_delta', 'd_Fx', 'lambda_b', 'v2o', 'v2e')
@@ -41,8 +41,8 @@ def test_in_closed_loop_it_changes_lane_past_the_obstacle(controller, world):
 
 def test_a_failure_follows_the_last_plan_in_the_map(controller, world, monkeypatch):
     world.tell(controller, world.lane_change())
-    first = controller.step(world.rolling(X=40.0))[1]
-    inner = controller.horizon.solver
+    first = world.tick(controller, world.rolling(X=40.0))[1]
+    inner = controller.planner.first_solver
 
     class Failing:
         """Answers with the last iterate, and says that it is none."""
@@ -50,10 +50,10 @@ def test_a_failure_follows_the_last_plan_in_the_map(controller, world, monkeypat
         def solve(self, *numbers):
             return inner.solve(*numbers)._replace(status=FAILED)
 
-    monkeypatch.setattr(controller.horizon, 'solver', Failing())
-    monkeypatch.setattr(controller.horizon, 'second', None, raising=False)  # nor any other
+    monkeypatch.setattr(controller.planner, 'first_solver', Failing())
+    monkeypatch.setattr(controller.planner, 'second_solver', None, raising=False)  # nor any other
     state = world.rolling(X=41.0, stamp_ns=50_000_000)
-    _, second, why = controller.step(state)
+    _, second, why = world.tick(controller, state)
     assert why.values['rung'] == SHIFTED
     assert first.Y[2:] == pytest.approx(second.Y[1:-1], abs=1e-9)
 
@@ -67,9 +67,9 @@ def test_a_path_told_anew_carries_the_plan_over(controller, world):
     found = []
     for told in (path, later):
         world.tell(controller, situation)
-        controller.step(world.rolling(X=30.0))
+        world.tick(controller, world.rolling(X=30.0))
         assert controller.set_reference(told) == ''
-        found.append(controller.step(state))
+        found.append(world.tick(controller, state))
     (_, before, _), (_, after, why) = found
     assert why.values['rung'] == SOLVED
     assert why.values['theta'] == pytest.approx(21.0, abs=1e-6)

@@ -227,13 +227,13 @@ def test_a_held_command_lets_the_force_go_at_its_rate_and_keeps_its_split(gate, 
 def test_after_a_refusal_another_command_may_leave_and_the_first_reason_is_told(gate):
     wild = GOOD._replace(delta=1.0)
     refused = gate.check(wild, LAST, 0.0)
-    assert gate.again(GOOD, LAST, 0.0, refused) == (GOOD, 'out_of_range')
+    assert gate.check_substitute(GOOD, LAST, 0.0, refused) == (GOOD, 'out_of_range')
     assert gate.rejections == Counter(out_of_range=1)
 
 
 def test_a_second_refusal_is_counted_and_holds_the_last_command(gate):
     refused = gate.check(GOOD._replace(delta=1.0), LAST, 0.0)
-    second = gate.again(GOOD._replace(delta=math.nan), LAST, 0.0, refused)
+    second = gate.check_substitute(GOOD._replace(delta=math.nan), LAST, 0.0, refused)
     assert second == refused
     assert second.command.delta == LAST.delta
     assert gate.rejections == Counter(out_of_range=1, not_finite=1)

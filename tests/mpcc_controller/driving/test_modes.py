@@ -30,28 +30,28 @@ def controllers(world):
 def driven(world, controller, ticks=TICKS):
     """Drive through the lane change with the prediction model as the car, preparing each tick."""
     world.tell(controller, world.lane_change())
-    seen = world.Spoilt(controller.horizon.solver)
+    seen = world.Spoilt(controller.planner.first_solver)
     answers, step = [], controller.step
 
     def noted(*state):
         answered = step(*state)
         answers.append(
-            (controller.horizon.posed, controller.horizon.ladder.plan, seen.solutions[-1])
+            (controller.planner.last_problem, controller.planner.fallback.plan, seen.solutions[-1])
         )
         controller.prepare()
         return answered
 
-    controller.horizon.solver, controller.step = seen, noted
+    controller.planner.first_solver, controller.step = seen, noted
     try:
         return world.drive(controller, ticks), answers
     finally:
-        controller.horizon.solver, controller.step = seen.inner, step
+        controller.planner.first_solver, controller.step = seen.inner, step
 
 
 def cost(controller, answers):
     """Return the sum of the stage costs of what was driven."""
-    of = controller.horizon.problem.stage_cost
-    return sum(float(of(plan.X[0], plan.U[0], posed.numbers.P[0])) for posed, plan, _ in answers)
+    of = controller.planner.problem.stage_cost
+    return sum(float(of(plan.X[0], plan.U[0], posed.parameters.P[0])) for posed, plan, _ in answers)
 
 
 @pytest.fixture(scope='module')
@@ -96,7 +96,7 @@ def test_one_step_keeps_its_own_limits_and_says_so(drives, controllers):
 
 
 def test_what_is_driven_obeys_the_prediction_model_exactly(drives, controllers):
-    motion, car = (getattr(controllers['one_step'].horizon, name) for name in ('motion', 'car'))
+    motion, car = (getattr(controllers['one_step'].planner, name) for name in ('step', 'car'))
     for _, plan, _ in drives['one_step'][1]:
         ahead = motion(plan.X[0], plan.U[0], np.array(car)).full().ravel()
         assert plan.X[1] == pytest.approx(ahead, abs=1e-6)
@@ -105,44 +105,49 @@ def test_what_is_driven_obeys_the_prediction_model_exactly(drives, controllers):
 def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
     """Its numbers are those around the last plan moved on; only the first guess is another one."""
     prepared = world.tell(controllers['prepared'], world.lane_change())
-    prepared.step(world.rolling(X=45.0))
-    kept = prepared.horizon.ladder.plan
+    world.tick(prepared, world.rolling(X=45.0))
+    kept = prepared.planner.fallback.plan
     prepared.prepare()
-    assert prepared.horizon.ladder.plan is kept
-    expected = prepared.horizon.expected
+    assert prepared.planner.fallback.plan is kept
+    expected = prepared.planner.prepared
     assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
-    solves = prepared.horizon.solver = world.Spoilt(prepared.horizon.solver)
+    solves = prepared.planner.first_solver = world.Spoilt(prepared.planner.first_solver)
     try:
-        *_, why = prepared.step(world.rolling(X=46.0, stamp_ns=50_000_000))
+        *_, why = world.tick(prepared, world.rolling(X=46.0, stamp_ns=50_000_000))
     finally:
-        prepared.horizon.solver = solves.inner
-    assert np.array_equal(prepared.horizon.posed.start.U[:-1], kept.U[1:])
+        prepared.planner.first_solver = solves.inner
+    assert np.array_equal(prepared.planner.last_problem.guess_map.U[:-1], kept.U[1:])
     assert np.array_equal(solves.guesses[0].U, expected.U)
     assert why.values['time.ahead_ms'] > 0
 
 
 def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controllers, world):
     made = world.tell(controllers['prepared'], world.lane_change())
-    assert made.horizon.prepare(made.scene) is None
-    made.step(world.rolling(X=25.0))
+    assert made.planner.prepare(made.scene) is None
+    world.tick(made, world.rolling(X=25.0))
     made.prepare()
-    assert made.horizon.expected is not None
-    genuine = made.horizon.solver
-    made.horizon.solver = world.Spoilt(genuine, lambda s: s._replace(status=FAILED))
-    made.horizon.second, second = None, made.horizon.second
+    assert made.planner.prepared is not None
+    genuine = made.planner.first_solver
+    made.planner.first_solver = world.Spoilt(genuine, lambda s: s._replace(status=FAILED))
+    made.planner.second_solver, second = None, made.planner.second_solver
     try:
-        made.step(world.rolling(X=26.0, stamp_ns=50_000_000))
+        world.tick(made, world.rolling(X=26.0, stamp_ns=50_000_000))
         made.prepare()
     finally:
-        made.horizon.solver, made.horizon.second = genuine, second
-    assert made.horizon.expected is None
+        made.planner.first_solver, made.planner.second_solver = genuine, second
+    assert made.planner.prepared is None
 
 
 def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(changing, world):
-    changing.step(world.rolling(X=25.0))
+    world.tick(changing, world.rolling(X=25.0))
     changing.prepare()
-    assert changing.horizon.expected is None
-    assert changing.prepare_s is None
+    assert changing.planner.prepared is None
+    assert (
+        world.tick(changing, world.rolling(X=26.0, stamp_ns=50_000_000))[2].values.get(
+            'time.ahead_ms'
+        )
+        is None
+    )
 
 
 def test_a_mode_that_a_solver_has_not_is_refused_with_its_name(world):
@@ -159,10 +164,10 @@ def test_the_second_solver_gets_all_the_time_that_the_first_one_left(late, world
         def set_time_limit(self, seconds):
             limits.append(seconds)
 
-    first = late.horizon.solver
+    first = late.planner.first_solver
     first.spoil = lambda solution: solution._replace(status=FAILED)
-    late.horizon.second = Second(first.inner)
-    *_, why = late.step(world.rolling())
+    late.planner.second_solver = Second(first.inner)
+    *_, why = world.tick(late, world.rolling())
     assert why.values['rung'] == 'second_solver'
     assert limits == [pytest.approx(10.0 - 0.015)]
 
@@ -176,9 +181,9 @@ def test_an_obstacle_that_appears_on_the_plan_is_solved_by_the_first_solver(
     for side in (-0.1, -0.02, 0.0):
         for radius in (1.0, 1.2):
             world.tell(changing, world.straight(v=v, left=6.0, right=-2.5))
-            changing.step(world.rolling(v=v, X=12.0))
+            world.tick(changing, world.rolling(v=v, X=12.0))
             X = 12.0 + v * 0.05
             surprise = Obstacle(1, X + ahead, side, radius, 0.0, 0.0)
             changing.set_obstacles(Obstacles(0, (surprise,)))
-            *_, why = changing.step(world.rolling(v=v, X=X, stamp_ns=50_000_000))
+            *_, why = world.tick(changing, world.rolling(v=v, X=X, stamp_ns=50_000_000))
             assert why.values['solver.status'] == SOLVED, (side, radius)

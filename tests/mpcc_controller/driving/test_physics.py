@@ -13,7 +13,7 @@ def controller(request, world):
 
 
 def test_a_straight_road_needs_no_steering(controller, world):
-    command, prediction, why = controller.step(world.rolling())
+    command, prediction, why = world.tick(controller, world.rolling())
     assert why.values['rung'] == SOLVED
     assert abs(command.delta) < 1e-6
     assert np.max(np.abs(prediction.Y)) < 1e-4
@@ -35,9 +35,11 @@ def test_a_mirrored_road_mirrors_the_steering(controller, world):
     situation = world.lane_change()
     state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
     world.tell(controller, situation)
-    here, plan, _ = controller.step(state)
+    here, plan, _ = world.tick(controller, state)
     world.tell(controller, mirrored(situation))
-    there, other, _ = controller.step(state._replace(psi=-state.psi, vy=-state.vy, r=-state.r))
+    there, other, _ = world.tick(
+        controller, state._replace(psi=-state.psi, vy=-state.vy, r=-state.r)
+    )
     assert np.max(np.abs(plan.Y)) > 1
     assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
     assert there.delta == pytest.approx(-here.delta, abs=1e-5)
@@ -48,7 +50,7 @@ def test_a_mirrored_road_mirrors_the_steering(controller, world):
 def test_an_obstacle_beside_the_path_pushes_the_plan_to_the_free_side(controller, world, side):
     blocked = world.straight(obstacles=[Obstacle(1, 30.0, -0.5 * side, 1.0, 0.0, 0.0)])
     world.tell(controller, blocked)
-    _, prediction, why = controller.step(world.rolling())
+    _, prediction, why = world.tick(controller, world.rolling())
     beside = np.argmin(np.abs(prediction.X - 30.0))
     assert side * prediction.Y[beside] > 1.4
     assert why.values['v2o.1.least'] > 0

@@ -16,9 +16,9 @@ def fail(solution):
 
 def test_primal_and_dual_move_on_by_one_stage(changing, world, spoilt):
     solves = spoilt(lambda s: s)
-    changing.step(world.rolling(X=25.0))
+    world.tick(changing, world.rolling(X=25.0))
     old = solves.solutions[-1].plan
-    changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
     guess = solves.guesses[-1]
     assert np.array_equal(guess.X[1:-1, :6], old.X[2:, :6])
     assert np.array_equal(guess.U[:-1], old.U[1:])
@@ -32,11 +32,11 @@ def test_primal_and_dual_move_on_by_one_stage(changing, world, spoilt):
 def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
     changing, world, spoilt
 ):
-    changing.step(world.rolling(X=25.0))
+    world.tick(changing, world.rolling(X=25.0))
     solves = spoilt(fail)
     warm = []
     for k in range(1, 5):
-        *_, why = changing.step(world.rolling(X=25.0 + k, stamp_ns=k * TICK))
+        *_, why = world.tick(changing, world.rolling(X=25.0 + k, stamp_ns=k * TICK))
         warm.append(why.values['solver.warm'])
     assert warm == [True, True, True, False]
     assert [g.multipliers is None for g in solves.guesses] == [False, True, True, True]
@@ -45,31 +45,31 @@ def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
     assert min(vy[:3]) > 0
     assert vy[3] == 0
     spoilt(lambda s: s)
-    *_, why = changing.step(world.rolling(X=30.0, stamp_ns=5 * TICK))
+    *_, why = world.tick(changing, world.rolling(X=30.0, stamp_ns=5 * TICK))
     assert why.values['rung'] == SOLVED
-    *_, why = changing.step(world.rolling(X=31.0, stamp_ns=6 * TICK))
+    *_, why = world.tick(changing, world.rolling(X=31.0, stamp_ns=6 * TICK))
     assert why.values['solver.warm']
 
 
 def test_the_second_solver_starts_from_the_same_plan_without_multipliers(changing, world, spoilt):
-    changing.step(world.rolling(X=25.0))
-    first, second = spoilt(fail), spoilt(lambda s: s, 'second')
-    changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    world.tick(changing, world.rolling(X=25.0))
+    first, second = spoilt(fail), spoilt(lambda s: s, 'second_solver')
+    world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
     assert second.guesses[-1].multipliers is None
     assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)
 
 
 def test_a_command_that_the_gate_turns_back_is_counted_told_and_its_plan_dropped(changing, world):
-    changing.step(world.rolling(X=25.0, stamp_ns=TICK))
-    command, _, why = changing.step(world.rolling(X=26.0, stamp_ns=TICK))
+    world.tick(changing, world.rolling(X=25.0, stamp_ns=TICK))
+    command, _, why = world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
     v = why.values
     assert (v['gate'], v['gate.rejections'], v['gate.not_newer']) == ('not_newer', 1, 1)
     assert why.level == 2
     assert changing.gate.rejections == Counter(not_newer=1)
-    assert changing.horizon.ladder.plan is None
-    assert changing.horizon.ladder.guide is None
+    assert changing.planner.fallback.plan is None
+    assert changing.planner.fallback.guiding_plan is None
     assert command.d_delta == 0
     # the substitute is where the next plan begins
-    *_, why = changing.step(world.rolling(X=27.0, stamp_ns=2 * TICK))
+    *_, why = world.tick(changing, world.rolling(X=27.0, stamp_ns=2 * TICK))
     assert why.values['set_point.delta'] == command.delta
     assert why.values['rung'] == SOLVED

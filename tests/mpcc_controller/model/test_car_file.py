@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from mpcc_controller import car_file, limits_in_force
-from mpcc_controller.problem import stages
+from mpcc_controller import car_file
+from mpcc_controller.problem import stage_parameters
 from msgs_yaml import share
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
@@ -41,7 +41,7 @@ def test_the_drive_layout_is_that_of_the_car_unless_the_controller_has_its_own(p
     front = dataclasses.replace(vehicle.actuators, drive_front_share=1.0)
     vehicle = dataclasses.replace(vehicle, actuators=front)
     model = dataclasses.replace(params.model, drive_front_share=given)
-    assert stages.car(dataclasses.replace(params, model=model), vehicle).lambda_d == used
+    assert stage_parameters.car(dataclasses.replace(params, model=model), vehicle).lambda_d == used
 
 
 def test_no_shipped_controller_overrides_the_drive_layout_of_the_car():
@@ -53,9 +53,9 @@ def test_no_shipped_controller_overrides_the_drive_layout_of_the_car():
 
 def test_limits_are_cut_to_what_the_car_can_do_and_not_raised(params):
     vehicle = car_file.load(params)
-    assert limits_in_force.apply(params, vehicle) == params
+    assert car_file.limit_to_car(params, vehicle) == params
     weak = dataclasses.replace(vehicle.actuators, steer_rate_radps=0.349, drive_n=4000.0)
-    cut = limits_in_force.apply(params, dataclasses.replace(vehicle, actuators=weak)).limits
+    cut = car_file.limit_to_car(params, dataclasses.replace(vehicle, actuators=weak)).limits
     assert (cut.steer_rate_radps, cut.drive_n) == (0.349, 4000.0)
     assert dataclasses.replace(cut, steer_rate_radps=0.524, drive_n=6000.0) == params.limits
-    assert limits_in_force.exceeded(params, weak) == ('steer_rate_radps', 'drive_n')
+    assert car_file.exceeded_limits(params, weak) == ('steer_rate_radps', 'drive_n')

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import stages
+from mpcc_controller.problem import stage_parameters
 from stage_solver.stage_problem import rk2
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
@@ -29,7 +29,7 @@ states = st.tuples(
 
 @pytest.fixture(scope='module')
 def car(params, vehicle):
-    return stages.car(params, vehicle)
+    return stage_parameters.car(params, vehicle)
 
 
 @pytest.fixture(scope='module')

@@ -30,10 +30,10 @@ def test_cost_of_a_distance_has_its_closed_form(share, cost):
 
 
 def test_priority_is_full_in_contact_and_e_to_the_minus_two_at_the_safety_distance():
-    assert float(distance.priority(-0.3, D_SFT)) == 1
-    assert float(distance.priority(0.0, D_SFT)) == 1
-    assert float(distance.priority(D_SFT, D_SFT)) == pytest.approx(np.exp(-2))
-    assert float(distance.priority(1.0001 * D_SFT, D_SFT)) == 0
+    assert float(distance.gaussian_priority(-0.3, D_SFT)) == 1
+    assert float(distance.gaussian_priority(0.0, D_SFT)) == 1
+    assert float(distance.gaussian_priority(D_SFT, D_SFT)) == pytest.approx(np.exp(-2))
+    assert float(distance.gaussian_priority(1.0001 * D_SFT, D_SFT)) == 0
 
 
 @pytest.mark.parametrize('corner', [0.0, D_SFT])
@@ -82,7 +82,9 @@ def test_a_curved_edge_is_a_parabola_with_a_small_error(turn, radius):
     edge = Edge(radius, 0.0, turn * np.pi / 2, turn / radius)
     angle = turn / radius
     inside = Circle((radius - 2) * np.cos(angle), (radius - 2) * np.sin(angle), 1.0)
-    assert turn * distance.left_of(inside, edge) == pytest.approx(2.0, abs=1.2 * 2 / radius**2 / 2)
+    assert turn * distance.lateral_offset(inside, edge) == pytest.approx(
+        2.0, abs=1.2 * 2 / radius**2 / 2
+    )
 
 
 def test_circles_sit_on_the_body_axis():

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.path import distance, path_distance, path_frame, reference
+from mpcc_controller.path import distance, frenet_frame, reference_path
 from mpcc_controller.path.distance import Circle, Disc
-from mpcc_controller.path.path_distance import PathDisc
-from mpcc_controller.path.path_frame import Place
+from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
 from msgs_yaml.types import Reference
 
 RADIUS, R_VEH, R_OBS = 20.0, 1.1, 1.0
@@ -17,7 +16,7 @@ def circle():
     """Return more than a lap to the left about (0, 20), in arcs that are exact to 1e-11 m."""
     phi = np.arange(0.0, 2.6 * np.pi, 0.01)
     X, Y = RADIUS * np.sin(phi), RADIUS * (1 - np.cos(phi))
-    return reference.build(Reference(0, X, Y, phi, phi * RADIUS / 9.0))
+    return reference_path.build(Reference(0, X, Y, phi, phi * RADIUS / 9.0))
 
 
 def on(s, left):
@@ -27,13 +26,13 @@ def on(s, left):
 
 
 def place(path, point, near):
-    found = path_frame.places(path, *(np.array([value]) for value in point), near)
-    return Place(found.s[0], found.e[0])
+    found = frenet_frame.to_frenet(path, *(np.array([value]) for value in point), near)
+    return FrenetPoint(found.s[0], found.e[0])
 
 
 def told(path, vehicle, obstacle, near):
     car, other = (place(path, point, near) for point in (vehicle, obstacle))
-    return path_distance.v2o(car, R_VEH, PathDisc(*other, R_OBS))
+    return frenet_frame.v2o(car, R_VEH, FrenetDisc(*other, R_OBS))
 
 
 @pytest.mark.parametrize('ds', [2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0])
@@ -64,7 +63,7 @@ def test_path_coordinates_see_too_much_room_inside_and_too_little_nearby_outside
 
 
 def test_beside_a_straight_path_both_distances_are_equal(world):
-    path = reference.build(world.straight().reference)
+    path = reference_path.build(world.straight().reference)
     for obstacle in ((30.0, 1.5), (-20.0, -2.0), (400.0, 3.0)):
         straight = np.hypot(obstacle[0] - 12.0, obstacle[1] - 0.4) - R_OBS - R_VEH
         assert told(path, (12.0, 0.4), obstacle, 12.0) == pytest.approx(straight, abs=1e-6)
@@ -72,7 +71,7 @@ def test_beside_a_straight_path_both_distances_are_equal(world):
 
 def test_a_long_segment_is_found_although_its_ends_are_far():
     X, Y = np.array([0.0, 100.0, 110.0, 110.0, 50.0]), np.array([0.0, 0.0, 10.0, 30.0, 40.0])
-    path = reference.build(
+    path = reference_path.build(
         Reference(0, X, Y, np.array([0.0, 0.1, 1.2, 1.9, 3.0]), np.array([0.0, 5.0, 6.0, 7.0, 9.0]))
     )
     assert place(path, (50.0, 1.0), 40.0).s == pytest.approx(50.0, abs=5.0)

@@ -2,13 +2,22 @@
 
 import pytest
 
-from mpcc_controller.path import reference, road
-from mpcc_controller.problem.stages import Scene
+from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.problem import formulation, stage_parameters
+from mpcc_controller.problem.stage_parameters import Scene
+
+
+@pytest.fixture(scope='session')
+def mpcc(params, vehicle):
+    """Return the paper's formulation."""
+    return formulation.make(params, stage_parameters.car(params, vehicle))
 
 
 @pytest.fixture(scope='session')
 def scene(world):
     situation = world.lane_change()
     return Scene(
-        reference.build(situation.reference), road.build(situation.edges), situation.obstacles
+        reference_path.build(situation.reference),
+        road_edges.build(situation.edges),
+        situation.obstacles,
     )

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import guess
+from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
-from mpcc_controller.path import reference, road
-from mpcc_controller.problem import bounds, ocp, stages
-from mpcc_controller.problem.stages import Scene
+from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import share
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
 from node_runtime import parameters
@@ -35,27 +35,30 @@ class Drive:
     def __init__(self):
         file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
         self.params = parameters.load(ControllerParams, file)
-        self.car = stages.car(self.params, CAR)
+        self.car = stage_parameters.car(self.params, CAR)
         model = self.params.model
-        self.problem = ocp.build(stages.formula(self.params), model.horizon, model.step_s)
+        self.formulation = formulation.make(self.params, self.car)
+        self.problem = ocp.build(self.formulation.ocp, model.horizon, model.step_s)
         self.motion = single_track.step(model.step_s)
         X = np.arange(0.0, 200.0, 1.0)
-        path = reference.build(Reference(0, X, 0 * X, 0 * X, X / SPEED))
+        path = reference_path.build(Reference(0, X, 0 * X, 0 * X, X / SPEED))
         edges = RoadEdges(0, *(np.array([[-50.0, y], [250.0, y]]) for y in (4.0, -4.0)))
-        self.scene = Scene(path, road.build(edges), Obstacles(0, (IN_THE_WAY,)))
+        self.scene = Scene(path, road_edges.build(edges), Obstacles(0, (IN_THE_WAY,)))
 
     def numbers(self, x0, plan=None, obstacles=(IN_THE_WAY,)):
         model = self.params.model
         scene = self.scene._replace(obstacles=Obstacles(0, obstacles))
         if plan is None:
-            plan = guess.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
-        plan = guess.start_at(plan, x0)
-        P = stages.numbers(self.params, self.car, scene, plan.X).P
+            plan = initial_guess.guess_from_path(
+                scene.path, x0, self.car, model.horizon, model.step_s
+            )
+        plan = initial_guess.start_at(plan, x0)
+        P = self.formulation.stage_parameters(scene, plan.X).P
         limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
         return np.array(x0), P, limits, plan
 
     def moved_on(self, plan):
-        return guess.moved_on(plan, self.motion, self.car, State(*plan.X[1]))
+        return initial_guess.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
 
 
 @pytest.fixture(scope='module')

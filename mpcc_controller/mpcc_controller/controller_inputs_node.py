@@ -1,0 +1,190 @@
+"""The subscriptions of a controller node: messages are checked, then used or rejected."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.node import Node
+
+from mpcc_controller import minimum_speed
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import unknown_state
+from mpcc_controller.driving.trigger import LockstepTrigger, RealtimeTrigger
+from mpcc_controller.driving.watchdog import (
+    EDGES,
+    OBSTACLES,
+    REFERENCE,
+    STATE,
+    LockstepWatchdog,
+    RealtimeWatchdog,
+)
+from msgs_yaml import decode, raw_scenario
+from msgs_yaml.types import Actuators, Obstacles, VehicleState
+from node_runtime import ros, subscriptions_node
+from node_runtime.clocks import SteadyClock
+from node_runtime.log_filters import ChangeFilter, RejectionLog
+from node_runtime.subscriptions_node import LatestMessage, PublisherMonitor
+
+ACTUATORS = '/vehicle/actuators'
+TOPICS = {
+    REFERENCE: '/scenario/reference',
+    EDGES: '/scenario/road_edges',
+    OBSTACLES: '/scenario/obstacles',
+    STATE: '/vehicle/odometry',
+}
+# why messages are rejected: by form or range, by stamp, by content
+UNREADABLE, UNTIMELY, UNUSABLE = 'unreadable', 'untimely', 'unusable'
+
+
+class ControllerInputs:
+    """The inputs of a controller node. State and actuators are decoded when needed only."""
+
+    def __init__(
+        self,
+        node: Node,
+        controller: Controller,
+        trigger: LockstepTrigger | RealtimeTrigger,
+        watchdog: LockstepWatchdog | RealtimeWatchdog,
+        wall: SteadyClock,
+        on_input: Callable[[], None],
+    ):
+        """`on_input` is called after each message that may complete the inputs of a step."""
+        self._node, self._controller, self._trigger = node, controller, trigger
+        self._watchdog, self._wall, self._on_input = watchdog, wall, on_input
+        self.state = self.actuators = self._path = None
+        self.received_ns = 0  # wall time, of the state
+        self.ignored_ns = range(0)  # stamps of states that are not answered
+        callbacks = {
+            REFERENCE: self.on_reference,
+            EDGES: self.on_edges,
+            OBSTACLES: self.on_obstacles,
+            STATE: self.on_odometry,
+        }
+        subscriptions = {
+            TOPICS[name]: ros.subscribe(node, TOPICS[name], callback, raw=True)
+            for name, callback in callbacks.items()
+        }
+        self.newest_actuators = LatestMessage(node, ACTUATORS)
+        self._state_sub = subscriptions[TOPICS[STATE]]
+        self.publishers = PublisherMonitor(node, subscriptions)
+        self._slow_path = ChangeFilter()
+        self._refusals = {topic: RejectionLog(topic) for topic in (*TOPICS.values(), ACTUATORS)}
+
+    def on_reference(self, raw: bytes) -> None:
+        """Use the path; a repetition is not built again."""
+        if raw_scenario.is_repeat(raw, self._path):
+            fault = self._watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self._wall.now_ns())
+            if fault:
+                self._reject(TOPICS[REFERENCE], UNTIMELY, fault)
+            self._on_input()
+        elif self._use(
+            REFERENCE, subscriptions_node.read_reference, raw, self._controller.set_reference
+        ):
+            self._path = raw
+            self._warn_of_slow_path()
+
+    def on_edges(self, raw: bytes) -> None:
+        """Use the road edges."""
+        self._use(EDGES, subscriptions_node.read_road_edges, raw, self._controller.set_edges)
+
+    def on_obstacles(self, raw: bytes) -> None:
+        """Use the obstacles; in lockstep they complete the inputs of a step."""
+        self._use(OBSTACLES, subscriptions_node.read_obstacles, raw, self._set_obstacles)
+
+    def on_odometry(self, raw: bytes) -> None:
+        """Keep the state if it is to be answered."""
+        kind = UNTIMELY
+        try:
+            stamp_ns = decode.stamp_ns_of(raw)
+            if stamp_ns in self.ignored_ns:
+                return
+            fault = self._watchdog.offer(STATE, stamp_ns, self._wall.now_ns())
+        except decode.DecodeError as error:
+            kind, fault = UNREADABLE, self._watchdog.refuse(STATE, str(error))
+        if fault:
+            self._reject(TOPICS[STATE], kind, fault)
+        elif self._trigger.on_state(stamp_ns):
+            self.state, self.received_ns = raw, time.time_ns()
+            self._on_input()
+
+    def take_actuators(self) -> None:
+        """Take the newest message of the actuators, for a (re)start."""
+        raw = self.newest_actuators.take()
+        if raw is None:
+            return
+        try:
+            stamp_ns = decode.stamp_ns_of(raw)
+        except decode.DecodeError:
+            return  # the next message follows within a millisecond
+        self.actuators = raw
+        self._trigger.on_actuators(stamp_ns)
+
+    def decode_state(self) -> VehicleState:
+        """Return the state; an unknown one, logged, if its message violates the contract."""
+        try:
+            return decode.odometry(ros.deserialize(TOPICS[STATE], self.state))
+        except decode.DecodeError as error:
+            fault = self._watchdog.refuse(STATE, str(error))
+            self._reject(TOPICS[STATE], UNREADABLE, fault)
+            return unknown_state(decode.stamp_ns_of(self.state))
+
+    def decode_actuators(self) -> Actuators | None:
+        """Return the actuators; None, logged, if their message violates the contract."""
+        try:
+            return decode.actuators(ros.deserialize(ACTUATORS, self.actuators))
+        except decode.DecodeError as error:
+            self._reject(ACTUATORS, UNREADABLE, f'{error}; waiting for valid ones to start from')
+            self.actuators = None
+            return None
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the names of the inputs that were never received."""
+        state = () if self.state else ('vehicle state',)
+        actuators = () if self.actuators else ('actuators',)
+        return (*self._controller.missing(), *state, *actuators)
+
+    def has_vehicle(self) -> bool:
+        """Return whether a vehicle publishes its state: without one there is nothing to brake."""
+        return self._state_sub.get_publisher_count() > 0
+
+    def destroy(self) -> None:
+        """Leave the graph with what the node does not own itself."""
+        self.newest_actuators.destroy()
+
+    def _set_obstacles(self, obstacles: Obstacles) -> str:
+        self._controller.set_obstacles(obstacles)
+        self._trigger.on_obstacles(obstacles.stamp_ns)
+        return ''
+
+    def _warn_of_slow_path(self):
+        """Warn once per change of desired speeds below or near the minimum speed."""
+        minimum = self._controller.params.limits.least_speed_mps
+        slowest = float(np.min(self._controller.scene.path.v))
+        relation = minimum_speed.compare(slowest, minimum, minimum_speed.DESIRED_MARGIN_MPS)
+        warning = relation and (
+            f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
+            f'limits.least_speed_mps, {minimum:g} m/s: below that the car brakes to a stop'
+        )
+        if self._slow_path.has_changed(warning) and warning:
+            self._node.get_logger().warning(warning)
+
+    def _use(self, name, decoder, raw, setter) -> bool:
+        """Set an input of the controller; a rejected message is logged, the last one stays."""
+        kind = UNTIMELY
+        try:
+            value = decoder(raw)
+            fault = self._watchdog.offer(name, value.stamp_ns, self._wall.now_ns())
+            if not fault:
+                kind, fault = UNUSABLE, setter(value)
+        except decode.DecodeError as error:
+            kind, fault = UNREADABLE, self._watchdog.refuse(name, str(error))
+        if fault:
+            self._reject(TOPICS[name], kind, fault)
+        self._on_input()
+        return not fault
+
+    def _reject(self, topic, kind, fault):
+        """Log why a message is rejected: the first of each kind, then counts."""
+        line = self._refusals[topic].line(kind, fault, time.monotonic_ns())
+        if line:
+            self._node.get_logger().warning(line)

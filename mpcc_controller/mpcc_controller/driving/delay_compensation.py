@@ -1,0 +1,138 @@
+"""Delay compensation: predict the state to the instant at which its command takes effect.
+
+A command takes effect after computing and transport. The controller plans from the state that the
+prediction model reaches by then under the set-points already sent. SI units; no clock is read here.
+"""
+
+import math
+from collections import deque
+from itertools import pairwise
+from statistics import median
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import Delay
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import VehicleState
+from stage_solver import stage_problem
+
+MAX_STEP_S = 0.01  # of the integration
+WINDOW = 20  # computing times, 1 s of ticks: adapts to a busy machine, ignores an outlier
+
+
+class SetpointRamp(NamedTuple):
+    """Set-points that move linearly from `begin` to `end` and then stay.
+
+    A command that takes effect when it is already due makes them jump: both times are then equal.
+    """
+
+    begin_ns: int
+    begin: Setpoints
+    end_ns: int
+    end: Setpoints
+    lambda_b: float  # -, front share of the braking force
+
+    def at(self, stamp_ns: int) -> Setpoints:
+        """Return the set-points at an instant."""
+        return self.end if stamp_ns >= self.end_ns else self.before(stamp_ns)
+
+    def before(self, stamp_ns: int) -> Setpoints:
+        """Return the set-points just before an instant; differs from `at` only at a jump."""
+        if stamp_ns <= self.begin_ns:
+            return self.begin
+        if stamp_ns >= self.end_ns:
+            return self.end
+        share = (stamp_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
+        return Setpoints(*(a + (b - a) * share for a, b in zip(self.begin, self.end)))
+
+
+class RampSegment(NamedTuple):
+    """A time over which the set-points move at constant rates."""
+
+    duration_s: float
+    begin: Setpoints
+    end: Setpoints
+
+
+def constant_ramp(setpoints: Setpoints, lambda_b: float) -> SetpointRamp:
+    """Return a ramp that holds the set-points at all times."""
+    return SetpointRamp(0, setpoints, 0, setpoints, lambda_b)
+
+
+def split_ramp(ramp: SetpointRamp, from_ns: int, to_ns: int) -> tuple[RampSegment, ...]:
+    """Return the segments of a ramp between two instants, split at its begin and end."""
+    # begin and end coincide for a command that was due when it took effect
+    corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
+    instants = [from_ns, *corners, to_ns]
+    return tuple(
+        RampSegment((b - a) / NS_PER_S, ramp.at(a), ramp.before(b)) for a, b in pairwise(instants)
+    )
+
+
+class StatePredictor:
+    """Integrates the prediction model under a ramp of set-points."""
+
+    def __init__(self, car: Car):
+        x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+        h = ca.SX.sym('h')
+        rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+        f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
+        step = stage_problem.rk2(lambda x, u, p: f(x, u), h)
+        self._step = ca.Function('step', [x, u, h], [step(x, u, None)])
+
+    def predict(self, measured: VehicleState, ramp: SetpointRamp, stamp_ns: int) -> VehicleState:
+        """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
+
+        Uses midpoint steps of the prediction model. As in the model, the actuators follow their
+        set-points without lag.
+        """
+        if stamp_ns == measured.stamp_ns:
+            return measured
+        _, X, Y, psi, vx, vy, r = measured
+        x = State(X, Y, psi, vx, vy, r, theta=0.0, delta=0.0, Fx=0.0)
+        for segment in split_ramp(ramp, measured.stamp_ns, stamp_ns):
+            x = self._integrate(x, segment, ramp.lambda_b)
+        return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
+
+    def _integrate(self, x, segment, lambda_b):
+        begin, end, duration_s = segment.begin, segment.end, segment.duration_s
+        u = Input(
+            d_delta=(end.delta - begin.delta) / duration_s,
+            d_Fx=(end.Fx - begin.Fx) / duration_s,
+            lambda_b=lambda_b,
+            slack=0.0,
+        )
+        flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
+        steps = math.ceil(duration_s / MAX_STEP_S)
+        for _ in range(steps):
+            flat = self._step(flat, u, duration_s / steps).full().ravel()
+        return State(*map(float, flat))
+
+
+class LatencyEstimator:
+    """Estimates the delay of the next command from the last computing times."""
+
+    def __init__(self, params: Delay):
+        self._params = params
+        self._computing_s = deque(maxlen=WINDOW)
+
+    def estimate(self, age_s: float) -> float:
+        """Return the delay [s] from a state to the effect of its command.
+
+        It is the age of the state [s], the median computing time (`computing_s` of the parameters
+        until one was measured) and the transport time, at most `longest_s`.
+        """
+        computing_s = self._params.computing_s
+        if self._computing_s:
+            computing_s = median(self._computing_s)
+        delay_s = age_s + computing_s + self._params.transport_s
+        return min(max(delay_s, 0.0), self._params.longest_s)
+
+    def add(self, computing_s: float) -> None:
+        """Add the computing time [s] of a step."""
+        self._computing_s.append(computing_s)

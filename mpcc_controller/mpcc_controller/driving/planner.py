@@ -1,0 +1,229 @@
+"""One plan per tick: projection, initial guess, stage parameters, bounds, solvers. SI units."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller import car_file
+from mpcc_controller.driving import fallback, initial_guess, solver_selection
+from mpcc_controller.driving.fallback import Decision, FallbackLogic
+from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import State
+from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.path import reference_path
+from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from msgs_yaml.types import VehicleState
+from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Bounds, Plan, shift
+
+
+class TickProblem(NamedTuple):
+    """The optimal control problem of one tick, and what it was built from."""
+
+    x0: State  # stage 0, in the map
+    scene: Scene
+    guess_map: Plan  # the initial guess, in the map
+    guess_local: Plan  # the same in the states of the formulation
+    parameters: StageParameters
+    bounds: Bounds
+
+    @property
+    def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:
+        """What a `StageSolver` takes before the guess."""
+        return self.guess_local.X[0], self.parameters.P, self.bounds
+
+
+class Attempt(NamedTuple):
+    """The solutions of one tick."""
+
+    problem: TickProblem
+    first: Solution
+    second: Solution | None  # None if the second solver did not run
+    plan: Plan | None  # the plan that the fallback logic chose
+    warm: bool  # whether the guess was the last plan
+    prepare_s: float  # s, to build the problem
+    plan_age: int  # ticks
+    failures: int  # of the first solver, in a row
+
+
+class Planner:
+    """Solves the problem once per tick; carries plan and path distance over to the next tick.
+
+    Plans are in the map here, whatever the states of the formulation are.
+    """
+
+    def __init__(
+        self,
+        params: ControllerParams,
+        vehicle: CarParams,
+        limit_time: bool,
+        clock: Callable[[], float],
+    ):
+        """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
+        self.params = params = car_file.limit_to_car(params, vehicle)
+        self.car = stage_parameters.car(params, vehicle)
+        self.limit_time = limit_time
+        self.clock = clock
+        self.formulation = formulation.make(params, self.car)
+        symbolic = self.formulation.ocp
+        self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
+        self.first_solver = make_solver(
+            self.problem, solver_selection.first_solver_options(params, limit_time)
+        )
+        self.second_solver = solver_selection.make_second_solver(
+            params, self.problem, limit_time, self.first_solver
+        )
+        self.evaluator = PlanEvaluator(symbolic)
+        self.step = single_track.step(params.model.step_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop the plan and the path distance: the next tick starts cold."""
+        self.fallback = FallbackLogic(self.params.fallback)
+        self.theta: float | None = None  # m, last projection on the path
+        self.last_problem: TickProblem | None = None
+        self.prepared: Plan | None = None  # solution of the problem expected next
+
+    def project(self, x: VehicleState, scene: Scene) -> float:
+        """Return the distance [m] along the path of the point closest to the car."""
+        reach = self.params.surroundings.path_search_m
+        self.theta = reference_path.project(scene.path, x.X, x.Y, self.theta, reach)
+        return self.theta
+
+    def initial_state(self, x: VehicleState, now: Setpoints, scene: Scene) -> State:
+        """Return the state of stage 0: heading within pi of the path's, theta by projection."""
+        theta = self.project(x, scene)
+        arcs, _ = reference_path.arcs_at(scene.path, theta)
+        turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
+        return State(
+            X=x.X,
+            Y=x.Y,
+            psi=float(x.psi + 2 * np.pi * turns),
+            vx=x.vx,
+            vy=x.vy,
+            r=x.r,
+            theta=theta,
+            delta=now.delta,
+            Fx=now.Fx,
+        )
+
+    def plan(self, x0: State, scene: Scene) -> tuple[Decision, Attempt]:
+        """Return what to drive from `x0`, and the solutions that led to it."""
+        began = self.clock()
+        model = self.params.model
+        shifted = self._shifted_plan(x0)
+        warm = self.fallback.is_warm
+        guess = shifted
+        if not warm:
+            guess = initial_guess.guess_from_path(
+                scene.path, x0, self.car, model.horizon, model.step_s
+            )
+        elif self.fallback.failures:
+            guess = shifted._replace(multipliers=None)  # the solver failed from them
+        problem = self.last_problem = self.build_problem(x0, scene, guess)
+        prepare_s = self.clock() - began
+        first, second = self.solve(problem)
+        decision = self.fallback.decide(first, second, shifted)
+        age, failures = self.fallback.plan_age, self.fallback.failures
+        return decision, Attempt(
+            problem, first, second, decision.plan, warm, prepare_s, age, failures
+        )
+
+    def build_problem(self, x0: State, scene: Scene, guess_map: Plan) -> TickProblem:
+        """Return the problem from `x0`, its stage parameters taken around the guess."""
+        model, form = self.params.model, self.formulation
+        parameters = form.stage_parameters(scene, guess_map.X)
+        limits = bounds.build(
+            self.params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.ocp.state
+        )
+        guess_local = form.to_local(guess_map, scene.path)
+        return TickProblem(x0, scene, guess_map, guess_local, parameters, limits)
+
+    def solve(self, problem: TickProblem) -> tuple[Solution, Solution | None]:
+        """Return the solution of the first solver, and of the second if the first one failed."""
+        began = self.clock()
+        first = self._run(self.first_solver, problem, self._take_guess(problem))
+        rules = self.params.fallback
+        if not self.second_solver or not fallback.rejection_reason(first, rules):
+            return first, None
+        if self.limit_time:
+            remaining_s = self.params.solver.fallback_limit_s - (self.clock() - began)
+            self.second_solver.set_time_limit(max(remaining_s, 0.0))
+        cold = problem.guess_local._replace(multipliers=None)
+        return first, self._run(self.second_solver, problem, cold)
+
+    def prepare(self, scene: Scene) -> Solution | None:
+        """Solve the problem expected at the next tick; its plan becomes the guess there.
+
+        The expected state is that of the plan, `scene` that of the next tick. Returns the
+        solution; None without a plan, and after a failure.
+        """
+        plan = self.fallback.plan
+        self.prepared = None
+        if plan is None or self.fallback.failures:
+            return None
+        x0 = State(*plan.X[1])
+        guess = initial_guess.shift_to(plan, self.step, self.car, x0)
+        problem = self.build_problem(x0, scene, guess)
+        solution = self._run(self.first_solver, problem, problem.guess_local)
+        if not fallback.rejection_reason(solution, self.params.fallback):
+            self.prepared = solution.plan
+        return solution
+
+    def brake(self, reason: str) -> Decision:
+        """Return the decision to brake without solving."""
+        return self.fallback.brake(reason)
+
+    def continue_plan(self, reason: str) -> Decision:
+        """Return the decision for a tick with an unknown state: the plan goes on as planned."""
+        plan = self.fallback.plan
+        if plan is not None:
+            plan = shift(plan, self.step, np.array(self.car))
+        return self.fallback.follow_shifted(reason, plan)
+
+    def discard_plan(self) -> None:
+        """Drop every plan: the gate rejected a command of it."""
+        self.fallback.discard_plan()
+
+    @property
+    def guiding_plan(self) -> Plan | None:
+        """The last good plan while it is recent enough to steer along."""
+        return self.fallback.guiding_plan
+
+    def _take_guess(self, problem: TickProblem) -> Plan:
+        """Return the initial guess: the plan that was prepared for this tick if there is one.
+
+        The stage parameters stay those around the shifted plan, so that preparation changes the
+        way to the solution and not the problem.
+        """
+        prepared, self.prepared = self.prepared, None
+        if prepared is None or problem.guess_map.multipliers is None:
+            return problem.guess_local
+        guess = initial_guess.start_at(prepared, problem.x0)
+        return self.formulation.to_local(guess, problem.scene.path)
+
+    def _run(self, chosen: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
+        """Return the solution in the map; a solver that raises has failed.
+
+        The car needs a command in every case.
+        """
+        try:
+            solution = chosen.solve(*problem.solver_arguments, guess)
+        except Exception as error:
+            failed = (FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
+            solution = Solution(guess, np.nan, *failed)
+        plan = self.formulation.to_map(solution.plan, problem.scene.path)
+        if solution.status == ONE_STEP:  # the driven step obeys the dynamics exactly
+            driven = self.step(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()
+            plan = plan._replace(X=np.vstack([plan.X[:1], driven, plan.X[2:]]))
+        return solution._replace(plan=plan)
+
+    def _shifted_plan(self, x0) -> Plan | None:
+        if self.fallback.plan is None:
+            return None
+        return initial_guess.shift_to(self.fallback.plan, self.step, self.car, x0)

@@ -1,0 +1,55 @@
+"""The solvers that the parameters select, and the time that each may take."""
+
+from mpcc_controller.parameters import ControllerParams, Solver
+from node_runtime.parameters import ParameterError
+from stage_solver.solution import OneStep, SolverOptions, StageSolver
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import StageProblem
+
+CONVERGED = 'converged'
+HAS_ONE_STEP = 'riccati'
+
+
+def first_solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
+    """Return the options of the first solver; ParameterError for a mode that it does not have."""
+    chosen = params.solver
+    return SolverOptions(
+        name=chosen.name,
+        max_iterations=chosen.max_iterations,
+        tolerance=chosen.tolerance,
+        time_limit_s=chosen.time_limit_s if limit_time else None,
+        compiled=chosen.compiled,
+        one_step=_one_step(chosen),
+    )
+
+
+def make_second_solver(
+    params: ControllerParams, problem: StageProblem, limit_time: bool, first: StageSolver
+) -> StageSolver | None:
+    """Return the solver to use after a failure of the first, None if that would be the same.
+
+    Its time limit is what the first solver leaves of `fallback_limit_s`. `first` decides, not the
+    parameters: without a C compiler it is fatrop where they name riccati.
+    """
+    chosen = params.solver
+    if chosen.fallback in ('none', first.name):
+        return None
+    remaining_s = chosen.fallback_limit_s - chosen.time_limit_s
+    changes = {
+        'name': chosen.fallback,
+        'time_limit_s': remaining_s if limit_time else None,
+        'one_step': None,
+    }
+    options = SolverOptions(**vars(first_solver_options(params, limit_time)) | changes)
+    return make_solver(problem, options)
+
+
+def _one_step(chosen: Solver) -> OneStep | None:
+    if chosen.mode == CONVERGED:
+        return None
+    if chosen.name != HAS_ONE_STEP:
+        raise ParameterError(
+            f'solver.mode: {chosen.mode} needs solver.name {HAS_ONE_STEP}; '
+            f'allowed with {chosen.name}: {CONVERGED}'
+        )
+    return OneStep(chosen.one_step_residual, chosen.one_step_decrease)

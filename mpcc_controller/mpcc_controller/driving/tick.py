@@ -1,0 +1,58 @@
+"""What one tick of the controller takes and returns. SI units; stamps and instants in ns."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving.fallback import Decision
+from mpcc_controller.driving.planner import Attempt
+from mpcc_controller.model.single_track import State
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Command, VehicleState
+
+
+class Arrival(NamedTuple):
+    """When the state of a tick was received."""
+
+    received_ns: int  # wall time; bags know the sending time from the middleware
+    wait_s: float  # from then to the beginning of the step
+
+
+class TickInputs(NamedTuple):
+    """What one step answers, besides path, edges and obstacles."""
+
+    state: VehicleState
+    age_s: float = 0.0  # of the state when the step begins; 0 in lockstep
+    fault: str = ''  # of the watchdog: no plan is made, the car brakes; `state_stale`: blindly
+    arrival: Arrival | None = None  # where it is known
+    effective_ns: int | None = None  # when the command takes effect, if known (replay)
+    publish_s: float | None = None  # publishing time of the command before
+
+
+class TickRecord(NamedTuple):
+    """Everything that one step decided. The command is complete; `TickReporter` explains it."""
+
+    inputs: TickInputs
+    command: Command  # passed the gate
+    decision: Decision
+    effective_ns: int  # when the command takes effect
+    state: VehicleState  # predicted to then
+    scene: Scene  # with the obstacles where they are then
+    x0: State | None  # stage 0; None where no plan could be attempted
+    attempt: Attempt | None  # None where nothing was solved
+    braking_line: str | None  # the line that a braking car steers along; None with a plan
+    gate_reason: str  # why the gate intervened, '' if it did not
+    rejections: Mapping[str, int]  # by the gate since the start, by reason
+    prepared_s: float | None  # computing time of `prepare` before this step
+    computing_s: float  # of this step
+
+    def __repr__(self) -> str:
+        """Return one line without arrays."""
+        level, reason, _ = self.decision
+        return f'TickRecord(stamp_ns={self.command.stamp_ns}, {level}: {reason}, {self.command})'
+
+
+def unknown_state(stamp_ns: int) -> VehicleState:
+    """Return a state of which only the stamp is known; every other field is NaN."""
+    return VehicleState(stamp_ns, *(np.nan,) * (len(VehicleState._fields) - 1))

@@ -1,0 +1,213 @@
+"""Explains a tick: the values of /controller/why and the planned poses, from a `TickRecord`."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.planner import Attempt
+from mpcc_controller.driving.tick import Arrival, TickRecord
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import distance, frenet_frame, road_edges
+from mpcc_controller.path.distance import Disc
+from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
+from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.formulation import Formulation
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from msgs_yaml import conversions
+from msgs_yaml.types import Command, Obstacle, Prediction, Why
+from stage_solver.solution import SOLVED, Solution
+
+OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+
+
+class TickReporter:
+    """Explains the ticks of one controller."""
+
+    def __init__(
+        self, params: ControllerParams, formulation: Formulation, evaluator: PlanEvaluator
+    ):
+        self._params, self._formulation, self._evaluator = params, formulation, evaluator
+
+    def prediction(self, record: TickRecord) -> Prediction:
+        """Return the planned poses; without a plan the present one, none if that is unknown."""
+        x, plan = record.state, record.decision.plan
+        if plan is not None:
+            states = State(*plan.X.T)
+            t = self._params.model.step_s * np.arange(len(plan.X))
+            return Prediction(x.stamp_ns, states.X, states.Y, states.psi, t)
+        poses = np.array([(x.X, x.Y, x.psi)] if np.all(np.isfinite(x)) else np.empty((0, 3)))
+        return Prediction(x.stamp_ns, *poses.T, np.zeros(len(poses)))
+
+    def why(self, record: TickRecord) -> Why:
+        """Return level, message and values of a tick; values of NaN are left out."""
+        decision, gate = record.decision, record.gate_reason
+        level = {SOLVED: OK, BRAKING: ERROR}.get(decision.level, WARN)
+        message = f'{decision.level}: {decision.reason}'
+        if gate:
+            level, message = ERROR, f'{message}; gate: {gate}'
+        values = {'rung': decision.level, 'reason': decision.reason, 'gate': gate or 'passed'}
+        values |= {name: v for name, v in self._values(record).items() if v == v}
+        return Why(record.inputs.state.stamp_ns, level, message, values)
+
+    def _values(self, record):
+        values = {}
+        if record.x0 is not None:
+            values |= _initial_state(record.x0) | self._plan_values(record)
+        if record.braking_line is not None:
+            values['guide'] = record.braking_line
+        values |= _command(record.command, self._formulation.car, record.rejections)
+        return values | _times(record)
+
+    def _plan_values(self, record) -> dict:
+        attempt = record.attempt
+        if attempt is None:
+            near = stage_parameters.closest_to_state(self._params, record.scene, record.x0)
+            return distances_now(record.x0, record.scene, near, self._params)
+        problem = attempt.problem
+        parameters, scene = problem.parameters, problem.scene
+        values = _solutions(attempt)
+        values |= distances_now(problem.x0, scene, parameters.obstacles, self._params)
+        if attempt.plan is not None:
+            plan = self._formulation.to_local(attempt.plan, scene.path)
+            evaluated = self._evaluator.evaluate(plan, parameters.P)
+            values |= _planned(evaluated, parameters, attempt.plan.U)
+        return values
+
+
+def _initial_state(x0: State) -> dict:
+    """Return path distance, speed and set-points at stage 0."""
+    return {
+        'theta': float(x0.theta),
+        'vx': float(x0.vx),
+        'set_point.delta': float(x0.delta),
+        'set_point.Fx': float(x0.Fx),
+    }
+
+
+def _command(command: Command, car: Car, rejections: Mapping[str, int]) -> dict:
+    """Return the commanded brake split (0 without braking), the ideal one, and the rejections."""
+    force = command.Fxf + command.Fxr
+    return {
+        'split.front': command.Fxf / force if force < 0 else 0.0,
+        'split.ideal': float(single_track.ideal_split(force, car)),
+        'gate.rejections': sum(rejections.values()),
+        **{f'gate.{reason}': count for reason, count in sorted(rejections.items())},
+    }
+
+
+def _times(record: TickRecord) -> dict:
+    """Return lead, publishing and preparation time [ms], and when the state was received."""
+    inputs = record.inputs
+    times_s = {
+        'lead': conversions.ns_to_s(record.effective_ns - inputs.state.stamp_ns),
+        'publish': inputs.publish_s,
+        'ahead': record.prepared_s,
+    }
+    values = {f'time.{name}_ms': 1e3 * t for name, t in times_s.items() if t is not None}
+    return values | _arrival(inputs.arrival)
+
+
+def _arrival(arrival: Arrival | None) -> dict:
+    if arrival is None:
+        return {}
+    return {'time.heard_ns': arrival.received_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
+
+
+def _solutions(attempt: Attempt) -> dict:
+    """Return status and times of the solvers; `solve_ms` is the time of both together."""
+    first, second = attempt.first, attempt.second
+    values = {
+        'solver.warm': attempt.warm,
+        **_solution('solver', first),
+        'time.prepare_ms': 1e3 * attempt.prepare_s,
+        'time.solve_ms': 1e3 * first.solve_s,
+        'time.solve_cpu_ms': 1e3 * first.cpu_s,
+    }
+    if second is not None:
+        values |= _solution('fallback', second)
+        values['time.fallback_ms'] = 1e3 * second.solve_s
+        values['time.solve_ms'] += values['time.fallback_ms']
+        values['time.solve_cpu_ms'] += 1e3 * second.cpu_s
+    return values | {'plan.age': attempt.plan_age, 'plan.failures': attempt.failures}
+
+
+def _solution(name: str, solution: Solution) -> dict:
+    return {
+        f'{name}.status': solution.status,
+        f'{name}.message': solution.message,
+        f'{name}.iterations': solution.iterations,
+        f'{name}.primal_residual': solution.primal_residual,
+        f'{name}.dual_residual': solution.dual_residual,
+        f'{name}.cost': solution.cost,
+    }
+
+
+def distances_now(
+    x: State, scene: Scene, obstacles: tuple[Obstacle, ...], params: ControllerParams
+) -> dict:
+    """Return the distances at this instant, to obstacles also in path coordinates.
+
+    Each is that of the closest vehicle circle; the difference is positive where path coordinates
+    overestimate the distance.
+    """
+    radius = params.body.circle_radius_m
+    circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
+    circle_points = _to_frenet(scene.path, circles, x.theta)
+    values = {}
+    for obstacle, point in zip(obstacles, _to_frenet(scene.path, obstacles, x.theta)):
+        disc = Disc(obstacle.X, obstacle.Y, obstacle.r_obs)
+        frenet_disc = FrenetDisc(point.s, point.e, obstacle.r_obs)
+        cartesian = min(float(distance.v2o(c, disc)) for c in circles)
+        frenet = min(float(frenet_frame.v2o(c, radius, frenet_disc)) for c in circle_points)
+        values[f'v2o.{obstacle.id}'] = cartesian
+        values[f'v2o_frenet.{obstacle.id}'] = frenet
+        values[f'v2o_difference.{obstacle.id}'] = frenet - cartesian
+    X, Y = np.array([x.X]), np.array([x.Y])
+    edges = road_edges.edges_near(scene.road, X, Y, params.surroundings.edge_window_m)
+    for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
+        values[f'v2e.{side}'] = float(min(gap[0] for gap in gaps))
+    return values
+
+
+def _to_frenet(path, points, near):
+    """Return points with X and Y in path coordinates; of several solutions that closest to near."""
+    X, Y = (np.array([getattr(point, axis) for point in points], float) for axis in 'XY')
+    frenet = frenet_frame.to_frenet(path, X, Y, near)
+    return [FrenetPoint(float(s), float(e)) for s, e in zip(frenet.s, frenet.e)]
+
+
+def _planned(evaluated: PlanValues, parameters: StageParameters, U: np.ndarray) -> dict:
+    """Return the plan's cost by term, its distances and weights, its use of the friction."""
+    costs = {name: float(np.sum(cost)) for name, cost in evaluated.costs._asdict().items()}
+    weights = {name: float(w) for name, w in parameters.stages.weights._asdict().items()}
+    slack = U[:, Input._fields.index('slack')]
+    values = {'cost.total': sum(costs.values())}
+    values |= {f'cost.{name}': cost for name, cost in costs.items()}
+    values |= {f'weight.{name}': weight for name, weight in weights.items()}
+    for obstacle, D, q in zip(parameters.obstacles, evaluated.v2o, evaluated.priority_o):
+        values |= _distance(f'v2o.{obstacle.id}', D, q, weights['v2o'])
+    for side, D, q in zip(('left', 'right'), evaluated.v2e, evaluated.priority_e):
+        values |= _distance(f'v2e.{side}', D, q, weights['v2e'])
+    for name, e in evaluated.tracking._asdict().items():
+        values |= {f'error.{name}': float(e[0]), f'error.{name}_max': float(np.max(np.abs(e)))}
+    return values | {
+        'friction.front': float(evaluated.friction.f[0]),
+        'friction.rear': float(evaluated.friction.r[0]),
+        'friction.front_max': float(np.max(evaluated.friction.f)),
+        'friction.rear_max': float(np.max(evaluated.friction.r)),
+        'slack.max': float(np.max(np.abs(slack))),
+        'v_ref': float(parameters.stages.v_ref[0]),
+    }
+
+
+def _distance(name, D, q, P_k):
+    """Return the least distance of the plan, the largest weight in force and that of now."""
+    return {
+        f'{name}.least': float(np.min(D)),
+        f'q_{name}': float(P_k * np.max(q)),
+        f'q_{name}.now': float(P_k * q[0]),
+    }

@@ -1,0 +1,215 @@
+"""Path (Frenet) coordinates: s along the coarse path, e to the left of it. SI units.
+
+    s' = (vx cos dpsi - vy sin dpsi) / (1 - kappa e)
+    e' = vx sin dpsi + vy cos dpsi
+    dpsi' = r - kappa s'
+
+is the motion of a point (Brown & Gerdes 2019, section II); kappa is the curvature of the path, left
+positive, and dpsi the heading relative to it. As in the published code of Brown & Gerdes distances
+are measured as if (s, e) were Cartesian: sqrt(ds^2 + de^2) to obstacles, the difference of e to
+edges. In a bend both differ from the distance on the ground (docs/baseline.md). Negative: contact.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mpcc_controller.model import elementary_functions as functions
+from mpcc_controller.path import arc, distance, reference_path, road_edges
+from mpcc_controller.path.arc import Arc, Pose
+from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc
+from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.path.road_edges import Road
+
+PROJECTION_STEPS = 3  # each on the arc at the foot of the step before
+S_PENALTY = 1e-3  # m of distance per m along the path, to choose between equally close points
+EDGE_STEPS = 2  # of the search for an edge on a normal of the path; one is exact for straight lines
+
+
+class FrenetPoint(NamedTuple):
+    """A point in path coordinates."""
+
+    s: Any  # m along the path
+    e: Any  # m, left of the path positive
+
+
+class FrenetRates(NamedTuple):
+    """The motion of a body in path coordinates."""
+
+    s: Any  # m/s
+    e: Any  # m/s
+    dpsi: Any  # rad/s
+
+
+class FrenetDisc(NamedTuple):
+    """One obstacle at the time of a stage."""
+
+    s: Any  # m
+    e: Any  # m
+    r_obs: Any  # m
+
+
+class FrenetEdge(NamedTuple):
+    """A road edge beside a stage: a straight line in path coordinates."""
+
+    s: Any  # m, of a point of the line
+    e: Any  # m, of that point
+    slope: Any  # -, de/ds
+
+
+class FrenetEdges(NamedTuple):
+    """Both edges of the road beside a stage."""
+
+    left: FrenetEdge
+    right: FrenetEdge
+
+
+def rates(e, dpsi, kappa, vx, vy, r) -> FrenetRates:
+    """Return the rates of path coordinates; numbers or CasADi expressions.
+
+    They are singular at the centre of the curvature, where 1 = kappa e.
+    """
+    s_rate = (vx * functions.cos(dpsi) - vy * functions.sin(dpsi)) / (1 - kappa * e)
+    e_rate = vx * functions.sin(dpsi) + vy * functions.cos(dpsi)
+    return FrenetRates(s_rate, e_rate, r - kappa * s_rate)
+
+
+def to_frenet_on_arc(piece: Arc, X, Y) -> FrenetPoint:
+    """Return the path coordinates of a point beside an arc; numbers or CasADi expressions.
+
+    With the point `ahead` and `left` of the pose at theta, the radius through it turns by
+    atan(turn), turn = kappa ahead / (1 - kappa left), and has the length 1 / kappa - e. Both are
+    written so that they hold on a straight path: three terms of the series of atan(turn) / turn
+    have an error of turn^6 / 7, 1e-7 of the length 2 m ahead on a radius of 20 m.
+    """
+    pose = Pose(piece.X, piece.Y, piece.psi)
+    ahead, left = -arc.lag_error(pose, X, Y), -arc.contouring_error(pose, X, Y)
+    shrink = 1 - piece.kappa * left
+    turn = piece.kappa * ahead / shrink
+    reach = functions.sqrt(shrink**2 + (piece.kappa * ahead) ** 2)
+    return FrenetPoint(
+        s=piece.theta + ahead / shrink * (1 - turn**2 / 3 + turn**4 / 5),
+        e=(2 * left - piece.kappa * (left**2 + ahead**2)) / (1 + reach),
+    )
+
+
+def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
+    """Return the path coordinates of points (k,); of equally close ones those next to s = `near`.
+
+    The path continues straight before its start and past its end. A point beyond the centre of a
+    bend keeps the foot at the closest pose of the path.
+    """
+    s = np.array([_closest_node(path, *point, near) for point in zip(X, Y)])
+    return refine(path, X, Y, s)
+
+
+def _closest_node(path, X, Y, near):
+    """Return the theta of the nearer end of the chord closest to a point.
+
+    The chord decides, not its ends: on a long one both are far from the foot.
+    """
+    arcs = Arc(*(column[1:] for column in path.arcs))
+    share, inside, square = reference_path.feet_on_chords(arcs, X, Y)
+    theta = arcs.theta[:-1] + inside * np.diff(arcs.theta)
+    best = np.argmin(np.sqrt(square) + S_PENALTY * np.abs(theta - near))
+    return arcs.theta[best + int(share[best] > 0.5)]
+
+
+def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
+    """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
+    for _ in range(PROJECTION_STEPS):
+        piece, _ = reference_path.arcs_at(path, s)
+        left = -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
+        s = np.where(piece.kappa * left < 1, to_frenet_on_arc(piece, X, Y).s, s)
+    piece, _ = reference_path.arcs_at(path, s)
+    return FrenetPoint(s, -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y))
+
+
+def to_cartesian(path: ReferencePath, point: FrenetPoint) -> Pose:
+    """Return the points of the map at path coordinates (k,), with the heading of the path there."""
+    piece, _ = reference_path.arcs_at(path, point.s)
+    return offset_left(Pose(piece.X, piece.Y, piece.psi), point.e)
+
+
+def offset_left(pose: Pose, e) -> Pose:
+    """Return the pose moved by `e` [m] to its left."""
+    return Pose(pose.X - e * np.sin(pose.psi), pose.Y + e * np.cos(pose.psi), pose.psi)
+
+
+# distances
+
+
+def v2o(point: FrenetPoint, radius, obstacle: FrenetDisc):
+    """Return the distance [m] of a vehicle circle at `point` to an obstacle."""
+    ds, de = point.s - obstacle.s, point.e - obstacle.e
+    return functions.sqrt(ds**2 + de**2 + CENTRE_ROUNDING) - obstacle.r_obs - radius
+
+
+def edge_offset(edge: FrenetEdge, s):
+    """Return the offset e [m] of an edge at `s`, to the left of the path."""
+    return edge.e + edge.slope * (s - edge.s)
+
+
+def v2e(point: FrenetPoint, radius, edges: FrenetEdges):
+    """Return the distances [m] of a vehicle circle at `point` to the left and the right edge."""
+    return (
+        edge_offset(edges.left, point.s) - point.e - radius,
+        point.e - edge_offset(edges.right, point.s) - radius,
+    )
+
+
+def distances(points: list[FrenetPoint], p):
+    """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles.
+
+    `p` holds `body.radius`, `obstacles` and `edges` in path coordinates.
+    """
+    radius = p.body.radius
+    obstacles = [[v2o(point, radius, obstacle) for point in points] for obstacle in p.obstacles]
+    edges = [list(D) for D in zip(*(v2e(point, radius, p.edges) for point in points))]
+    return obstacles, edges
+
+
+# obstacles and edges as numbers per stage
+
+
+def disc_to_frenet(path: ReferencePath, obstacle: Disc, near: float) -> FrenetDisc:
+    """Return an obstacle (k,) in path coordinates; of several solutions those next to s = `near`.
+
+    The coordinates of one that does not move have the shape (1,).
+    """
+    moves = np.ptp(obstacle.X) > 0 or np.ptp(obstacle.Y) > 0
+    rows = slice(None) if moves else slice(1)  # one projection is enough
+    point = to_frenet(path, obstacle.X[rows], obstacle.Y[rows], near)
+    return FrenetDisc(point.s, point.e, obstacle.r_obs)
+
+
+def edges_to_frenet(road: Road, pieces: Arc, window: float) -> FrenetEdges:
+    """Return both edges beside points of the path (k,): where the normals of the path cross them.
+
+    `window` [m] is that of `road_edges.tangent_parabolas`.
+    """
+    return FrenetEdges(*(_edge_to_frenet(line, pieces, window) for line in road))
+
+
+def _edge_to_frenet(line, pieces, window):
+    """Follow the normal of the path to the edge.
+
+    The point of the edge closest to the path need not be on the normal: where the two are not
+    parallel the search starts again at the crossing.
+    """
+    pose = Pose(pieces.X, pieces.Y, pieces.psi)
+    crossing = pose
+    for _ in range(EDGE_STEPS):
+        s = road_edges.closest(line, crossing.X, crossing.Y)
+        edge = road_edges.tangent_parabolas(line, s, window)
+        e, slope = _normal_crossing(pose, pieces.kappa, edge)
+        crossing = offset_left(pose, e)
+    return FrenetEdge(pieces.theta, e, slope)
+
+
+def _normal_crossing(pose, kappa, edge: distance.Edge):
+    """Return where the normal crosses the tangent of an edge, and de/ds of the edge there."""
+    ahead, left = -arc.lag_error(pose, edge.X, edge.Y), -arc.contouring_error(pose, edge.X, edge.Y)
+    tangent = np.tan(edge.psi - pose.psi)
+    e = left - ahead * tangent + edge.kappa * ahead**2 / 2
+    return e, (1 - kappa * e) * tangent

@@ -1,0 +1,149 @@
+"""The behaviour planner's path as arcs: strict checks, projection, evaluation. SI units."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.path import arc
+from mpcc_controller.path.arc import Arc
+from msgs_yaml.types import Reference
+
+# laps whose distances differ by less count as equally close: their chords do not coincide
+LAP_TOLERANCE_M = 0.5
+NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
+
+
+class PathError(ValueError):
+    """The path cannot be driven; the text names the pose and what is wrong."""
+
+
+class ReferencePath(NamedTuple):
+    """A path of n segments and its straight continuations: n + 2 arcs in order."""
+
+    arcs: Arc  # each field (n + 2,): the start of the arc, but the end of the first one
+    v: np.ndarray  # (n + 2,) m/s, desired speed
+    length: float  # m
+
+
+def build(reference: Reference) -> ReferencePath:
+    """Check a path and divide it into arcs.
+
+    Raises `PathError` for fewer than two poses, numbers that are not finite, repeated poses,
+    stamps that do not increase, a heading against the driving direction, or doubling back.
+    """
+    names = ('X', 'Y', 'psi', 't')
+    X, Y, psi, t = (np.asarray(getattr(reference, name), float) for name in names)
+    if not X.shape == Y.shape == psi.shape == t.shape or X.ndim != 1 or X.size < 2:
+        raise PathError(f'a path needs two poses or more, with equal columns; it has {X.shape}')
+    for name, column in zip(names, (X, Y, psi, t)):
+        _require(np.isfinite(column), f'{name} is not finite')
+    dX, dY, dt = np.diff(X), np.diff(Y), np.diff(t)
+    chord = np.hypot(dX, dY)
+    _require(dt > 0, 'the stamp does not increase after it')
+    # later divided by: a square that underflows counts as no distance
+    _require(chord**2 > 0, 'the next pose is at the same place')
+    along = np.arctan2(dY, dX)
+    _require(np.abs(_wrap(np.diff(along))) < np.pi / 2, 'the path doubles back after it')
+    _require(np.abs(_wrap(psi[:-1] - along)) < np.pi / 2, 'its heading points backwards')
+    _require(np.abs(_wrap(psi[1:] - along)) < np.pi / 2, 'the next heading points backwards')
+
+    turn = _wrap(np.diff(psi))
+    along = np.unwrap(along)
+    ds = chord / np.sinc(turn / (2 * np.pi))
+    theta = np.concatenate(([0], np.cumsum(ds)))
+    start, end = along[0] - turn[0] / 2, along[-1] + turn[-1] / 2
+    arcs = Arc(
+        X=np.concatenate((X[:1], X)),
+        Y=np.concatenate((Y[:1], Y)),
+        psi=np.concatenate(([start], along - turn / 2, [end])),
+        kappa=np.concatenate(([0], turn / ds, [0])),
+        theta=np.concatenate((theta[:1], theta)),
+    )
+    v = ds / dt
+    return ReferencePath(arcs, np.concatenate((v[:1], v, v[-1:])), float(theta[-1]))
+
+
+def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
+    """Return the arcs tangent to the path at `theta` [m] (k,), and the desired speeds [m/s] (k,).
+
+    The path continues straight before its start and past its end.
+    """
+    theta = np.asarray(theta, float)
+    # the first arc is for every theta below 0, the last one past the end
+    index = np.searchsorted(path.arcs.theta[1:], theta, side='right')
+    piece = Arc(*(column[index] for column in path.arcs))
+    pose = arc.pose_at(piece, theta)
+    return Arc(pose.X, pose.Y, pose.psi, piece.kappa, theta), path.v[index]
+
+
+def project(path: ReferencePath, X: float, Y: float, near: float | None, reach: float) -> float:
+    """Return theta [m] of the point of the path closest to (X, Y).
+
+    With `near` only the path within `reach` [m] of that theta is searched, so that a path that
+    crosses or repeats itself is not short-cut. With None all of it is searched; of several laps the
+    first one within LAP_TOLERANCE_M of the closest is taken.
+    """
+    arcs = path.arcs
+    first, last = 1, arcs.theta.size - 1
+    if near is not None:
+        first = np.clip(np.searchsorted(arcs.theta, near - reach) - 1, first, last - 1)
+        last = np.clip(np.searchsorted(arcs.theta, near + reach) + 1, first + 1, last)
+    nodes = slice(first, last + 1)
+    share, inside, square = feet_on_chords(Arc(*(column[nodes] for column in arcs)), X, Y)
+    best = np.argmin(square) if near is not None else _first_pass(np.sqrt(square))
+    # past either end the path continues straight
+    if best == 0 or best == len(share) - 1:
+        inside[best] = share[best]
+    theta = arcs.theta[first + best] + inside[best] * np.diff(arcs.theta[nodes])[best]
+    return _refine(path, X, Y, float(theta))
+
+
+def _first_pass(gaps):
+    """Return the closest segment of the first stretch of path about as close as any."""
+    close = gaps <= gaps.min() + LAP_TOLERANCE_M
+    first = np.argmax(close)
+    left = np.argmin(close[first:])  # 0: never
+    stretch = gaps[first : first + left] if left else gaps[first:]
+    return first + np.argmin(stretch)
+
+
+def feet_on_chords(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the foot of a point on each chord between successive corners of a path (n,).
+
+    Three arrays (n - 1,): the foot as a share of the chord, the same clipped to the chord, and the
+    squared distance [m^2] from the point to the clipped foot.
+    """
+    corners = np.column_stack((corners.X, corners.Y))
+    chords = np.diff(corners, axis=0)
+    offset = np.array((X, Y)) - corners[:-1]
+    share = np.sum(offset * chords, axis=1) / np.sum(chords**2, axis=1)
+    inside = np.clip(share, 0, 1)
+    return share, inside, np.sum((offset - inside[:, None] * chords) ** 2, axis=1)
+
+
+def _refine(path, X, Y, theta):
+    """Move along the path until the lag error vanishes (Newton)."""
+    for _ in range(NEWTON_STEPS):
+        piece, _ = arcs_at(path, theta)
+        pose = arc.pose_at(piece, theta)
+        left = -arc.contouring_error(pose, X, Y)
+        shrink = 1 - piece.kappa * left
+        if shrink <= 0:  # the point is beyond the centre of the arc: there is no foot
+            break
+        theta = theta - arc.lag_error(pose, X, Y) / shrink
+    return float(theta)
+
+
+def _wrap(angle):
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _require(valid, message):
+    if not np.all(valid):
+        raise PathError(f'pose {int(np.argmin(valid))}: {message}')
+
+
+def is_equal(path: ReferencePath, other: ReferencePath) -> bool:
+    """Return whether two paths are equal in every number."""
+    columns = zip((*path.arcs, path.v), (*other.arcs, other.v))
+    return all(np.array_equal(a, b) for a, b in columns)

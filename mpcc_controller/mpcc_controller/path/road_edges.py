@@ -1,0 +1,172 @@
+"""Road edges: polylines to tangent parabolas near the plan, and the centre of the road."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Edge, Edges
+from msgs_yaml.types import RoadEdges
+
+CONTINUATION = 1e3  # m; a polyline continues straight for this length at both ends
+ROUNDING = 1e-6  # m, more than that of a distance on any road
+
+
+class EdgeError(ValueError):
+    """A road edge cannot be used; the text names it and what is wrong."""
+
+
+class Polyline(NamedTuple):
+    """Corners of an edge with its continuations."""
+
+    points: np.ndarray  # (n, 2) m, map
+    s: np.ndarray  # (n,) m, length up to each corner
+    chords: 'Chords'  # without the continuations
+
+
+class Chords(NamedTuple):
+    """The chords from each corner of an edge to the next, without continuations."""
+
+    X: np.ndarray  # (m,) m, map, first corner
+    Y: np.ndarray
+    dX: np.ndarray  # (m,) m, to the next corner
+    dY: np.ndarray
+    square: np.ndarray  # (m,) m^2, squared length
+
+
+class Road(NamedTuple):
+    """Both edges in driving direction."""
+
+    left: Polyline
+    right: Polyline
+
+
+class Track(NamedTuple):
+    """The centre of the road beside points of the path."""
+
+    centre: Arc
+    half_width: np.ndarray  # (k,) m
+
+
+def build(edges: RoadEdges) -> Road:
+    """Check the edges; raises `EdgeError` for fewer than two distinct points or NaN."""
+    return Road(_polyline('left', edges.left), _polyline('right', edges.right))
+
+
+def _polyline(side, points):
+    points = np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != 2 or not np.all(np.isfinite(points)):
+        raise EdgeError(f'the {side} edge is not a list of finite points')
+    points = _distinct(points)
+    if len(points) < 2:
+        raise EdgeError(f'the {side} edge has fewer than two distinct points')
+    start, end = points[0] - points[1], points[-1] - points[-2]
+    points = np.vstack(
+        (
+            points[0] + CONTINUATION * start / np.hypot(*start),
+            points,
+            points[-1] + CONTINUATION * end / np.hypot(*end),
+        )
+    )
+    s = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    (X, Y), (dX, dY) = points[1:-2].T, np.diff(points[1:-1], axis=0).T
+    chords = Chords(*map(np.ascontiguousarray, (X, Y, dX, dY, dX**2 + dY**2)))
+    return Polyline(points, s, chords)
+
+
+def _distinct(points):
+    """Return the points without repetitions of the one before.
+
+    Points whose squared distance underflows count as equal: it is divided by.
+    """
+    while len(points) > 1:
+        moved = np.sum(np.diff(points, axis=0) ** 2, axis=1) > 0
+        if np.all(moved):
+            break
+        points = points[np.concatenate(([True], moved))]
+    return points
+
+
+def closest(line: Polyline, X, Y) -> np.ndarray:
+    """Return the length s [m] along the line closest to each point; `X`, `Y` have shape (k,).
+
+    The continuations count only for points whose closest corner is an end of the edge: on a closed
+    road they would run across it.
+    """
+    near = _candidates(line.chords, X, Y)
+    chords = Chords(*(column[near] for column in line.chords))
+    free, share, far = _feet(chords, X[:, None], Y[:, None])
+    best = np.argmin(far, axis=1)
+    rows = np.arange(len(best))
+    along, free = share[rows, best], free[rows, best]
+    best = near[best]
+    last = len(line.chords.X) - 1
+    outside = ((best == 0) & (along == 0)) | ((best == last) & (along == 1))
+    along = np.where(outside, free, along)
+    s = line.s[1:-1]
+    return s[best] + along * (s[best + 1] - s[best])
+
+
+def _feet(chords, X, Y):
+    """Return the foot as a share of each chord, clipped, and the squared distance [m^2] to it."""
+    aX, aY = X - chords.X, Y - chords.Y
+    free = (aX * chords.dX + aY * chords.dY) / chords.square
+    share = np.clip(free, 0, 1)
+    return free, share, (aX - share * chords.dX) ** 2 + (aY - share * chords.dY) ** 2
+
+
+def _candidates(chords, X, Y):
+    """Return the indices, in order, of all chords that may be closest to one of the points.
+
+    From the centre of points within a radius of it, the chord closest to one of them is at most
+    twice that radius farther than the chord closest to the centre.
+    """
+    centre = X.mean(), Y.mean()
+    radius = np.sqrt(np.max((X - centre[0]) ** 2 + (Y - centre[1]) ** 2))
+    far = np.sqrt(_feet(chords, *centre)[2])
+    return np.flatnonzero(~(far > far.min() + 2 * radius + ROUNDING))  # NaN: all of them
+
+
+def tangent_parabolas(line: Polyline, s, window: float) -> Edge:
+    """Return the parabolas tangent to the line at the lengths `s` (k,).
+
+    Heading and curvature come from the circle through the points `window` [m] before and after:
+    the corners of a polyline define neither. Beyond its continuations the line is straight. Where
+    it doubles back there is no circle, and the curvature is 0.
+    """
+    # the continuations are straight: one parabola is tangent everywhere
+    s = np.clip(s, line.s[0] + window, line.s[-1] - window)
+    before, here, after = (_point(line, s + step) for step in (-window, 0, window))
+    chord = after - before
+    into, out = here - before, after - here
+    twice_area = into[0] * out[1] - into[1] * out[0]
+    lengths = np.hypot(*into) * np.hypot(*out) * np.hypot(*chord)
+    return Edge(
+        X=here[0],
+        Y=here[1],
+        psi=np.arctan2(chord[1], chord[0]),
+        kappa=np.divide(2 * twice_area, lengths, out=np.zeros_like(lengths), where=lengths > 0),
+    )
+
+
+def _point(line, s):
+    return np.array([np.interp(s, line.s, line.points[:, axis]) for axis in (0, 1)])
+
+
+def edges_near(road: Road, X, Y, window: float) -> Edges:
+    """Return both edges beside the planned positions (k,)."""
+    return Edges(*(tangent_parabolas(line, closest(line, X, Y), window) for line in road))
+
+
+def track_beside(road: Road, path: Arc, window: float) -> Track:
+    """Return the centre of the road beside points of the path, as arcs along its theta."""
+    left, right = edges_near(road, path.X, path.Y, window)
+    psi = np.arctan2(np.sin(left.psi) + np.sin(right.psi), np.cos(left.psi) + np.cos(right.psi))
+    centre = Arc(
+        X=(left.X + right.X) / 2,
+        Y=(left.Y + right.Y) / 2,
+        psi=psi,
+        kappa=(left.kappa + right.kappa) / 2,
+        theta=path.theta,
+    )
+    return Track(centre, np.hypot(left.X - right.X, left.Y - right.Y) / 2)

@@ -1,0 +1,147 @@
+"""The terms of the cost: each a weight times a squared error (paper, eq. 4). SI units.
+
+This is the one list of them. The parameters of the weights, the columns `cost.*` and `weight.*` of
+/controller/why, and the reports follow from it. A new term is an entry here and its parameter in
+`parameters.Tolerances`; docs/extending.md shows how.
+
+A weight is 1 / tolerance^2 for `tolerances.*`, and the value itself for `priorities.*`. A weight of
+0 (a tolerance of .inf) switches a term off without another compilation. A term that is not `in_use`
+is not in the problem at all: it costs no computing time, and the others are evaluated as before,
+bit for bit.
+"""
+
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from mpcc_controller.model import single_track
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import distance
+
+
+class StageQuantities(NamedTuple):
+    """What squared errors are computed from: numbers or CasADi expressions of one stage."""
+
+    x: Any  # state of the formulation
+    u: Any  # `Input`; None at the last stage
+    p: Any  # parameters of the stage
+    tracking: Any  # tracking errors of the formulation, a NamedTuple
+    heading_error: Any  # rad
+    v2o: Sequence[Sequence[Any]]  # m, D_V2O per obstacle and vehicle circle
+    v2e: Sequence[Sequence[Any]]  # m, D_V2E per edge and vehicle circle
+    priority: Callable  # (D, D_sft) -> q / P_k
+
+
+class CostTerm(NamedTuple):
+    """One term of the cost."""
+
+    name: str  # in /controller/why: cost.NAME, weight.NAME
+    parameter: str  # of the weight: tolerances.* or priorities.*
+    squared_error: Callable[[StageQuantities], Any]
+    of_input: bool = False  # depends on the input; absent at the last stage
+    switch: str = ''  # parameter of `formulation`; false sets the weight to 0
+    optional: bool = False  # false of `switch` leaves the term out of the problem
+
+
+def periodic_square(angle):
+    """Return about angle^2 [rad^2], equal for whole turns more or less.
+
+    2 (1 - cos) is the square to 1 % at 20 deg. The heading of the path counts on over laps, that
+    of the car may not.
+    """
+    return 2 * (1 - ca.cos(angle))
+
+
+def intrusions(distances, D_sft, priority):
+    """Return the sum of the squared errors of distances within D_sft (paper, section 3.3)."""
+    return sum(distance.intrusion(D, D_sft, priority) for circles in distances for D in circles)
+
+
+def _brake_split_error(q: StageQuantities):
+    return (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2
+
+
+VELOCITY = CostTerm('vel', 'tolerances.velocity_mps', lambda q: (q.x.vx - q.p.v_ref) ** 2)
+DISTANCES = (
+    CostTerm('v2o', 'priorities.obstacle', lambda q: intrusions(q.v2o, q.p.D_sft.o, q.priority)),
+    CostTerm('v2e', 'priorities.edge', lambda q: intrusions(q.v2e, q.p.D_sft.e, q.priority)),
+)
+INPUTS = (
+    CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, of_input=True),
+    CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, of_input=True),
+    CostTerm('lambda_b', 'tolerances.brake_split', _brake_split_error, of_input=True),
+    CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, of_input=True),
+)
+# the paper's MPCC, with the heading error of the baseline as a switch
+MPCC = (
+    CostTerm('con', 'tolerances.contouring_m', lambda q: q.tracking.con**2),
+    CostTerm('lag', 'tolerances.lag_m', lambda q: q.tracking.lag**2, switch='lag'),
+    VELOCITY,
+    CostTerm(
+        'dpsi',
+        'tolerances.heading_rad',
+        lambda q: periodic_square(q.heading_error),
+        switch='heading',
+        optional=True,
+    ),
+    *DISTANCES,
+    *INPUTS,
+)
+PAPER = tuple(term for term in MPCC if not term.optional)
+# the baseline, in path coordinates
+FRENET = (
+    CostTerm('e', 'tolerances.contouring_m', lambda q: q.tracking.e**2),
+    CostTerm('dpsi', 'tolerances.heading_rad', lambda q: q.heading_error**2, switch='heading'),
+    VELOCITY,
+    *DISTANCES,
+    *INPUTS,
+)
+
+
+def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:
+    """Return the terms of the problem: their parameter is given, optional ones are on."""
+
+    def is_in_use(term):
+        off = term.optional and not _is_on(term, params)
+        return not off and _parameter(term, params) is not None
+
+    return tuple(term for term in terms if is_in_use(term))
+
+
+def weights_type(terms: Sequence[CostTerm]) -> type:
+    """Return the NamedTuple of the weights of terms, by their names."""
+    return namedtuple('Weights', [term.name for term in terms])
+
+
+def weights(terms: Sequence[CostTerm], params: ControllerParams):
+    """Return the weights of terms that are `in_use`, as `weights_type`."""
+    return weights_type(terms)(*(_weight(term, params) for term in terms))
+
+
+def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> dict[str, Any]:
+    """Return the squared errors by name; at the last stage (no input) those of the state only."""
+    has_input = quantities.u is not None
+    return {t.name: t.squared_error(quantities) for t in terms if has_input or not t.of_input}
+
+
+def costs(errors: dict[str, Any], weights) -> dict[str, Any]:
+    """Return the cost by name of the term."""
+    return {name: getattr(weights, name) * error for name, error in errors.items()}
+
+
+def _parameter(term, params):
+    group, name = term.parameter.split('.')
+    return getattr(getattr(params, group), name)
+
+
+def _is_on(term, params):
+    return not term.switch or getattr(params.formulation, term.switch)
+
+
+def _weight(term, params):
+    if not _is_on(term, params):
+        return 0.0
+    value = _parameter(term, params)
+    return value if term.parameter.startswith('priorities.') else value**-2

@@ -1,0 +1,218 @@
+"""The baseline: nonlinear MPC in coordinates along the coarse path. SI units.
+
+Brown & Gerdes, "Coordinating tire forces to avoid obstacles using nonlinear model predictive
+control", IEEE T-IV 2019, as far as it is public; docs/baseline.md gives the source of every choice.
+Inputs, prediction model and limits are those of the paper's MPCC.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import distance, frenet_frame, reference_path
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.frenet_frame import FrenetEdges, FrenetPoint
+from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
+from mpcc_controller.problem.distance_frame import FRENET
+from mpcc_controller.problem.ocp import (
+    Constraints,
+    SafetyDistance,
+    SymbolicOcp,
+    VehicleCircles,
+)
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from stage_solver.stage_problem import Plan
+
+LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
+MIN_STEP_M = 1e-3  # of path in a step; below it the curvature is that of the point
+
+
+class FrenetState(NamedTuple):
+    """State x of the baseline."""
+
+    s: Any  # m along the path
+    e: Any  # m, left of the path positive
+    dpsi: Any  # rad, heading relative to the path
+    vx: Any  # m/s, body
+    vy: Any  # m/s, body
+    r: Any  # rad/s
+    delta: Any  # rad, road-wheel angle
+    Fx: Any  # N, total longitudinal force
+
+
+# The solver's units: forces in kN, everything else in SI
+SCALE_X = FrenetState(s=1, e=1, dpsi=1, vx=1, vy=1, r=1, delta=1, Fx=1e3)
+
+
+class FrenetStage(NamedTuple):
+    """The parameters of one stage."""
+
+    car: Car
+    weights: Any  # of the cost terms, by name
+    D_sft: SafetyDistance
+    body: VehicleCircles
+    kappa: Any  # 1/m, mean curvature of the path over the step, left positive
+    v_ref: Any  # m/s
+    edges: FrenetEdges
+    obstacles: tuple  # of FrenetDisc
+
+
+class FrenetErrors(NamedTuple):
+    """Lateral and heading error."""
+
+    e: Any  # m, left of the path positive
+    dpsi: Any  # rad
+
+
+class Rules(NamedTuple):
+    """What can be exchanged in the cost."""
+
+    priority: Any = distance.step_priority  # (D, D_sft) -> q / P_k
+    terms: tuple[CostTerm, ...] = cost_terms.FRENET
+
+
+def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
+    """Return a `FrenetStage` of the given size; its leaves have no meaning."""
+    kind = cost_terms.weights_type(rules.terms)
+    return FrenetStage(
+        car=Car(*Car._fields),
+        weights=kind(*kind._fields),
+        D_sft=SafetyDistance(*SafetyDistance._fields),
+        body=VehicleCircles('radius', ('offset',) * circles),
+        kappa='kappa',
+        v_ref='v_ref',
+        edges=FRENET.edges,
+        obstacles=(FRENET.disc,) * obstacles,
+    )
+
+
+def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
+    """Return dx/dt: the paper's car in path coordinates."""
+    body = single_track.body_rates(x, u, p.car)
+    path = frenet_frame.rates(x.e, x.dpsi, p.kappa, x.vx, x.vy, x.r)
+    return FrenetState(*path, *body, delta=u.d_delta, Fx=u.d_Fx)
+
+
+def distances(x: FrenetState, p: FrenetStage):
+    """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
+    along, across = ca.cos(x.dpsi), ca.sin(x.dpsi)
+    points = [FrenetPoint(x.s + offset * along, x.e + offset * across) for offset in p.body.offsets]
+    return frenet_frame.distances(points, p)
+
+
+def quantities(x: FrenetState, u: Input | None, p: FrenetStage, rules: Rules) -> StageQuantities:
+    """Return what the squared errors of a stage are computed from."""
+    v2o, v2e = distances(x, p)
+    errors = FrenetErrors(x.e, x.dpsi)
+    return StageQuantities(x, u, p, errors, x.dpsi, v2o, v2e, rules.priority)
+
+
+def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
+    """Return the constrained quantities, the same as those of the MPCC."""
+    left, right = (frenet_frame.edge_offset(edge, x.s) for edge in p.edges)
+    gap = ca.sqrt((x.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
+    return ocp.constraints(x, u, p, gap - ((left - right) / 2 - p.body.radius))
+
+
+def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
+    """Return the formulation for vehicle circles and obstacles of the given numbers."""
+    rules = rules or Rules()
+    return SymbolicOcp(
+        name='frenet',
+        state=FrenetState,
+        template=template(circles, obstacles, rules),
+        scale_x=SCALE_X,
+        rates=rates,
+        terms=rules.terms,
+        quantities=partial(quantities, rules=rules),
+        constraints=constraints,
+    )
+
+
+def mean_curvatures(arcs: Arc) -> np.ndarray:
+    """Return the mean curvature of the path [1/m] over every step between points of it (k,).
+
+    The heading of the frame then turns by as much as that of the path, however the curvature
+    changes within a step. The last point keeps its own.
+    """
+    turn, length = np.diff(arcs.psi), np.diff(arcs.theta)
+    moves = np.abs(length) > MIN_STEP_M
+    mean = np.divide(turn, length, out=np.array(arcs.kappa[:-1]), where=moves)
+    return np.append(mean, arcs.kappa[-1])
+
+
+def plan_to_frenet(plan: Plan, path: ReferencePath) -> Plan:
+    """Return a plan in the map (N + 1, 9) in path coordinates (N + 1, 8); multipliers are kept."""
+    x = State(*plan.X.T)
+    point = frenet_frame.refine(path, x.X, x.Y, x.theta)
+    dpsi = x.psi - frenet_frame.to_cartesian(path, point).psi
+    turns = np.round(dpsi / (2 * np.pi))
+    states = FrenetState(*point, dpsi - 2 * np.pi * turns, x.vx, x.vy, x.r, x.delta, x.Fx)
+    return plan._replace(X=np.column_stack(states))
+
+
+def plan_to_map(plan: Plan, path: ReferencePath) -> Plan:
+    """Return a plan in path coordinates in the map; its theta is the distance along the path."""
+    x = FrenetState(*plan.X.T)
+    pose = frenet_frame.to_cartesian(path, FrenetPoint(x.s, x.e))
+    states = State(pose.X, pose.Y, pose.psi + x.dpsi, x.vx, x.vy, x.r, x.s, x.delta, x.Fx)
+    return plan._replace(X=np.column_stack(states))
+
+
+class FrenetFormulation:
+    """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
+
+    name = 'frenet'
+    tuned_weights = (
+        'tolerances.contouring_m',
+        'tolerances.velocity_mps',
+        'tolerances.steer_rate_radps',
+        'tolerances.force_rate_nps',
+        'priorities.obstacle',
+        'priorities.edge',
+        'tolerances.heading_rad',
+    )
+    distances = ('path',)
+    has_lag = False
+
+    def __init__(self, params: ControllerParams, car: Car):
+        self.params, self.car = params, car
+        priority = stage_parameters.PRIORITIES[params.formulation.priority]
+        self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params))
+        self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
+
+    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
+        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
+        params = self.params
+        x = State(*guess.T)
+        s = frenet_frame.refine(scene.path, x.X, x.Y, x.theta).s
+        x = x._replace(theta=s)
+        arcs, v_ref = reference_path.arcs_at(scene.path, s)
+        window = params.surroundings.edge_window_m
+        slots, obstacles = stage_parameters.obstacle_slots(params, FRENET, scene, x)
+        stages = FrenetStage(
+            car=self.car,
+            weights=cost_terms.weights(self.rules.terms, params),
+            D_sft=stage_parameters.safety_distance(params),
+            body=stage_parameters.vehicle_circles(params),
+            kappa=mean_curvatures(arcs),
+            v_ref=v_ref,
+            edges=FRENET.road(scene.road, arcs, x, window),
+            obstacles=slots,
+        )
+        return stage_parameters.to_matrix(stages, obstacles, len(guess))
+
+    def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
+        """Return a plan in the map in path coordinates; multipliers are kept."""
+        return plan_to_frenet(plan, path)
+
+    def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
+        """Return a plan in path coordinates in the map."""
+        return plan_to_map(plan, path)

@@ -1,0 +1,170 @@
+"""The paper's MPCC: states in the map, contouring and lag errors, Cartesian distances. SI units.
+
+Everything that may change while driving is a number in `Stage`; the graph is built once.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import arc, distance, reference_path, road_edges
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
+from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES, DistanceFrame
+from mpcc_controller.problem.ocp import (
+    Constraints,
+    SafetyDistance,
+    SymbolicOcp,
+    VehicleCircles,
+)
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from stage_solver.stage_problem import Plan
+
+# The solver's units: forces in kN, everything else in SI
+SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
+LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
+
+
+class Stage(NamedTuple):
+    """The parameters of one stage."""
+
+    car: Car
+    weights: Any  # of the cost terms, by name
+    D_sft: SafetyDistance
+    body: VehicleCircles
+    path: Arc
+    v_ref: Any  # m/s
+    centre: Arc  # of the road, along the distance of the path
+    half_width: Any  # m, from the centre to the edges
+    edges: Any  # as in the distance frame
+    obstacles: tuple  # the same
+
+
+class TrackingErrors(NamedTuple):
+    """Contouring and lag error (paper, section 3.1)."""
+
+    con: Any  # m, right of the path positive
+    lag: Any  # m, behind positive
+
+
+class Rules(NamedTuple):
+    """What can be exchanged in the cost."""
+
+    frame: DistanceFrame = CARTESIAN
+    priority: Any = distance.gaussian_priority  # (D, D_sft) -> q / P_k
+    terms: tuple[CostTerm, ...] = cost_terms.PAPER
+
+
+def template(circles: int, obstacles: int, rules: Rules) -> Stage:
+    """Return a `Stage` of the given size; its leaves have no meaning."""
+    kind = cost_terms.weights_type(rules.terms)
+    return Stage(
+        car=Car(*Car._fields),
+        weights=kind(*kind._fields),
+        D_sft=SafetyDistance(*SafetyDistance._fields),
+        body=VehicleCircles('radius', ('offset',) * circles),
+        path=Arc(*Arc._fields),
+        v_ref='v_ref',
+        centre=Arc(*Arc._fields),
+        half_width='half_width',
+        edges=rules.frame.edges,
+        obstacles=(rules.frame.disc,) * obstacles,
+    )
+
+
+def tracking_errors(x: State, p: Stage) -> TrackingErrors:
+    """Return the contouring and the lag error (paper, section 3.1)."""
+    pose = arc.pose_at(p.path, x.theta)
+    return TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
+
+
+def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
+    """Return what the squared errors of a stage are computed from."""
+    circles = [distance.circle(x, offset, p.body.radius) for offset in p.body.offsets]
+    v2o, v2e = rules.frame.distances(circles, p)
+    heading_error = x.psi - arc.pose_at(p.path, x.theta).psi
+    return StageQuantities(x, u, p, tracking_errors(x, p), heading_error, v2o, v2e, rules.priority)
+
+
+def constraints(x: State, u: Input, p: Stage) -> Constraints:
+    """Return the constrained quantities (paper, section 3.2)."""
+    centre = arc.pose_at(p.centre, x.theta)
+    gap = ca.sqrt((x.X - centre.X) ** 2 + (x.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
+    return ocp.constraints(x, u, p, gap - (p.half_width - p.body.radius))
+
+
+def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
+    """Return the formulation for vehicle circles and obstacles of the given numbers."""
+    rules = rules or Rules()
+    return SymbolicOcp(
+        name='mpcc',
+        state=State,
+        template=template(circles, obstacles, rules),
+        scale_x=SCALE_X,
+        rates=lambda x, u, p: single_track.derivative(x, u, p.car),
+        terms=rules.terms,
+        quantities=partial(quantities, rules=rules),
+        constraints=constraints,
+    )
+
+
+class MpccFormulation:
+    """The paper's MPCC; see `formulation.Formulation`."""
+
+    name = 'mpcc'
+    tuned_weights = (
+        'tolerances.contouring_m',
+        'tolerances.velocity_mps',
+        'tolerances.steer_rate_radps',
+        'tolerances.force_rate_nps',
+        'priorities.obstacle',
+        'priorities.edge',
+        'tolerances.lag_m',
+    )
+    distances = tuple(FRAMES)
+    has_lag = True
+
+    def __init__(self, params: ControllerParams, car: Car):
+        self.params, self.car = params, car
+        options = params.formulation
+        self.rules = Rules(
+            FRAMES[options.distance],
+            stage_parameters.PRIORITIES[options.priority],
+            cost_terms.in_use(cost_terms.MPCC, params),
+        )
+        self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
+
+    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
+        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
+        params, frame = self.params, self.rules.frame
+        x = State(*guess.T)
+        arcs, v_ref = reference_path.arcs_at(scene.path, x.theta)
+        window = params.surroundings.edge_window_m
+        track = road_edges.track_beside(scene.road, arcs, window)
+        slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
+        stages = Stage(
+            car=self.car,
+            weights=cost_terms.weights(self.rules.terms, params),
+            D_sft=stage_parameters.safety_distance(params),
+            body=stage_parameters.vehicle_circles(params),
+            path=arcs,
+            v_ref=v_ref,
+            centre=track.centre,
+            half_width=track.half_width,
+            edges=frame.road(scene.road, arcs, x, window),
+            obstacles=slots,
+        )
+        return stage_parameters.to_matrix(stages, obstacles, len(guess))
+
+    def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
+        """Return the plan: the states of the problem are those of the map."""
+        return plan
+
+    to_map = to_local

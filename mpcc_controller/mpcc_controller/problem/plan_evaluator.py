@@ -1,0 +1,79 @@
+"""Evaluates a plan: cost by term, distances, priorities, use of the friction. SI units."""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Axles
+from mpcc_controller.problem import cost_terms, ocp
+from mpcc_controller.problem.ocp import SymbolicOcp
+from node_runtime import named_vector
+from stage_solver.stage_problem import Plan
+
+
+class PlanValues(NamedTuple):
+    """The values of a plan, each leaf over the stages (N + 1,)."""
+
+    costs: Any  # weighted squared errors by the name of the term
+    v2o: tuple  # m, per obstacle slot, the closest circle
+    v2e: tuple  # m, left and right, the closest circle
+    priority_o: tuple  # q / P_k per obstacle slot
+    priority_e: tuple  # q / P_k, left and right
+    friction: Axles  # -, tyre force over mu Fz
+    split_ideal: Any  # -
+    tracking: Any  # the tracking errors of the formulation
+
+
+class PlanEvaluator:
+    """Evaluates plans of one formulation."""
+
+    def __init__(self, symbolic: SymbolicOcp):
+        flat, x, u, p = ocp.symbols(symbolic)
+        self._values = _values(symbolic, x, u, p)
+        self._input_terms = tuple(term.name for term in symbolic.terms if term.of_input)
+        outputs = ca.vertcat(*named_vector.leaves(self._values))
+        self._evaluate = ca.Function('evaluate', list(flat), [outputs])
+
+    def evaluate(self, plan: Plan, P: np.ndarray) -> PlanValues:
+        """Return the values of a plan in the states of the formulation, parameters P (N + 1, np).
+
+        The last stage has no input: the terms of the input are 0 there, and its friction use is
+        that with the input of the stage before.
+        """
+        U = np.vstack((plan.U, plan.U[-1:]))
+        values = named_vector.build(self._values, self._evaluate(plan.X.T, U.T, P.T).full())
+        for name in self._input_terms:
+            getattr(values.costs, name)[-1] = 0
+        return values
+
+
+def _values(symbolic, x, u, p) -> PlanValues:
+    quantities = symbolic.quantities(x, u, p)
+    errors = cost_terms.squared_errors(symbolic.terms, quantities)
+    v2o, v2e = (
+        tuple(_smallest(circles) for circles in group) for group in (quantities.v2o, quantities.v2e)
+    )
+    Fz = single_track.loads(x.Fx, p.car)
+    F = single_track.tyre_forces(x, u, p.car)
+    return PlanValues(
+        costs=type(p.weights)(**cost_terms.costs(errors, p.weights)),
+        v2o=v2o,
+        v2e=v2e,
+        priority_o=tuple(quantities.priority(D, p.D_sft.o) for D in v2o),
+        priority_e=tuple(quantities.priority(D, p.D_sft.e) for D in v2e),
+        friction=Axles(
+            f=ca.hypot(F.F_xf, F.F_yf) / (p.car.mu_f * Fz.f),
+            r=ca.hypot(F.F_xr, F.F_yr) / (p.car.mu_r * Fz.r),
+        ),
+        split_ideal=single_track.ideal_split(x.Fx, p.car),
+        tracking=quantities.tracking,
+    )
+
+
+def _smallest(distances):
+    smallest = distances[0]
+    for D in distances[1:]:
+        smallest = ca.fmin(smallest, D)
+    return smallest

@@ -1,0 +1,124 @@
+"""Stage parameters: path, road, obstacles and controller parameters as numbers per stage.
+
+Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.path import distance
+from mpcc_controller.path.distance import Disc
+from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.path.road_edges import Road
+from mpcc_controller.problem.distance_frame import DistanceFrame
+from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
+from msgs_yaml.types import Obstacle, Obstacles
+from node_runtime import named_vector
+
+PRIORITIES = {'gaussian': distance.gaussian_priority, 'step': distance.step_priority}
+
+
+class Scene(NamedTuple):
+    """The surroundings of the car; None where an input was never set."""
+
+    path: ReferencePath | None
+    road: Road | None
+    obstacles: Obstacles | None
+
+
+class StageParameters(NamedTuple):
+    """The parameters of all stages of one problem."""
+
+    stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
+    P: np.ndarray  # (N + 1, np), the same as a matrix
+    obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
+
+
+def car(params: ControllerParams, vehicle: CarParams) -> Car:
+    """Return the parameters of the prediction model in the paper's symbols."""
+    body, tyre = vehicle.car, vehicle.tyre
+    lambda_d = params.model.drive_front_share
+    return Car(
+        m=body.mass_kg,
+        Izz=body.yaw_inertia_kgm2,
+        l_f=body.cog_to_front_m,
+        l_r=body.cog_to_rear_m,
+        h=body.cog_height_m,
+        drag=body.drag_n_per_mps2,
+        rolling=body.rolling_n,
+        lambda_d=vehicle.actuators.drive_front_share if lambda_d is None else lambda_d,
+        C_f=tyre.front_cornering_npr,
+        C_r=tyre.rear_cornering_npr,
+        mu_f=tyre.front_friction * params.model.friction,
+        mu_r=tyre.rear_friction * params.model.friction,
+        tyre_switch=params.model.tyre_switch,
+        v_slip=params.model.least_slip_speed_mps,
+        force_blend=params.model.force_blend_n,
+    )
+
+
+def safety_distance(params: ControllerParams) -> SafetyDistance:
+    """Return the safety distances D_sft."""
+    return SafetyDistance(params.safety.obstacle_m, params.safety.edge_m)
+
+
+def vehicle_circles(params: ControllerParams) -> VehicleCircles:
+    """Return the circles of the vehicle."""
+    return VehicleCircles(params.body.circle_radius_m, tuple(params.body.circle_offsets_m))
+
+
+def size(params: ControllerParams) -> tuple[int, int]:
+    """Return the numbers of vehicle circles and of obstacles in the problem."""
+    return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+
+
+def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
+    """Return the obstacles along the planned states `x` in a frame, and which ones they are.
+
+    Unused slots are filled with an obstacle far away.
+    """
+    t = params.model.step_s * np.arange(len(x.X))
+    chosen = closest_obstacles(params, scene.obstacles, x, t)
+    discs = (Disc(o.X + o.vX * t, o.Y + o.vY * t, o.r_obs) for o in chosen)
+    slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
+    empty = params.surroundings.max_obstacles - len(slots)
+    return slots + (frame.empty_slot(x),) * empty, chosen
+
+
+def to_matrix(stages, obstacles: tuple[Obstacle, ...], count: int) -> StageParameters:
+    """Return the parameters of `count` stages, also as a matrix."""
+    columns = [np.broadcast_to(leaf, (count,)) for leaf in named_vector.leaves(stages)]
+    return StageParameters(stages, np.column_stack(columns), obstacles)
+
+
+def scene_at(scene: Scene, stamp_ns: int) -> Scene:
+    """Return the scene with its obstacles at `stamp_ns`, moved at constant velocity."""
+    if scene.obstacles is None:
+        return scene
+    t = ns_to_s(stamp_ns - scene.obstacles.stamp_ns)
+    items = (o._replace(X=o.X + o.vX * t, Y=o.Y + o.vY * t) for o in scene.obstacles.items)
+    return scene._replace(obstacles=Obstacles(stamp_ns, tuple(items)))
+
+
+def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Obstacle, ...]:
+    """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
+
+    def smallest_distance(obstacle):
+        disc = Disc(obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t, obstacle.r_obs)
+        return min(
+            np.min(distance.v2o(distance.circle(x, offset, params.body.circle_radius_m), disc))
+            for offset in params.body.circle_offsets_m
+        )
+
+    count = params.surroundings.max_obstacles
+    closest = sorted(obstacles.items, key=smallest_distance)[:count]
+    return tuple(sorted(closest, key=lambda o: o.id))
+
+
+def closest_to_state(params, scene: Scene, x: State) -> tuple[Obstacle, ...]:
+    """Return the obstacles closest to one state, ordered by id."""
+    states = State(*(np.array([value]) for value in x))
+    return closest_obstacles(params, scene.obstacles, states, np.zeros(1))

@@ -1,0 +1,191 @@
+"""Which rung is taken, when plans are given up, and how the logic is climbed again."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving import fallback
+from mpcc_controller.driving.fallback import BRAKING, SECOND_SOLVER, SHIFTED, FallbackLogic
+from mpcc_controller.parameters import Fallback
+from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
+from stage_solver.stage_problem import Plan
+
+RULES = Fallback(
+    acceptable_residual=1e-3,
+    max_plan_age=5,
+    failures_to_cold_start=3,
+    max_guide_age=8,
+    max_state_age_s=0.2,
+)
+PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
+OTHER = Plan(np.ones((3, 9)), np.ones((2, 4)))
+
+
+def outcome(status=SOLVED, residual=1e-9, plan=PLAN):
+    return Solution(plan, 1.0, status, 'told', 5, residual, 1e-9, 0.01)
+
+
+BAD = outcome(FAILED)
+
+
+@pytest.fixture
+def logic():
+    return FallbackLogic(RULES)
+
+
+def state(logic):
+    return logic.plan, logic.plan_age, logic.failures, logic._good_plan, logic._good_plan_age
+
+
+def test_at_the_start_there_is_no_plan_to_follow_to_steer_along_or_to_start_from(logic):
+    assert state(logic) == (None, 0, 0, None, 0)
+    assert not logic.is_warm
+    assert logic.guiding_plan is None
+
+
+def test_the_rungs_and_their_reasons_have_the_names_that_are_documented():
+    assert (SECOND_SOLVER, SHIFTED, BRAKING) == ('second_solver', 'shifted', 'braking')
+    assert fallback.USABLE == {
+        'solved': ('solved', 'converged'),
+        'one_step': ('solved', 'one_step'),
+        'stopped_early': ('stopped_early', 'good_enough'),
+    }
+
+
+def test_a_solved_plan_is_followed(logic):
+    assert logic.decide(outcome(), None, None) == (SOLVED, 'converged', PLAN)
+    assert logic.is_warm
+    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
+    assert logic.guiding_plan is PLAN
+
+
+def test_the_plan_of_one_step_is_followed_like_a_solved_one(logic):
+    # the solver has judged its residual by a limit of its own
+    one_step = outcome(ONE_STEP, residual=1.0)
+    assert logic.decide(one_step, None, None) == (SOLVED, 'one_step', PLAN)
+    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
+
+
+@pytest.mark.parametrize('residual', [0.0, 1e-4, 1e-3])
+def test_a_plan_stopped_early_is_followed_when_it_is_nearly_feasible(logic, residual):
+    taken = logic.decide(outcome(STOPPED_EARLY, residual), None, OTHER)
+    assert taken == (STOPPED_EARLY, 'good_enough', PLAN)
+    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
+
+
+def test_a_status_is_a_word_not_an_object(logic):
+    assert logic.decide(outcome('SOLVED'.lower()), None, None).reason == 'converged'
+    early = outcome('STOPPED_EARLY'.lower())
+    assert logic.decide(early, None, None).reason == 'good_enough'
+
+
+FAULTS = [
+    (outcome(FAILED), 'solver_failed'),
+    (outcome('a word nobody knows'), 'solver_failed'),
+    (outcome('what nobody knows'), 'solver_failed'),
+    (outcome(STOPPED_EARLY, residual=1.01e-3), 'plan_not_feasible'),
+    (outcome(STOPPED_EARLY, residual=np.inf), 'plan_not_feasible'),
+    (outcome(STOPPED_EARLY, residual=np.nan), 'plan_not_feasible'),
+    (outcome(plan=PLAN._replace(U=PLAN.U * np.nan)), 'plan_not_finite'),
+    (outcome(plan=PLAN._replace(X=PLAN.X + np.inf)), 'plan_not_finite'),
+    (outcome(FAILED, plan=PLAN._replace(X=PLAN.X * np.nan)), 'plan_not_finite'),
+]
+
+
+@pytest.mark.parametrize(('solution', 'reason'), FAULTS)
+def test_a_bad_solution_is_replaced_by_the_last_plan_moved_on(logic, solution, reason):
+    logic.decide(outcome(), None, None)
+    assert logic.decide(solution, None, OTHER) == (SHIFTED, reason, OTHER)
+    assert state(logic) == (OTHER, 1, 1, PLAN, 1)
+
+
+@pytest.mark.parametrize(('solution', 'reason'), FAULTS)
+def test_a_bad_solution_is_replaced_by_that_of_the_second_solver_first(logic, solution, reason):
+    assert logic.decide(solution, outcome(plan=OTHER), PLAN) == (SECOND_SOLVER, reason, OTHER)
+    assert state(logic) == (OTHER, 0, 1, OTHER, 0)
+
+
+@pytest.mark.parametrize('second', [solution for solution, _ in FAULTS])
+def test_a_second_solver_that_fails_too_changes_nothing(logic, second):
+    logic.decide(outcome(), None, None)
+    assert logic.decide(BAD, second, OTHER) == (SHIFTED, 'solver_failed', OTHER)
+    assert state(logic) == (OTHER, 1, 1, PLAN, 1)
+
+
+def test_the_second_solver_does_not_replace_a_good_plan(logic):
+    assert logic.decide(outcome(), outcome(plan=OTHER), None).plan is PLAN
+
+
+def test_without_a_last_plan_a_bad_solution_means_braking(logic):
+    assert logic.decide(BAD, None, None) == (BRAKING, 'solver_failed', None)
+    assert state(logic) == (None, 0, 1, None, 1)
+
+
+def test_a_plan_is_followed_for_five_ticks_at_most(logic):
+    logic.decide(outcome(), None, None)
+    taken, ages = [], []
+    for _ in range(7):
+        taken.append(logic.decide(BAD, None, logic.plan).level)
+        ages.append(logic.plan_age)
+    assert taken == [SHIFTED] * 5 + [BRAKING] * 2
+    assert ages == [1, 2, 3, 4, 5, 0, 0]
+    assert logic.plan is None
+
+
+def test_the_second_solver_s_plan_makes_the_plan_young_again(logic):
+    logic.decide(outcome(), None, None)
+    for _ in range(4):
+        logic.decide(BAD, None, logic.plan)
+    logic.decide(BAD, outcome(), logic.plan)
+    assert (logic.plan_age, logic._good_plan_age, logic.failures) == (0, 0, 5)
+    # but the first solver does not start from what it failed to solve five times
+    assert logic.plan is PLAN
+    assert not logic.is_warm
+
+
+def test_three_failures_drop_the_warm_start_and_one_success_brings_it_back(logic):
+    logic.decide(outcome(), None, None)
+    warm = []
+    for _ in range(3):
+        logic.decide(BAD, None, logic.plan)
+        warm.append(logic.is_warm)
+    assert warm == [True, True, False]
+    logic.decide(outcome(), None, logic.plan)
+    assert logic.is_warm
+    assert (logic.failures, logic.plan_age, logic._good_plan_age) == (0, 0, 0)
+
+
+def test_the_car_steers_along_the_last_good_plan_while_that_is_young(logic):
+    logic.decide(outcome(), None, None)
+    guides = []
+    for k in range(10):
+        logic.decide(BAD, None, logic.plan if k < 2 else None)
+        guides.append(logic.guiding_plan)
+    assert guides == [PLAN] * 8 + [None] * 2
+    assert logic._good_plan_age == 10
+
+
+def test_braking_gives_up_the_plan_but_not_the_line_that_it_followed(logic):
+    logic.decide(outcome(), None, None)
+    logic.follow_shifted('state_not_finite', OTHER)
+    assert logic.brake('too_slow') == (BRAKING, 'too_slow', None)
+    assert state(logic) == (None, 0, 0, PLAN, 2)
+    assert not logic.is_warm
+    assert logic.guiding_plan is PLAN
+
+
+def test_ticks_without_a_state_count_no_failure_of_the_solver(logic):
+    logic.decide(outcome(), None, None)
+    taken = [logic.follow_shifted('state_not_finite', OTHER) for _ in range(6)]
+    assert taken[:5] == [(SHIFTED, 'state_not_finite', OTHER)] * 5
+    assert taken[5] == (BRAKING, 'state_not_finite', None)
+    assert logic.failures == 0
+
+
+def test_a_plan_whose_command_was_turned_back_is_neither_followed_nor_steered_along(logic):
+    logic.decide(outcome(), None, None)
+    logic.decide(BAD, None, OTHER)
+    logic.discard_plan()
+    assert state(logic) == (None, 0, 1, None, 1)
+    assert logic.guiding_plan is None
+    assert logic.decide(outcome(), None, None).level == SOLVED
+    assert logic.guiding_plan is PLAN

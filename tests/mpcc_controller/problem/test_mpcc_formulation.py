@@ -1,0 +1,207 @@
+"""The problem itself: cost, weights, constraints, against hand-made numbers."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving import initial_guess
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.problem import (
+    bounds,
+    cost_terms,
+    formulation,
+    mpcc_formulation,
+    ocp,
+    stage_parameters,
+)
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from node_runtime import named_vector
+from stage_solver.stage_problem import Plan
+
+quick = settings(deadline=None, derandomize=True, max_examples=30)
+N, DT = 50, 0.05
+
+
+@pytest.fixture(scope='module')
+def problem(mpcc):
+    return ocp.build(mpcc.ocp, N, DT)
+
+
+@pytest.fixture(scope='module')
+def car(params, vehicle):
+    return stage_parameters.car(params, vehicle)
+
+
+@pytest.fixture(scope='module')
+def numbers(car, scene, mpcc):
+    x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
+    plan = initial_guess.guess_from_path(scene.path, x0, car, N, DT)
+    return plan, mpcc.stage_parameters(scene, plan.X)
+
+
+def wild(plan, seed):
+    """Return a plan that visits obstacles, edges and both signs of everything."""
+    random = np.random.default_rng(seed)
+    spread = State(2, 3, 0.2, 4, 1, 0.5, 2, 0.2, 5000)
+    push = Input(0.4, 2e4, 0.2, 0.5)
+    X = plan.X + random.uniform(-1, 1, plan.X.shape) * spread
+    return Plan(X, plan.U + random.uniform(-1, 1, plan.U.shape) * push)
+
+
+@quick
+@given(st.integers(0, 1000))
+def test_the_objective_is_the_sum_of_the_logged_terms(problem, numbers, mpcc, seed):
+    plan, given_numbers = numbers
+    plan, P = wild(plan, seed), given_numbers.P
+    cost = float(problem.terminal_cost(plan.X[-1], P[-1]))
+    cost += problem.stage_cost.map(N)(plan.X[:-1].T, plan.U.T, P[:-1].T).full().sum()
+    view = PlanEvaluator(mpcc.ocp).evaluate(plan, P)
+    assert sum(np.sum(term) for term in view.costs) == pytest.approx(cost, rel=1e-12)
+
+
+def test_weights_and_errors_have_the_same_names():
+    formula = mpcc_formulation.symbolic_ocp(1, 2)
+    numeric = named_vector.build(
+        formula.template, [1.0] * len(named_vector.leaves(formula.template))
+    )
+    found = formula.errors(State(*[1.0] * 9), Input(*[0.5] * 4), numeric)
+    assert set(found) == set(numeric.weights._fields)
+
+
+def test_weights_are_one_over_the_squared_tolerances(world):
+    params, _ = world.load(
+        tolerances__contouring_m=0.3,
+        tolerances__lag_m=0.5,
+        tolerances__steer_rate_radps=0.349,
+        tolerances__force_rate_nps=2e4,
+        priorities__obstacle=700.0,
+        priorities__edge=30.0,
+    )
+    weights = cost_terms.weights(cost_terms.in_use(cost_terms.MPCC, params), params)
+    assert weights.con == pytest.approx(1 / 0.09)
+    assert weights.lag == pytest.approx(4)
+    assert weights.d_delta == pytest.approx(8.2, rel=2e-3)
+    assert weights.d_Fx * 1e6 == pytest.approx(1 / 400)
+    assert (weights.v2o, weights.v2e) == (700, 30)
+
+
+def test_only_the_priorities_differ_without_collision_avoidance(world):
+    with_ca, _ = world.load('mpcc')
+    without, _ = world.load(
+        'mpcc_no_ca',
+        priorities__obstacle=with_ca.priorities.obstacle,
+        priorities__edge=with_ca.priorities.edge,
+    )
+    plain, _ = world.load('mpcc_no_ca')
+    assert with_ca == without
+    assert (plain.priorities.obstacle, plain.priorities.edge) == (0, 0)
+
+
+def test_errors_are_those_of_the_paper(car, scene, mpcc):
+    """Straight part of the path, heading 0: con is -dY, lag is -dX, everything by hand."""
+    x = State(21.0, 0.4, 0.0, 18.0, 0.0, 0.0, 20.0, 0.0, 0.0)
+    numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
+    stage = named_vector.build(numbers.stages, numbers.P[0])
+    found = mpcc.ocp.errors(x, Input(0.1, 2000.0, 0.6, 0.2), stage)
+    assert float(found['con']) == pytest.approx(0.4**2)
+    assert float(found['lag']) == pytest.approx(1.0)
+    assert float(found['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
+    assert float(found['d_delta']) == pytest.approx(0.01)
+    assert float(found['d_Fx']) == pytest.approx(2000.0**2)
+    assert float(found['lambda_b']) == pytest.approx((0.6 - car.l_r / (car.l_f + car.l_r)) ** 2)
+    assert float(found['slack']) == pytest.approx(0.04)
+    assert (float(found['v2o']), float(found['v2e'])) == (0, 0)
+
+
+@pytest.mark.parametrize('offsets', [(0.0,), (-1.1, 1.1)])
+def test_every_circle_counts_against_every_obstacle_and_edge(world, scene, offsets):
+    params, vehicle = world.load(body__circle_offsets_m=offsets)
+    mpcc = formulation.make(params, stage_parameters.car(params, vehicle))
+    x = State(71.0, 4.9, 0.0, 20.0, 0.0, 0.0, 71.0, 0.0, 0.0)
+    numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
+    stage = named_vector.build(numbers.stages, numbers.P[0])
+    found = mpcc.ocp.errors(x, Input(0, 0, 0.5, 0), stage)
+    D_o = [np.hypot(71.0 + o - 72.0, 4.9 - 1.5) - 2.1 for o in offsets]
+    D_e = 6.0 - 4.9 - 1.1
+
+    def cost(D, D_sft):
+        q = 1 if D < 0 else np.exp(-2 * D**2 / D_sft**2) if D_sft >= D else 0
+        return q * (D - D_sft) ** 2
+
+    assert float(found['v2o']) == pytest.approx(sum(cost(D, 0.5) for D in D_o), abs=1e-5)
+    assert float(found['v2e']) == pytest.approx(len(offsets) * cost(D_e, 0.5), abs=1e-6)
+
+
+def test_obstacles_move_with_their_velocity(car, scene, mpcc):
+    moving = scene.obstacles.items[0]._replace(vX=-2.0, vY=1.0)
+    moved = scene._replace(obstacles=scene.obstacles._replace(items=(moving,)))
+    plan = initial_guess.guess_from_path(
+        scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT
+    )
+    numbers = mpcc.stage_parameters(moved, plan.X)
+    first = numbers.stages.obstacles[0]
+    assert first.X[-1] == pytest.approx(moving.X - 2.0 * N * DT)
+    assert first.Y[20] == pytest.approx(moving.Y + 1.0)
+
+
+def test_of_many_obstacles_the_ones_nearest_to_the_plan_count(car, scene, mpcc):
+    one = scene.obstacles.items[0]
+    row = [one._replace(id=i, X=20.0 + 0.0 * i, Y=3.0 * i) for i in range(9, 0, -1)]
+    crowd = scene._replace(obstacles=scene.obstacles._replace(items=tuple(row)))
+    plan = initial_guess.guess_from_path(
+        scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT
+    )
+    numbers = mpcc.stage_parameters(crowd, plan.X)
+    assert [o.id for o in numbers.obstacles] == [1, 2, 3, 4]
+
+
+def test_an_empty_slot_costs_nothing_anywhere(problem, scene, numbers, mpcc):
+    free = scene._replace(obstacles=scene.obstacles._replace(items=()))
+    plan, _ = numbers
+    P = mpcc.stage_parameters(free, plan.X).P
+    view = PlanEvaluator(mpcc.ocp).evaluate(wild(plan, 1), P)
+    assert np.all(view.costs.v2o == 0)
+
+
+def test_constraints_are_the_paper_s_per_axle_and_for_the_road(car, scene, mpcc):
+    x = State(20.0, 3.0, 0.0, 20.0, 0.0, 0.0, 20.0, 0.0, -8000.0)
+    numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
+    stage = named_vector.build(numbers.stages, numbers.P[0])
+    found = mpcc_formulation.constraints(x, Input(0, 0, 0.7, 0.25), stage)
+    Fz = single_track.loads(-8000.0, car)
+    assert float(found.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
+    assert float(found.rear) == pytest.approx(-2400 / (car.mu_r * Fz.r))
+    # the road reaches from -2.5 to 6: its centre is 1.75, its half 4.25, the car's circle 1.1
+    assert float(found.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
+    assert float(found.speed) == pytest.approx(20.25)
+
+
+def test_friction_bounds_are_the_safety_factor(params, car):
+    found = bounds.build(params.limits, car, -3000.0, N, DT)
+    assert np.all(found.g_high[:, :3] == params.limits.friction_use)
+    assert np.all(found.h_low == -params.limits.friction_use)
+
+
+def test_a_force_beyond_a_slippery_road_leaves_the_problem_feasible(world):
+    params, vehicle = world.load(model__friction=0.3)
+    car = stage_parameters.car(params, vehicle)
+    Fx = -12000.0
+    found = bounds.build(params.limits, car, Fx, N, DT)
+    beyond = abs(ocp.total_friction_use(Fx, car))
+    assert beyond > 1 > params.limits.friction_use
+    assert found.g_high[0, 0] > beyond
+    force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))
+    assert np.all(found.g_high[force_gone:, :3] == params.limits.friction_use)
+
+
+@quick
+@given(st.integers(0, 1000))
+def test_dynamics_are_independent_of_where_the_map_begins(problem, numbers, seed):
+    plan, given_numbers = numbers
+    plan = wild(plan, seed)
+    far = np.array(State(1000, -500, 0, 0, 0, 0, 0, 0, 0))
+    here = problem.dynamics(plan.X[3], plan.U[3], given_numbers.P[3]).full().ravel()
+    there = problem.dynamics(plan.X[3] + far, plan.U[3], given_numbers.P[3]).full().ravel()
+    assert there == pytest.approx(here + far, abs=1e-9)
