@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S, ns_to_s
 
 
 class Due(NamedTuple):

@@ -15,6 +15,7 @@ from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
+from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 
