@@ -13,7 +13,6 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import reference_path
-from mpcc_controller.problem import stage_parameters
 from msgs_yaml.types import Obstacle
 from stage_solver.stage_problem import Bounds, Plan, ProblemError, StageProblem
 
@@ -152,7 +151,7 @@ def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndar
         vY=0.0,
     )
     scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return stage_parameters.numbers(controller.params, controller.car, scene, start.X).P
+    return controller.planner.formulation.stage_parameters(scene, start.X).P
 
 
 def save(problems: Problems, path: Path) -> None:
