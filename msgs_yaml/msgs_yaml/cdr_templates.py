@@ -8,8 +8,9 @@ may leave there what was in memory.
 """
 
 import struct
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from operator import itemgetter
+from typing import Any
 
 from msgs_yaml import contract, conversions, flat_fields
 from msgs_yaml.contract import Topic
@@ -19,25 +20,59 @@ STAMP = struct.Struct('<iI')
 STAMP_OFFSET = len(ENCAPSULATION)
 _UINT32 = struct.Struct('<I')
 _FLOAT64_BYTES = 8
+_IDENTITY = (0.0, 0.0, 0.0, 1.0)  # quaternion
 _NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # sensor_msgs/Imu: covariance of what is not measured
 _COVARIANCE_3D = (0.0,) * 9
 _COVARIANCE_6D = (0.0,) * 36
-_IDENTITY = (0.0, 0.0, 0.0, 1.0)
-_VECTOR = (0.0,) * 3
-_POSE = (0.0,) * 7
-_TWIST = (0.0,) * 6
 
 
-class Writer:
-    """Appends to a serialised message."""
+class Template:
+    """A serialised message of one topic whose stamp and numbers can be replaced."""
 
-    def __init__(self):
-        self.buffer = bytearray(ENCAPSULATION)
+    def __init__(self, topic: str):
+        """Raise KeyError for a topic that is not in `flat_fields.TYPES`."""
+        self._fields = flat_fields.load(topic)
+        described = contract.load().topics[topic]
+        writer = _LAYOUTS[described.type](described)
+        self._buffer = writer.buffer
+        offsets = [writer.offsets[path] for path in self._fields.paths]
+        order = sorted(range(len(offsets)), key=offsets.__getitem__)
+        self._sort = itemgetter(*order)
+        self._runs = _runs([offsets[i] for i in order], self._buffer)
 
-    def header(self, frame: str) -> None:
-        """Append a std_msgs/Header with stamp 0."""
-        self.buffer += bytes(STAMP.size)
-        self.text(frame)
+    def fill(self, value: Any) -> bytes:
+        """Return the serialised message of a value of `types`."""
+        buffer = self._buffer
+        STAMP.pack_into(buffer, STAMP_OFFSET, *conversions.split_stamp(value.stamp_ns))
+        numbers = self._sort(self._fields.to_numbers(value))
+        for pack_into, offset, part in self._runs:
+            pack_into(buffer, offset, *numbers[part])
+        return bytes(buffer)
+
+
+def _runs(offsets, buffer):
+    """Return (pack_into, offset, slice of the numbers) of each run of numbers with zeros between.
+
+    One call for a run is faster than one per number; bytes that are not 0 end a run.
+    """
+    runs, begin = [], 0
+    for k in range(1, len(offsets) + 1):
+        if k < len(offsets) and not any(buffer[offsets[k - 1] + _FLOAT64_BYTES : offsets[k]]):
+            continue
+        gaps = [b - a - _FLOAT64_BYTES for a, b in zip(offsets[begin:k], offsets[begin + 1 : k])]
+        form = struct.Struct('<d' + ''.join(f'{gap}xd' for gap in gaps))
+        runs.append((form.pack_into, offsets[begin], slice(begin, k)))
+        begin = k
+    return runs
+
+
+class _Writer:
+    """Writes a serialised message whose numbers are 0, and notes the offset of each path."""
+
+    def __init__(self, topic: Topic):
+        self.buffer = bytearray(ENCAPSULATION) + bytes(STAMP.size)
+        self.offsets: dict[str, int] = {}
+        self.text(topic.frame)
 
     def text(self, text: str) -> None:
         """Append a string: length with the closing zero, then the bytes."""
@@ -50,82 +85,58 @@ class Writer:
         self._align(_UINT32.size)
         self.buffer += _UINT32.pack(number)
 
-    def floats(self, numbers: Sequence[float]) -> int:
-        """Append float64 numbers and return where they begin."""
+    def constants(self, numbers: Sequence[float]) -> None:
+        """Append float64 numbers that stay."""
         self._align(_FLOAT64_BYTES)
-        offset = len(self.buffer)
         self.buffer += struct.pack(f'<{len(numbers)}d', *numbers)
-        return offset
+
+    def numbers(self, form: str, names: Sequence[str]) -> None:
+        """Append a float64 for each name; its path is `form` with the name in the braces."""
+        self._align(_FLOAT64_BYTES)
+        for name in names:
+            self.offsets[form.format(name)] = len(self.buffer)
+            self.buffer += bytes(_FLOAT64_BYTES)
 
     def _align(self, size):
         self.buffer += bytes(-(len(self.buffer) - len(ENCAPSULATION)) % size)
 
 
-class Layout(NamedTuple):
-    """A serialised message and where in it the numbers of its value lie."""
-
-    buffer: bytearray
-    offsets: tuple[int, ...]
-
-
-class Template:
-    """A serialised message whose stamp and numbers can be replaced."""
-
-    def __init__(self, topic: str):
-        """Take a topic of `FORMS`; KeyError for others."""
-        self._blocks, layout = FORMS[topic]
-        self._buffer, self._offsets = layout(contract.load().topics[topic])
-
-    def fill(self, value: Any) -> bytes:
-        """Return the serialised message of a value of `types`."""
-        buffer = self._buffer
-        STAMP.pack_into(buffer, STAMP_OFFSET, *conversions.split_stamp(value.stamp_ns))
-        for offset, run in zip(self._offsets, self._blocks(value)):
-            struct.pack_into(f'<{len(run)}d', buffer, offset, *run)
-        return bytes(buffer)
-
-
-def _odometry(topic: Topic) -> Layout:
-    writer = Writer()
-    writer.header(topic.frame)
+def _odometry(topic: Topic) -> _Writer:
+    writer = _Writer(topic)
     writer.text(topic.child_frame)
-    pose = writer.floats(_POSE)
-    writer.floats(_COVARIANCE_6D)
-    twist = writer.floats(_TWIST)
-    writer.floats(_COVARIANCE_6D)
-    return Layout(writer.buffer, (pose, twist))
+    writer.numbers('pose.pose.position.{}', 'xyz')
+    writer.numbers('pose.pose.orientation.{}', 'xyzw')
+    writer.constants(_COVARIANCE_6D)
+    writer.numbers('twist.twist.linear.{}', 'xyz')
+    writer.numbers('twist.twist.angular.{}', 'xyz')
+    writer.constants(_COVARIANCE_6D)
+    return writer
 
 
-def _imu(topic: Topic) -> Layout:
-    writer = Writer()
-    writer.header(topic.frame)
-    writer.floats(_IDENTITY)
-    writer.floats(_NO_ORIENTATION)
-    rate = writer.floats(_VECTOR)
-    writer.floats(_COVARIANCE_3D)
-    acceleration = writer.floats(_VECTOR)
-    writer.floats(_COVARIANCE_3D)
-    return Layout(writer.buffer, (rate, acceleration))
+def _imu(topic: Topic) -> _Writer:
+    writer = _Writer(topic)
+    writer.constants(_IDENTITY)
+    writer.constants(_NO_ORIENTATION)
+    writer.numbers('angular_velocity.{}', 'xyz')
+    writer.constants(_COVARIANCE_3D)
+    writer.numbers('linear_acceleration.{}', 'xyz')
+    writer.constants(_COVARIANCE_3D)
+    return writer
 
 
-def _joint_state(topic: Topic) -> Layout:
-    writer = Writer()
-    writer.header(topic.frame)
+def _joint_state(topic: Topic) -> _Writer:
+    writer = _Writer(topic)
     writer.count(len(topic.joints))
     for name in topic.joints:
         writer.text(name)
-    offsets = []
-    for _ in ('position', 'velocity', 'effort'):
+    for array in flat_fields.JOINT_ARRAYS:
         writer.count(len(topic.joints))
-        offsets.append(writer.floats((0.0,) * len(topic.joints)))
-    return Layout(writer.buffer, tuple(offsets))
+        writer.numbers(array + '[{}]', topic.joints)
+    return writer
 
 
-# value to runs of numbers, topic to layout
-FORMS: dict[str, tuple[Callable, Callable[[Topic], Layout]]] = {
-    '/vehicle/odometry': (flat_fields.odometry, _odometry),
-    '/vehicle/imu': (flat_fields.imu, _imu),
-    '/vehicle/actuators': (flat_fields.actuators, _joint_state),
-    '/vehicle/wheels': (flat_fields.wheels, _joint_state),
-    '/controller/command': (flat_fields.command, _joint_state),
+_LAYOUTS = {
+    'nav_msgs/msg/Odometry': _odometry,
+    'sensor_msgs/msg/Imu': _imu,
+    'sensor_msgs/msg/JointState': _joint_state,
 }

@@ -47,6 +47,8 @@ class Field:
     unit: str
     low: float
     high: float
+    value: str = ''  # field of the named tuple in `types`; '' without a column
+    column: str = ''  # in the table of a recording
 
 
 @dataclass(frozen=True)
@@ -192,13 +194,19 @@ def _size(item):
 
 def _field(item):
     is_word = 'unit' in item.items() and item.items()['unit'].value() == WORD
-    m = item.members(('symbol', 'unit') if is_word else ('symbol', 'unit', 'low', 'high'))
+    range_keys = () if is_word else ('low', 'high')
+    m = item.members(('symbol', 'unit', *range_keys), ('value', 'column'))
     unit = m['unit'].word(UNITS)
     low = -float('inf') if is_word else m['low'].number()
     high = float('inf') if is_word else m['high'].number()
     if low > high:
         raise item.error(f'low {low} is above high {high}')
-    return Field(_filled(m['symbol']), unit, low, high)
+    if 'value' in m and 'column' not in m:
+        raise item.error('value needs a column')
+    symbol = _filled(m['symbol'])
+    column = _filled(m['column']) if 'column' in m else ''
+    value = _filled(m['value']) if 'value' in m else symbol if column else ''
+    return Field(symbol, unit, low, high, value, column)
 
 
 def _filled(item):

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml import conformance, conversions
+from msgs_yaml import conformance, conversions, flat_fields
 from msgs_yaml.types import (
-    WHEELS,
     Actuators,
     Command,
     Health,
@@ -43,56 +42,29 @@ class DecodeError(ValueError):
 
 def odometry(msg: Any) -> VehicleState:
     """Return the vehicle state of /vehicle/odometry."""
-    _check('/vehicle/odometry', msg)
-    pose, twist = msg.pose.pose, msg.twist.twist
-    return VehicleState(
-        stamp_ns=conversions.stamp_to_ns(msg.header.stamp),
-        X=float(pose.position.x),
-        Y=float(pose.position.y),
-        psi=_heading('/vehicle/odometry', pose.orientation),
-        vx=float(twist.linear.x),
-        vy=float(twist.linear.y),
-        r=float(twist.angular.z),
-    )
+    state = _flat('/vehicle/odometry', msg)
+    _check_quaternion('/vehicle/odometry', msg.pose.pose.orientation)
+    return state
 
 
 def imu(msg: Any) -> Imu:
-    """Return the accelerations of /vehicle/imu."""
-    _check('/vehicle/imu', msg)
-    a = msg.linear_acceleration
-    return Imu(
-        conversions.stamp_to_ns(msg.header.stamp),
-        float(a.x),
-        float(a.y),
-        float(msg.angular_velocity.z),
-    )
+    """Return the accelerations and the yaw rate of /vehicle/imu."""
+    return _flat('/vehicle/imu', msg)
 
 
 def actuators(msg: Any) -> Actuators:
-    """Return the actuators of /vehicle/actuators."""
-    _check('/vehicle/actuators', msg)
-    (delta, *_), (d_delta, *_), (_, Fxf, Fxr, *torque) = _arrays(msg)
-    return Actuators(
-        conversions.stamp_to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr, tuple(torque)
-    )
+    """Return the state of the actuators of /vehicle/actuators."""
+    return _flat('/vehicle/actuators', msg)
 
 
 def wheels(msg: Any) -> Wheels:
     """Return the wheels of /vehicle/wheels."""
-    _check('/vehicle/wheels', msg)
-    position, velocity, effort = (np.reshape(a, (len(WHEELS), -1)).T for a in _arrays(msg))
-    _, _, kappa, alpha = position.tolist()
-    omega, *_ = velocity.tolist()
-    torque, Fz, Fx, Fy = effort.tolist()
-    columns = (omega, torque, Fz, kappa, Fx, alpha, Fy)
-    return Wheels(conversions.stamp_to_ns(msg.header.stamp), *map(tuple, columns))
+    return _flat('/vehicle/wheels', msg)
 
 
 def command(msg: Any) -> Command:
     """Return the set-points of /controller/command."""
-    _check('/controller/command', msg)
-    (delta, *_), (d_delta, *_), (_, Fxf, Fxr) = _arrays(msg)
-    return Command(conversions.stamp_to_ns(msg.header.stamp), delta, d_delta, Fxf, Fxr)
+    return _flat('/controller/command', msg)
 
 
 def reference(msg: Any) -> Reference:
@@ -187,31 +159,29 @@ def _check_form(topic: str, msg: Any) -> None:
         raise DecodeError(str(violations[0]))
 
 
-def _heading(topic: str, q: Any) -> float:
-    """Return the heading of a turn about z [rad]; DecodeError when q is no unit quaternion."""
+def _check_quaternion(topic: str, q: Any) -> None:
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if abs(norm - 1.0) > UNIT_TOLERANCE:
         raise DecodeError(f'{topic}: orientation has the squared length {norm:g}; allowed 1')
-    return conversions.quaternion_to_heading(float(q.z), float(q.w))
 
 
-def _arrays(msg):
-    return tuple(list(map(float, a)) for a in (msg.position, msg.velocity, msg.effort))
+def _flat(topic, msg):
+    """Return the value of a topic of `flat_fields.TYPES`."""
+    _check(topic, msg)
+    return flat_fields.load(topic).to_value(conversions.stamp_to_ns(msg.header.stamp), msg)
 
 
 def _path(topic, msg):
     """Return stamp, X, Y, psi, t; t in s after the stamp of the message."""
     _check(topic, msg)
     stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
-    rows = [
-        (
-            float(p.pose.position.x),
-            float(p.pose.position.y),
-            _heading(topic, p.pose.orientation),
-            conversions.ns_to_s(conversions.stamp_to_ns(p.header.stamp) - stamp_ns),
-        )
-        for p in msg.poses
-    ]
+    rows = []
+    for pose in msg.poses:
+        position, q = pose.pose.position, pose.pose.orientation
+        _check_quaternion(topic, q)
+        psi = conversions.quaternion_to_heading(float(q.z), float(q.w))
+        t = conversions.ns_to_s(conversions.stamp_to_ns(pose.header.stamp) - stamp_ns)
+        rows.append((float(position.x), float(position.y), psi, t))
     return stamp_ns, *np.array(rows).T.copy()
 
 

@@ -4,6 +4,7 @@ Every function is the inverse of the one of the same name in `decode`.
 """
 
 import math
+from operator import attrgetter
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -43,39 +44,29 @@ def odometry(x: VehicleState) -> Odometry:
     """Return /vehicle/odometry."""
     msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
     msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
-    pose, twist = flat_fields.odometry(x)
-    position, orientation = msg.pose.pose.position, msg.pose.pose.orientation
-    position.x, position.y, position.z, *quaternion = pose
-    orientation.x, orientation.y, orientation.z, orientation.w = quaternion
-    linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
-    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist
-    return msg
+    return _with_numbers(msg, '/vehicle/odometry', x)
 
 
 def imu(x: Imu) -> ImuMessage:
     """Return /vehicle/imu."""
     msg = ImuMessage(header=_header('/vehicle/imu', x.stamp_ns))
     msg.orientation_covariance[0] = _NO_ORIENTATION
-    rate, acceleration = flat_fields.imu(x)
-    msg.angular_velocity.x, msg.angular_velocity.y, msg.angular_velocity.z = rate
-    linear = msg.linear_acceleration
-    linear.x, linear.y, linear.z = acceleration
-    return msg
+    return _with_numbers(msg, '/vehicle/imu', x)
 
 
 def actuators(x: Actuators) -> JointState:
     """Return /vehicle/actuators."""
-    return _joint_state('/vehicle/actuators', x.stamp_ns, flat_fields.actuators(x))
+    return _joint_state('/vehicle/actuators', x)
 
 
 def wheels(x: Wheels) -> JointState:
     """Return /vehicle/wheels."""
-    return _joint_state('/vehicle/wheels', x.stamp_ns, flat_fields.wheels(x))
+    return _joint_state('/vehicle/wheels', x)
 
 
 def command(x: Command) -> JointState:
     """Return /controller/command."""
-    return _joint_state('/controller/command', x.stamp_ns, flat_fields.command(x))
+    return _joint_state('/controller/command', x)
 
 
 def reference(x: Reference) -> Path:
@@ -133,14 +124,27 @@ def _header(topic, stamp_ns):
     return Header(stamp=_time(stamp_ns), frame_id=contract.load().topics[topic].frame)
 
 
-def _joint_state(topic, stamp_ns, numbers):
-    position, velocity, effort = numbers
+def _with_numbers(msg, topic, x):
+    """Return a message with the numbers of a value of `flat_fields.TYPES`."""
+    fields = flat_fields.load(topic)
+    for path, number in zip(fields.paths, fields.to_numbers(x)):
+        parent, _, attribute = path.rpartition('.')
+        setattr(attrgetter(parent)(msg), attribute, number)
+    return msg
+
+
+def _joint_state(topic, x):
+    joints, fields = contract.load().topics[topic].joints, flat_fields.load(topic)
+    n = len(joints)
+    numbers = [0.0] * (3 * n)
+    for place, number in zip(fields.places, fields.to_numbers(x)):
+        numbers[place] = number
     return JointState(
-        header=_header(topic, stamp_ns),
-        name=list(contract.load().topics[topic].joints),
-        position=position,
-        velocity=velocity,
-        effort=effort,
+        header=_header(topic, x.stamp_ns),
+        name=list(joints),
+        position=numbers[:n],
+        velocity=numbers[n : 2 * n],
+        effort=numbers[2 * n :],
     )
 
 

@@ -1,40 +1,113 @@
-"""Values as the runs of float64 that stand one after another in their messages. No ROS.
+"""Values of fixed size as flat numbers: which number of a message is which field of its value.
 
-`encode` writes them into message objects, `cdr_templates` straight into serialised messages.
+The contract says it: fields with a `column` make the value of their topic. A field of the value is
+one number, four (one per wheel), or a heading (z and w of its quaternion). `encode`, `decode`,
+`cdr_templates` and the tables of `bags` derive from this, so a new number costs a line in
+topics.yaml and one in `types`. No ROS.
 """
 
-from msgs_yaml import conversions
+from collections.abc import Callable
+from functools import cache
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple
+
+from msgs_yaml import contract, conversions, field_paths
+from msgs_yaml.contract import ContractError
 from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
 
-
-def odometry(x: VehicleState) -> tuple[tuple[float, ...], ...]:
-    """Return pose (position, quaternion) and twist (linear, angular) of /vehicle/odometry."""
-    z, w = conversions.heading_to_quaternion(x.psi)
-    return (x.X, x.Y, 0.0, 0.0, 0.0, z, w), (x.vx, x.vy, 0.0, 0.0, 0.0, x.r)
-
-
-def imu(x: Imu) -> tuple[tuple[float, ...], ...]:
-    """Return angular velocity and linear acceleration of /vehicle/imu."""
-    return (0.0, 0.0, x.r), (x.ax, x.ay, 0.0)
-
-
-def actuators(x: Actuators) -> tuple[tuple[float, ...], ...]:
-    """Return position, velocity and effort of /vehicle/actuators."""
-    rest = (0.0,) * (2 + len(WHEELS))
-    return (x.delta, *rest), (x.d_delta, *rest), (0.0, x.Fxf, x.Fxr, *x.torque)
+TYPES = {
+    '/vehicle/odometry': VehicleState,
+    '/vehicle/actuators': Actuators,
+    '/vehicle/imu': Imu,
+    '/vehicle/wheels': Wheels,
+    '/controller/command': Command,
+}
+JOINT_ARRAYS = ('position', 'velocity', 'effort')
+HEADING = 'psi'
 
 
-def command(x: Command) -> tuple[tuple[float, ...], ...]:
-    """Return position, velocity and effort of /controller/command."""
-    return (x.delta, 0.0, 0.0), (x.d_delta, 0.0, 0.0), (0.0, x.Fxf, x.Fxr)
+class FlatFields(NamedTuple):
+    """The numbers of a topic in the order of the fields of its value."""
+
+    kind: type  # the named tuple of a value; its first field is `stamp_ns`
+    paths: tuple[str, ...]  # of every number in the message
+    columns: dict[str, tuple[str, ...]]  # column of a table -> its paths
+    places: tuple[int, ...]  # JointState: indices in position, velocity and effort as one array
+    read: Callable[[Any], tuple]  # message -> its numbers, one per path
+    split: tuple[Callable, ...]  # field of the value -> its numbers
+    join: tuple[tuple[Callable, slice], ...]  # numbers -> field of the value
+
+    def to_numbers(self, value: Any) -> list[float]:
+        """Return the numbers of a value, one per path."""
+        _, *fields = value
+        return [number for split, field in zip(self.split, fields) for number in split(field)]
+
+    def to_value(self, stamp_ns: int, message: Any) -> Any:
+        """Return the value of a message."""
+        numbers = list(map(float, self.read(message)))
+        return self.kind(stamp_ns, *[join(numbers[part]) for join, part in self.join])
+
+    def __repr__(self):
+        return f'FlatFields({self.kind.__name__}, {len(self.paths)} numbers)'
 
 
-def wheels(x: Wheels) -> tuple[tuple[float, ...], ...]:
-    """Return position, velocity and effort of /vehicle/wheels: per wheel spin, Fz, Fx, Fy."""
-    position, velocity, effort = [], [], []
-    rows = zip(x.omega, x.torque, x.Fz, x.kappa, x.Fx, x.alpha, x.Fy)
-    for omega, torque, Fz, kappa, Fx, alpha, Fy in rows:
-        position += (0.0, 0.0, kappa, alpha)
-        velocity += (omega, 0.0, 0.0, 0.0)
-        effort += (torque, Fz, Fx, Fy)
-    return tuple(position), tuple(velocity), tuple(effort)
+@cache
+def load(topic: str) -> FlatFields:
+    """Return the numbers of a topic of TYPES; raise KeyError for another topic.
+
+    Raises ContractError if the contract and the type do not have the same fields in this order.
+    """
+    kind, described = TYPES[topic], contract.load().topics[topic]
+    fields: dict[str, list[str]] = {}
+    columns: dict[str, list[str]] = {}
+    for path, field in described.fields.items():
+        if field.column:
+            fields.setdefault(field.value, []).append(path)
+            columns.setdefault(field.column, []).append(path)
+    if ('stamp_ns', *fields) != kind._fields:
+        names = ', '.join(fields)
+        raise ContractError(f'{topic}: topics.yaml has the values {names}; {kind.__name__} others')
+    split, join, begin = [], [], 0
+    for name, paths in fields.items():
+        split_one, join_one = _converters(topic, name, len(paths))
+        split.append(split_one)
+        join.append((join_one, slice(begin, begin + len(paths))))
+        begin += len(paths)
+    paths = tuple(path for group in fields.values() for path in group)
+    return FlatFields(
+        kind,
+        paths,
+        {column: tuple(group) for column, group in columns.items()},
+        _joint_places(described, paths) if described.joints else (),
+        _reader(described, paths),
+        tuple(split),
+        tuple(join),
+    )
+
+
+def _converters(topic, name, count):
+    """Return the functions between a field of a value and its numbers."""
+    if name == HEADING and count == 2:
+        return conversions.heading_to_quaternion, lambda zw: conversions.quaternion_to_heading(*zw)
+    if count == len(WHEELS):
+        return tuple, tuple
+    if count == 1:
+        return lambda number: (number,), itemgetter(0)
+    raise ContractError(f'{topic}: the value {name} has {count} fields; allowed 1 or {len(WHEELS)}')
+
+
+def _joint_places(topic, paths):
+    """Return the index of each path in position, velocity and effort one after the other."""
+    steps = [step for path in paths for step in field_paths.parse(path)]
+    return tuple(
+        len(topic.joints) * JOINT_ARRAYS.index(step.attribute) + topic.joints.index(step.selector)
+        for step in steps
+    )
+
+
+def _reader(topic, paths):
+    """Return the function that reads the numbers of a message."""
+    if not topic.joints:
+        return attrgetter(*paths)
+    get, choose = attrgetter(*JOINT_ARRAYS), itemgetter(*_joint_places(topic, paths))
+    return lambda message: choose([number for array in get(message) for number in array])
