@@ -1,10 +1,10 @@
-"""The faults as data: `faults.yaml`, read strictly."""
+"""The faults of `faults.yaml`, read strictly."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
-from relay import DEEDS
+from relay import EFFECTS
 
 HERE = Path(__file__).parent
 FAULTS = HERE / 'faults.yaml'
@@ -21,8 +21,8 @@ TELEMETRY = (
     '/controller/why',
     '/diagnostics',
 )
-# what a fault does, and what may be said about it
-DOES = {
+# actions and their settings
+ACTIONS = {
     'relay': {'do', 'for_s', 'delay_s', 'shift_s'},
     'kill': set(),
     'freeze': {'for_s'},
@@ -35,19 +35,19 @@ DOES = {
 
 
 class CatalogueError(ValueError):
-    """An entry of the data file cannot be used."""
+    """An entry of the data file is invalid."""
 
 
 class Fault(NamedTuple):
-    """One fault and what it must lead to."""
+    """One fault and the state that it must lead to."""
 
     name: str
     expect: str  # of STATES
     within_s: float
     mode: str
     scenario: dict[str, Any]  # the scenario file
-    does: str  # of DOES
-    to: Any  # whom or how much
+    action: str  # of ACTIONS
+    target: Any  # topics, role or amount
     settings: dict[str, Any]
 
 
@@ -59,7 +59,7 @@ def load(path: Path = FAULTS) -> list[Fault]:
     names = [fault.name for fault in faults]
     for name in names:
         if names.count(name) > 1:
-            raise CatalogueError(f'{name}: there are two of this name')
+            raise CatalogueError(f'{name}: the name is not unique')
     return faults
 
 
@@ -71,18 +71,18 @@ def _fault(entry, road, roads):
     mode, expect = entry.get('mode', MODES[0]), entry['expect']
     if expect not in STATES or mode not in MODES:
         raise CatalogueError(f'{name}: expect is one of {STATES}, mode one of {MODES}')
-    given = dict(entry['fault'])
-    (does,) = given.keys() & DOES.keys()
-    to = given.pop(does)
-    if given.keys() - DOES[does]:
-        raise CatalogueError(f'{name}: {does} takes {sorted(DOES[does])}, not {sorted(given)}')
-    if does == 'relay':
-        to = TELEMETRY if to == ['telemetry'] else tuple(to)
-        if given.get('do') not in DEEDS:
-            raise CatalogueError(f'{name}: do is one of {DEEDS}')
-    elif does in ('kill', 'freeze', 'restart') and to not in ROLES:
-        raise CatalogueError(f'{name}: {does} takes one of {ROLES}')
-    other = roads[entry['road']] if 'road' in entry else {}
-    scenario = road | other | entry.get('scenario', {}) | {'name': f'fault_{name}'}
+    settings = dict(entry['fault'])
+    (action,) = settings.keys() & ACTIONS.keys()
+    target, allowed = settings.pop(action), ACTIONS[action]
+    if settings.keys() - allowed:
+        raise CatalogueError(f'{name}: {action} takes {sorted(allowed)}, not {sorted(settings)}')
+    if action == 'relay':
+        target = TELEMETRY if target == ['telemetry'] else tuple(target)
+        if settings.get('do') not in EFFECTS:
+            raise CatalogueError(f'{name}: do is one of {EFFECTS}')
+    elif action in ('kill', 'freeze', 'restart') and target not in ROLES:
+        raise CatalogueError(f'{name}: {action} takes one of {ROLES}')
+    other_road = roads[entry['road']] if 'road' in entry else {}
+    scenario = road | other_road | entry.get('scenario', {}) | {'name': f'fault_{name}'}
     within_s = float(entry['within_s'])
-    return Fault(name, expect, within_s, mode, scenario, does, to, given)
+    return Fault(name, expect, within_s, mode, scenario, action, target, settings)

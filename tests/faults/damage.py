@@ -1,4 +1,4 @@
-"""What may happen to a message on its way: each kind is a function of the message, in place."""
+"""Damage to messages: functions that change a message in place."""
 
 import array
 import copy
@@ -6,29 +6,29 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-WILD = 1e12  # no number of the contract is that large
+WILD = 1e12  # beyond every range of the contract
 WRONG_FRAME = 'somewhere_else'
-WORD = 'soon'
+NON_NUMERIC = 'soon'
 LONG_TEXT = 100_000  # characters
 MANY = 100_000  # elements
-MANY_NESTED = 20_000  # of those that hold messages with arrays of their own
+MANY_NESTED = 20_000  # elements that contain arrays themselves
 THOUSAND = 1000
 NS_PER_S = 1_000_000_000
 
 
-def parts(message: Any) -> Iterator[Any]:
+def nested_messages(message: Any) -> Iterator[Any]:
     """Yield a message and every message inside it."""
     yield message
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
-        for one in value if isinstance(value, list) else (value,):
-            if hasattr(one, 'get_fields_and_field_types'):
-                yield from parts(one)
+        for item in value if isinstance(value, list) else (value,):
+            if hasattr(item, 'get_fields_and_field_types'):
+                yield from nested_messages(item)
 
 
 def set_numbers(message: Any, number: float) -> None:
-    """Set every number with a fraction, and every text that stands for one."""
-    for part in parts(message):
+    """Set every float, and every text that represents a number."""
+    for part in nested_messages(message):
         for name, kind in part.get_fields_and_field_types().items():
             value = getattr(part, name)
             if isinstance(value, float):
@@ -41,31 +41,31 @@ def set_numbers(message: Any, number: float) -> None:
                 part.value = str(number)
 
 
-def set_words(message: Any) -> None:
-    """Put a word where the text may stand for a number."""
-    for part in parts(message):
+def set_non_numeric_text(message: Any) -> None:
+    """Replace texts that may represent a number by a word."""
+    for part in nested_messages(message):
         if part.get_fields_and_field_types().get('value') == 'string':
-            part.value = WORD
+            part.value = NON_NUMERIC
 
 
 def set_frames(message: Any) -> None:
-    """Give every header, and what else names one, another frame."""
-    for part in parts(message):
+    """Set every frame_id and child_frame_id to another frame."""
+    for part in nested_messages(message):
         for name in ('frame_id', 'child_frame_id'):
             if hasattr(part, name):
                 setattr(part, name, WRONG_FRAME)
 
 
 def shift_stamps(message: Any, shift_s: float) -> None:
-    """Move every stamp; none becomes negative."""
-    for part in parts(message):
+    """Shift every stamp; stamps do not become negative."""
+    for part in nested_messages(message):
         if part.get_fields_and_field_types().keys() == {'sec', 'nanosec'}:
             moved = max(0, part.sec * NS_PER_S + part.nanosec + round(shift_s * NS_PER_S))
             part.sec, part.nanosec = divmod(moved, NS_PER_S)
 
 
-def swell(message: Any) -> None:
-    """Make it absurdly large: more of its elements, or a long name where it has none."""
+def enlarge(message: Any) -> None:
+    """Enlarge a message: many more elements, or a long frame_id where it has none."""
     if hasattr(message, 'poses'):
         message.poses = _repeated(message.poses, MANY)
     elif hasattr(message, 'markers'):
@@ -83,22 +83,22 @@ def _repeated(elements, count):
     return (elements * (count // max(len(elements), 1) + 1))[:count]
 
 
-def thousand(message: Any) -> None:
-    """Turn the first obstacle into a thousand."""
+def multiply_obstacles(message: Any) -> None:
+    """Replace the obstacles by a thousand copies of the first one."""
     copies = [copy.deepcopy(message.markers[0]) for _ in range(THOUSAND)]
-    for number, one in enumerate(copies):
-        one.id = number
+    for number, marker in enumerate(copies):
+        marker.id = number
     message.markers = copies
 
 
-def gap(message: Any) -> None:
-    """Take the middle out of a path."""
+def cut_middle(message: Any) -> None:
+    """Remove the middle third of a path."""
     third = len(message.poses) // 3
     message.poses = message.poses[:third] + message.poses[2 * third :]
 
 
-def kink(message: Any) -> None:
-    """Turn the second half of a path to the left by a right angle, in one point."""
+def bend(message: Any) -> None:
+    """Rotate the second half of a path about its first point by 90 degrees to the left."""
     middle = len(message.poses) // 2
     corner = message.poses[middle].pose.position
     x, y = corner.x, corner.y
@@ -109,8 +109,8 @@ def kink(message: Any) -> None:
         q.z, q.w = (q.z + q.w) / math.sqrt(2), (q.w - q.z) / math.sqrt(2)
 
 
-def one_point(message: Any) -> None:
-    """Leave the first pose of a path only."""
+def keep_first_pose(message: Any) -> None:
+    """Remove all poses of a path but the first."""
     message.poses = message.poses[:1]
 
 
@@ -118,11 +118,11 @@ CHANGES: dict[str, Callable[[Any], None]] = {
     'nan': lambda message: set_numbers(message, math.nan),
     'inf': lambda message: set_numbers(message, math.inf),
     'wild': lambda message: set_numbers(message, WILD),
-    'word': set_words,
+    'word': set_non_numeric_text,
     'frame': set_frames,
-    'huge': swell,
-    'thousand': thousand,
-    'path_gap': gap,
-    'path_kink': kink,
-    'path_one_point': one_point,
+    'huge': enlarge,
+    'thousand': multiply_obstacles,
+    'path_gap': cut_middle,
+    'path_kink': bend,
+    'path_one_point': keep_first_pose,
 }

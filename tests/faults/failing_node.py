@@ -1,9 +1,9 @@
-"""The MPCC node whose solvers cannot solve what they are given on some ticks.
+"""The MPCC node with solvers that fail on some ticks.
 
     python failing_node.py TICK COUNT [--ros-args ...]
 
-The solvers are the real ones and really fail: the numbers of the problem are NaN on those ticks,
-which count from 0. Nothing in the node knows of it. At TICK it prints `begins` and the stamp [ns].
+These are the real solvers: the parameters of the problem are NaN on those ticks, which count from
+0. The node itself is unchanged. At TICK it prints `begins` and the stamp [ns].
 """
 
 import sys
@@ -15,37 +15,37 @@ from msgs_yaml import decode
 from node_runtime import spin_node
 
 
-class Spoilt:
-    """A StageSolver that passes its problem on, on some ticks without a sound number in it."""
+class NanProblemSolver:
+    """A StageSolver that passes its problem to another one, with NaN parameters on some ticks."""
 
-    def __init__(self, solver, is_spoilt):
-        self.solver, self.is_spoilt = solver, is_spoilt
+    def __init__(self, solver, is_failing):
+        self.solver, self.is_failing = solver, is_failing
 
     def solve(self, x0, P, bounds, guess):
         """See `solution.StageSolver`."""
-        return self.solver.solve(x0, P * np.nan if self.is_spoilt() else P, bounds, guess)
+        return self.solver.solve(x0, P * np.nan if self.is_failing() else P, bounds, guess)
 
     def set_time_limit(self, seconds):
-        """Tell the solver how long it may take [s]."""
+        """See `solution.StageSolver`."""
         self.solver.set_time_limit(seconds)
 
 
 class FailingNode(ControllerNode):
-    """Counts its steps, and spoils the problems of some."""
+    """Counts its steps and makes the solvers fail on some."""
 
     def __init__(self, first: int, count: int):
         super().__init__()
         self.ticks, self.tick = range(first, first + count), -1
         planner = self.controller.planner
-        planner.first_solver = Spoilt(planner.first_solver, self.is_spoilt)
-        planner.second_solver = Spoilt(planner.second_solver, self.is_spoilt)
+        planner.first_solver = NanProblemSolver(planner.first_solver, self.is_failing)
+        planner.second_solver = NanProblemSolver(planner.second_solver, self.is_failing)
 
-    def is_spoilt(self):
-        """Tell whether the solvers must fail now."""
+    def is_failing(self):
+        """Return whether the solvers must fail now."""
         return self.tick in self.ticks
 
     def step(self):
-        """Answer the state as ever."""
+        """Compute the command for the last state."""
         self.tick += 1
         if self.tick == self.ticks.start:
             print('begins', decode.stamp_ns_of(self.inputs.state), flush=True)
@@ -53,7 +53,7 @@ class FailingNode(ControllerNode):
 
 
 def main() -> int:
-    """Run until told to end."""
+    """Run until a signal ends it."""
     first, count, *rest = sys.argv[1:]
     return spin_node.spin(lambda: FailingNode(int(first), int(count)), args=rest)
 

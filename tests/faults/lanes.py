@@ -1,4 +1,4 @@
-"""Calls beside each other, each lane in a process of its own; one lane is this process."""
+"""Parallel calls, each lane in a process of its own; a single lane is this process."""
 
 import ctypes
 import multiprocessing
@@ -10,17 +10,17 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 import stalls
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
-BESIDE = 2  # lanes where one drive may have priority over what else there is to do
+PARALLEL_LANES = 2  # where one drive may have priority over the other work
 
 
 def default() -> int:
-    """Return how many lanes disturb no drive on the wall clock."""
+    """Return the number of lanes that disturb no drive on the wall clock."""
     has_room = len(os.sched_getaffinity(0)) > 1
-    return BESIDE if has_room and stalls.may_prefer() else 1
+    return PARALLEL_LANES if has_room and stalls.may_set_priority() else 1
 
 
 class Lanes:
-    """A context manager; at its end no lane is left."""
+    """A context manager; at its end all lanes have ended."""
 
     def __init__(self, count: int):
         if count < 1:
@@ -29,7 +29,7 @@ class Lanes:
         self.pool = None
         if count > 1:  # spawn: a fork would share the locks of this process
             spawn = multiprocessing.get_context('spawn')
-            self.pool = ProcessPoolExecutor(count, spawn, initializer=_tie)
+            self.pool = ProcessPoolExecutor(count, spawn, initializer=_end_with_parent)
 
     def __enter__(self):
         return self
@@ -38,15 +38,15 @@ class Lanes:
         if self.pool:
             self.pool.shutdown(cancel_futures=True)
 
-    def results(self, call: Callable, to_do: list[tuple]) -> Iterator[tuple[tuple, object]]:
-        """Yield (arguments, result) of a call with each of `to_do`, as they come.
+    def results(self, call: Callable, queue: list[tuple]) -> Iterator[tuple[tuple, object]]:
+        """Yield (arguments, result) of `call` with each of `queue`, in the order of completion.
 
-        What is put into the list meanwhile is done, too; an error in a call is raised here.
+        Items that are added to the queue meanwhile are processed too. Raises the error of a call.
         """
         running: dict[Future, tuple] = {}
-        while to_do or running:
-            while to_do and len(running) < self.count:
-                arguments = to_do.pop(0)
+        while queue or running:
+            while queue and len(running) < self.count:
+                arguments = queue.pop(0)
                 running[self._submit(call, arguments)] = arguments
             for done in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(done), done.result()
@@ -59,6 +59,6 @@ class Lanes:
         return done
 
 
-def _tie():
-    """End this process when the one that started it ends, however it does."""
+def _end_with_parent():
+    """End this process when its parent ends, for whatever reason."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,14 +1,14 @@
-"""A process between publisher and subscriber that harms the messages for a while.
+"""A process between publisher and subscriber that damages the messages for a while.
 
     python relay.py --mode realtime --go FILE --do nan --from-s 1.5 --for-s 0.5 SOURCE TARGET \
         TOPIC [...]
 
-Each topic of the contract is heard under SOURCE and spoken under TARGET. Time begins with the first
-command; in lockstep it is that of the stamps. When the time of the harm has come it prints `begins`
-and the instant [ns], under which a recorder files what happens then. Without a topic that is all it
-does. It hears everything that a controller says, and so counts as one recorder more: a controller
-that waits for it gives no command that it does not hear. It hears nobody before the file FILE is
-there: so the program is loaded, and the drive that waits for it begins when it is let go.
+Each topic of the contract is subscribed under SOURCE and published under TARGET. Time begins with
+the first command; in lockstep it is the time of the stamps. When the damage begins it prints
+`begins` and the instant [ns] on the clock of the recorder's log times. Without topics it does
+nothing else. It subscribes to all topics of the controller and so counts as one more recorder: a
+controller that waits for it sends no command that the relay misses. It subscribes when the file
+FILE exists, so that a drive begins only after the program is loaded.
 """
 
 import argparse
@@ -30,14 +30,14 @@ from msgs_yaml.decode import DecodeError
 from node_runtime import ros, scheduling, spin_node
 
 BEGIN = '/controller/command'
-MORE = ('/controller/prediction', '/controller/why')
-LOOK_S = 0.002  # between two looks at what was held back
+OTHERS = ('/controller/prediction', '/controller/why')
+POLL_S = 0.002  # of the delayed messages
 HUGE_EVERY_S = 0.05
-GO_S = 0.01  # between two looks at whether to begin
+GO_S = 0.01  # poll period of the file that lets it begin
 
 
 class Relay(Node):
-    """Passes raw messages on, in the order in which they came but for the harm."""
+    """Forwards raw messages, damaged during the fault."""
 
     def __init__(self, given: argparse.Namespace):
         while not given.go.exists():
@@ -46,27 +46,27 @@ class Relay(Node):
         if given.mode == 'realtime':  # as the nodes beside it
             scheduling.apply(replace(scheduling.DEFAULTS, priority=given.priority))
         self.given = given
-        self.harm = _harm(given)
-        self.began = None  # of the drive: s, on the clock of `now`
-        self.told = False
-        self.held: list[tuple[float, Callable[[], None]]] = []  # when to send, what
+        self.effect = _make_effect(given)
+        self.began = None  # start of the drive [s], on the clock of `now`
+        self.announced = False
+        self.delayed: list[tuple[float, Callable[[], None]]] = []  # (when, send)
         topics = contract.load().topics
         self.stamps = {name: stamp_reader(topics[name].type) for name in topics}
         for name in given.topics:
             profile = ros.to_qos_profile(topics[name].qos[given.mode])
             kind = ros.message_type(name)
             pub = self.create_publisher(kind, given.target + name, profile)
-            send = partial(self.pass_on, name, kind, pub)
-            self.create_subscription(kind, given.source + name, send, profile, raw=True)
-        hears = {BEGIN: self.on_tick} | dict.fromkeys(MORE, self.on_more)
-        for name, hear in hears.items():
+            callback = partial(self.on_message, name, kind, pub)
+            self.create_subscription(kind, given.source + name, callback, profile, raw=True)
+        callbacks = {BEGIN: self.on_tick} | dict.fromkeys(OTHERS, self.on_other)
+        for name, callback in callbacks.items():
             profile = ros.to_qos_profile(topics[name].qos[given.mode])
-            self.create_subscription(ros.message_type(name), name, hear, profile, raw=True)
+            self.create_subscription(ros.message_type(name), name, callback, profile, raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_S, self.release, clock=steady)
+        self.create_timer(POLL_S, self.send_due, clock=steady)
 
     def now(self, name: str, raw: bytes) -> float | None:
-        """Return the time [s] of a message; None for one that has no stamp where they count."""
+        """Return the time [s] of a message; None for a message without a stamp in lockstep."""
         if self.given.mode == 'realtime':
             return time.monotonic()
         try:
@@ -75,100 +75,100 @@ class Relay(Node):
             return None
 
     def on_tick(self, raw):
-        """Note the beginning of the drive, and of the harm."""
+        """Store the start of the drive, and announce the fault when it is due."""
         now = self.now(BEGIN, raw)
         if self.began is None:
             self.began = now
-        self.tell(now)
+        self.announce(now)
 
-    def on_more(self, raw):
-        """Hear it, for the controller's sake."""
+    def on_other(self, raw):
+        """Do nothing: the controller waits for this subscription."""
 
-    def tell(self, now):
-        """Print when the time of the harm has come."""
-        if not self.told and self.is_harmed(now):
-            self.told = True
+    def announce(self, now):
+        """Print the instant at which the fault begins, once."""
+        if not self.announced and self.is_active(now):
+            self.announced = True
             at_ns = time.time_ns() if self.given.mode == 'realtime' else round(now * 1e9)
             print('begins', at_ns, flush=True)
 
-    def pass_on(self, name, kind, pub, raw):
-        """Send a message, or what becomes of it."""
+    def on_message(self, name, kind, pub, raw):
+        """Forward a message, damaged during the fault."""
         now = self.now(name, raw)
-        self.tell(now)
-        if self.is_harmed(now):
-            self.harm.hurt(self, pub, raw, kind)
+        self.announce(now)
+        if self.is_active(now):
+            self.effect.apply(self, pub, raw, kind)
         else:
-            self.harm.pass_on(pub, raw, kind)
+            self.effect.forward(pub, raw, kind)
 
-    def is_harmed(self, now):
-        """Tell whether the harm is done at this time."""
+    def is_active(self, now):
+        """Return whether the fault is active at this time."""
         if self.began is None or now is None:
             return False
         since = now - self.began - self.given.from_s
         return 0.0 <= since < self.given.for_s
 
-    def later(self, seconds, send):
+    def send_later(self, seconds, send):
         """Call `send` after some wall time."""
-        self.held.append((time.monotonic() + seconds, send))
+        self.delayed.append((time.monotonic() + seconds, send))
 
-    def release(self):
-        """Send what was held back for long enough."""
+    def send_due(self):
+        """Send the delayed messages that are due."""
         if self.given.mode == 'realtime':
-            self.tell(time.monotonic())
-        while self.held and self.held[0][0] <= time.monotonic():
-            _, send = self.held.pop(0)
+            self.announce(time.monotonic())
+        while self.delayed and self.delayed[0][0] <= time.monotonic():
+            _, send = self.delayed.pop(0)
             send()
 
 
-class Harm:
-    """Changes a message; the sound ones pass."""
+class Effect:
+    """Publishes a changed message during the fault, and others as they are."""
 
     def __init__(self, change):
         self.change = change
 
-    def pass_on(self, pub, raw, kind):
-        """Send a message that is not harmed."""
+    def forward(self, pub, raw, kind):
+        """Publish a message outside of the fault."""
         pub.publish(raw)
 
-    def hurt(self, relay, pub, raw, kind):
-        """Send the changed message instead."""
+    def apply(self, relay, pub, raw, kind):
+        """Publish a message during the fault."""
         message = deserialize_message(raw, kind)
         self.change(message)
         pub.publish(message)
 
 
-class Raw(Harm):
-    """Sends bytes made from the bytes, none for None."""
+class RawEffect(Effect):
+    """Publishes a list of raw messages instead of one."""
 
-    def hurt(self, relay, pub, raw, kind):
-        """Send each of them."""
-        for one in self.change(raw, kind):
-            pub.publish(one)
-
-
-class Late(Harm):
-    """Sends everything later, in order."""
-
-    def hurt(self, relay, pub, raw, kind):
-        """Hold it back."""
-        relay.later(self.change, partial(pub.publish, raw))
+    def apply(self, relay, pub, raw, kind):
+        """Publish each of them."""
+        for changed in self.change(raw, kind):
+            pub.publish(changed)
 
 
-class Swapped(Harm):
-    """Sends every second message before the one that it follows."""
+class DelayEffect(Effect):
+    """Publishes messages later, in their order."""
+
+    def apply(self, relay, pub, raw, kind):
+        """Delay the message."""
+        relay.send_later(self.change, partial(pub.publish, raw))
+
+
+class SwapEffect(Effect):
+    """Swaps each pair of messages."""
 
     def __init__(self):
         super().__init__(None)
         self.waiting = {}
 
-    def pass_on(self, pub, raw, kind):
-        """Send what still waits, too."""
+    def forward(self, pub, raw, kind):
+        """Publish the waiting message, too."""
         if pub in self.waiting:
             pub.publish(self.waiting.pop(pub))
         pub.publish(raw)
 
-    def hurt(self, relay, pub, raw, kind):
-        """Keep the first of a pair until the second was sent."""
+    def apply(self, relay, pub, raw, kind):
+        """Publish the first message of a pair after the second."""
         if pub not in self.waiting:
             self.waiting[pub] = raw
             return
@@ -176,65 +176,65 @@ class Swapped(Harm):
         pub.publish(self.waiting.pop(pub))
 
 
-class Huge(Harm):
-    """Sends a huge message now and then, made beforehand: that takes longer than a tick."""
+class EnlargeEffect(Effect):
+    """Publishes a huge message, prepared before the fault because that takes longer than a tick."""
 
     def __init__(self):
-        super().__init__(damage.swell)
-        self.made, self.sent = {}, {}
+        super().__init__(damage.enlarge)
+        self.prepared, self.sent = {}, {}
 
-    def pass_on(self, pub, raw, kind):
-        """Make the huge message of a topic from its first one."""
-        if pub not in self.made:
-            self.made[pub] = self._huge(raw, kind)
+    def forward(self, pub, raw, kind):
+        """Prepare the huge message of a topic from its first message."""
+        if pub not in self.prepared:
+            self.prepared[pub] = self._enlarged(raw, kind)
         pub.publish(raw)
 
-    def hurt(self, relay, pub, raw, kind):
-        """Send it instead, not more often than a DDS writer can stand."""
+    def apply(self, relay, pub, raw, kind):
+        """Publish the huge message, at a rate that a DDS writer can handle."""
         if time.monotonic() - self.sent.get(pub, 0.0) >= HUGE_EVERY_S:
             self.sent[pub] = time.monotonic()
-            pub.publish(self.made.get(pub) or self._huge(raw, kind))
+            pub.publish(self.prepared.get(pub) or self._enlarged(raw, kind))
 
-    def _huge(self, raw, kind):
+    def _enlarged(self, raw, kind):
         message = deserialize_message(raw, kind)
         self.change(message)
         return serialize_message(message)
 
 
-def _harm(given):
+def _make_effect(given):
     if given.do == 'delay':
-        return Late(given.delay_s)
+        return DelayEffect(given.delay_s)
     if given.do == 'stamp':
-        return Harm(lambda message: damage.shift_stamps(message, given.shift_s))
-    if given.do in WHOLE:
-        return WHOLE[given.do]()
-    return Harm(damage.CHANGES[given.do])
+        return Effect(lambda message: damage.shift_stamps(message, given.shift_s))
+    if given.do in RAW_EFFECTS:
+        return RAW_EFFECTS[given.do]()
+    return Effect(damage.CHANGES[given.do])
 
 
 def _empty(raw, kind):
     return [serialize_message(kind())]
 
 
-WHOLE = {
-    'drop': lambda: Raw(lambda raw, kind: []),
-    'duplicate': lambda: Raw(lambda raw, kind: [raw, raw]),
-    'torn': lambda: Raw(lambda raw, kind: [raw[: len(raw) // 2]]),
-    'empty': lambda: Raw(_empty),
-    'reorder': Swapped,
-    'huge': Huge,
+RAW_EFFECTS = {
+    'drop': lambda: RawEffect(lambda raw, kind: []),
+    'duplicate': lambda: RawEffect(lambda raw, kind: [raw, raw]),
+    'torn': lambda: RawEffect(lambda raw, kind: [raw[: len(raw) // 2]]),
+    'empty': lambda: RawEffect(_empty),
+    'reorder': SwapEffect,
+    'huge': EnlargeEffect,
 }
-DEEDS = ('delay', 'stamp', *WHOLE, *damage.CHANGES)
+EFFECTS = ('delay', 'stamp', *RAW_EFFECTS, *damage.CHANGES)
 
 
 def main() -> int:
-    """Relay until told to end, by a signal."""
+    """Run until a signal ends it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('source', help='put before the name of a topic')
-    parser.add_argument('target', help='put before the name of a topic')
+    parser.add_argument('source', help='prefix of the topics')
+    parser.add_argument('target', help='prefix of the topics')
     parser.add_argument('topics', nargs='*')
-    parser.add_argument('--go', type=Path, required=True, help='file whose existence lets it begin')
+    parser.add_argument('--go', type=Path, required=True, help='file whose creation lets it begin')
     parser.add_argument('--mode', required=True, choices=('lockstep', 'realtime'))
-    parser.add_argument('--do', default='drop', choices=DEEDS)
+    parser.add_argument('--do', default='drop', choices=EFFECTS)
     parser.add_argument('--from-s', type=float, required=True)
     parser.add_argument('--for-s', type=float, required=True)
     parser.add_argument('--delay-s', type=float, default=0.0)

@@ -1,4 +1,4 @@
-"""A choice of the faults, another one for each commit; `make faults` tries all of them."""
+"""A selection of the faults, another one for each commit; `make faults` runs all of them."""
 
 import random
 
@@ -9,35 +9,35 @@ import pytest
 import suite
 
 pytestmark = pytest.mark.ros
-NAME = 'FAULT_SEED'  # environment variable that repeats a choice
-# how many of a mode: in two lanes all of them take about a minute
-CHOICE = {'realtime': 6, 'lockstep': 6}
+NAME = 'FAULT_SEED'  # environment variable that repeats a selection
+# number by mode: in two lanes all of them take about a minute
+SAMPLE = {'realtime': 6, 'lockstep': 6}
 
 
-def choice(faults, seed):
+def sample_faults(faults, seed):
     """Return some faults, the same ones for the same seed."""
-    chosen = []
-    for mode, count in CHOICE.items():
+    selected = []
+    for mode, count in SAMPLE.items():
         fitting = [fault for fault in faults if fault.mode == mode]
-        chosen += random.Random(seed).sample(fitting, count)
-    return chosen
+        selected += random.Random(seed).sample(fitting, count)
+    return selected
 
 
-# one test: the faults run beside each other, and share what may be tried again
+# a single test, because the faults run in parallel and share the retries
 @pytest.mark.alone
 @pytest.mark.timeout(900)
-def test_faults_end_as_they_must(tmp_path):
+def test_faults_end_in_the_expected_state(tmp_path):
     seed = commit_seed.seed(NAME)
-    print(f'chosen with {NAME}={seed}')
-    faults, failed = choice(catalogue.load(), seed), []
-    for verdict in suite.outcomes(faults, tmp_path, suite.Retries(), lanes.default()):
-        print(suite.row(verdict))
-        if not verdict.passed:
-            failed.append(suite.row(verdict))
+    print(f'selected with {NAME}={seed}')
+    faults, failed = sample_faults(catalogue.load(), seed), []
+    for result in suite.run_faults(faults, tmp_path, suite.Retries(), lanes.default()):
+        print(suite.row(result))
+        if not result.passed:
+            failed.append(suite.row(result))
     assert not failed, '\n'.join([f'{NAME}={seed}', *failed])
 
 
-def test_every_fault_is_chosen_for_some_seed():
+def test_every_fault_is_selected_for_some_seed():
     faults = catalogue.load()
-    seen = {fault.name for seed in range(300) for fault in choice(faults, seed)}
-    assert seen == {fault.name for fault in faults}
+    selected = {fault.name for seed in range(300) for fault in sample_faults(faults, seed)}
+    assert selected == {fault.name for fault in faults}

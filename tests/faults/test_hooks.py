@@ -1,4 +1,4 @@
-"""The wall clock that a fault may set: who waits for an instant of it notices, as by the kernel."""
+"""The wall clock that a fault sets: waits for an instant of it notice a jump, as in the kernel."""
 
 import subprocess
 import sys
@@ -6,8 +6,8 @@ import sys
 import hooks
 import pytest
 
-# waits on a semaphore that nobody posts, and sets the clock meanwhile; prints how long it waited,
-# and after which time the clock was set
+# waits on a semaphore that is never posted, and sets the clock meanwhile; prints how long it
+# waited, and when the clock was set
 WAITS = """
 import ctypes, struct, sys, threading, time
 page, wait_s, jump_s, after_s = sys.argv[1], *map(float, sys.argv[2:])
@@ -30,7 +30,7 @@ waited = time.monotonic() - began
 timer.join()
 print(waited, *jumped)
 """
-ATTEMPTS = 50  # to set the clock in time: a busy machine may be late again and again
+ATTEMPTS = 50  # to set the clock in time on a busy machine
 
 
 @pytest.mark.parametrize('wait_s', [0.015, 0.1])
@@ -50,20 +50,20 @@ def test_a_wait_ends_when_the_clock_is_set_beyond_its_end(tmp_path):
     assert 0.05 <= waited_s < 30.0
 
 
-def test_a_wait_lasts_as_long_as_it_should_when_nobody_sets_the_clock(tmp_path):
+def test_a_wait_without_a_jump_has_its_normal_length(tmp_path):
     waited_s, _ = waited(tmp_path, 0.1, 0.0, 0.02)
     assert 0.1 <= waited_s < 30.0
 
 
 def waited(folder, wait_s, jump_s, after_s):
     clock = hooks.MachineClock(folder)
-    given = [str(clock.page), *map(str, (wait_s, jump_s, after_s))]
-    done = subprocess.run(
-        [sys.executable, '-c', WAITS, *given],
+    arguments = [str(clock.page), *map(str, (wait_s, jump_s, after_s))]
+    result = subprocess.run(
+        [sys.executable, '-c', WAITS, *arguments],
         env=clock.environment(),
         capture_output=True,
         text=True,
         timeout=60,
     )
-    assert done.returncode == 0, done.stderr
-    return tuple(map(float, done.stdout.split()))
+    assert result.returncode == 0, result.stderr
+    return tuple(map(float, result.stdout.split()))

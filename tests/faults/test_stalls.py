@@ -1,4 +1,4 @@
-"""What is seen of a machine that stands still."""
+"""Detection of stalls of the machine."""
 
 import os
 import signal
@@ -11,8 +11,7 @@ import hooks
 import pytest
 import stalls
 
-# takes one processor away from everything of lower priority; prints for how long in all it was
-# itself without a turn
+# occupies one processor with a priority; prints how long it was not scheduled itself
 OCCUPY = """
 import os, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
@@ -25,7 +24,7 @@ while now < end:
 print(lost)
 """
 
-# takes it away for 0.02 s at a time, and gives it back for 0.01 s
+# occupies it for 0.02 s at a time, with pauses of 0.01 s
 BURSTS = """
 import os, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
@@ -42,33 +41,33 @@ print(0.0)
 
 def lost_s(processor, priority, program=OCCUPY):
     """Return the time lost while a program of a priority computes, and what it lost itself."""
-    with stalls.Stalls() as found:
+    with stalls.Stalls() as measured:
         since_ns = time.time_ns()
         command = [sys.executable, '-c', program, str(processor), str(priority)]
         done = subprocess.run(command, capture_output=True, text=True)
         time.sleep(5 * stalls.TURN_S)
     assert done.returncode == 0, done.stderr
-    return found.lost_s(since_ns), float(done.stdout)
+    return measured.lost_s(since_ns), float(done.stdout)
 
 
 @pytest.mark.alone
 @pytest.mark.needs('priority')
 @pytest.mark.parametrize('which', [0, -1])
-def test_a_processor_that_is_taken_away_is_noticed_whichever_it_is(which):
+def test_losing_any_processor_is_detected(which):
     lost, _ = lost_s(sorted(os.sched_getaffinity(0))[which], 90)
     assert lost > stalls.STALL_S
 
 
 @pytest.mark.alone
 @pytest.mark.needs('priority')
-def test_a_stop_of_the_watchers_is_noticed():
+def test_a_stop_of_the_watchers_is_detected():
     program = (
         'import sys, time, stalls\n'
-        'with stalls.Stalls() as found:\n'
+        'with stalls.Stalls() as measured:\n'
         '    print("watches", flush=True)\n'
         '    sys.stdin.readline()\n'
         '    time.sleep(0.1)\n'
-        'print(found.lost_s(0))\n'
+        'print(measured.lost_s(0))\n'
     )
     with subprocess.Popen(
         [sys.executable, '-c', program],
@@ -82,35 +81,35 @@ def test_a_stop_of_the_watchers_is_noticed():
         watcher.send_signal(signal.SIGSTOP)
         time.sleep(0.3)
         watcher.send_signal(signal.SIGCONT)
-        said, _ = watcher.communicate('go on\n', timeout=30)
-    assert float(said) > 0.2
+        output, _ = watcher.communicate('go on\n', timeout=30)
+    assert float(output) > 0.2
 
 
 @pytest.mark.alone
 @pytest.mark.needs('priority')
-def test_a_node_that_computes_is_no_stall_of_the_machine():
+def test_a_computing_node_is_no_stall_of_the_machine():
     processors = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(processors)})  # one watcher, on the processor of the node
     try:
         lost, lost_by_node = lost_s(min(processors), hooks.PRIORITY)
     finally:
         os.sched_setaffinity(0, processors)
-    # when the machine stands still the node gets no turn either
+    # a stall of the machine stops the node too
     assert lost <= stalls.STALL_S + lost_by_node
 
 
-def test_who_may_not_give_priority_has_no_watchers_and_finds_no_stall(monkeypatch):
+def test_without_the_right_to_set_priority_no_stall_is_detected(monkeypatch):
     def refuse(*given):
         raise PermissionError
 
     monkeypatch.setattr(os, 'sched_setscheduler', refuse)
-    assert not stalls.may_prefer()
-    with stalls.Stalls() as found:
-        assert found.threads == []
-    assert found.lost_s(0) == 0.0
+    assert not stalls.may_set_priority()
+    with stalls.Stalls() as measured:
+        assert measured.threads == []
+    assert measured.lost_s(0) == 0.0
 
 
-def test_the_priority_is_given_back():
+def test_the_priority_is_restored():
     before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     with stalls.Stalls():
         pass
@@ -118,23 +117,23 @@ def test_the_priority_is_given_back():
 
 
 def test_a_stall_before_and_long_before_the_fault():
-    found = stalls.Stalls()
-    found.found = [(10, 0.5), (20, 0.2), (30, 0.1)]
-    assert [found.lost_s(since_ns) for since_ns in (0, 20, 21, 31)] == [0.5, 0.2, 0.1, 0.0]
+    measured = stalls.Stalls()
+    measured.samples = [(10, 0.5), (20, 0.2), (30, 0.1)]
+    assert [measured.lost_s(since_ns) for since_ns in (0, 20, 21, 31)] == [0.5, 0.2, 0.1, 0.0]
 
 
 @pytest.mark.alone
 @pytest.mark.needs('priority')
-def test_short_stalls_in_a_row_count_together():
+def test_short_stalls_in_a_row_are_summed():
     lost, _ = lost_s(min(os.sched_getaffinity(0)), 90, BURSTS)
     assert lost > stalls.STALL_S
 
 
 class Machine:
-    """A machine of which every look is known, and its clock."""
+    """Replaces the stalls and the clock of the machine by given values."""
 
-    def __init__(self, stood_s):
-        self.now, self.stood_s = 0.0, stood_s
+    def __init__(self, stall_s):
+        self.now, self.stall_s = 0.0, stall_s
 
     def monotonic(self):
         return self.now
@@ -146,7 +145,7 @@ class Machine:
         self.now += seconds
 
     def lost_s(self, since_ns):
-        return self.stood_s.pop(0)
+        return self.stall_s.pop(0)
 
     def __enter__(self):
         return self
@@ -156,10 +155,10 @@ class Machine:
 
 
 @pytest.mark.parametrize(
-    ('stood_s', 'waited_s'), [([0.0], 2.0), ([0.3, 0.05, 0.04], 6.0), ([0.3] * 100, 60.0)]
+    ('stall_s', 'waited_s'), [([0.0], 2.0), ([0.3, 0.05, 0.04], 6.0), ([0.3] * 100, 60.0)]
 )
-def test_waits_until_the_machine_is_calm_but_not_for_ever(monkeypatch, stood_s, waited_s):
-    machine = Machine(stood_s)
+def test_waits_until_the_machine_has_no_stall_but_at_most_a_minute(monkeypatch, stall_s, waited_s):
+    machine = Machine(stall_s)
     monkeypatch.setattr(stalls, 'time', machine)
     monkeypatch.setattr(stalls, 'Stalls', lambda: machine)
     stalls.wait_until_calm()

@@ -1,4 +1,4 @@
-"""The suite itself: what it reads, what it does to messages, and how it judges."""
+"""The catalogue of faults, the damage to messages, and the hooks of the relay."""
 
 import math
 from pathlib import Path
@@ -24,20 +24,20 @@ def numbers(message):
     return [position.x, position.y, twist.linear.x, *message.pose.covariance]
 
 
-@pytest.mark.parametrize(('deed', 'number'), [('nan', math.nan), ('inf', math.inf)])
-def test_every_number_of_a_message_is_harmed(deed, number):
+@pytest.mark.parametrize(('effect', 'number'), [('nan', math.nan), ('inf', math.inf)])
+def test_every_number_of_a_message_is_damaged(effect, number):
     message = encode.odometry(VehicleState(S, 1.0, 2.0, 0.3, 20.0, 0.1, 0.2))
-    damage.CHANGES[deed](message)
+    damage.CHANGES[effect](message)
     assert np.array_equal(numbers(message), [number] * 39, equal_nan=True)
 
 
-def test_numbers_written_as_text_are_harmed():
+def test_numbers_written_as_text_are_damaged():
     message = encode.health(Health(S, 'plant', 0, 'running', {'steps': 7}))
     damage.CHANGES['nan'](message)
     assert message.status[0].values[0].value == 'nan'
 
 
-def test_arrays_of_a_command_are_harmed():
+def test_arrays_of_a_command_are_damaged():
     message = encode.command(Command(S, 0.1, 0.2, -3000.0, -2000.0))
     damage.CHANGES['nan'](message)
     assert all(map(math.isnan, (*message.position, *message.velocity, *message.effort)))
@@ -52,7 +52,7 @@ def test_every_stamp_moves_and_none_becomes_negative():
     assert message.header.stamp.sec == message.header.stamp.nanosec == 0
 
 
-def test_every_frame_is_harmed():
+def test_every_frame_is_damaged():
     message = Odometry()
     damage.set_frames(message)
     assert message.header.frame_id == message.child_frame_id == damage.WRONG_FRAME
@@ -60,13 +60,13 @@ def test_every_frame_is_harmed():
 
 def test_a_thousand_obstacles_differ_in_their_number():
     message = encode.obstacles(Obstacles(S, (Obstacle(1, 5.0, 0.0, 0.5, 0.0, 0.0),)))
-    damage.thousand(message)
+    damage.multiply_obstacles(message)
     assert len({marker.id for marker in message.markers}) == 1000
 
 
 def test_a_kink_turns_the_rest_of_the_path_by_a_right_angle():
     message = encode.reference(PATH)
-    damage.kink(message)
+    damage.bend(message)
     x, y = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses]).T
     assert np.allclose(x[4:], 4.0)
     assert np.allclose(y[4:], np.arange(5.0))
@@ -75,7 +75,11 @@ def test_a_kink_turns_the_rest_of_the_path_by_a_right_angle():
 
 
 def test_a_path_becomes_huge_has_a_gap_or_one_point():
-    for change, count in ((damage.swell, 100_000), (damage.gap, 6), (damage.one_point, 1)):
+    for change, count in (
+        (damage.enlarge, 100_000),
+        (damage.cut_middle, 6),
+        (damage.keep_first_pose, 1),
+    ):
         message = encode.reference(PATH)
         change(message)
         assert len(message.poses) == count
@@ -88,7 +92,7 @@ def write(tmp_path, line):
 
 
 @pytest.mark.parametrize(
-    ('line', 'told'),
+    ('line', 'message'),
     [
         ('{name: a, expect: fine, within_s: 1, fault: {kill: plant}}', 'expect is one of'),
         ('{name: a, expect: OK, within_s: 1, fault: {kill: nobody}}', 'kill takes one of'),
@@ -97,47 +101,47 @@ def write(tmp_path, line):
         ('{name: a, expect: OK, within_s: 1, when: 3, fault: {kill: plant}}', 'unknown: when'),
     ],
 )
-def test_an_entry_that_cannot_be_used_is_refused(tmp_path, line, told):
-    with pytest.raises(catalogue.CatalogueError, match=told):
+def test_an_invalid_entry_is_refused(tmp_path, line, message):
+    with pytest.raises(catalogue.CatalogueError, match=message):
         catalogue.load(write(tmp_path, line))
 
 
-def test_every_topic_of_the_contract_and_every_node_is_harmed():
+def test_every_topic_of_the_contract_and_every_node_is_damaged():
     faults = catalogue.load()
-    harmed = {topic for fault in faults if fault.does == 'relay' for topic in fault.to}
-    assert harmed == hooks.HEARS.keys() | hooks.SPEAKS.keys()
-    for deed in ('kill', 'freeze'):
-        assert {f.to for f in faults if f.does == deed} == set(catalogue.ROLES)
+    damaged = {topic for fault in faults if fault.action == 'relay' for topic in fault.target}
+    assert damaged == hooks.SUBSCRIBERS.keys() | hooks.PUBLISHERS.keys()
+    for action in ('kill', 'freeze'):
+        assert {f.target for f in faults if f.action == action} == set(catalogue.ROLES)
 
 
-def test_a_choice_is_the_same_each_time_and_keeps_the_order():
+def test_a_selection_is_the_same_each_time_and_keeps_the_order():
     faults = catalogue.load()
-    first = suite.chosen(faults, ['odometry_*'], 5, seed=3)
-    assert first == suite.chosen(faults, ['odometry_*'], 5, seed=3)
+    first = suite.select(faults, ['odometry_*'], 5, seed=3)
+    assert first == suite.select(faults, ['odometry_*'], 5, seed=3)
     assert len(first) == 5
     assert [f for f in faults if f in first] == first
     with pytest.raises(SystemExit):
-        suite.chosen(faults, ['nothing'], None, seed=0)
+        suite.select(faults, ['nothing'], None, seed=0)
 
 
 def test_the_relay_is_between_one_publisher_and_one_subscriber():
     fault = next(f for f in catalogue.load() if f.name == 'odometry_nan')
     assert hooks.remaps(fault, 'controller') == [
         '-r',
-        '/vehicle/odometry:=/harmed/vehicle/odometry',
+        '/vehicle/odometry:=/damaged/vehicle/odometry',
     ]
     assert hooks.remaps(fault, 'plant') == []
-    assert Path(hooks.relay(fault, Path('go'))[1]).name == 'relay.py'
+    assert Path(hooks.relay_command(fault, Path('go'))[1]).name == 'relay.py'
 
 
-def test_harmed_health_is_heard_by_the_scenario():
+def test_the_scenario_receives_the_damaged_health():
     fault = next(f for f in catalogue.load() if f.name == 'diagnostics_word')
-    _, _, source, target, topic, *_ = hooks.relay(fault, Path('go'))
-    harmed = target + topic
-    heard = {
+    _, _, source, target, topic, *_ = hooks.relay_command(fault, Path('go'))
+    damaged = target + topic
+    remaps = {
         role: dict(rule.split(':=') for rule in hooks.remaps(fault, role)[1::2])
         for role in catalogue.ROLES
     }
-    assert harmed == heard['scenario'].get('/diagnostics', '/diagnostics')
-    assert source + topic == heard['plant']['/diagnostics'] == heard['recorder']['/diagnostics']
+    assert damaged == remaps['scenario'].get('/diagnostics', '/diagnostics')
+    assert source + topic == remaps['plant']['/diagnostics'] == remaps['recorder']['/diagnostics']
     assert source != target

@@ -1,7 +1,7 @@
-"""Which drives may take place beside each other.
+"""A lock that allows one drive on the wall clock at a time.
 
-A drive on the wall clock has the machine to itself, but for what has no real-time priority: other
-rings that start or end, drives in lockstep, the judging of bags.
+Beside it only processes without real-time priority run: node graphs that start or end, drives in
+lockstep, the evaluation of bags.
 """
 
 import contextlib
@@ -13,8 +13,8 @@ from pathlib import Path
 
 
 @contextlib.contextmanager
-def drive(mode: str) -> Iterator[None]:
-    """Wait until a drive of a mode may take place; the lock is this user's, on this machine."""
+def hold(mode: str) -> Iterator[None]:
+    """Hold the lock of this user and machine in realtime; do nothing in lockstep."""
     if mode != 'realtime':
         yield
         return
