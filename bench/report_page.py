@@ -27,7 +27,7 @@ def main() -> int:
     }
     colours = style.assign_colours(list(drives))
     runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
-    found = {run.name: metrics.compute_metrics_of_series(run.drive, run.series) for run in runs}
+    found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     material = page.ReportData({'scenario': 'double_lane_change', 'runs': found}, runs, {})
     took = []
     with tempfile.TemporaryDirectory() as folder:

@@ -13,6 +13,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags compare`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
     parser.add_argument(
+        '--list-metrics', action=_ListMetrics, nargs=0, help='print what each metric means and exit'
+    )
+    parser.add_argument(
         '--out',
         type=Path,
         metavar='DIR',
@@ -29,6 +32,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='claims.json for the report (default: the one in DIR, where there is one)',
     )
+
+
+class _ListMetrics(argparse.Action):
+    def __call__(self, parser, *_):
+        from bags.evaluation import metrics
+
+        for metric in metrics.METRICS.values():
+            unit = f' [{metric.unit}]' if metric.unit else ''
+            print(f'{metric.name}{unit}: {metric.meaning}')
+        parser.exit()
 
 
 def run(chosen: argparse.Namespace) -> int:

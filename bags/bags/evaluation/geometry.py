@@ -207,7 +207,7 @@ def outline_points(outline, spacing):
     return np.concatenate([np.column_stack([along, half]), np.column_stack([along, -half])])
 
 
-def moved(points, x, y, yaw):
+def transform_to_map(points, x, y, yaw):
     """Return points (n, 2) of the vehicle frame in the map, (m, n, 2) [m], for m poses."""
     cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     forward, leftward = points.T

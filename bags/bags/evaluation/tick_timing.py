@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation import metrics
 from bags.evaluation.controller_log import is_answer, report_number
+from bags.evaluation.metrics.driving import count_periods
 from bags.storage import read
 from bags.storage.decoding import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
@@ -151,7 +151,7 @@ def count_ticks(bag: read.Bag) -> TickCounts:
     states = recording_stamps_ns(read.recording(bag, STATE))
     commands = recording_stamps_ns(read.recording(bag, COMMAND))
     kept = is_answer(commands, controller_reports(bag))
-    count, answered = metrics.count_periods(states, commands[kept], period_ns)
+    count, answered = count_periods(states, commands[kept], period_ns)
     late = 0
     if mode == 'realtime':
         late = int(np.count_nonzero(command_latency(bag).latency_s * NS_PER_S > period_ns))

@@ -92,7 +92,7 @@ def compare_drives(
     scenario = next(iter(drives.values())).facts.scenario
     colours = style.assign_colours(list(drives))
     runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
-    found = {run.name: metrics.compute_metrics_of_series(run.drive, run.series) for run in runs}
+    found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': found}
     values |= {kind: dict(found) for kind, found in faults.items() if found}
     out.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.evaluation import metrics
+from bags.evaluation.metrics import outcome
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Node, ScenarioFacts
@@ -102,7 +102,7 @@ def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
         stop=parameters.flatten(stop_params(scn)),
         patches=scn.patches._asdict(),
         path=path,
-        length_m=metrics.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
+        length_m=outcome.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
         speeds=scn.speeds,
     )
 

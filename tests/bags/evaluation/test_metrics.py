@@ -7,6 +7,8 @@ import pytest
 
 from bags.evaluation import metrics
 from bags.evaluation.drive import Obstacle
+from bags.evaluation.metrics import driving
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import compute_series
 
 MS = 1_000_000
@@ -132,10 +134,10 @@ def test_sideslip_is_the_angle_between_heading_and_velocity(make_drive):
 
 def test_braking_begins_where_the_force_first_falls_to_the_threshold(make_drive):
     driven = make_drive(force=lambda x: np.minimum(0.0, -100.0 * (x - 30.0)))
-    s = compute_series(driven)
+    run = EvaluatedDrive(driven, compute_series(driven))
     assert metrics.compute_metrics(driven)['brake_onset_at_m'] == pytest.approx(35.0, abs=0.03)
-    assert metrics.brake_onset(driven, s, -1500.0) == pytest.approx(45.0, abs=0.03)
-    assert metrics.brake_onset(driven, s, -1e6) is None
+    assert driving.brake_onset(run, -1500.0) == pytest.approx(45.0, abs=0.03)
+    assert driving.brake_onset(run, -1e6) is None
 
 
 def test_peaks_of_acceleration_are_magnitudes(make_drive):

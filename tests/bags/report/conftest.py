@@ -87,7 +87,7 @@ def runs(drives):
 
 @pytest.fixture(scope='session')
 def material(runs, accounts):
-    found = {run.name: metrics.compute_metrics_of_series(run.drive, run.series) for run in runs}
+    found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     claim = Claim('mpcc avoids both', 'yes', '0.5 m', 'reproduced', 'priority < lag')
     return page.ReportData({'scenario': 'straight', 'runs': found}, runs, accounts, [claim])
 

@@ -1,0 +1,34 @@
+"""The metrics by which runs are compared: one dictionary per drive, as in comparison.json.
+
+compute_metrics(drive)   every metric of a drive by name
+registry                 the decorator `@metric`: how to add a metric
+outcome                  finish line, collisions, clearances, road departure, loss of control
+driving                  tracking, sideslip, braking, steering, grip, solve times, deadline misses
+
+Stations ("at_m") are metres along the reference, `x_m` is the map's x. A metric that has no
+meaning in a run (no obstacle, no braking, no solve time) is None.
+"""
+
+from typing import Any
+
+from bags.evaluation.drive import Drive, drop_nonfinite
+
+# their metrics come in this order in comparison.json and in the printed table
+from bags.evaluation.metrics import outcome  # isort: skip
+from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
+from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
+from bags.evaluation.series import Series, compute_series
+
+
+def compute_metrics(drive: Drive, series: Series | None = None) -> dict[str, Any]:
+    """Return every metric of a drive by name, JSON values; `verdict` is a text for a person.
+
+    With `series`, that of the drive, all samples of the drive must be finite; otherwise samples
+    that are not finite are left out. Raises BagError when no state of the car is left.
+    """
+    if series is None:
+        drive = drop_nonfinite(drive)
+        series = compute_series(drive)
+    run = EvaluatedDrive(drive, series)
+    values = {metric.name: run.value(metric.function) for metric in METRICS.values()}
+    return {'verdict': outcome.describe_outcome(run, values), **values}

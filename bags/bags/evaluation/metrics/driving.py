@@ -1,0 +1,252 @@
+"""How a car was driven: tracking, sideslip, braking, steering, grip; and how its controller did."""
+
+import numpy as np
+
+from bags.evaluation import geometry
+from bags.evaluation.metrics.registry import EvaluatedDrive, metric
+
+GRAVITY = 9.81  # m/s^2
+BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking
+HARD_BRAKING_N = -1500.0
+NOTICEABLE_M = 0.1  # an excursion below this is tracking, not an overshoot
+BEND_1PM = 1e-3  # the curvature from which a piece of reference is a bend
+SAMPLE_NS = 10_000_000  # between even samples of forces and angles
+NS = 1e-9  # s
+# below these a steering angle and a turn have no side: 1 deg at the road wheel, 3 deg/s
+STEERED_RAD = np.radians(1.0)
+TURNING_RADPS = np.radians(3.0)
+STATISTICS = ('mean', 'p50', 'p99', 'max')
+STATISTIC_LABELS = {'p50': 'median', 'p99': '99 %'}
+PAPER_SOLVE_MS = {'mean': 15.6, 'max': 18.6}  # FORCESPro on a dSPACE DS6001, 2.8 GHz
+
+
+@metric('overshoots at x', 'm', 2)
+def overshoots(run):
+    """Where the vehicle ran wide: [{x_m, amount_m}] in driving order.
+
+    The reference is a sequence of bends; the outer side of a bend is the one it turns away from,
+    and a bend rules until the next one begins. An excursion is the stretch of the drive between
+    two crossings of the reference. It is an overshoot when it lies on the outer side of the bend
+    that rules where it begins or where it is widest, and is wider than 0.1 m: so is entering a
+    lane change late, and swinging beyond the line at its end, but not cutting a corner.
+    """
+    contouring, station = run.series.contouring, run.series.station
+    starts, turns = _bends(run.drive.scene.reference)
+    side = np.sign(contouring)
+    crossings = np.flatnonzero(np.diff(side) != 0.0) + 1
+    result = []
+    for stretch in np.split(np.arange(len(side)), crossings):
+        peak = stretch[np.argmax(np.abs(contouring[stretch]))]
+        amount = float(np.abs(contouring[peak]))
+        ruling = np.searchsorted(starts, station[[stretch[0], peak]], side='right') - 1
+        wide = [k >= 0 and side[peak] == -turns[k] for k in ruling]
+        if amount > NOTICEABLE_M and any(wide):
+            result.append({'x_m': float(run.drive.motion.x[peak]), 'amount_m': amount})
+    return result
+
+
+@metric('peak deceleration', 'm/s²', 1, row_after='brake_onset_at_m')
+def peak_brake_mps2(run):
+    """Largest measured deceleration."""
+    ax = run.drive.accelerations.ax
+    return max(0.0, -float(np.min(ax))) if ax.size else None
+
+
+@metric('peak sideslip angle', 'deg', 1)
+def peak_sideslip_deg(run):
+    """Largest sideslip angle at the centre of gravity; None of a car that hardly moves."""
+    peak = run.value(_peak_sideslip_row)
+    return None if peak is None else float(np.degrees(np.abs(run.series.sideslip[peak])))
+
+
+@metric('  at station', 'm', 1)
+def peak_sideslip_at_m(run):
+    """Station of the largest sideslip angle."""
+    peak = run.value(_peak_sideslip_row)
+    return None if peak is None else float(run.series.station[peak])
+
+
+@metric('min speed', 'm/s', 1)
+def min_speed_mps(run):
+    """Smallest speed over ground."""
+    return float(np.min(run.series.speed))
+
+
+@metric('braking from station', 'm', 1)
+def brake_onset_at_m(run):
+    """Station at which the actuated longitudinal force first falls to -500 N."""
+    return brake_onset(run, BRAKING_N)
+
+
+@metric()
+def brake_onset_hard_at_m(run):
+    """Station at which the actuated longitudinal force first falls to -1500 N."""
+    return brake_onset(run, HARD_BRAKING_N)
+
+
+@metric()
+def braking_s(run):
+    """How long the actuated longitudinal force was at or below -500 N."""
+    return braking_time(run.drive, BRAKING_N)
+
+
+@metric()
+def counter_steer_s(run):
+    """How long the wheels were steered against the turn of the car.
+
+    Steering angle and yaw rate have opposite signs, both beyond what is noise. Every change of
+    direction has a little of it, because the steering leads; a sliding rear axle has much.
+    """
+    against = run.value(_counter_steering)
+    return None if against is None else float(np.count_nonzero(against) * SAMPLE_NS * NS)
+
+
+@metric()
+def peak_counter_steer_deg(run):
+    """Largest angle by which the wheels were steered against the turn of the car."""
+    against = run.value(_counter_steering)
+    return None if against is None else float(np.degrees(np.max(against)))
+
+
+@metric('peak lateral acceleration', 'm/s²', 1)
+def peak_lat_acc_mps2(run):
+    """Largest measured lateral acceleration."""
+    ay = run.drive.accelerations.ay
+    return float(np.max(np.abs(ay))) if ay.size else None
+
+
+@metric()
+def peak_lat_acc_share(run):
+    """Largest lateral acceleration as a share of what the friction of the road allows."""
+    return _friction_share(run, run.value(peak_lat_acc_mps2))
+
+
+@metric()
+def peak_brake_share(run):
+    """Largest deceleration as a share of what the friction of the road allows."""
+    return _friction_share(run, run.value(peak_brake_mps2))
+
+
+@metric('rms contouring error', 'm', 2)
+def rms_contouring_m(run):
+    """Root mean square of the lateral distance from the reference."""
+    return float(np.sqrt(np.mean(run.series.contouring**2)))
+
+
+@metric('solve time, {}', 'ms', 1, labels=STATISTIC_LABELS, paper=PAPER_SOLVE_MS)
+def solve_ms(run):
+    """Wall time of the solver per tick: mean, median, 99th percentile, maximum."""
+    return time_statistics(run.drive.ticks.solve_ms)
+
+
+@metric()
+def solve_cpu_ms(run):
+    """Processor time of the solver per tick likewise."""
+    return time_statistics(run.drive.ticks.solve_cpu_ms)
+
+
+@metric('ticks')
+def ticks(run):
+    """Number of controller periods, from the first answer to the last state."""
+    return run.value(_tick_counts)[0]
+
+
+@metric('deadline misses')
+def deadline_misses(run):
+    """Number of controller periods of which no command carries a stamp."""
+    count, answered = run.value(_tick_counts)
+    return count - answered
+
+
+@metric('fallbacks')
+def fallbacks(run):
+    """Number of ticks at which the controller followed no fresh plan."""
+    return int(np.count_nonzero(run.drive.ticks.fallback))
+
+
+def _peak_sideslip_row(run):
+    sideslip = np.abs(run.series.sideslip)
+    return None if np.all(np.isnan(sideslip)) else int(np.nanargmax(sideslip))
+
+
+def brake_onset(run: EvaluatedDrive, force_n: float) -> float | None:
+    """Return the station [m] at which the actuated force first falls to `force_n`, or None."""
+    inputs = run.drive.inputs
+    below = np.flatnonzero(inputs.force <= force_n)
+    if not below.size:
+        return None
+    stamp_ns = inputs.stamp_ns[below[0]]
+    return float(np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station))
+
+
+def braking_time(drive, force_n: float) -> float | None:
+    """Return for how long [s] the actuated force was at or below `force_n`; None without any."""
+    inputs = drive.inputs
+    if not inputs.stamp_ns.size:
+        return None
+    force = np.interp(_even_stamps(inputs.stamp_ns), inputs.stamp_ns, inputs.force)
+    return float(np.count_nonzero(force <= force_n) * SAMPLE_NS * NS)
+
+
+def _counter_steering(run):
+    """Return |steering angle| (n,) [rad] while it is against the turn, else 0; None if unknown."""
+    motion, inputs = run.drive.motion, run.drive.inputs
+    if not inputs.stamp_ns.size:
+        return None
+    stamps = _even_stamps(motion.stamp_ns)
+    steer = np.interp(stamps, inputs.stamp_ns, inputs.steer)
+    yaw = np.interp(stamps, motion.stamp_ns, np.unwrap(motion.yaw))
+    # two samples have one difference; a drive of one has none
+    turn = np.gradient(yaw, SAMPLE_NS * NS) if len(yaw) > 1 else np.zeros(len(yaw))
+    against = (steer * turn < 0) & (np.abs(turn) > TURNING_RADPS) & (np.abs(steer) > STEERED_RAD)
+    return np.where(against, np.abs(steer), 0.0)
+
+
+def _even_stamps(stamp_ns):
+    return np.arange(stamp_ns.min(), stamp_ns.max() + 1, SAMPLE_NS)
+
+
+def _friction_share(run, acceleration):
+    if acceleration is None:
+        return None
+    return acceleration / (run.drive.facts.friction * GRAVITY)
+
+
+def _bends(reference):
+    """Return the stations [m] at which bends begin, and their turn: left 1, right -1."""
+    along = geometry.arc_length(reference)
+    steps = np.diff(reference, axis=0)
+    yaw = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    middles = (along[1:] + along[:-1]) / 2
+    curvature = np.diff(yaw) / np.diff(middles)
+    turn = np.where(np.abs(curvature) > BEND_1PM, np.sign(curvature), 0.0)
+    begins = (turn != 0.0) & (turn != np.concatenate([[0.0], turn[:-1]]))
+    return along[1:-1][begins], turn[begins]
+
+
+def time_statistics(times_ms: np.ndarray) -> dict[str, float | None]:
+    """Return mean, median, 99th percentile and maximum [ms]; None each without a time."""
+    known = times_ms[np.isfinite(times_ms)]
+    if not known.size:
+        return dict.fromkeys(STATISTICS)
+    values = (known.mean(), *np.percentile(known, [50, 99]), known.max())
+    return {name: float(value) for name, value in zip(STATISTICS, values)}
+
+
+def _tick_counts(run):
+    drive = run.drive
+    return count_periods(drive.motion.stamp_ns, drive.ticks.answered_ns, drive.facts.tick_ns)
+
+
+def count_periods(state_ns: np.ndarray, answered_ns: np.ndarray, period_ns: int) -> tuple[int, int]:
+    """Return how many controller periods a drive has, and how many of them were answered.
+
+    They count from the first answer: the car is held at its start until then. The period of the
+    last state is left out: its answer may come after the end. Without any answer every period
+    between the first state and the last one counts.
+    """
+    first, last = (-(-int(stamp) // period_ns) for stamp in (state_ns.min(), state_ns.max()))
+    answered = np.unique(answered_ns // period_ns)
+    answered = answered[(answered >= first) & (answered < last)]
+    first = int(answered[0]) if answered.size else first
+    return last - first, len(answered)

@@ -1,0 +1,241 @@
+"""How a run ended and how close it came: finish, collisions, road departure, loss of control.
+
+Distances are those of the paper (eq. 3 and 4), between circles, and those of the true outline.
+"""
+
+import numpy as np
+
+from bags.evaluation import geometry
+from bags.evaluation.metrics.registry import EvaluatedDrive, metric
+from bags.evaluation.series import SEARCH_M
+
+REACHED_M = 0.1  # how closely the stop has to be reached
+PASSED_M = 1.0  # two laps pass the stop equally closely, except for the sampling of the path
+SLIDING_DEG = 30.0  # sideslip that no controller here plans: twice that of the tyres' limit
+SPUN_DEG = 90.0  # beyond it a car moves backwards
+OUTLINE_STEP_S = 0.01  # between two poses at which the outline is checked
+OUTLINE_SPACING_M = 0.6  # between two points of the outline
+INSIDE = {'left': -1.0, 'right': 1.0}  # sign of the road's side of an edge
+STANDING_MPS = 0.5  # below this speed a car stands
+CIRCLE, OUTLINE = 'circle', 'outline'
+TOO_SLOW = 'too_slow'  # reason of the controller, see docs/safety.md
+
+
+@metric('completed', good_when=True)
+def completed(run):
+    """Whether the car reached the finish line with its circles' centres between the road edges.
+
+    A car that passes the finish line beside the road, or starts beyond it, has not completed.
+    """
+    finish, station = run.value(finish_at_m), run.series.station
+    centres = np.min([*run.series.v2e.values()], axis=0) + run.drive.facts.vehicle_radius
+    reached = np.any((station >= finish) & (centres > 0.0))
+    return bool(reached and station[0] < finish)
+
+
+@metric()
+def finish_at_m(run):
+    """Station that completes the drive."""
+    facts = run.drive.facts
+    from_m = float(run.series.station[0]) + facts.armed_after
+    return stop_station(run.drive.scene.reference, facts.stop, from_m)
+
+
+@metric('collided', good_when=False, yes='yes, {collided_by}')
+def collided(run):
+    """Whether the outline or a circle of the car overlapped with an obstacle."""
+    return run.value(collided_by) is not None
+
+
+@metric()
+def collided_by(run):
+    """What touched an obstacle: `outline`, or `circle` where only circles overlapped, or None."""
+    outline, circle = run.value(min_outline_gap_m), run.value(min_v2o_m)
+    if outline is not None and outline < 0.0:
+        return OUTLINE
+    return CIRCLE if circle is not None and circle < 0.0 else None
+
+
+@metric('left the road', good_when=False)
+def left_road(run):
+    """Whether the true outline reached beyond an edge of the road."""
+    return run.value(left_road_at_m) is not None
+
+
+@metric('  at station', 'm', 1, optional=True)
+def left_road_at_m(run):
+    """Station at which the outline first reached beyond an edge; None on the road."""
+    rows, beyond = run.value(outline_beyond_edge)
+    outside = np.flatnonzero(beyond > 0.0)
+    return float(run.series.station[rows[outside[0]]]) if outside.size else None
+
+
+@metric('  outline beyond the edge', 'm', 2, optional=True)
+def beyond_edge_m(run):
+    """How far the farthest point of the outline ever was beyond an edge; None on the road."""
+    _, beyond = run.value(outline_beyond_edge)
+    return float(beyond.max()) if run.value(left_road) else None
+
+
+@metric('lost control', good_when=False, yes='{lost_how}')
+def lost(run):
+    """Whether the sideslip angle exceeded 30 deg while the car moved."""
+    return bool(np.any(_sideslip_deg(run) > SLIDING_DEG))
+
+
+@metric()
+def lost_how(run):
+    """`spun` when the sideslip angle also exceeded 90 deg, else `sideslip`; None under control."""
+    if not run.value(lost):
+        return None
+    return 'spun' if np.any(_sideslip_deg(run) > SPUN_DEG) else 'sideslip'
+
+
+@metric('  at station', 'm', 1, optional=True)
+def lost_at_m(run):
+    """Station at which the sideslip angle first exceeded 30 deg; None under control."""
+    beyond = np.flatnonzero(_sideslip_deg(run) > SLIDING_DEG)
+    return float(run.series.station[beyond[0]]) if beyond.size else None
+
+
+@metric('entered unsafe area', good_when=False)
+def entered_unsafe_area(run):
+    """Whether a distance fell below its safety distance, to an obstacle or to an edge."""
+    facts, to_obstacle = run.drive.facts, run.value(min_v2o_m)
+    near_obstacle = to_obstacle is not None and to_obstacle < facts.safe_obstacle
+    return near_obstacle or run.value(min_v2e_m) < facts.safe_edge
+
+
+@metric('min distance to obstacle', 'm', 2)
+def min_v2o_m(run):
+    """Smallest distance D_V2O between the circles of the car and an obstacle."""
+    gaps = run.value(min_v2o_per_obstacle_m).values()
+    return min((gap for gap in gaps if gap is not None), default=None)
+
+
+@metric('  obstacle {}', 'm', 2)
+def min_v2o_per_obstacle_m(run):
+    """Smallest distance D_V2O to each obstacle, by its id."""
+    return {str(number): smallest_finite(gap) for number, gap in run.series.v2o.items()}
+
+
+@metric('min distance to road edge', 'm', 2)
+def min_v2e_m(run):
+    """Smallest distance D_V2E between the circles of the car and an edge of the road."""
+    return min(run.value(min_v2e_per_edge_m).values())
+
+
+@metric('  {}', 'm', 2)
+def min_v2e_per_edge_m(run):
+    """Smallest distance D_V2E to the left and to the right edge."""
+    return {side: smallest_finite(gap) for side, gap in run.series.v2e.items()}
+
+
+@metric('min gap of the outline', 'm', 2)
+def min_outline_gap_m(run):
+    """Smallest gap between the true outline and an obstacle; negative: depth of the overlap."""
+    return smallest_finite(run.series.outline_gap)
+
+
+def smallest_finite(values: np.ndarray) -> float | None:
+    """Return the smallest finite value; None without any."""
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if finite.size else None
+
+
+def _sideslip_deg(run):
+    """Return |sideslip| (n,) [deg]; not-a-number, of a car that hardly moves, exceeds nothing."""
+    return np.degrees(np.abs(run.series.sideslip))
+
+
+def stop_station(reference: np.ndarray, stop: tuple[float, float], from_m: float) -> float:
+    """Return the station [m] that completes a run: that of the stop, less REACHED_M.
+
+    The road may pass the stop more than once: the first pass beyond `from_m` counts. Where it does
+    not pass the stop again, the earlier pass counts.
+    """
+    vertex, point = geometry.arc_length(reference), np.array([stop])
+    first = int(np.searchsorted(vertex, from_m - REACHED_M)) - 1
+    first = min(max(0, first), len(vertex) - 2)
+    ahead = geometry.project_drive(point, reference[first:], SEARCH_M)
+    anywhere = geometry.project_drive(point, reference, SEARCH_M)
+    if abs(ahead.offset[0]) > abs(anywhere.offset[0]) + PASSED_M:
+        return float(anywhere.distance[0] - REACHED_M)
+    return float(vertex[first] + ahead.distance[0] - REACHED_M)
+
+
+def outline_beyond_edge(run: EvaluatedDrive) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices (n,) of odometry messages and how far [m] the outline is beyond an edge then.
+
+    The farthest point counts: negative where the whole outline is inside, minus infinity where it
+    is so far inside that its points were not checked.
+    """
+    motion, outline, t = run.drive.motion, run.drive.facts.outline, run.series.t
+    sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
+    rows = np.unique(np.append(sampled, len(t) - 1))
+    body = geometry.outline_points(outline, OUTLINE_SPACING_M)
+    # from the centre of gravity to the farthest point of the outline
+    reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
+    centre = np.column_stack([motion.x[rows], motion.y[rows]])
+    beyond = np.full(len(rows), -np.inf)
+    for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right)):
+        near = np.flatnonzero(INSIDE[side] * geometry.offset_from_line(centre, edge) < reach)
+        if near.size:
+            k = rows[near]
+            points = geometry.transform_to_map(body, motion.x[k], motion.y[k], motion.yaw[k])
+            inside = INSIDE[side] * geometry.offset_from_line(points.reshape(-1, 2), edge)
+            farthest = -inside.reshape(len(near), -1).min(axis=1)
+            beyond[near] = np.maximum(beyond[near], farthest)
+    return rows, beyond
+
+
+def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
+    """Return how a run ended as one line for a person; `values` are all its metrics by name."""
+    parts = [_describe_end(run, values)]
+    if values['lost_how'] == 'spun':
+        parts.append(f'spun at {values["lost_at_m"]:.0f} m')
+    elif values['lost']:
+        peak = values['peak_sideslip_deg']
+        parts.append(f'slid at {values["lost_at_m"]:.0f} m (sideslip angle up to {peak:.0f} deg)')
+    if values['left_road']:
+        at, beyond = values['left_road_at_m'], values['beyond_edge_m']
+        parts.append(f'left the road at {at:.0f} m, by up to {beyond:.2f} m')
+    parts += _describe_collisions(run, values)
+    if not run.drive.ticks.answered_ns.size:
+        parts.append('no command answered a state')
+    return '; '.join(parts)
+
+
+def _describe_end(run, values):
+    station, finish = run.series.station, values['finish_at_m']
+    if values['completed']:
+        return f'reached the finish line at {finish:.0f} m'
+    if station[0] >= finish:
+        return 'started beyond the finish line'
+    if station.max() >= finish:
+        return f'passed the finish line beside the road at {finish:.0f} m'
+    speed = run.series.speed[-1]
+    if speed < STANDING_MPS:
+        return f'stood still at {station[-1]:.0f} m{_describe_reason(run.drive)}'
+    return f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
+
+
+def _describe_reason(drive):
+    reason, least = drive.ticks.last_reason, drive.facts.least_speed
+    if not reason:
+        return ''
+    below = f': below {least:g} m/s it only brakes' if reason == TOO_SLOW and least else ''
+    return f' (reason of the controller: {reason}{below})'
+
+
+def _describe_collisions(run, values):
+    """Yield what was hit; circles may overlap although the outline passes."""
+    if not values['collided']:
+        yield 'no collision'
+    for number, gap in run.series.outline_gaps.items():
+        outline, circle = smallest_finite(gap), values['min_v2o_per_obstacle_m'][str(number)]
+        if outline is not None and outline < 0.0:
+            yield f'collided with obstacle {number} (outline, overlap {-outline:.2f} m)'
+        elif circle is not None and circle < 0.0:
+            overlap = f'circle, overlap {-circle:.2f} m; outline passed by {outline:.2f} m'
+            yield f'collided with obstacle {number} ({overlap})'

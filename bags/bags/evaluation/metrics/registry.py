@@ -1,0 +1,103 @@
+"""How to add a metric: decorate a function with `@metric`, in any module of this folder.
+
+    @metric('rms lateral acceleration', 'm/s²', 2)
+    def rms_lat_acc_mps2(run):
+        '''Root mean square of the measured lateral acceleration.'''
+        return float(np.sqrt(np.mean(run.drive.accelerations.ay**2)))
+
+The name of the function is the key in comparison.json and comparison.csv; title, unit and
+decimals make a row of the printed table and of report.html; the docstring is what
+`bags compare --list-metrics` prints. A metric without a title is in JSON and CSV only.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from bags.evaluation.drive import Drive
+from bags.evaluation.series import Series
+
+NO_LABELS: Mapping[str, Any] = MappingProxyType({})
+
+
+class EvaluatedDrive:
+    """A drive of finite samples and its Series, the argument of every metric."""
+
+    def __init__(self, drive: Drive, series: Series):
+        self.drive, self.series = drive, series
+        self._values: dict[Callable, Any] = {}
+
+    def value(self, function: Callable[['EvaluatedDrive'], Any]) -> Any:
+        """Return function(self), computed once: so metrics may use each other's values."""
+        if function not in self._values:
+            self._values[function] = function(self)
+        return self._values[function]
+
+
+class Metric(NamedTuple):
+    """One metric and how it is shown."""
+
+    function: Callable[[EvaluatedDrive], Any]
+    title: str  # of its row in the table; '' without a row
+    unit: str
+    decimals: int
+    good_when: bool | None  # of a yes or no: which of both is good
+    yes: str  # how a yes is shown; names of other metrics in braces are filled in
+    optional: bool  # no row where no run has a value
+    row_after: str  # metric whose row is above this one; '' where that is the one before
+    labels: Mapping[str, str]  # of a dictionary: what `{}` in the title stands for, by key
+    paper: Mapping[str, float]  # of a dictionary: the value that the paper reports, by key
+
+    @property
+    def name(self) -> str:
+        """The key in comparison.json."""
+        return self.function.__name__
+
+    @property
+    def meaning(self) -> str:
+        """The docstring as one line."""
+        return ' '.join(inspect.getdoc(self.function).split())
+
+
+METRICS: dict[str, Metric] = {}  # in the order in which they are defined
+
+
+def table_metrics() -> list[Metric]:
+    """Return the metrics that have rows in the table, in the order of the rows."""
+    rows = [metric for metric in METRICS.values() if metric.title]
+    for moved in [metric for metric in rows if metric.row_after]:
+        rows.remove(moved)
+        rows.insert(rows.index(METRICS[moved.row_after]) + 1, moved)
+    return rows
+
+
+def metric(
+    title: str = '',
+    unit: str = '',
+    decimals: int = 0,
+    *,
+    good_when: bool | None = None,
+    yes: str = 'yes',
+    optional: bool = False,
+    row_after: str = '',
+    labels: Mapping[str, str] = NO_LABELS,
+    paper: Mapping[str, float] = NO_LABELS,
+) -> Callable:
+    """Return a decorator that registers a metric under the name of its function.
+
+    The function takes an EvaluatedDrive and returns a JSON value: a number, a bool, a text, None,
+    a list of overshoots, or a dictionary of numbers, which has a row per key with `{}` in the
+    title replaced by the key or its label. Raises ValueError for a name that is registered.
+    """
+
+    def register(function):
+        name = function.__name__
+        if name in METRICS:
+            raise ValueError(f'the metric {name} is registered already')
+        METRICS[name] = Metric(
+            function, title, unit, decimals, good_when, yes, optional, row_after, labels, paper
+        )
+        return function
+
+    return register
