@@ -11,7 +11,7 @@ s at least, in which the writers fill their histories, no node may grow: the pro
 holds more than 3 MB more memory in the end than then (2 MB in a minute or less; medians over a
 tenth of the life), or more files, threads or DDS segments. The recorder may grow by 45 MB more in a
 minute or less: while Fast DDS sends a lost packet of /clock again, which takes 3 s and happens on a
-busy machine, it keeps up to 30,000 messages (`bags.storage.simulated_time`) of about 1.3 kB; 9 and
+busy machine, it keeps up to 30,000 messages (`bags.storage.message_filing`) of about 1.3 kB; 9 and
 27 MB were seen. It fails, too, when a drive ends early,
 and stops by itself when one takes ten times what it simulates. On the wall clock the nodes run with
 real-time priority where the user may give it.

@@ -1,4 +1,4 @@
-"""A program of subcommands, one module each, with HELP, add_arguments(parser) and run(chosen)."""
+"""A program of subcommands: one module each, with HELP, add_arguments(parser) and run(args)."""
 
 import argparse
 import sys
@@ -18,9 +18,9 @@ def main(
 
     The module of a command is <program>.commands.<command>, hyphens are underscores there.
     """
-    chosen = _parser(program, description, commands).parse_args(arguments)
+    args = _parser(program, description, commands).parse_args(arguments)
     try:
-        return chosen.command(chosen)
+        return args.command(args)
     except (BagError, ParameterError, OSError) as error:
         print(f'error: {" ".join(_message(error).split())}', file=sys.stderr)
         return 1
@@ -30,7 +30,7 @@ def main(
 
 
 def _message(error):
-    """Return an error in words: the file first, without the number of the system's error."""
+    """Return the text of an error: the file first, without the errno of the system."""
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f'{error.filename}: {error.strerror}'
     return str(error)

@@ -1,4 +1,4 @@
-"""What can go wrong with a bag, said in one line for a person."""
+"""Errors and warnings of this package; each message is one line for a person."""
 
 
 class BagError(Exception):
@@ -6,8 +6,8 @@ class BagError(Exception):
 
 
 class DamagedBagWarning(UserWarning):
-    """A bag was read up to the place where it is damaged; the message says where that is."""
+    """A bag was read up to its first damage; the message says where that is."""
 
 
 class OlderRunWarning(UserWarning):
-    """A run knows less than today's controller asks for; the message says what was assumed."""
+    """A run lacks what today's controller needs; the message says what was assumed."""

@@ -1,17 +1,24 @@
-"""Draws the ring for RViz and Foxglove: car, circles, unsafe areas, plan; and /tf where it can.
+"""Publishes markers for RViz and Foxglove: car, circles, unsafe areas, plan; and /tf.
 
-Topics and tf are in its namespace: the frames of every car have the same names. It watches with
-queues of one message that may be lost, so that it never slows what it watches.
+Topics and tf are in its namespace: the frames of every car have the same names. Its subscriptions
+are best effort with a queue of one, so that it never slows a publisher. /tf needs tf2_msgs.
 """
 
 import sys
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, TransformStamped
 from rclpy.node import Node
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
-from bags.viewers import encode, marker_scene
-from msgs_yaml import contract, decode, share
+from bags.viewers import marker_scene
+from bags.viewers.marker_scene import Shape
+from msgs_yaml import contract, conversions, decode, share
+from msgs_yaml.types import VehicleState
 from node_runtime import ros, spin_node, subscriptions_node
 
 try:
@@ -29,17 +36,23 @@ READERS = {  # of serialised messages
     marker_scene.EDGES: subscriptions_node.read_road_edges,
     marker_scene.OBSTACLES: subscriptions_node.read_obstacles,
 }
+MARKER_TYPES = {
+    marker_scene.BOX: Marker.CUBE,
+    marker_scene.DISC: Marker.CYLINDER,
+    marker_scene.LINE: Marker.LINE_STRIP,
+    marker_scene.TEXT: Marker.TEXT_VIEW_FACING,
+}
 THROTTLE_S = 1.0
 TF_DEPTH = 100  # what tf2 listeners use
 
 
 class MarkersNode(Node):
-    """Draws each plan, and the car 20 times a second of ROS time."""
+    """Publishes markers of each plan, and of the car 20 times per second of ROS time."""
 
     def __init__(self):
         super().__init__('markers')
         defaults = share.path('bags', 'config', 'markers.yaml')
-        self.stage = marker_scene.MarkerScene(ros.declare(self, marker_scene.ShapeParams, defaults))
+        self.scene = marker_scene.MarkerScene(ros.declare(self, marker_scene.ShapeParams, defaults))
         drawn = (marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION)
         self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
         self.tf = self.create_publisher(TFMessage, 'tf', TF_DEPTH) if TFMessage else None
@@ -53,21 +66,20 @@ class MarkersNode(Node):
             )
 
     def on_message(self, topic, raw):
-        """Draw what a message changes, and nothing of one that breaks the contract."""
+        """Publish what a message changes; nothing for one that breaks the contract."""
         try:
-            if not self.stage.wants(
-                topic, decode.stamp_ns_of(raw) if topic == marker_scene.STATE else 0
-            ):
+            stamp_ns = decode.stamp_ns_of(raw) if topic == marker_scene.STATE else 0
+            if not self.scene.needs(topic, stamp_ns):
                 return
             value = read(topic, raw)
         except decode.DecodeError as error:
-            told = f'nothing is drawn of this: {error}'
-            self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
+            text = f'nothing is drawn of this: {error}'
+            self.get_logger().warning(text, throttle_duration_sec=THROTTLE_S)
             return
-        for picture in self.stage.take(topic, value):
-            self.pubs[picture.topic].publish(encode.marker_array(*picture))
+        for drawing in self.scene.update(topic, value):
+            self.pubs[drawing.topic].publish(marker_array(*drawing))
         if topic == marker_scene.STATE and self.tf:
-            self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
+            self.tf.publish(TFMessage(transforms=[transform(value)]))
 
 
 def read(topic: str, raw: bytes) -> Any:
@@ -77,8 +89,54 @@ def read(topic: str, raw: bytes) -> Any:
     return DECODERS[topic](ros.deserialize(topic, raw))
 
 
+def marker_array(topic: str, stamp_ns: int, shapes: Sequence[Shape]) -> MarkerArray:
+    """Return the message of a marker topic; it replaces all markers sent before."""
+    frame = contract.load().topics[topic].frame
+    header = Header(stamp=_time(stamp_ns), frame_id=frame)
+    clear = Marker(header=header, action=Marker.DELETEALL)
+    return MarkerArray(markers=[clear, *(_marker(header, shape) for shape in shapes)])
+
+
+def transform(x: VehicleState) -> TransformStamped:
+    """Return the pose of base_link in map."""
+    odometry = contract.load().topics['/vehicle/odometry']
+    header = Header(stamp=_time(x.stamp_ns), frame_id=odometry.frame)
+    msg = TransformStamped(header=header, child_frame_id=odometry.child_frame)
+    msg.transform.translation.x, msg.transform.translation.y = x.X, x.Y
+    msg.transform.rotation.z, msg.transform.rotation.w = conversions.heading_to_quaternion(x.psi)
+    return msg
+
+
+def _marker(header, shape):
+    msg = Marker(
+        header=header, ns=shape.ns, id=shape.id, type=MARKER_TYPES[shape.kind], action=Marker.ADD
+    )
+    position, orientation = msg.pose.position, msg.pose.orientation
+    position.x, position.y, position.z = shape.at
+    orientation.z, orientation.w = conversions.heading_to_quaternion(shape.yaw)
+    if shape.kind == marker_scene.TEXT:
+        msg.scale.z = shape.size[0]
+    else:
+        msg.scale.x, msg.scale.y, msg.scale.z = shape.size
+    msg.color = _colour(shape.colour)
+    msg.points = [Point(x=float(X), y=float(Y)) for X, Y in shape.points]
+    msg.colors = [_colour(colour) for colour in shape.colours]
+    msg.text = shape.text
+    return msg
+
+
+def _colour(rgba):
+    red, green, blue, opacity = (float(value) for value in rgba)
+    return ColorRGBA(r=red, g=green, b=blue, a=opacity)
+
+
+def _time(stamp_ns):
+    sec, nanosec = conversions.split_stamp(stamp_ns)
+    return Time(sec=sec, nanosec=nanosec)
+
+
 def main() -> int:
-    """Draw until SIGINT or SIGTERM."""
+    """Publish until SIGINT or SIGTERM."""
     return spin_node.spin(MarkersNode)
 
 

@@ -23,12 +23,13 @@ from bags.storage.message_filing import (
     CLOCK,
     LOCKSTEP,
     ClockError,
+    ClockQueue,
     Filing,
     RecorderParams,
+    SimulatedTime,
     bag_topics,
 )
 from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
-from bags.storage.simulated_time import ClockQueue, SimulatedTime
 from msgs_yaml import contract, encode, share
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import provenance, ros, spin_node

@@ -1,4 +1,4 @@
-"""Shows the running ring to Foxglove: every topic of the contract, as it comes over the wire."""
+"""Shows the running nodes to Foxglove: every topic of the contract, as raw bytes."""
 
 import argparse
 import sys
@@ -8,61 +8,51 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from bags.errors import BagError
-from bags.storage.message_definitions import schema_text
-from bags.viewers import marker_scene
-from bags.viewers.foxglove_server import PORT, Forwarder, Served, Server, connection_hint
-from bags.viewers.marker_scene import STATE, MarkerScene
+from bags.storage.message_filing import bag_topics
+from bags.viewers.foxglove_server import PORT, Forwarder, Server, connection_hint
+from bags.viewers.marker_scene import STATE, MarkerScene, ShapeParams
 from msgs_yaml import contract, decode, share
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError
 
+REALTIME = 'realtime'  # its QoS serves both modes
 THROTTLE_S = 1.0
-LATCHED = 'transient_local'
 
 
 class ViewNode(Node):
-    """Passes on what it hears; it slows nobody, and loses what it has no time for."""
+    """Forwards the topics it subscribes to; it slows no publisher and may lose messages."""
 
     def __init__(self, port: int):
         super().__init__('view')
         defaults = share.path('bags', 'config', 'markers.yaml')
-        params = ros.declare(self, marker_scene.ShapeParams, defaults)
-        topics = contract.load().topics.values()
-        self.schemas = {topic.type: schema_text(topic.type) for topic in topics}
-        heard = [topic for topic in topics if not topic.on_request]
+        params = ros.declare(self, ShapeParams, defaults)
+        known = contract.load().topics
+        topics = [t for t in bag_topics(contract.load(), REALTIME) if not known[t.name].on_request]
         try:
-            self.server = Server([self._served(topic) for topic in heard], port)
+            self.server = Server(topics, port)
         except BagError as error:
             raise ParameterError(str(error)) from error
-        self.projector = Forwarder(self.server, MarkerScene(params))
+        self.forwarder = Forwarder(self.server, MarkerScene(params))
         self.now_ns = 0
-        for topic in heard:
-            offered = topic.qos['realtime']
+        for topic in topics:
+            profile = ros.observer_profile(known[topic.name].qos[REALTIME])
             callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
             self.create_subscription(
-                kind,
-                ros.relative_name(topic.name),
-                callback,
-                ros.observer_profile(offered),
-                raw=True,
+                kind, ros.relative_name(topic.name), callback, profile, raw=True
             )
         print(connection_hint(self.server.url), flush=True)
 
-    def _served(self, topic):
-        latched = topic.qos['realtime'].durability == LATCHED
-        return Served(topic.name, topic.type, self.schemas[topic.type], latched)
-
     def on_message(self, topic, raw):
-        """Pass a message on; the time of the ring is that of its states, in both modes."""
+        """Forward a message; the time is that of the last state, in both modes."""
         if topic.name == STATE:
             try:
                 self.now_ns = decode.stamp_ns_of(raw)
             except decode.DecodeError as error:
-                told = f'{topic.name}: {error}'
-                self.get_logger().warning(told, throttle_duration_sec=THROTTLE_S)
+                text = f'{topic.name}: {error}'
+                self.get_logger().warning(text, throttle_duration_sec=THROTTLE_S)
                 return
-            self.server.tell_time(self.now_ns)
-        self.projector.show(topic.name, topic.type, self.schemas[topic.type], raw, self.now_ns)
+            self.server.broadcast_time(self.now_ns)
+        self.forwarder.forward(topic, raw, self.now_ns)
 
     def close(self):
         """End the server."""
@@ -73,8 +63,8 @@ def main() -> int:
     """Serve until SIGINT or SIGTERM."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--port', type=int, default=PORT)
-    chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    return spin_node.spin(partial(ViewNode, chosen.port))
+    args = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    return spin_node.spin(partial(ViewNode, args.port))
 
 
 if __name__ == '__main__':

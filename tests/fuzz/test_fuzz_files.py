@@ -12,8 +12,13 @@ from hypothesis import strategies as st
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read, repair
 from bags.storage.bag_writer import BagWriter
-from bags.storage.message_filing import ClockError, Filing, RecorderParams, bag_topics
-from bags.storage.simulated_time import SimulatedTime
+from bags.storage.message_filing import (
+    ClockError,
+    Filing,
+    RecorderParams,
+    SimulatedTime,
+    bag_topics,
+)
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import YamlError

@@ -1,4 +1,4 @@
-"""The subcommands of `bags`, a module each: HELP, add_arguments(parser), run(chosen) -> exit code.
+"""The subcommands of `bags`, a module each: HELP, add_arguments(parser), run(args) -> exit code.
 
-What a command stands on is imported when it runs: `bags --help` answers at once.
+A command imports what it needs when it runs, so that `bags --help` is quick.
 """

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--force',
         action='store_true',
-        help='compare runs of unlike scenarios or plants all the same',
+        help='compare runs of different scenarios or plants anyway',
     )
     parser.add_argument(
         '--claims',
@@ -44,10 +44,10 @@ class _ListMetrics(argparse.Action):
         parser.exit()
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Compare and show. Raises BagError."""
     from bags.report.comparison import compare_bags, show_comparison
 
-    out = chosen.out or Path(os.path.abspath(chosen.bags[0])).parent
-    show_comparison(compare_bags(chosen.bags, out, chosen.force, chosen.claims), Console())
+    out = args.out or Path(os.path.abspath(args.bags[0])).parent
+    show_comparison(compare_bags(args.bags, out, args.force, args.claims), Console())
     return 0

@@ -20,12 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Measure and show. Raises BagError."""
+def run(args: argparse.Namespace) -> int:
+    """Compute the distances and show them. Raises BagError."""
     from bags.figures import frame_distance_figure
 
-    out = chosen.out or Path(os.path.abspath(chosen.bag)).parent
+    out = args.out or Path(os.path.abspath(args.bag)).parent
     frame_distance_figure.show_frame_distances(
-        frame_distance_figure.write_from_bag(chosen.bag, out), Console()
+        frame_distance_figure.write_from_bag(args.bag, out), Console()
     )
     return 0

@@ -1,14 +1,20 @@
-"""What a bag holds, and how the run behind it went in time."""
+"""Print what a bag contains, and latency and deadline misses of the run."""
 
 import argparse
 import json
 import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from bags.errors import DamagedBagWarning
 
-HELP = 'contents of a bag, and how the run behind it went in time'
+HELP = 'contents of a bag, latency and deadline misses of the run'
+MB = 1e6
+LONGEST_VALUE = 100  # characters of a note of the run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,17 +23,83 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises BagError when the bag cannot be read."""
     from bags.evaluation.bag_summary import summarize_bag
-    from bags.storage import info, read
+    from bags.storage import read
 
     with warnings.catch_warnings():
         # the damage is part of what is printed
         warnings.simplefilter('ignore', DamagedBagWarning)
-        found = summarize_bag(read.load(chosen.bag))
-    if chosen.json:
-        print(json.dumps(found, indent=2))
+        summary = summarize_bag(read.load(args.bag))
+    if args.json:
+        print(json.dumps(summary, indent=2))
     else:
-        info.show(found, Console())
+        show(summary, Console())
     return 0
+
+
+def show(summary: Mapping[str, Any], console: Console) -> None:
+    """Print a summary (`bag_summary.summarize_bag`) for a person."""
+    from bags.storage.invalid_messages import describe_invalid
+
+    size = f'{summary["bytes"] / MB:.2f} MB'
+    if len(summary['files']) > 1:
+        size += f' in {len(summary["files"])} files'
+    console.print(Text(summary['path'], style='bold'), f'{size},', summary['mode'])
+    console.print(f'{summary["messages"]} messages in {summary["duration_s"]:.3f} s')
+    if summary['damage']:
+        console.print(Text(summary['damage'], style='red'))
+    console.print(topic_table(summary['topics']))
+    for line in describe_invalid(summary):
+        console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
+    for line in _describe_run(summary):
+        console.print(line, markup=False, highlight=False)
+    for name, value in summary['run'].items():
+        text = ' '.join(value.split())
+        text = text if len(text) <= LONGEST_VALUE else f'{text[:LONGEST_VALUE]} ...'
+        # soft_wrap: a hash stays one word, which can be copied
+        console.print(f'{name}: {text}', markup=False, highlight=False, soft_wrap=True)
+
+
+def topic_table(topics: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return a table with a row per topic; losses and missing messages are red."""
+    table = Table(box=None, header_style='bold', pad_edge=False)
+    table.add_column('topic')
+    for title in ('messages', 'rate in Hz', 'longest gap in s', 'lost'):
+        table.add_column(title, justify='right')
+    for name, counts in topics.items():
+        lost = _number(counts['lost'], 'd')
+        if counts['lost']:
+            lost += f' in {counts["lost_places"]} places'
+        table.add_row(
+            name,
+            Text(str(counts['messages']), style='' if counts['messages'] else 'red'),
+            _number(counts['rate_hz'], '.2f'),
+            _number(counts['longest_gap_s'], '.3f'),
+            Text(lost, style='red' if counts['lost'] else ''),
+        )
+    return table
+
+
+def _describe_run(summary) -> Iterator[str]:
+    """Yield latency, ticks and reports of the controller, a line each."""
+    from bags.evaluation.tick_timing import describe_ticks
+
+    if summary['latency_ms'] is not None:
+        quantiles = (f'{name} {value:.2f}' for name, value in summary['latency_ms'].items())
+        yield f'state to command in ms: {", ".join(quantiles)}'
+    if summary['ticks'] is not None:
+        yield describe_ticks(summary['ticks'])
+    if summary['rungs'] is not None:
+        rungs = ', '.join(f'{name} {n}' for name, n in summary['rungs'].items())
+        count, on_last = summary['reports']['count'], summary['reports']['on_last_state']
+        ended = f', {on_last} of them on the last state, which is no tick' if on_last else ''
+        yield f'{count} reports of the controller{ended}'
+        yield f'rungs: {rungs}'
+        for reason, n in summary['fallbacks'].items():
+            yield f'  fell back {n} times: {reason}'
+
+
+def _number(value, form):
+    return '-' if value is None else f'{value:{form}}'

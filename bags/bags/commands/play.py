@@ -1,25 +1,25 @@
-"""Send what was recorded again, with recorded QoS, and /clock. Space pauses, s steps, q ends."""
+"""Play a bag with the recorded QoS, and /clock. Space pauses, s steps, q quits."""
 
 import argparse
 import json
 import os
 
-HELP = 'send the messages of a bag again, with /clock'
+HELP = 'play the messages of a bag, with /clock'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `bags play`; what is not given is as in config/player.yaml."""
+    """Arguments of `bags play`; the defaults are those of config/player.yaml."""
     parser.add_argument('bag', metavar='BAG', help='folder of a bag, or its MCAP file')
     number = {'type': float, 'metavar': 'S'}
     parser.add_argument('--rate', type=float, help='s of the bag per second (default: 1)')
     parser.add_argument('--start', dest='start_s', help='s after the first message', **number)
     parser.add_argument('--duration', dest='duration_s', help='s of the bag to play', **number)
-    parser.add_argument('--loop', action='store_true', default=None, help='begin again at the end')
+    parser.add_argument('--loop', action='store_true', default=None, help='start again at the end')
     parser.add_argument('--topics', nargs='+', metavar='TOPIC', help='only these')
     parser.add_argument(
         '--clock', dest='clock_hz', type=float, metavar='HZ', help='rate of /clock; 0: none'
     )
-    parser.add_argument('--paused', action='store_true', default=None, help='begin paused')
+    parser.add_argument('--paused', action='store_true', default=None, help='start paused')
     parser.add_argument('--step', dest='step_s', help='s of the bag per step', **number)
 
 
@@ -29,14 +29,14 @@ PARAMETERS = (
 )
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Become the player; it has the terminal and its signals for itself."""
+def run(args: argparse.Namespace) -> int:
+    """Replace this process by the player, which then owns the terminal and its signals."""
     from msgs_yaml import share
 
     words = [*share.node_command('bags', 'player_node'), '--ros-args']
     for name in PARAMETERS:
-        value = getattr(chosen, name)
+        value = getattr(args, name)
         if value is not None:
-            # JSON is YAML: a folder called 1.0 stays a text
+            # JSON is YAML: a folder called 1.0 stays a string
             words += ['-p', f'{name}:={json.dumps(value)}']
     os.execv(words[0], words)

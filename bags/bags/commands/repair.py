@@ -1,4 +1,4 @@
-"""Rebuild summary, footer and metadata.yaml of bags that were cut short."""
+"""Rebuild summary, footer and metadata.yaml of bags that were cut off."""
 
 import argparse
 import sys
@@ -13,12 +13,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', nargs='+', metavar='BAG', help='folder of a bag, or its MCAP file')
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Repair every bag that was named; 1 when one of them could not be."""
+def run(args: argparse.Namespace) -> int:
+    """Repair every bag; return 1 when one of them cannot be repaired."""
     from bags.storage import repair
 
     failed = 0
-    for bag in chosen.bag:
+    for bag in args.bag:
         try:
             print(repair.describe_repair(repair.repair_bag(bag)))
         except BagError as error:

@@ -1,4 +1,4 @@
-"""Where the time of each tick went, which ticks were missed, and how steady the commands came."""
+"""Print the latency of each part of a tick, missed ticks, and the intervals between commands."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-HELP = 'where the time of each tick went, and which ticks were missed'
+HELP = 'latency of each part of a tick, and missed ticks'
 TITLES = {
     'total': 'state sent to command sent',
     'transport': '  transport',
@@ -26,45 +26,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the report. Raises BagError when the bag cannot be read."""
-    from bags.evaluation import tick_timing
+    from bags.evaluation.tick_timing import timing_report
     from bags.storage import read
 
-    found = tick_timing.timing_report(read.load(chosen.bag))
-    if chosen.json:
-        print(json.dumps(found, indent=2))
+    report = timing_report(read.load(args.bag))
+    if args.json:
+        print(json.dumps(report, indent=2))
     else:
-        show(found, Console())
+        show(report, Console())
     return 0
 
 
-def show(found: dict[str, Any], console: Console) -> None:
-    """Print a report for a person; a dash for what its bag does not tell."""
-    from bags.evaluation.tick_timing import QUANTILES
-    from bags.storage import info
+def show(report: dict[str, Any], console: Console) -> None:
+    """Print a report (`tick_timing.timing_report`); a dash where its bag lacks a time."""
+    from bags.evaluation.tick_timing import QUANTILES, describe_ticks
     from bags.storage.invalid_messages import describe_invalid
 
     table = Table(box=None, header_style='bold', pad_edge=False)
     table.add_column('ms')
     for name in QUANTILES:
         table.add_column(name, justify='right')
-    for title, values in _rows(found):
+    for title, values in _rows(report):
         table.add_row(title, *(_number((values or {}).get(name), 2) for name in QUANTILES))
     console.print(table)
-    for line in describe_invalid(found):
+    for line in describe_invalid(report):
         console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
-    console.print(info.told(found['ticks']), highlight=False)
-    console.print(f'mean interval {_number(found["interval_ms"]["mean"], 3)} ms', highlight=False)
+    console.print(describe_ticks(report['ticks']), highlight=False)
+    console.print(f'mean interval {_number(report["interval_ms"]["mean"], 3)} ms', highlight=False)
 
 
 def _number(value, decimals):
     return '-' if value is None else f'{value:.{decimals}f}'
 
 
-def _rows(found) -> Iterator[tuple[str, dict[str, float] | None]]:
+def _rows(report) -> Iterator[tuple[str, dict[str, float] | None]]:
     """Yield each line's title and quantiles."""
     for name, title in TITLES.items():
-        yield title, found['parts_ms'][name]
-    yield 'between two commands', found['interval_ms']
-    yield 'state sent after its stamp', found['state_sent_after_its_stamp_ms']
+        yield title, report['parts_ms'][name]
+    yield 'between two commands', report['interval_ms']
+    yield 'state sent after its stamp', report['state_sent_after_its_stamp_ms']

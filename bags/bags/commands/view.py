@@ -1,4 +1,4 @@
-"""Show a bag, or the running ring, to Foxglove over a WebSocket on this machine."""
+"""Show a bag, or the running nodes, to Foxglove over a WebSocket on this machine."""
 
 import argparse
 import os
@@ -9,23 +9,23 @@ from importlib.util import find_spec
 from bags.errors import BagError
 from msgs_yaml import share
 
-HELP = 'show a bag or the running ring to Foxglove (ws://127.0.0.1:8765)'
+HELP = 'show a bag or the running nodes to Foxglove (ws://127.0.0.1:8765)'
 PORT = 8765
 FASTEST = 100.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags view`."""
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument('bag', nargs='?', metavar='BAG', help='folder of a bag, or its MCAP file')
-    what.add_argument('--live', action='store_true', help='the ring of this ROS_DOMAIN_ID')
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument('bag', nargs='?', metavar='BAG', help='folder of a bag, or its MCAP file')
+    source.add_argument('--live', action='store_true', help='the nodes of this ROS_DOMAIN_ID')
     parser.add_argument(
         '--port', type=_port, default=PORT, metavar='N', help=f'of the server (default: {PORT})'
     )
     parser.add_argument(
         '--rate', type=_rate, default=1.0, metavar='R', help='of a bag: times as fast (default: 1)'
     )
-    parser.add_argument('--loop', action='store_true', help='begin a bag anew at its end')
+    parser.add_argument('--loop', action='store_true', help='start a bag again at its end')
 
 
 def _port(text):
@@ -42,13 +42,13 @@ def _rate(text):
     return value
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM. Raises BagError."""
     if find_spec('foxglove') is None:
         raise BagError('bags view needs the package foxglove-sdk: pip install foxglove-sdk')
-    if chosen.live:
+    if args.live:
         command = share.node_command('bags', 'view_node')
-        os.execv(command[0], [*command, '--port', str(chosen.port)])
+        os.execv(command[0], [*command, '--port', str(args.port)])
     # Foxglove's library takes half a second to load
     from bags.storage import read
     from bags.viewers.foxglove_server import connection_hint
@@ -57,10 +57,10 @@ def run(chosen: argparse.Namespace) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    screening = PlaybackServer(read.load(chosen.bag), chosen.port, chosen.rate, chosen.loop)
-    print(connection_hint(screening.server.url), flush=True)
+    server = PlaybackServer(read.load(args.bag), args.port, args.rate, args.loop)
+    print(connection_hint(server.url), flush=True)
     try:
-        screening.run(stop.is_set)
+        server.run(stop.is_set)
     finally:
-        screening.server.close()
+        server.close()
     return 0

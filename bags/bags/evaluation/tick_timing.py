@@ -11,6 +11,7 @@ The recorder keeps when each message was sent (wall clock, in every mode); the c
 """
 
 import itertools
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -179,6 +180,14 @@ def timing_report(bag: read.Bag) -> dict[str, Any]:
         'state_sent_after_its_stamp_ms': None if mode == 'lockstep' else quantiles(lateness),
         **count_invalid(bag),
     }
+
+
+def describe_ticks(counts: Mapping[str, int]) -> str:
+    """Return counted ticks, as in the report, as one line for a person."""
+    return (
+        f'{counts["count"]} ticks, {counts["missed"]} missed: {counts["unanswered"]} unanswered, '
+        f'{counts["late"]} late; {counts["blind"]} commands without a state'
+    )
 
 
 def quantiles(values: np.ndarray) -> dict[str, float]:

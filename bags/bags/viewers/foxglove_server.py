@@ -1,13 +1,11 @@
-"""Serves topics to Foxglove over a WebSocket on this machine: recorded bytes, shapes and frames.
+"""Serve topics to Foxglove over a WebSocket on this machine: recorded bytes, shapes and frames.
 
 Messages keep the schema and the bytes (CDR) of ROS 2, so that Foxglove shows them as it would a
 bag; shapes and the frame of the car are sent in Foxglove's own schemas.
+"""
 
-
-Passes messages on to a server, and draws what they change."""
-
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import foxglove
 from foxglove import Capability, Schema, messages
@@ -15,60 +13,42 @@ from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
 from foxglove.websocket import ServerListener
 
 from bags.errors import BagError
+from bags.playback import is_latched
 from bags.storage.decoding import DECODE_ERRORS, decode_message
 from bags.storage.rosbag2_metadata import BagTopic
 from bags.viewers import marker_scene
-from bags.viewers.marker_scene import (
-    PREDICTION,
-    SAFETY,
-    STATE,
-    VEHICLE,
-    WATCHED,
-    Drawing,
-    MarkerScene,
-    Shape,
-)
+from bags.viewers.marker_scene import Drawing, MarkerScene, Shape
 from msgs_yaml import conversions, share
 from msgs_yaml.types import VehicleState
 
 HOST, PORT = '127.0.0.1', 8765
-# messages per client that wait: two seconds of every topic at its rate
-BACKLOG = 8192
+BACKLOG = 8192  # waiting messages per client: two seconds of every topic at its rate
 FRAME, CHILD_FRAME = 'map', 'base_link'
-
-
-class Served(NamedTuple):
-    """A topic as it is offered."""
-
-    name: str
-    type: str  # 'package/msg/Name'
-    schema: str  # definition text
-    latched: bool  # who comes late gets the last message
+SCENES = (marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION)
 
 
 class Server(ServerListener):
-    """A WebSocket server; every method may be called whether or not anybody listens."""
+    """A WebSocket server; every method may be called with or without clients."""
 
     def __init__(
         self,
-        topics: Iterable[Served],
+        topics: Sequence[BagTopic],
         port: int,
         span_ns: tuple[int, int] | None = None,
         control: Any = None,
     ):
         """Offer `topics` on `port` (0: any free one); BagError when it is taken.
 
-        `span_ns` and `control` belong to a recording: first and last time, and what is asked to
+        `span_ns` and `control` belong to a recording: first and last time, and what is called to
         play, pause and seek (on_playback_control_request of foxglove.ServerListener).
         """
         foxglove.set_log_level('ERROR')
-        topics = list(topics)
         # channels live as long as their context
         self._context = context = foxglove.Context()
         self._channels = {topic.name: _channel(topic, context) for topic in topics}
-        self._latched = {topic.name: None for topic in topics if topic.latched}
-        drawn = [name for name in (VEHICLE, SAFETY, PREDICTION) if name not in self._channels]
-        self._scenes = {name: SceneUpdateChannel(name, context=context) for name in drawn}
+        self._latched = {topic.name: None for topic in topics if is_latched(topic)}
+        computed = [name for name in SCENES if name not in self._channels]
+        self._scenes = {name: SceneUpdateChannel(name, context=context) for name in computed}
         self._frames = FrameTransformsChannel('/tf', context=context)
         self._control = control
         capabilities = [Capability.Time] + ([Capability.PlaybackControl] if span_ns else [])
@@ -88,7 +68,7 @@ class Server(ServerListener):
 
     @property
     def url(self) -> str:
-        """Where Foxglove connects to."""
+        """The address for Foxglove."""
         return f'ws://{HOST}:{self._server.port}'
 
     def send(self, topic: str, payload: bytes, log_ns: int) -> None:
@@ -97,22 +77,21 @@ class Server(ServerListener):
             self._latched[topic] = (payload, log_ns)
         self._channels[topic].log(payload, log_time=log_ns)
 
-    def draw(self, picture: Drawing, log_ns: int) -> None:
-        """Show a picture, unless its topic is among those that are sent as they are."""
-        if picture.topic in self._scenes:
-            update = scene_update(picture)
-            self._scenes[picture.topic].log(update, log_time=log_ns)
+    def send_drawing(self, drawing: Drawing, log_ns: int) -> None:
+        """Send a drawing, unless its topic is among the recorded ones."""
+        if drawing.topic in self._scenes:
+            self._scenes[drawing.topic].log(scene_update(drawing), log_time=log_ns)
 
-    def place(self, state: VehicleState, log_ns: int) -> None:
-        """Say where the car is."""
+    def send_transform(self, state: VehicleState, log_ns: int) -> None:
+        """Send the pose of the car."""
         self._frames.log(frame_transforms(state), log_time=log_ns)
 
-    def tell_time(self, now_ns: int) -> None:
-        """Tell the clients what time it is in the recording, or on the clock of the ring."""
+    def broadcast_time(self, now_ns: int) -> None:
+        """Send the time of the recording, or of the running nodes."""
         self._server.broadcast_time(now_ns)
 
-    def tell_playback(self, state: foxglove.websocket.PlaybackState) -> None:
-        """Tell the clients that the playback has changed by itself."""
+    def broadcast_playback(self, state: foxglove.websocket.PlaybackState) -> None:
+        """Send a change of the playback that no client requested."""
         self._server.broadcast_playback_state(state)
 
     def close(self) -> None:
@@ -120,7 +99,7 @@ class Server(ServerListener):
         self._server.stop()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Called by the server: who comes late still gets the facts."""
+        """Called by the server: a late client still gets the latched messages."""
         last = self._latched.get(channel.topic)
         if last:
             payload, log_ns = last
@@ -132,7 +111,7 @@ class Server(ServerListener):
 
 
 def connection_hint(url: str) -> str:
-    """Return what a person has to do to see what is served."""
+    """Return instructions to connect Foxglove to `url`."""
     layout = share.path('bags', 'viewers', 'foxglove.json')
     return (
         f'Foxglove: open connection, Foxglove WebSocket, {url}; import the layout {layout}\n'
@@ -148,34 +127,29 @@ def _channel(topic, context):
 def frame_transforms(x: VehicleState) -> messages.FrameTransforms:
     """Return the pose of base_link in map."""
     z, w = conversions.heading_to_quaternion(x.psi)
-    one = messages.FrameTransform(
+    transform = messages.FrameTransform(
         timestamp=_time(x.stamp_ns),
         parent_frame_id=FRAME,
         child_frame_id=CHILD_FRAME,
         translation=messages.Vector3(x=float(x.X), y=float(x.Y)),
         rotation=messages.Quaternion(z=z, w=w),
     )
-    return messages.FrameTransforms(transforms=[one])
+    return messages.FrameTransforms(transforms=[transform])
 
 
-def scene_update(picture: Drawing) -> messages.SceneUpdate:
-    """Return a picture as one entity: the next of its topic replaces it whole."""
-    found = {
-        marker_scene.BOX: [],
-        marker_scene.DISC: [],
-        marker_scene.LINE: [],
-        marker_scene.TEXT: [],
-    }
-    for one in picture.shapes:
-        found[one.kind].append(PRIMITIVES[one.kind](one))
+def scene_update(drawing: Drawing) -> messages.SceneUpdate:
+    """Return a drawing as one entity, which the next of its topic replaces."""
+    primitives = {kind: [] for kind in PRIMITIVES}
+    for shape in drawing.shapes:
+        primitives[shape.kind].append(PRIMITIVES[shape.kind](shape))
     entity = messages.SceneEntity(
-        timestamp=_time(picture.stamp_ns),
+        timestamp=_time(drawing.stamp_ns),
         frame_id=FRAME,
-        id=picture.topic,
-        cubes=found[marker_scene.BOX],
-        cylinders=found[marker_scene.DISC],
-        lines=found[marker_scene.LINE],
-        texts=found[marker_scene.TEXT],
+        id=drawing.topic,
+        cubes=primitives[marker_scene.BOX],
+        cylinders=primitives[marker_scene.DISC],
+        lines=primitives[marker_scene.LINE],
+        texts=primitives[marker_scene.TEXT],
     )
     return messages.SceneUpdate(entities=[entity])
 
@@ -184,9 +158,9 @@ def _time(stamp_ns):
     return messages.Timestamp(*conversions.split_stamp(stamp_ns))
 
 
-def _pose(one: Shape):
-    z, w = conversions.heading_to_quaternion(one.yaw)
-    x, y, up = one.at
+def _pose(shape: Shape):
+    z, w = conversions.heading_to_quaternion(shape.yaw)
+    x, y, up = shape.at
     position = messages.Vector3(x=x, y=y, z=up)
     return messages.Pose(position=position, orientation=messages.Quaternion(z=z, w=w))
 
@@ -196,36 +170,36 @@ def _colour(rgba):
     return messages.Color(r=red, g=green, b=blue, a=opacity)
 
 
-def _size(one):
-    x, y, z = one.size
+def _size(shape):
+    x, y, z = shape.size
     return messages.Vector3(x=x, y=y, z=z)
 
 
-def _box(one):
-    return messages.CubePrimitive(pose=_pose(one), size=_size(one), color=_colour(one.colour))
+def _box(shape):
+    return messages.CubePrimitive(pose=_pose(shape), size=_size(shape), color=_colour(shape.colour))
 
 
-def _disc(one):
-    look = {'size': _size(one), 'color': _colour(one.colour)}
-    return messages.CylinderPrimitive(pose=_pose(one), bottom_scale=1.0, top_scale=1.0, **look)
+def _disc(shape):
+    look = {'size': _size(shape), 'color': _colour(shape.colour)}
+    return messages.CylinderPrimitive(pose=_pose(shape), bottom_scale=1.0, top_scale=1.0, **look)
 
 
-def _line(one):
-    width, _, _ = one.size
+def _line(shape):
+    width, _, _ = shape.size
     return messages.LinePrimitive(
         type=messages.LinePrimitiveLineType.LineStrip,
-        pose=_pose(one),
+        pose=_pose(shape),
         thickness=width,
-        points=[messages.Point3(x=float(x), y=float(y)) for x, y in one.points],
-        color=_colour(one.colour),
-        colors=[_colour(colour) for colour in one.colours],
+        points=[messages.Point3(x=float(x), y=float(y)) for x, y in shape.points],
+        color=_colour(shape.colour),
+        colors=[_colour(colour) for colour in shape.colours],
     )
 
 
-def _text(one):
-    height, _, _ = one.size
-    look = {'billboard': True, 'font_size': height, 'color': _colour(one.colour)}
-    return messages.TextPrimitive(pose=_pose(one), text=one.text, **look)
+def _text(shape):
+    height, _, _ = shape.size
+    look = {'billboard': True, 'font_size': height, 'color': _colour(shape.colour)}
+    return messages.TextPrimitive(pose=_pose(shape), text=shape.text, **look)
 
 
 PRIMITIVES = {
@@ -237,25 +211,25 @@ PRIMITIVES = {
 
 
 class Forwarder:
-    """A server and the stage that it shows."""
+    """Passes messages on to a server, with the scene that follows from them."""
 
-    def __init__(self, server: Server, stage: MarkerScene):
+    def __init__(self, server: Server, scene: MarkerScene):
         self.server = server
-        self._stage = stage
+        self._scene = scene
 
-    def show(self, topic: str, kind: str, schema: str, payload: bytes, log_ns: int) -> None:
-        """Send a message (CDR) of the type `kind`, whose definition is `schema`; draw the scene.
+    def forward(self, topic: BagTopic, payload: bytes, log_ns: int) -> None:
+        """Send a message (CDR) and what it changes in the scene.
 
-        A message that breaks the contract is sent all the same, and nothing is drawn of it.
+        A message that breaks the contract is sent, too, but changes nothing in the scene.
         """
-        self.server.send(topic, payload, log_ns)
-        if topic not in WATCHED or not self._stage.wants(topic, log_ns):
+        self.server.send(topic.name, payload, log_ns)
+        if topic.name not in marker_scene.WATCHED or not self._scene.needs(topic.name, log_ns):
             return
         try:
-            value = decode_message(BagTopic(topic, kind, schema, '', ''), payload)
+            value = decode_message(topic, payload)
         except DECODE_ERRORS:
             return
-        for picture in self._stage.take(topic, value):
-            self.server.draw(picture, log_ns)
-        if topic == STATE:
-            self.server.place(value, log_ns)
+        for drawing in self._scene.update(topic.name, value):
+            self.server.send_drawing(drawing, log_ns)
+        if topic.name == marker_scene.STATE:
+            self.server.send_transform(value, log_ns)

@@ -1,9 +1,8 @@
-"""What a 3D viewer is shown of the ring, as plain shapes in the frame map: SI units, z up.
+"""The car, its safety areas and its plan as plain shapes in the frame map: SI units, z up.
 
-Shapes know nothing of ROS or Foxglove: `encode` and `server` turn them into messages of theirs.
-
-
-From the values of the topics to what a 3D viewer is shown: the latest of each, drawn in time."""
+`MarkerScene` keeps the latest value of each topic and returns the shapes to draw. Shapes are
+independent of ROS and Foxglove: markers_node and foxglove_server turn them into messages.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,11 +26,11 @@ LETTER_M = 0.8
 GREY = (0.35, 0.4, 0.45, 0.75)
 GREEN, RED = np.array([0.1, 0.65, 0.3]), np.array([0.8, 0.15, 0.1])
 SLOW, FAST = np.array([0.85, 0.25, 0.1]), np.array([0.1, 0.45, 0.85])
-SPEED_SPAN_MPS = 5.0  # colours tell speeds apart that differ by at most so much
+SPEED_SPAN_MPS = 5.0  # range of speeds that the colours cover
 
 
 class Shape(NamedTuple):
-    """One thing to draw; ns and id name it from message to message."""
+    """One shape; ns and id identify it from message to message."""
 
     ns: str
     id: int
@@ -66,7 +65,7 @@ class SafetyParams:
 
 @dataclass(frozen=True)
 class ShapeParams:
-    """All that shapes need to know of a run beyond its topics."""
+    """The parameters of a run that its topics do not carry."""
 
     outline: OutlineParams
     safety: SafetyParams
@@ -81,7 +80,7 @@ def vehicle_shapes(
     middle = (outline.front_m - outline.rear_m) / 2
     size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
     X, Y = _ahead(state, middle)
-    found = [
+    shapes = [
         _shape('body', 0, BOX, (X, Y, CAR_HEIGHT_M / 2), size, GREY, yaw=state.psi),
         _line('outline', 0, np.concatenate([corners, corners[:1]]), _rgba(style.KNOWN['mpcc'])),
     ]
@@ -94,11 +93,11 @@ def vehicle_shapes(
             at = (X, Y, CAR_HEIGHT_M + height / 2)
             colour = (*_mix(GREEN, RED, use), 0.95)
             size = (length, width, height)
-            found.append(_shape('friction', k, BOX, at, size, colour, yaw=state.psi))
+            shapes.append(_shape('friction', k, BOX, at, size, colour, yaw=state.psi))
             at = (X, Y, CAR_HEIGHT_M + height + LETTER_M)
             text = f'{axle} {use:.2f}'
-            found.append(_shape('use', k, TEXT, at, (LETTER_M,) * 3, colour, text=text))
-    return found
+            shapes.append(_shape('use', k, TEXT, at, (LETTER_M,) * 3, colour, text=text))
+    return shapes
 
 
 def safety_shapes(
@@ -113,44 +112,46 @@ def safety_shapes(
     """
     radius = distances.circle_radius_m
     circle = _rgba(style.KNOWN['mpcc'], 0.3)
-    found = [
+    shapes = [
         _disc('circle', k, _ahead(state, ahead), radius, circle, 2 * FLAT_M)
         for k, ahead in enumerate(distances.circle_offsets_m)
     ]
-    for one in obstacles:
+    for obstacle in obstacles:
         touch, unsafe = _rgba(style.COLLISION, 0.3), _rgba(style.UNSAFE, 0.3)
-        reach = one.r_obs + radius
-        found.append(_disc('collision', one.id, (one.X, one.Y), reach, touch, 2 * FLAT_M))
+        reach = obstacle.r_obs + radius
+        shapes.append(
+            _disc('collision', obstacle.id, (obstacle.X, obstacle.Y), reach, touch, 2 * FLAT_M)
+        )
         reach += distances.obstacle_m
-        found.append(_disc('unsafe', one.id, (one.X, one.Y), reach, unsafe, FLAT_M))
+        shapes.append(_disc('unsafe', obstacle.id, (obstacle.X, obstacle.Y), reach, unsafe, FLAT_M))
     if edges is not None:
         keep_off = radius + distances.edge_m
         for k, (line, inside) in enumerate(((edges.left, -1.0), (edges.right, 1.0))):
-            found.append(_line('edge', k, line, _rgba(style.EDGE)))
+            shapes.append(_line('edge', k, line, _rgba(style.EDGE)))
             limit = geometry.offset_polyline(line, inside * keep_off)
-            found.append(_line('limit', k, limit, _rgba(style.UNSAFE)))
-    return found
+            shapes.append(_line('limit', k, limit, _rgba(style.UNSAFE)))
+    return shapes
 
 
 def prediction_shapes(plan: Prediction, reference: Reference | None) -> list[Shape]:
     """Return the horizon, coloured by its speed, and the coarse path."""
     points = np.column_stack([plan.X, plan.Y])
-    found = []
+    shapes = []
     if len(points) > 1:
         speed = np.hypot(*np.diff(points, axis=0).T) / np.diff(plan.t)
         colours = speed_colours(np.append(speed, speed[-1]))
         horizon = _line('horizon', 0, points, _rgba(style.KNOWN['mpcc']))
-        found.append(horizon._replace(colours=colours))
+        shapes.append(horizon._replace(colours=colours))
     if reference is not None:
         path = np.column_stack([reference.X, reference.Y])
-        found.append(_line('reference', 0, path, _rgba(style.REFERENCE)))
-    return found
+        shapes.append(_line('reference', 0, path, _rgba(style.REFERENCE)))
+    return shapes
 
 
 def friction_use(why: Mapping[str, float | str]) -> dict[str, float]:
     """Return F / (mu F_z) by axle from the values of /controller/why, where they are finite."""
-    said = {axle: report_number(why, f'friction.{axle}') for axle in AXLES}
-    return {axle: use for axle, use in said.items() if np.isfinite(use)}
+    uses = {axle: report_number(why, f'friction.{axle}') for axle in AXLES}
+    return {axle: use for axle, use in uses.items() if np.isfinite(use)}
 
 
 def speed_colours(speed: np.ndarray) -> np.ndarray:
@@ -187,10 +188,9 @@ def _line(ns, number, points, colour):
 
 
 def _shape(ns, number, kind, at, size, colour, yaw=0.0, text=''):
-    nothing = np.empty((0, 2)), np.empty((0, 4))
-    numbers = (tuple(float(v) for v in values) for values in (at, size, colour))
-    at, size, colour = numbers
-    return Shape(ns, number, kind, at, float(yaw), size, colour, *nothing, text)
+    at, size, colour = (tuple(float(v) for v in values) for values in (at, size, colour))
+    no_points, no_colours = np.empty((0, 2)), np.empty((0, 4))
+    return Shape(ns, number, kind, at, float(yaw), size, colour, no_points, no_colours, text)
 
 
 VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'
@@ -202,7 +202,7 @@ PERIOD_NS = 50_000_000  # that of the controller
 
 
 class Drawing(NamedTuple):
-    """What a marker topic shows from a stamp on."""
+    """The shapes that a marker topic shows from a stamp on."""
 
     topic: str
     stamp_ns: int
@@ -217,14 +217,14 @@ class MarkerScene:
         self._latest: dict[str, Any] = {}
         self._due_ns = 0
 
-    def wants(self, topic: str, stamp_ns: int) -> bool:
-        """Whether a message is worth decoding: of a thousand states a second 20 are drawn."""
-        # a clock that went back is a run that began anew
+    def needs(self, topic: str, stamp_ns: int) -> bool:
+        """Return whether a message is to be decoded: of 1000 states per second 20 are drawn."""
+        # a clock that went back belongs to a new run
         early = self._due_ns - PERIOD_NS <= stamp_ns < self._due_ns
         return topic != STATE or not early
 
-    def take(self, topic: str, value: Any) -> list[Drawing]:
-        """Note a value of `msgs_yaml.types`; return what is to be drawn because of it."""
+    def update(self, topic: str, value: Any) -> list[Drawing]:
+        """Store a value of `msgs_yaml.types`; return what it changes in the scene."""
         self._latest[topic] = value
         if topic == PLAN:
             drawn = prediction_shapes(value, self._latest.get(REFERENCE))
@@ -232,9 +232,9 @@ class MarkerScene:
         if topic != STATE:
             return []
         self._due_ns = value.stamp_ns + PERIOD_NS
-        why, seen = self._latest.get(WHY), self._latest.get(OBSTACLES)
+        why, message = self._latest.get(WHY), self._latest.get(OBSTACLES)
         use = friction_use(why.values) if why else {}
-        obstacles, edges = seen.items if seen else (), self._latest.get(EDGES)
+        obstacles, edges = message.items if message else (), self._latest.get(EDGES)
         car = vehicle_shapes(value, use, self.params.outline)
         areas = safety_shapes(value, obstacles, edges, self.params.safety)
         return [Drawing(VEHICLE, value.stamp_ns, car), Drawing(SAFETY, value.stamp_ns, areas)]

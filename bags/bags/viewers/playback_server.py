@@ -1,4 +1,4 @@
-"""Show a bag to Foxglove: played at a rate, paused and sought from its own controls."""
+"""Show a bag to Foxglove: played at a rate, paused and sought from Foxglove's own controls."""
 
 import threading
 import time
@@ -8,138 +8,103 @@ import numpy as np
 from foxglove.websocket import PlaybackCommand, PlaybackState, PlaybackStatus
 
 from bags.evaluation.drive import facts_from_run_info
+from bags.playback import PlaybackClock, build_playlist, is_latched
 from bags.storage import read
-from bags.viewers import marker_scene
-from bags.viewers.foxglove_server import Forwarder, Served, Server
-from bags.viewers.marker_scene import MarkerScene
+from bags.viewers.foxglove_server import Forwarder, Server
+from bags.viewers.marker_scene import MarkerScene, OutlineParams, SafetyParams, ShapeParams
 from msgs_yaml import share
 from node_runtime import parameters
 
-LOOK_S = 0.01  # of wall time between two looks at the clock
-LATCHED = 'transient_local'
-
-
-class Pace:
-    """Where a recording is: bag time as a function of the wall clock, which callers give."""
-
-    def __init__(self, first_ns: int, last_ns: int, rate: float):
-        self.first_ns, self.last_ns = first_ns, last_ns
-        self.rate, self.playing = rate, True
-        self._at_ns, self._since_s = first_ns, None
-
-    def now(self, wall_s: float) -> int:
-        """Return the bag time [ns], not beyond the end."""
-        if self._since_s is None:
-            self._since_s = wall_s
-        passed = (wall_s - self._since_s) * self.rate * 1e9 if self.playing else 0.0
-        return min(self._at_ns + int(passed), self.last_ns)
-
-    def change(self, wall_s: float, playing=None, rate=None, seek_ns=None) -> None:
-        """Play or pause, at another rate, from elsewhere; None leaves it as it is."""
-        at_ns = self.now(wall_s) if seek_ns is None else seek_ns
-        self._at_ns, self._since_s = min(max(at_ns, self.first_ns), self.last_ns), wall_s
-        self.playing = self.playing if playing is None else playing
-        self.rate = self.rate if rate is None else rate
+POLL_S = 0.01  # of wall time
 
 
 class PlaybackServer:
-    """A bag on a server. `run` sends until it is stopped."""
+    """A bag on a server. `run` sends its messages until it is stopped."""
 
     def __init__(self, bag: read.Bag, port: int, rate: float, loop: bool):
         """Raises BagError when the port is taken."""
-        self.bag, self.loop = bag, loop
-        self.names = [name for name, one in bag.recordings.items() if one.payloads]
-        log_ns = [bag.recordings[name].log_ns for name in self.names]
-        owner = np.repeat(np.arange(len(self.names)), [len(one) for one in log_ns])
-        place = np.concatenate([np.arange(len(one)) for one in log_ns])
-        times = np.concatenate(log_ns)
-        order = np.argsort(times, kind='stable')
-        self.times, self.owner, self.place = times[order], owner[order], place[order]
-        self.latched = {
-            k
-            for k, name in enumerate(self.names)
-            if f'durability: {LATCHED}' in bag.recordings[name].topic.qos
-        }
-        span = int(self.times[0]), int(self.times[-1])
-        self.pace = Pace(*span, rate)
+        self.loop = loop
+        self.playlist = build_playlist(bag)
+        topics = self.playlist.topics
+        self.latched = {k for k, topic in enumerate(topics) if is_latched(topic)}
+        first_ns, length_ns = self.playlist.first_ns, self.playlist.duration_ns
+        self.clock = PlaybackClock(rate, time.monotonic_ns(), end_ns=length_ns)
         self.next = 0  # message to send
         self.lock = threading.Lock()
-        self.sought = False
-        topics = [bag.recordings[name].topic for name in self.names]
-        served = [
-            Served(topic.name, topic.type, topic.schema, k in self.latched)
-            for k, topic in enumerate(topics)
-        ]
-        self.server = Server(served, port, span, self.on_control)
-        self.projector = Forwarder(self.server, MarkerScene(_params(bag)))
+        self.seeking = False
+        self.server = Server(topics, port, (first_ns, first_ns + length_ns), self.on_control)
+        self.url, self.close = self.server.url, self.server.close
+        self.forwarder = Forwarder(self.server, MarkerScene(_shape_params(bag)))
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Send what is due until `stopped`."""
         ended = False
         while not stopped():
             with self.lock:
-                now_ns = self.pace.now(time.monotonic())
-                if self.sought:
-                    self._jump(now_ns)
-            self._send_until(now_ns)
-            self.server.tell_time(now_ns)
-            at_end = now_ns >= self.pace.last_ns
+                position_ns = self.clock.position_ns(time.monotonic_ns())
+                if self.seeking:
+                    self._seek(position_ns)
+            self._send_until(position_ns)
+            self.server.broadcast_time(self._log_ns(position_ns))
+            at_end = position_ns >= self.playlist.duration_ns
             if at_end and self.loop:
                 with self.lock:
-                    self.pace.change(time.monotonic(), seek_ns=self.pace.first_ns)
-                    self.sought = True
+                    self.clock.set(time.monotonic_ns(), position_ns=0)
+                    self.seeking = True
             elif at_end and not ended:
-                self.server.tell_playback(self._state(now_ns, False, None))
+                self.server.broadcast_playback(self._state(position_ns, False, None))
             ended = at_end
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
     def on_control(self, request) -> PlaybackState:
-        """Do what Foxglove asks for, from its thread; tell it where the playback is."""
-        wall_s, seek_ns = time.monotonic(), request.seek_time
-        playing = request.playback_command == PlaybackCommand.Play
+        """Do what Foxglove requests, from its thread; return the state of the playback."""
+        now_ns, seek_ns = time.monotonic_ns(), request.seek_time
+        position_ns = None if seek_ns is None else seek_ns - self.playlist.first_ns
+        paused = request.playback_command != PlaybackCommand.Play
+        rate = request.playback_speed or None
         with self.lock:
-            self.pace.change(wall_s, playing, request.playback_speed or None, seek_ns)
-            self.sought |= seek_ns is not None
-            return self._state(self.pace.now(wall_s), seek_ns is not None, request.request_id)
+            self.clock.set(now_ns, paused=paused, rate=rate, position_ns=position_ns)
+            self.seeking |= seek_ns is not None
+            position_ns = self.clock.position_ns(now_ns)
+            return self._state(position_ns, seek_ns is not None, request.request_id)
 
-    def _state(self, now_ns, did_seek, request_id):
-        status = PlaybackStatus.Playing if self.pace.playing else PlaybackStatus.Paused
-        if now_ns >= self.pace.last_ns:
+    def _log_ns(self, position_ns):
+        return self.playlist.first_ns + position_ns
+
+    def _state(self, position_ns, did_seek, request_id):
+        status = PlaybackStatus.Paused if self.clock.paused else PlaybackStatus.Playing
+        if position_ns >= self.playlist.duration_ns:
             status = PlaybackStatus.Ended
-        return PlaybackState(status, now_ns, self.pace.rate, did_seek, request_id)
+        log_ns = self._log_ns(position_ns)
+        return PlaybackState(status, log_ns, self.clock.rate, did_seek, request_id)
 
-    def _jump(self, now_ns):
-        """Continue from another time: facts that were latched by then come first."""
-        self.sought = False
-        self.next = int(np.searchsorted(self.times, now_ns))
-        before = self.owner[: self.next]
+    def _seek(self, position_ns):
+        """Continue from another position: the last latched messages before it are sent first."""
+        self.seeking = False
+        self.next = int(np.searchsorted(self.playlist.due_ns, position_ns))
+        before = self.playlist.topic[: self.next]
         for k in self.latched:
-            (places,) = np.nonzero(before == k)
-            if places.size:
-                self._send(int(places[-1]), now_ns)
+            (rows,) = np.nonzero(before == k)
+            if rows.size:
+                self._send(int(rows[-1]), position_ns)
 
-    def _send_until(self, now_ns):
-        while self.next < len(self.times) and self.times[self.next] <= now_ns:
-            self._send(self.next, int(self.times[self.next]))
+    def _send_until(self, position_ns):
+        due_ns = self.playlist.due_ns
+        while self.next < len(due_ns) and due_ns[self.next] <= position_ns:
+            self._send(self.next, int(due_ns[self.next]))
             self.next += 1
 
-    def _send(self, index, log_ns):
-        name = self.names[self.owner[index]]
-        found = self.bag.recordings[name]
-        payload = found.payloads[self.place[index]]
-        self.projector.show(name, found.topic.type, found.topic.schema, payload, log_ns)
+    def _send(self, index, position_ns):
+        topic = self.playlist.topics[self.playlist.topic[index]]
+        self.forwarder.forward(topic, self.playlist.payloads[index], self._log_ns(position_ns))
 
 
-def _params(bag):
-    """Those of the run; a bag recorded by hand does not know, and gets the defaults."""
+def _shape_params(bag):
+    """Return the parameters of the run; the defaults for a bag that was recorded by hand."""
     if 'parameters' not in bag.run_info:
-        return parameters.load(
-            marker_scene.ShapeParams, share.path('bags', 'config', 'markers.yaml')
-        )
+        return parameters.load(ShapeParams, share.path('bags', 'config', 'markers.yaml'))
     facts = facts_from_run_info(bag.run_info, str(bag.path))
-    return marker_scene.ShapeParams(
-        marker_scene.OutlineParams(*facts.outline),
-        marker_scene.SafetyParams(
-            facts.circles, facts.vehicle_radius, facts.safe_obstacle, facts.safe_edge
-        ),
+    return ShapeParams(
+        OutlineParams(*facts.outline),
+        SafetyParams(facts.circles, facts.vehicle_radius, facts.safe_obstacle, facts.safe_edge),
     )

@@ -264,5 +264,5 @@ def test_points_of_an_outline_begin_and_end_at_its_corners():
     assert np.abs(points[:, 1]).tolist() == [0.9] * len(points)
     assert (points[:, 0].min(), points[:, 0].max()) == (-3.0, 2.0)
     assert np.diff(np.unique(points[:, 0])).max() <= 0.6
-    (turned,) = geometry.moved(points[:1], *np.array([[5.0], [7.0], [np.pi / 2]]))
+    (turned,) = geometry.transform_to_map(points[:1], *np.array([[5.0], [7.0], [np.pi / 2]]))
     assert turned[0] == pytest.approx([5.0 - 0.9, 7.0 - 3.0])

@@ -4,16 +4,17 @@ from collections import deque
 
 import pytest
 
-from bags.storage.message_filing import ClockError, Filing
-from bags.storage.message_loss import LossCounter, Losses
-from bags.storage.rosbag2_metadata import BagTopic
-from bags.storage.simulated_time import (
+from bags.storage.message_filing import (
     AHEAD_NS,
     LARGEST_AHEAD,
     LARGEST_WAIT,
+    ClockError,
     ClockQueue,
+    Filing,
     SimulatedTime,
 )
+from bags.storage.message_loss import LossCounter, Losses
+from bags.storage.rosbag2_metadata import BagTopic
 
 TOPIC = BagTopic('/t', 'nav_msgs/msg/Odometry', '', '', '')
 CLOCK = BagTopic('/clock', 'rosgraph_msgs/msg/Clock', '', '', '')

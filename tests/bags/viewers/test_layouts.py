@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from bags.viewers import encode as viewer_messages
+from bags import markers_node
 from bags.viewers import marker_scene
 from experiments import simulation
 from msgs_yaml import contract, encode, share
@@ -170,5 +170,5 @@ def test_a_path_that_does_not_exist_is_found_out(messages):
     assert '/vehicle/odometry/twist/twist/linear/u' not in series(
         '/vehicle/odometry', messages['/vehicle/odometry']
     )
-    picture = viewer_messages.marker_array(marker_scene.VEHICLE, 1, [])
+    picture = markers_node.marker_array(marker_scene.VEHICLE, 1, [])
     assert resolve(picture, '.markers[0].action') == [3]

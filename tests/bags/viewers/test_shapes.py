@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bags.viewers import encode, marker_scene
+from bags import markers_node
+from bags.viewers import marker_scene
 from msgs_yaml import conformance
 from msgs_yaml.types import VehicleState, Why
 
@@ -17,7 +18,7 @@ TOPICS = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
 
 @pytest.mark.parametrize('topic', TOPICS)
 def test_messages_obey_the_contract_and_begin_anew(drawn, topic):
-    message = encode.marker_array(topic, S, drawn[topic])
+    message = markers_node.marker_array(topic, S, drawn[topic])
     assert conformance.check(topic, message) == []
     assert message.markers[0].action == message.markers[0].DELETEALL
     names = [(one.ns, one.id) for one in message.markers[1:]]
@@ -79,7 +80,7 @@ def test_what_is_not_known_yet_is_not_drawn():
 
 def test_the_transform_is_the_pose_of_the_car():
     state = VehicleState(3 * S + 5, 1.5, -2.5, 0.4, 20.0, 0.0, 0.0)
-    message = encode.transform(state)
+    message = markers_node.transform(state)
     assert (message.header.frame_id, message.child_frame_id) == ('map', 'base_link')
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 5)
     moved = message.transform
@@ -90,6 +91,6 @@ def test_the_transform_is_the_pose_of_the_car():
 @pytest.mark.parametrize('said', ['n/a', math.nan, math.inf])
 def test_a_friction_use_that_is_no_number_is_not_drawn(said):
     drawn = marker_scene.MarkerScene(PARAMS)
-    drawn.take('/controller/why', Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5}))
-    car, _ = drawn.take('/vehicle/odometry', VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0))
+    drawn.update('/controller/why', Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5}))
+    car, _ = drawn.update('/vehicle/odometry', VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0))
     assert [one.text for one in car.shapes if one.ns == 'use'] == ['rear 0.50']

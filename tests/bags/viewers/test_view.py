@@ -228,7 +228,7 @@ def test_foxglove_pauses_and_seeks_and_gets_the_facts_again(bag):
         shown.run(lambda: next(calls))
         assert sent == [('/scenario/reference', 2 * S), ('/vehicle/odometry', 2 * S)]
     finally:
-        shown.server.close()
+        shown.close()
 
 
 @pytest.mark.usefixtures('domain')
