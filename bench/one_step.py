@@ -118,9 +118,7 @@ def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> D
         costs.append(cost)
         iterations += timed.iterations
         seconds += timed.seconds
-        began = time.perf_counter()
-        controller.prepare()
-        prepared_s.append(time.perf_counter() - began)
+        prepared_s.append(controller.prepare())
         timed.iterations, timed.seconds = [], []  # those of the preparation are told apart
     more, ms = np.array(iterations) > 1, 1e3 * np.array(seconds)
     return Drive(

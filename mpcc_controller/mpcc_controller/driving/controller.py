@@ -155,14 +155,18 @@ class Controller:
         """Return the planned poses and the diagnostic values of a step."""
         return self.reporter.prediction(record), self.reporter.why(record)
 
-    def prepare(self) -> None:
-        """Solve the problem expected next, if `solver.prepare` is set; optional, between steps."""
+    def prepare(self) -> float:
+        """Solve the problem expected next, if `solver.prepare` is set; optional, between steps.
+
+        Returns the computing time [s], 0 if nothing is prepared.
+        """
         if not self.params.solver.prepare or self.missing():
-            return
+            return 0.0
         began = self.clock()
         next_ns = conversions.add_seconds(self.active_ramp.begin_ns, self.params.model.step_s)
         self.planner.prepare(stage_parameters.scene_at(self.scene, next_ns))
         self._prepared_s = self.clock() - began
+        return self._prepared_s
 
     def warm_up(self, x: VehicleState, steps: int) -> Iterator[TickRecord]:
         """Step from a state that stays, without effect on later steps.
