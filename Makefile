@@ -7,7 +7,7 @@
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
 # make soak      an hour of simulated time, ten minutes of the wall clock: does anything grow?
-# make repeat    tests/ros/test_ring.py fifty times, every other test under tests/ros ten times
+# make repeat    tests/ros/test_node_graph.py fifty times, every other test under tests/ros ten times
 # make golden    the recordings that replay-check holds every change against
 # make coverage  is every line of gates, ladder, watchdogs and braking run by its tests?
 # make coverage_whole  how many lines of all packages are run by all tests? (half an hour)

@@ -1,14 +1,14 @@
-"""What every test may ask for: a ROS domain of its own, and capabilities of the machine."""
+"""Fixtures and marks of all tests: a ROS domain per module, capabilities of the machine."""
 
 import os
 import signal
 import sys
 
+import capabilities
 import pytest
-import require
 import straight_drive
-from driven import drive, load
-from once import made_once
+from recorded_runs import load_runs, run_experiment
+from session_cache import build_once
 
 from experiments.run.domain import reserved
 
@@ -21,7 +21,7 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 
 def pytest_configure(config):
-    # what the shell says about ROS must not decide what a test hears
+    # the settings of the shell must not decide which nodes a test sees
     os.environ.pop('ROS_DOMAIN_ID', None)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # one cache for all workers and for the nodes that they start; kept for the next session
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items):
 def pytest_runtest_setup(item):
     for mark in item.iter_markers('needs'):
         for name in mark.args:
-            require.need(name)
+            capabilities.require(name)
 
 
 @pytest.fixture(scope='session')
@@ -51,7 +51,7 @@ def dds():
 
 @pytest.fixture(scope='module')
 def domain(dds):
-    """Return a ROS domain in which nobody else is, also set as ROS_DOMAIN_ID.
+    """Return an unused ROS domain, also set as ROS_DOMAIN_ID.
 
     It is reserved for one test module, so that modules may run at the same time.
     """
@@ -79,8 +79,10 @@ def make_drive():
 
 
 @pytest.fixture(scope='session')
-def rings(dds, tmp_path_factory):
+def recorded_runs(dds, tmp_path_factory):
     """Return the double lane change, driven over Fast DDS by every controller of the paper."""
     scenario, controllers = 'double_lane_change', ('mpcc', 'mpcc_no_ca', 'frenet')
-    out = made_once(tmp_path_factory, 'rings', lambda out: drive(out, scenario, *controllers))
-    return load(out, scenario)
+    out = build_once(
+        tmp_path_factory, 'recorded_runs', lambda out: run_experiment(out, scenario, *controllers)
+    )
+    return load_runs(out, scenario)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven import drive
+from recorded_runs import run_experiment
 
 from bags.evaluation.drive import drive_from_bag
 from bags.storage import read
@@ -16,11 +16,14 @@ REPEATED = ('/scenario/reference', '/scenario/road_edges')
 
 
 @pytest.fixture(scope='module')
-def bags(rings, tmp_path_factory):
+def bags(recorded_runs, tmp_path_factory):
     """Return the bags of the scenarios, driven through the nodes by the MPCC."""
     out = tmp_path_factory.mktemp('split_mu')
-    drive(out, 'split_mu', 'mpcc')
-    return {SCENARIO: read.load(rings.bag('mpcc')), 'split_mu': read.load(out / 'split_mu/mpcc')}
+    run_experiment(out, 'split_mu', 'mpcc')
+    return {
+        SCENARIO: read.load(recorded_runs.bag('mpcc')),
+        'split_mu': read.load(out / 'split_mu/mpcc'),
+    }
 
 
 @pytest.mark.parametrize('name', SCENARIOS)

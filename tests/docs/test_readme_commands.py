@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from fenced import Command, commands
+from markdown_commands import Command, find_commands
 from tyre_files import property_file
-from until import until
+from wait_until import wait_until
 
 from experiments.run import domain
 from msgs_yaml import share
@@ -27,7 +27,7 @@ BIN = Path(sys.prefix, 'bin')
 OURS = {'bags', 'experiments', 'identify', 'manoeuvre'}
 NODES = {'scenario_node', 'mpcc_node', 'frenet_node', 'recorder_node', 'plant_node', 'player_node'}
 SHELL = {'cd', 'export', 'git', 'make', 'pip', 'python', 'python3', 'ros2', 'source', 'sudo'}
-COMMANDS = commands(README, OURS | NODES | SHELL)
+COMMANDS = find_commands(README, OURS | NODES | SHELL)
 SECONDS = 600.0  # of wall time for one command
 # what only the reader can run, and where the same is tested
 ELSEWHERE = {
@@ -295,7 +295,7 @@ def test_the_recipe_of_four_terminals_records_a_drive(home):
         def told():
             return '\n'.join(f'{name}:\n{log.read_text()}' for name, log in logs.items())
 
-        until(lambda: plant.poll() is not None, SECONDS, told)
+        wait_until(lambda: plant.poll() is not None, SECONDS, told)
         assert plant.returncode == 0, told()
         assert 'finish line crossed' in logs['plant_node'].read_text()
         for process in running.values():

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from until import until
+from wait_until import wait_until
 
 TIMEOUT_S = 60.0
 ASKING = """
@@ -32,4 +32,4 @@ def test_a_worker_ends_with_a_killed_parent():
     parent.send_signal(signal.SIGKILL)
     parent.wait(TIMEOUT_S)
     parent.stdout.close()
-    until(lambda: not lives(worker), TIMEOUT_S, 'the worker outlives its parent')
+    wait_until(lambda: not lives(worker), TIMEOUT_S, 'the worker outlives its parent')

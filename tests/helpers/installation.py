@@ -1,4 +1,4 @@
-"""Installations made for a test: environments that hold what requirements.txt names."""
+"""Virtual environments for tests, with the packages of requirements.txt."""
 
 import importlib.metadata as metadata
 import os
@@ -20,17 +20,17 @@ PACKAGES = (
     'bags',
     'experiments',
 )
-# what a sourced installation, or the bootstrap of the ROS wheels in this process, leaves behind
+# variables set by a sourced installation or by the bootstrap of the ROS wheels in this process
 INHERITED = (
     *('PYTHONPATH', 'PYTHONHOME', 'LD_LIBRARY_PATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH'),
     *('CMAKE_PREFIX_PATH', 'VIRTUAL_ENV', 'ROS_DOMAIN_ID', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'),
 )
 
 
-def said_by(command, **options):
-    """Run a command that is to succeed; return what it says."""
+def run_checked(command, **options):
+    """Run a command that must succeed; return its output."""
     options = {'env': environment(), 'timeout': 600} | options
-    done = subprocess.run(
+    result = subprocess.run(
         [str(word) for word in command],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -38,30 +38,30 @@ def said_by(command, **options):
         text=True,
         **options,
     )
-    assert done.returncode == 0, done.stdout
-    return done.stdout
+    assert result.returncode == 0, result.stdout
+    return result.stdout
 
 
 def environment(**more):
-    """Return the environment of somebody who has sourced nothing."""
+    """Return the environment of a shell that has sourced nothing."""
     return {k: v for k, v in os.environ.items() if k not in INHERITED} | more
 
 
-def third_party(folder):
-    """Make a virtual environment of what requirements.txt names; return its interpreter.
+def make_environment(folder):
+    """Make a virtual environment with the packages of requirements.txt; return its interpreter.
 
-    The files are those that the package manager put into this environment.
+    Links or copies the installed files of this environment.
     """
-    said_by([sys.executable, '-m', 'venv', '--without-pip', folder])
+    run_checked([sys.executable, '-m', 'venv', '--without-pip', folder])
     below = Path(sys.prefix)
     for line in (ROOT / 'requirements.txt').read_text().splitlines():
-        wanted = Requirement(line)
-        if wanted.marker and not wanted.marker.evaluate():
+        requirement = Requirement(line)
+        if requirement.marker and not requirement.marker.evaluate():
             continue
-        found = metadata.distribution(wanted.name)
-        assert wanted.specifier.contains(found.version), line
-        for file in found.files:
-            old = Path(os.path.normpath(found.locate_file(file)))
+        distribution = metadata.distribution(requirement.name)
+        assert requirement.specifier.contains(distribution.version), line
+        for file in distribution.files:
+            old = Path(os.path.normpath(distribution.locate_file(file)))
             new = folder / old.relative_to(below)
             if new.parent == folder / 'bin' or not old.exists():
                 continue  # its first line names the interpreter of this environment

@@ -50,20 +50,20 @@ def fixed_obstacle(number, x, y, radius=1.0):
 
 
 def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **facts):
-    """Return a Drive along x; functions of x and constants say the rest."""
+    """Return a Drive along x; the arguments are functions of x or constants."""
     stamp_ns = START_NS + np.arange(0, round(metres / SPEED * 1000) + 1) * MS
     x = (stamp_ns - START_NS) * 1e-9 * SPEED
 
     def over(value):
         return value(x) if callable(value) else np.full(len(x), float(value))
 
-    # the boundary the run ends at is not answered any more
-    answered = stamp_ns[:-1:50]
+    # the state at the end of the run gets no command
+    tick_ns = stamp_ns[:-1:50]
     return Drive(
         Motion(stamp_ns, x, over(y), over(yaw), np.full(len(x), SPEED), over(vy)),
         Accelerations(stamp_ns, -x / 20.0, 8.0 * np.sin(x / 10.0)),
         Inputs(stamp_ns, 0.1 * np.sin(x / 10.0), over(force)),
-        Ticks(answered, *np.repeat([[5.0], [4.0]], len(answered), axis=1), np.zeros(len(answered))),
+        Ticks(tick_ns, *np.repeat([[5.0], [4.0]], len(tick_ns), axis=1), np.zeros(len(tick_ns))),
         straight_scene() if scene is None else scene,
         FACTS._replace(**facts),
     )

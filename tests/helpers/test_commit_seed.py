@@ -1,4 +1,4 @@
-"""The seed is that of the variable, else that of the commit, else 0 with a warning."""
+"""The seed is taken from the variable, else from the commit, else it is 0 with a warning."""
 
 import subprocess
 from pathlib import Path
@@ -35,12 +35,12 @@ def test_the_variable_is_the_seed(repository, monkeypatch):
 
 def test_every_commit_has_a_seed_of_its_own(repository):
     git(repository, 'init')
-    found = []
+    seeds = []
     for message in ('one', 'two'):
         git(repository, 'commit', '--allow-empty', '--no-gpg-sign', '-m', message)
-        found.append(commit_seed.seed(NAME))
-        assert f'{found[-1]:08x}' == git(repository, 'rev-parse', 'HEAD')[:8]
-    assert found[0] != found[1]
+        seeds.append(commit_seed.seed(NAME))
+        assert f'{seeds[-1]:08x}' == git(repository, 'rev-parse', 'HEAD')[:8]
+    assert seeds[0] != seeds[1]
 
 
 def test_outside_a_repository_it_is_zero_with_a_warning(repository):

@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from until import until
+from wait_until import wait_until
 
 from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
@@ -66,7 +66,7 @@ class Ring(Node):
                 repeat()
             self.executor_.spin_once(timeout_sec=0.05)
 
-        until(done, PATIENCE_S, 'the node did not answer', pause=work)
+        wait_until(done, PATIENCE_S, 'the node did not answer', pause=work)
 
     def linger(self, seconds):
         end = time.monotonic() + seconds

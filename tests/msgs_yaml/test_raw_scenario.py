@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable
 from typing import NamedTuple
 
-import facts
+import long_paths
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -42,7 +42,7 @@ class Kind(NamedTuple):
 
 PATH = Kind(
     raw_scenario.REFERENCE,
-    facts.path,
+    long_paths.path,
     encode.reference,
     decode.reference,
     raw_scenario.read_reference,
@@ -51,14 +51,14 @@ PATH = Kind(
 )
 EDGES = Kind(
     raw_scenario.ROAD_EDGES,
-    facts.edges,
+    long_paths.edges,
     encode.road_edges,
     decode.road_edges,
     raw_scenario.read_road_edges,
     subscriptions_node.read_road_edges,
     raw_scenario.restamp_road_edges,
 )
-SHORT = {PATH: facts.path(4), EDGES: facts.edges(3)}
+SHORT = {PATH: long_paths.path(4), EDGES: long_paths.edges(3)}
 both = pytest.mark.parametrize('kind', [PATH, EDGES], ids=['path', 'edges'])
 
 
@@ -72,11 +72,11 @@ def outcome(read, raw):
 
 @both
 @pytest.mark.parametrize('number', [2, 3, 51, 5000])
-@pytest.mark.parametrize('stamp_ns', [1, facts.LATER_NS])
+@pytest.mark.parametrize('stamp_ns', [1, long_paths.LATER_NS])
 def test_bytes_and_message_have_the_same_value_to_the_last_bit(kind, number, stamp_ns):
     raw = kind.raw(number, stamp_ns=stamp_ns)
     value = kind.fast(raw)
-    assert facts.same(value, kind.slow(raw))
+    assert long_paths.are_equal(value, kind.slow(raw))
     assert type(value.stamp_ns) is int
 
 
@@ -96,7 +96,7 @@ def test_damaged_bytes_are_read_or_rejected_as_their_message_is(kind, seed):
         assert type(result) is DecodeError
         assert kind is EDGES or str(result) == str(expected)
     else:
-        assert facts.same(result, expected)
+        assert long_paths.are_equal(result, expected)
 
 
 def check_stamps(kind, message, headers, sec, nanosec):
@@ -109,7 +109,7 @@ def check_stamps(kind, message, headers, sec, nanosec):
     if isinstance(expected, DecodeError):
         assert kind.fast(raw) is None
     else:
-        assert facts.same(outcome(kind.bounded, raw), expected)
+        assert long_paths.are_equal(outcome(kind.bounded, raw), expected)
 
 
 @settings(deadline=None, derandomize=True)
@@ -192,22 +192,22 @@ def test_fields_of_a_marker_that_do_not_matter_may_hold_anything(left):
         marker.mesh_file.filename, marker.mesh_file.data = text, text.encode()
         marker.frame_locked = marker.mesh_use_embedded_materials = True
     raw = ros.serialize(message)
-    assert facts.same(raw_scenario.read_road_edges(raw), EDGES.slow(raw))
-    after = raw_scenario.restamp_road_edges(raw, facts.LATER_NS)
-    assert EDGES.slow(after).stamp_ns == facts.LATER_NS
+    assert long_paths.are_equal(raw_scenario.read_road_edges(raw), EDGES.slow(raw))
+    after = raw_scenario.restamp_road_edges(raw, long_paths.LATER_NS)
+    assert EDGES.slow(after).stamp_ns == long_paths.LATER_NS
 
 
 def test_the_order_of_the_sides_does_not_matter():
     message = encode.road_edges(SHORT[EDGES])
     message.markers.reverse()
-    assert facts.same(raw_scenario.read_road_edges(ros.serialize(message)), SHORT[EDGES])
+    assert long_paths.are_equal(raw_scenario.read_road_edges(ros.serialize(message)), SHORT[EDGES])
 
 
 @both
 @pytest.mark.parametrize('number', [2, 5000])
 def test_restamping_gives_the_message_built_anew(kind, number):
-    after = kind.restamp(kind.raw(number), facts.LATER_NS)
-    anew = kind.raw(number, stamp_ns=facts.LATER_NS)
+    after = kind.restamp(kind.raw(number), long_paths.LATER_NS)
+    anew = kind.raw(number, stamp_ns=long_paths.LATER_NS)
     assert ros.deserialize(kind.topic, after) == ros.deserialize(kind.topic, anew)
 
 
@@ -215,16 +215,16 @@ def test_restamping_gives_the_message_built_anew(kind, number):
 @pytest.mark.parametrize('cut', [1, 20])
 def test_other_bytes_are_not_restamped(kind, cut):
     with pytest.raises(ValueError, match=f'no serialised {kind.topic}'):
-        kind.restamp(kind.raw(4)[:-cut], facts.S)
+        kind.restamp(kind.raw(4)[:-cut], long_paths.S)
 
 
 @both
 def test_the_longest_message_takes_a_tenth_of_the_time_of_its_object(kind):
     raw, value = kind.raw(), kind.make()
-    read_s = facts.processor_s(lambda: kind.bounded(raw))
-    assert read_s < 0.1 * facts.processor_s(lambda: kind.slow(raw), 2)
-    sent_s = facts.processor_s(lambda: kind.restamp(raw, facts.S))
-    assert sent_s < 0.1 * facts.processor_s(lambda: ros.serialize(kind.encode(value)), 2)
+    read_s = long_paths.min_cpu_s(lambda: kind.bounded(raw))
+    assert read_s < 0.1 * long_paths.min_cpu_s(lambda: kind.slow(raw), 2)
+    sent_s = long_paths.min_cpu_s(lambda: kind.restamp(raw, long_paths.S))
+    assert sent_s < 0.1 * long_paths.min_cpu_s(lambda: ros.serialize(kind.encode(value)), 2)
 
 
 REPEATED = Reference(

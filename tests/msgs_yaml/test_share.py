@@ -1,7 +1,7 @@
 """Data files are found from the source tree, from a workspace and from a virtual environment."""
 
 import pytest
-from data_package import put
+from package_config import write_config
 
 from msgs_yaml import share
 
@@ -11,14 +11,14 @@ def test_the_source_tree_comes_first(installed):
     (tree / 'package.xml').touch()
     (tree / 'config').mkdir()
     (tree / 'config/a.yaml').touch()
-    put(installed / 'venv', 'installed')
+    write_config(installed / 'venv', 'installed')
     assert share.path('some_pkg', 'config', 'a.yaml') == (tree / 'config/a.yaml').resolve()
 
 
 def test_a_workspace_hides_the_virtual_environment(installed, monkeypatch):
-    in_venv = put(installed / 'venv', 'venv')
+    in_venv = write_config(installed / 'venv', 'venv')
     assert share.path('some_pkg', 'config/a.yaml') == in_venv
-    second = put(installed / 'second', 'second')
+    second = write_config(installed / 'second', 'second')
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{installed / "first"}:{installed / "second"}')
     assert share.path('some_pkg', 'config/a.yaml') == second
 

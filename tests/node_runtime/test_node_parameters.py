@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
-from data_package import put
+from package_config import write_config
 
 from node_runtime import node_parameters
 from node_runtime.parameters import Choice, ParameterError, Range
@@ -130,7 +130,7 @@ def test_the_parameters_that_were_not_given_are_counted_and_named_with_their_fil
 
 
 def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(installed, monkeypatch):
-    in_config = put(installed / 'venv', 'config')
+    in_config = write_config(installed / 'venv', 'config')
     monkeypatch.chdir(installed)
     (installed / 'a.yaml').write_text('here')
     (installed / 'sub').mkdir()
@@ -144,7 +144,7 @@ def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(inst
 
 
 def test_a_file_that_is_not_there_is_named_with_those_that_are_and_the_form_of_a_path(installed):
-    put(installed / 'venv', 'config')
+    write_config(installed / 'venv', 'config')
     for name in ('b.yaml', ''):
         with pytest.raises(FileNotFoundError, match=rf'config/{name}; it has a.yaml; .*\./{name}'):
             node_parameters.find_config('some_pkg', name)

@@ -13,7 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from until import until
+from wait_until import wait_until
 
 from msgs_yaml import cdr_templates, contract, decode, encode, types
 from node_runtime import ros, spin_node
@@ -93,7 +93,7 @@ class Pair:
         def work():
             self.executor.spin_until_future_complete(Future(), timeout_sec=0.02)
 
-        until(true, TIMEOUT_S, 'the two nodes did not get there', pause=work)
+        wait_until(true, TIMEOUT_S, 'the two nodes did not get there', pause=work)
 
     def connect(self, topic, raw=False):
         """Return a publisher and the list that its subscriber fills."""

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from require import ORDINARY_USER
+from capabilities import ORDINARY_USER
 
 LOOK = """
 import gc, json, os, sys, threading

@@ -10,7 +10,7 @@ import threading
 import time
 
 import pytest
-from require import lack, need
+from capabilities import report_missing, require
 
 from node_runtime import shutdown
 
@@ -57,7 +57,7 @@ def test_a_process_that_is_held_ends_with_its_code_and_says_where(body):
 def test_priority_on_one_core_does_not_keep_a_process(body):
     code, _, _, _ = leave(body, before=PUNCTUAL)
     if code == 77:
-        lack('priority')
+        report_missing('priority')
     assert code == 7
 
 
@@ -120,7 +120,7 @@ def peer(request):
     family, host = request.param
     with socket.socket(family, socket.SOCK_DGRAM) as made:
         if family == socket.AF_INET6:
-            need('ipv6')
+            require('ipv6')
         made.bind((host, 0))
         made.settimeout(SLOWEST_S)
         yield made, family, host

@@ -5,7 +5,7 @@ import shutil
 import sys
 
 import pytest
-from installation import PACKAGES, ROOT, environment, said_by, third_party
+from installation import PACKAGES, ROOT, environment, make_environment, run_checked
 
 MADE = shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'runs')
 
@@ -20,7 +20,7 @@ def sources(tmp_path_factory):
 @pytest.fixture(scope='session')
 def empty(tmp_path_factory):
     """An interpreter that knows none of our packages."""
-    return third_party(tmp_path_factory.mktemp('empty') / 'venv')
+    return make_environment(tmp_path_factory.mktemp('empty') / 'venv')
 
 
 @pytest.fixture(scope='session')
@@ -28,16 +28,16 @@ def wheels(tmp_path_factory, sources):
     """The five wheels."""
     folder = tmp_path_factory.mktemp('wheels')
     pip = [sys.executable, '-m', 'pip', 'wheel', '--no-index', '--no-deps', '--no-build-isolation']
-    said_by([*pip, '--wheel-dir', folder, *sources])
+    run_checked([*pip, '--wheel-dir', folder, *sources])
     return sorted(folder.glob('*.whl'))
 
 
 @pytest.fixture(scope='session')
 def installed(tmp_path_factory, wheels):
     """An interpreter with what requirements.txt names and the five wheels, and no more."""
-    python = third_party(tmp_path_factory.mktemp('installed') / 'venv')
+    python = make_environment(tmp_path_factory.mktemp('installed') / 'venv')
     pip = [sys.executable, '-m', 'pip', '--python', python, 'install']
-    said_by([*pip, '--no-index', '--no-deps', *wheels])
+    run_checked([*pip, '--no-index', '--no-deps', *wheels])
     return python
 
 
@@ -49,12 +49,12 @@ def colcon(tmp_path_factory, empty, sources):
     """
     base = tmp_path_factory.mktemp('colcon')
     build = ['build', '--build-base', base / 'build', '--install-base', base / 'install']
-    said_by(
+    run_checked(
         [empty, '-m', 'colcon', '--log-base', base / 'log', *build, '--base-paths', *sources],
         cwd=base,
     )
     # as `source venv/bin/activate` does, and then `source install/setup.bash`
     active = environment(PATH=f'{empty.parent}:{os.environ["PATH"]}')
     command = ['bash', '-c', f'source {base}/install/setup.bash && env -0']
-    pairs = (entry.split('=', 1) for entry in said_by(command, env=active).split('\0'))
+    pairs = (entry.split('=', 1) for entry in run_checked(command, env=active).split('\0'))
     return {pair[0]: pair[1] for pair in pairs if len(pair) == 2}

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from installation import PACKAGES, environment, said_by
+from installation import PACKAGES, environment, run_checked
 from packaging.utils import parse_wheel_filename
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
@@ -22,20 +22,20 @@ SHORT = (
 
 def check_drive(experiments, bags, folder, sourced):
     """Drive with an installed `experiments run` and look at what it left."""
-    said_by([experiments, 'run', *SHORT], cwd=folder, env=sourced)
+    run_checked([experiments, 'run', *SHORT], cwd=folder, env=sourced)
     out = folder / 'bags/runs/straight'
     found = json.loads((out / 'comparison.json').read_text())['runs']['mpcc']
     assert found['ticks'] > 20
     assert found['fallbacks'] == 0
     assert (out / 'report.html').is_file()
-    info = said_by([bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
+    info = run_checked([bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
     assert '/controller/command' in info
 
 
 def check_place(python, prefix, folder, sourced):
     """Every package and every node comes from below one folder, and so not from here."""
-    files = said_by([python, '-c', WHERE], cwd=folder, env=sourced).split()
-    node = said_by([python, '-c', RESOLVED], cwd=folder, env=sourced).strip()
+    files = run_checked([python, '-c', WHERE], cwd=folder, env=sourced).split()
+    node = run_checked([python, '-c', RESOLVED], cwd=folder, env=sourced).strip()
     assert len(files) == len(PACKAGES)
     for file in (*files, node):
         assert Path(prefix) in Path(file).parents, file
@@ -43,7 +43,7 @@ def check_place(python, prefix, folder, sourced):
 
 def test_an_environment_of_the_requirements_holds_none_of_our_packages(empty):
     ours = f'import importlib.util as u; print([n for n in {PACKAGES} if u.find_spec(n)])'
-    assert said_by([empty, '-c', ours], cwd='/', env=environment()).strip() == '[]'
+    assert run_checked([empty, '-c', ours], cwd='/', env=environment()).strip() == '[]'
 
 
 def test_there_is_a_wheel_of_every_package_for_every_python(wheels):

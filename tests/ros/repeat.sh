@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Repeat the tests over DDS: test_ring.py RING times, every other test under tests/ros OTHERS times.
+# Repeat the tests over DDS: test_node_graph.py GRAPH times, every other test under tests/ros OTHERS times.
 # Counts what failed, and keeps its logs in a new folder of TMPDIR, by series and number.
-#   tests/ros/repeat.sh [RING [OTHERS]]
+#   tests/ros/repeat.sh [GRAPH [OTHERS]]
 set -u
 cd "$(dirname "$0")/../.."
 python=${PYTHON:-.venv/bin/python}
@@ -21,7 +21,7 @@ repeat() {  # series, times, files and options
     echo "$*: $((times - bad)) of $times passed"
     failed=$((failed + bad))
 }
-repeat ring "${1:-50}" tests/ros/test_ring.py
-repeat others "${2:-10}" tests/ros --ignore tests/ros/test_ring.py
+repeat node_graph "${1:-50}" tests/ros/test_node_graph.py
+repeat others "${2:-10}" tests/ros --ignore tests/ros/test_node_graph.py
 rmdir "$logs" 2>/dev/null || echo "logs of what failed: $logs"
 exit $((failed > 0))

@@ -24,12 +24,12 @@ def said_by(program, *arguments):
     return done.stdout
 
 
-def test_the_baseline_drives_the_double_lane_change_through_its_own_node(rings):
-    found = rings.comparison['runs']['frenet']
+def test_the_baseline_drives_the_double_lane_change_through_its_own_node(recorded_runs):
+    found = recorded_runs.comparison['runs']['frenet']
     assert found['completed']
     assert not found['collided']
     assert found['fallbacks'] == found['deadline_misses'] == 0
-    bag = read.load(rings.bag('frenet'))
+    bag = read.load(recorded_runs.bag('frenet'))
     controller = json.loads(bag.run_info['parameters'])['controller']
     assert controller['formulation.name'] == 'frenet'
     for name in ('/controller/why', '/controller/prediction', '/controller/command'):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rings import ROLES, Ring
+from node_graph import ROLES, NodeGraph
 
 from bags.storage import read
 from msgs_yaml import contract, share
@@ -39,14 +39,14 @@ def drive(domain, tmp_path_factory):
         text = text.replace(old, new)
     file = folder / 'straight.yaml'
     file.write_text(text)
-    with Ring(folder, domain, 'realtime', str(file), plant=DRIVEN) as ring:
+    with NodeGraph(folder, domain, 'realtime', str(file), plant=DRIVEN) as graph:
         for role in ROLES:
-            ring.start(role)
-        ring.wait_for('controller', 'started from the actuators')
-        before_s = processor_s(ring.running['scenario'])
-        assert ring.wait('plant') == 0, ring.said('plant')
-        used_s = processor_s(ring.running['scenario']) - before_s
-        return ring.recorded(), used_s
+            graph.start(role)
+        graph.wait_for('controller', 'started from the actuators')
+        before_s = processor_s(graph.running['scenario'])
+        assert graph.wait('plant') == 0, graph.log('plant')
+        used_s = processor_s(graph.running['scenario']) - before_s
+        return graph.stop_recording(), used_s
 
 
 def test_the_path_is_about_as_long_as_the_contract_allows(drive):

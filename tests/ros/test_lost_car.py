@@ -1,4 +1,4 @@
-"""A car that spins in the ring of nodes is recorded, judged and reported, and ends no program."""
+"""A spinning car is recorded, evaluated and reported by the node graph; no program fails."""
 
 import json
 import subprocess

@@ -1,11 +1,11 @@
-"""Rings in namespaces: several cars in one ROS domain, each as if it were alone. Real Fast DDS."""
+"""Node graphs in namespaces: several cars in one ROS domain, isolated. Real Fast DDS."""
 
 import json
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from rings import ROLES, Ring
+from node_graph import ROLES, NodeGraph
 
 from bags.report.comparison import compare_bags
 from bags.storage import read
@@ -31,49 +31,49 @@ PLANNED = '/controller/prediction'
 
 def make(folder, domain, plant, namespace=''):
     folder.mkdir()
-    ring = Ring(folder, domain, plant=plant)
-    ring.namespace = namespace
+    graph = NodeGraph(folder, domain, plant=plant)
+    graph.namespace = namespace
     facts = inputs.load_facts('straight')
-    read = inputs.check_parameters(ring.nodes.values())
-    parameters = node_config.collect_parameters(ring.nodes.values(), inputs.file_values(read))
+    read = inputs.check_parameters(graph.nodes.values())
+    parameters = node_config.collect_parameters(graph.nodes.values(), inputs.file_values(read))
     noted = provenance.describe_run(
         facts.name, facts.text, f'mpcc_{folder.name}', 'lockstep', parameters
     )
     (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
-    return ring
+    return graph
 
 
-def drive(rings):
-    """Start every node of every ring, wait for the plants; return the bags."""
+def drive(graphs):
+    """Start every node of every graph, wait for the plants; return the bags."""
     for role in ROLES:
-        for ring in rings:
-            ring.start(role)
-    for ring in rings:
-        assert ring.wait('plant') == 0, ring.said('plant')
+        for graph in graphs:
+            graph.start(role)
+    for graph in graphs:
+        assert graph.wait('plant') == 0, graph.log('plant')
     # the last state is answered, too
-    for ring in rings:
-        processes.stop([ring.running['controller'], ring.running['scenario']])
-    return [ring.recorded() for ring in rings]
+    for graph in graphs:
+        processes.stop([graph.running['controller'], graph.running['scenario']])
+    return [graph.stop_recording() for graph in graphs]
 
 
 @pytest.fixture(scope='module')
 def together(domain, tmp_path_factory):
-    """The bags of two rings in one domain at once, by their namespace."""
+    """The bags of two graphs in one domain at once, by their namespace."""
     folder = tmp_path_factory.mktemp('together')
     with ExitStack() as both:
-        rings = [
+        graphs = [
             both.enter_context(make(folder / namespace.strip('/'), domain, plant, namespace))
             for namespace, plant in CARS.items()
         ]
-        return dict(zip(CARS, drive(rings)))
+        return dict(zip(CARS, drive(graphs)))
 
 
 @pytest.fixture(scope='module', params=CARS)
 def pair(request, domain, together, tmp_path_factory):
-    """A ring of `together`, and the same ring alone in the root namespace: (namespace, bags)."""
+    """Return (namespace, its bag of `together`, the bag of the same graph alone in the root)."""
     folder = tmp_path_factory.mktemp('alone')
-    with make(folder / 'ring', domain, CARS[request.param]) as ring:
-        (alone,) = drive([ring])
+    with make(folder / 'graph', domain, CARS[request.param]) as graph:
+        (alone,) = drive([graph])
     return request.param, together[request.param], alone
 
 
@@ -83,7 +83,7 @@ def changes(bag, topic):
     return [data for data, before in zip(payloads, [None, *payloads]) if data != before]
 
 
-def test_each_ring_records_the_same_bits_as_alone_in_the_root(pair):
+def test_each_node_graph_records_the_same_bits_as_alone_in_the_root(pair):
     _, beside, alone = pair
     ours, theirs = read.columns(beside, NUMERIC), read.columns(alone, NUMERIC)
     for topic in NUMERIC:
@@ -91,7 +91,7 @@ def test_each_ring_records_the_same_bits_as_alone_in_the_root(pair):
             assert column.tobytes() == getattr(theirs[topic], name).tobytes(), f'{topic} {name}'
 
 
-def test_scenario_and_plans_are_those_of_its_own_ring(pair):
+def test_scenario_and_plans_are_those_of_its_own_node_graph(pair):
     _, beside, alone = pair
     for topic in (*EQUAL, PLANNED):
         ours, theirs = read.values(beside, topic), read.values(alone, topic)
@@ -103,14 +103,14 @@ def test_scenario_and_plans_are_those_of_its_own_ring(pair):
                 assert np.array_equal(field, other), topic
 
 
-def test_a_ring_hears_only_its_own_clock_and_health(pair):
+def test_a_node_graph_receives_only_its_own_clock_and_health(pair):
     _, beside, alone = pair
     assert changes(beside, '/clock') == changes(alone, '/clock')
     healths = read.values(beside, '/diagnostics')
     assert len({(one.name, one.stamp_ns) for one in healths}) == len(healths)
 
 
-def test_nothing_is_lost_beside_another_ring(together):
+def test_nothing_is_lost_beside_another_node_graph(together):
     for bag in together.values():
         for topic, text in bag.records[LOSS_RECORD].items():
             assert json.loads(text)['lost'] in (0, None), f'{bag.path}: {topic}'

@@ -4,11 +4,11 @@ from itertools import cycle
 
 import pytest
 import rclpy
+from node_graph import ROLES, NodeGraph
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rings import ROLES, Ring
 
 from node_runtime import spin_node
 from node_runtime.parameters import RUN_TIME
@@ -20,7 +20,7 @@ PATIENCE_S = 30.0
 
 @pytest.fixture(scope='module')
 def asked(domain, tmp_path_factory):
-    """Return ask(role, service type, request) of a running ring."""
+    """Return ask(role, service type, request) of a running graph."""
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node('asking', context=context)
@@ -45,10 +45,10 @@ def asked(domain, tmp_path_factory):
         return future.result()
 
     slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': RUN_TIME.high}}
-    with Ring(tmp_path_factory.mktemp('ring'), domain, mode='realtime', **slow) as ring:
+    with NodeGraph(tmp_path_factory.mktemp('graph'), domain, mode='realtime', **slow) as graph:
         for role in ROLES:
-            ring.start(role)
-        ring.wait_for('controller', 'ready')
+            graph.start(role)
+        graph.wait_for('controller', 'ready')
         yield ask
     spin_node.shut_down(node, context=context)
 

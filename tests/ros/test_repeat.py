@@ -30,9 +30,9 @@ def repeat(folder, failing):
 def test_the_logs_of_every_failure_of_every_series_are_kept(tmp_path):
     done = repeat(tmp_path, failing='tests/ros')
     logs = {log.name: log.read_text() for log in tmp_path.glob('repeat.*/*.log')}
-    assert sorted(logs) == ['others.1.log', 'ring.1.log', 'ring.2.log']
+    assert sorted(logs) == ['node_graph.1.log', 'node_graph.2.log', 'others.1.log']
     assert '--ignore' in logs['others.1.log']
-    assert all('--ignore' not in logs[name] for name in ('ring.1.log', 'ring.2.log'))
+    assert all('--ignore' not in logs[name] for name in ('node_graph.1.log', 'node_graph.2.log'))
     assert '0 of 2 passed' in done.stdout
     assert str(next(tmp_path.glob('repeat.*'))) in done.stdout
     assert done.returncode == 1

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rings import ROLES, Ring
-from until import until
+from node_graph import ROLES, NodeGraph
+from wait_until import wait_until
 
 from bags.storage import read, repair
 from experiments.run import processes
@@ -44,29 +44,29 @@ def highway(tmp_path_factory):
     return str(file)
 
 
-def begin(ring):
+def begin(graph):
     for role in ROLES:
-        ring.start(role)
-    ring.wait_for('controller', 'started from the actuators')
-    ring.hear(WHY, drives, PATIENCE_S)
+        graph.start(role)
+    graph.wait_for('controller', 'started from the actuators')
+    graph.wait_for_messages(WHY, drives, PATIENCE_S)
 
 
 def size(bag):
     return sum(file.stat().st_size for file in bag.glob('*.mcap'))
 
 
-def restart(ring, role):
-    ring.running[role].popen.send_signal(signal.SIGKILL)
-    ring.wait(role)
-    ring.start(role)
+def restart(graph, role):
+    graph.running[role].popen.send_signal(signal.SIGKILL)
+    graph.wait(role)
+    graph.start(role)
 
 
-def whys(ring):
-    """Wait until the ring drives and end it; return all that was said in /controller/why."""
-    ring.hear(WHY, drives, PATIENCE_S)
-    processes.stop([ring.running['controller']])  # first: it is not to miss the others
-    processes.stop([ring.running[role] for role in ('plant', 'scenario')])
-    return read.values(ring.recorded(), WHY)
+def whys(graph):
+    """Wait until the car drives, end the nodes; return all messages of /controller/why."""
+    graph.wait_for_messages(WHY, drives, PATIENCE_S)
+    processes.stop([graph.running['controller']])  # first: it is not to miss the others
+    processes.stop([graph.running[role] for role in ('plant', 'scenario')])
+    return read.values(graph.stop_recording(), WHY)
 
 
 def drives(found):
@@ -78,11 +78,11 @@ def drives(found):
 
 @pytest.mark.smoke
 def test_in_lockstep_a_controller_started_again_drives_on(highway, tmp_path, domain):
-    with Ring(tmp_path, domain, 'lockstep', highway, **HOLDS) as ring:
-        begin(ring)
-        restart(ring, 'controller')
-        ring.wait_for('controller', 'started from the actuators', PATIENCE_S)
-        found = whys(ring)
+    with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph:
+        begin(graph)
+        restart(graph, 'controller')
+        graph.wait_for('controller', 'started from the actuators', PATIENCE_S)
+        found = whys(graph)
     steps = np.diff([one.stamp_ns for one in found])
     # time waited; what was on its way when the old one died may be missing
     assert (steps > 0).all()
@@ -92,11 +92,11 @@ def test_in_lockstep_a_controller_started_again_drives_on(highway, tmp_path, dom
 
 
 def test_in_lockstep_a_scenario_started_again_is_believed_again(highway, tmp_path, domain):
-    with Ring(tmp_path, domain, 'lockstep', highway, **HOLDS) as ring:
-        begin(ring)
-        restart(ring, 'scenario')
-        ring.wait_for('plant', 'sending the present state again', PATIENCE_S)
-        found = whys(ring)
+    with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph:
+        begin(graph)
+        restart(graph, 'scenario')
+        graph.wait_for('plant', 'sending the present state again', PATIENCE_S)
+        found = whys(graph)
     assert not any(one.values['reason'] == 'obstacles_stale' for one in found)
 
 
@@ -104,29 +104,33 @@ def test_in_lockstep_a_scenario_started_again_is_believed_again(highway, tmp_pat
 def realtime(highway, tmp_path_factory, domain):
     """Return what was recorded of one drive in which every node was started again."""
     folder = tmp_path_factory.mktemp('restarts')
-    with Ring(folder, domain, 'realtime', highway, **HOLDS) as ring:
-        begin(ring)
-        restart(ring, 'controller')
-        ring.wait_for('controller', 'started from the actuators', PATIENCE_S)
-        ring.hear(WHY, drives, PATIENCE_S)
-        first, node = ring.bag, ring.nodes['recorder']
+    with NodeGraph(folder, domain, 'realtime', highway, **HOLDS) as graph:
+        begin(graph)
+        restart(graph, 'controller')
+        graph.wait_for('controller', 'started from the actuators', PATIENCE_S)
+        graph.wait_for_messages(WHY, drives, PATIENCE_S)
+        first, node = graph.bag, graph.nodes['recorder']
         written = size(first)
-        until(lambda: size(first) > written, PATIENCE_S, 'the recorder closes no chunk')
-        restart(ring, 'recorder')
-        in_use = SimpleNamespace(exit_code=ring.wait('recorder'), log=ring.said('recorder'))
-        ring.bag = folder / 'second'
-        ring.nodes['recorder'] = node._replace(parameters=node.parameters | {'out': str(ring.bag)})
-        ring.start('recorder')
-        ring.wait_for('recorder', WHY, PATIENCE_S)  # the nodes find each other one by one
+        wait_until(lambda: size(first) > written, PATIENCE_S, 'the recorder closes no chunk')
+        restart(graph, 'recorder')
+        in_use = SimpleNamespace(exit_code=graph.wait('recorder'), log=graph.log('recorder'))
+        graph.bag = folder / 'second'
+        graph.nodes['recorder'] = node._replace(
+            parameters=node.parameters | {'out': str(graph.bag)}
+        )
+        graph.start('recorder')
+        graph.wait_for('recorder', WHY, PATIENCE_S)  # the nodes find each other one by one
         # without a controller it braked: it is to be fast again before it brakes once more
-        ring.hear(STATE, lambda found: bool(found) and found[-1].vx > FAST_MPS, PATIENCE_S)
-        restart(ring, 'scenario')
-        ring.wait_for('controller', 'every input is back', PATIENCE_S)
-        ring.hear(WHY, drives, PATIENCE_S)
-        restart(ring, 'plant')
-        ring.wait_for('plant', 'holding the car at its start', PATIENCE_S)
-        second_whys = whys(ring)
-        x_m = read.columns(read.load(ring.bag), [STATE])[STATE].x_m
+        graph.wait_for_messages(
+            STATE, lambda found: bool(found) and found[-1].vx > FAST_MPS, PATIENCE_S
+        )
+        restart(graph, 'scenario')
+        graph.wait_for('controller', 'every input is back', PATIENCE_S)
+        graph.wait_for_messages(WHY, drives, PATIENCE_S)
+        restart(graph, 'plant')
+        graph.wait_for('plant', 'holding the car at its start', PATIENCE_S)
+        second_whys = whys(graph)
+        x_m = read.columns(read.load(graph.bag), [STATE])[STATE].x_m
     repair.repair_bag(first)
     first_whys = read.values(read.load(first), WHY)
     return SimpleNamespace(

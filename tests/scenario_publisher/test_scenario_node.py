@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from until import until
+from wait_until import wait_until
 
 from msgs_yaml import contract, decode, encode
 from msgs_yaml.types import Health
@@ -51,9 +51,9 @@ class Listener:
         profile = ros.to_qos_profile(contract.load().topics[topic].qos[mode])
         return self.node.create_publisher(ros.message_type(topic), topic, profile)
 
-    def until(self, done):
+    def wait_until(self, done):
         """Listen until a condition holds; fail when it takes too long."""
-        until(
+        wait_until(
             done,
             PATIENCE_S,
             'nothing heard in time',

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from small_problems import each_solver
-from until import until
+from wait_until import wait_until
 
 from stage_solver import fatrop
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
@@ -41,7 +41,7 @@ def stopped_in_the_middle(name, problem, numbers, options):
 
 def stopped_by_time(*case):
     """Return the solve and its limit, from the first try that is stopped in the middle."""
-    return until(lambda: stopped_in_the_middle(*case), 60.0, 'none ended in the middle')
+    return wait_until(lambda: stopped_in_the_middle(*case), 60.0, 'none ended in the middle')
 
 
 @each_solver

@@ -11,7 +11,7 @@ from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
-from until import until
+from wait_until import wait_until
 
 from msgs_yaml import decode, encode
 from msgs_yaml.types import Command
@@ -92,7 +92,7 @@ def run(answer, mode='lockstep', before=None, **settings):
         text=True,
     )
     try:
-        until(
+        wait_until(
             lambda: plant.poll() is not None,
             SLOWEST_S,
             'the plant goes on',

@@ -8,7 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from require import chromium, need
+from capabilities import chromium, require
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 
@@ -153,7 +153,7 @@ class Tab:
 @pytest.fixture(scope='session')
 def browse(tmp_path_factory):
     """Return browse(file, visit, width): open a page, run the coroutine visit(tab), return."""
-    need('chromium')
+    require('chromium')
     folder = tmp_path_factory.mktemp('chromium')
     log = folder / 'log'
     with log.open('w') as out:

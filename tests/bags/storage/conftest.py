@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from once import made_once
 from one_second import every_message
 from rclpy.duration import Duration
-from until import until
+from session_cache import build_once
+from wait_until import wait_until
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
@@ -50,7 +50,7 @@ class Ring:
         self.publishers = {name: ros.publisher(self.node, name) for name in contract.load().topics}
 
     def wait_for_recorder(self):
-        until(
+        wait_until(
             lambda: all(p.get_subscription_count() for p in self.publishers.values()),
             TIMEOUT_S,
             'the recorder does not subscribe',
@@ -165,7 +165,7 @@ def bag_folder(dds, tmp_path_factory, messages):
             patch.setenv('ROS_DOMAIN_ID', str(domain))
             record(folder / 'mpcc', messages)
 
-    return made_once(tmp_path_factory, 'one_second', make) / 'mpcc'
+    return build_once(tmp_path_factory, 'one_second', make) / 'mpcc'
 
 
 def record(folder, messages):

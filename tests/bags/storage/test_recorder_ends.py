@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from capabilities import report_missing
 from one_second import counts, endless, expected
-from require import lack
-from until import until
+from wait_until import wait_until
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read, repair
@@ -32,7 +32,7 @@ def publish_until_it_ends(ring, recorder, messages):
         time.sleep(0.0005)
 
     ended = recorder.process.poll
-    until(lambda: ended() is not None, ENDS_S, 'the recorder goes on', pause=publish)
+    wait_until(lambda: ended() is not None, ENDS_S, 'the recorder goes on', pause=publish)
 
 
 @pytest.mark.alone
@@ -123,14 +123,14 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
     ring.wait_for_recorder()
     last = '/diagnostics'
     ring.publish_all({topic: sent for topic, sent in messages.items() if topic != last})
-    until(lambda: recorder.hears('/clock'), ENDS_S, recorder.said)
+    wait_until(lambda: recorder.hears('/clock'), ENDS_S, recorder.said)
     # a stamp by the wall clock; a plant that is started again: its first state, then its clock
     late = messages['/controller/command'][0]._replace(stamp_ns=1_700_000_000 * 10**9)
     ring.publish_all(
         {'/controller/command': [late], '/vehicle/odometry': messages['/vehicle/odometry'][:1]}
     )
     ring.publish_all({last: messages[last]})
-    until(lambda: recorder.hears(last), ENDS_S, recorder.said)
+    wait_until(lambda: recorder.hears(last), ENDS_S, recorder.said)
     ring.publish('/clock', messages['/clock'][0])
     code, said = recorder.wait()
     assert code == 1
@@ -190,7 +190,7 @@ def small_disk(tmp_path):
         ['mount', '-t', 'tmpfs', '-o', 'size=300k', 'tmpfs', disk], capture_output=True
     )
     if made.returncode:
-        lack('mounts', 'a limit of file size is tested instead')
+        report_missing('mounts', 'a limit of file size is tested instead')
     yield disk
     subprocess.run(['umount', '-l', disk], check=True)
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from one_second import counts, endless, expected
-from until import until
+from wait_until import wait_until
 
 from bags.evaluation import tick_timing
 from bags.storage import read, repair
@@ -44,7 +44,7 @@ def test_more_signals_until_the_process_has_ended_change_nothing(
         recorder.process.send_signal(number)
         time.sleep(0.002)
 
-    until(lambda: ended() is not None, TIMEOUT_S, recorder.said, pause=insist)
+    wait_until(lambda: ended() is not None, TIMEOUT_S, recorder.said, pause=insist)
     code, said = recorder.wait()
     assert code == 0, said
     assert counts(tmp_path / 'bag') == expected(messages)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
-from until import until
+from wait_until import wait_until
 
 from experiments.configuration import node_config
 from msgs_yaml import conformance, contract, encode, share
@@ -77,7 +77,7 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
 
-        until(done, SECONDS, lambda: str(received.keys()), pause=tick)
+        wait_until(done, SECONDS, lambda: str(received.keys()), pause=tick)
 
     publish_until(lambda: is_complete(received))
     bad = iter(range(20))

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 import yaml
-from require import ORDINARY_USER
+from capabilities import ORDINARY_USER
 from tyre_files import property_file
 
 from bags.errors import BagError

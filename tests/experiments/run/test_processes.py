@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from until import until
+from wait_until import wait_until
 
 from experiments.run import processes
 from msgs_yaml import share
@@ -26,7 +26,9 @@ def shell(tmp_path):
         log = tmp_path / f'{len(started)}.log'
         process = processes.start('node', ['sh', '-c', script], log, os.environ, **options)
         started.append(process)
-        until(lambda: log.read_text() or process.code is not None, 30.0, 'the shell says nothing')
+        wait_until(
+            lambda: log.read_text() or process.code is not None, 30.0, 'the shell says nothing'
+        )
         return process
 
     yield start
@@ -59,7 +61,7 @@ def test_a_kill_reaches_what_the_program_started(shell):
     process = shell('sleep 60 & echo $!; wait')
     child = int(processes.last_line(process.log))
     processes.kill(process)
-    until(lambda: not os.path.exists(f'/proc/{child}'), 30.0, 'the child goes on')
+    wait_until(lambda: not os.path.exists(f'/proc/{child}'), 30.0, 'the child goes on')
 
 
 def test_an_early_end_is_an_error_with_the_last_words(shell):
@@ -156,4 +158,4 @@ def test_a_program_is_interrupted_when_its_starter_is_killed_also_behind_a_scrip
         except (FileNotFoundError, ProcessLookupError):
             return True
 
-    until(ended, 30.0, 'it is still running')
+    wait_until(ended, 30.0, 'it is still running')

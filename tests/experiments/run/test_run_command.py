@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from shell_ring import AWAIT_RECORDER, WAIT, left_over
-from until import until
+from wait_until import wait_until
 
 from bags.storage import read
 from experiments.run import staging
@@ -35,7 +35,7 @@ def command(tmp_path, prefix):
         text=True,
         start_new_session=True,
     )
-    until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
+    wait_until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
     yield process
     process.kill()
     process.communicate()
@@ -73,7 +73,7 @@ def test_a_hang_up_that_is_ignored_does_not_end_a_run_under_nohup(tmp_path, pref
         start_new_session=True,
     )
     try:
-        until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
+        wait_until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
         process.send_signal(signal.SIGHUP)
         release.touch()
         process.communicate(timeout=60)
@@ -119,7 +119,7 @@ def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
     )
     try:
         recording = 'runs/straight/.mpcc_no_ca.*/logs/recording'
-        until(lambda: list(tmp_path.glob(recording)), 60.0, 'the second run records nothing')
+        wait_until(lambda: list(tmp_path.glob(recording)), 60.0, 'the second run records nothing')
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30)
     finally:
@@ -132,10 +132,10 @@ def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
 def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it_left(
     tmp_path, command
 ):
-    until(lambda: len(left_over(tmp_path)) >= 4, 60.0, 'not every node was started')
+    wait_until(lambda: len(left_over(tmp_path)) >= 4, 60.0, 'not every node was started')
     command.kill()
     command.communicate(timeout=10)
-    until(lambda: not left_over(tmp_path), 30.0, lambda: f'left: {left_over(tmp_path)}')
+    wait_until(lambda: not left_over(tmp_path), 30.0, lambda: f'left: {left_over(tmp_path)}')
     (left,) = (tmp_path / 'runs/straight').iterdir()
     (said,) = staging.recover(tmp_path / 'runs/straight')
     assert str(left / 'mpcc') in said

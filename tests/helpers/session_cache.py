@@ -1,4 +1,4 @@
-"""What is made once per test session, whichever worker of pytest-xdist comes first."""
+"""Folders that are built once per test session by one of the workers of pytest-xdist."""
 
 import fcntl
 import os
@@ -15,10 +15,10 @@ def session_folder(factory: pytest.TempPathFactory) -> Path:
     return base.parent if 'PYTEST_XDIST_WORKER' in os.environ else base
 
 
-def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
-    """Return the shared folder `name`, filled by `make(folder)` of the first worker that asks.
+def build_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """Return the shared folder `name`, filled by `make(folder)` in the first worker that calls.
 
-    The others wait. When `make` raises, the next worker that asks tries again in an empty folder.
+    The others wait. When `make` raises, the next worker tries again in an empty folder.
     """
     base = session_folder(factory)
     folder, complete = base / name, base / f'{name}.complete'

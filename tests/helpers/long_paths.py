@@ -1,4 +1,4 @@
-"""Paths and edges of any length, as messages and as bytes, and what it costs to read them."""
+"""Paths and road edges of any length, as messages and as bytes, and the time to read them."""
 
 import time
 
@@ -38,8 +38,8 @@ def raw_edges(**given):
     return ros.serialize(encode.road_edges(edges(**given)))
 
 
-def same(ours, theirs):
-    """Tell whether two values of `types` are equal, arrays to the last bit and in type."""
+def are_equal(ours, theirs):
+    """Return whether two values of `types` are equal, arrays bit for bit and in type."""
     return type(ours) is type(theirs) and all(
         np.asarray(a).dtype == np.asarray(b).dtype
         and np.shape(a) == np.shape(b)
@@ -48,11 +48,11 @@ def same(ours, theirs):
     )
 
 
-def processor_s(call, times=5):
-    """Return the least processor time of a call [s]: what other processes do does not count."""
-    taken = []
+def min_cpu_s(call, times=5):
+    """Return the minimum processor time of a call [s]; other processes do not change it."""
+    durations_s = []
     for _ in range(times):
         began = time.process_time()
         call()
-        taken.append(time.process_time() - began)
-    return min(taken)
+        durations_s.append(time.process_time() - began)
+    return min(durations_s)

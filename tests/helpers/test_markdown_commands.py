@@ -1,6 +1,6 @@
-"""Commands are found in a page however its blocks are laid out."""
+"""The commands of a page are extracted from all forms of blocks."""
 
-from fenced import commands
+from markdown_commands import find_commands
 
 PAGE = """
 # A page
@@ -27,8 +27,8 @@ make('nothing')
 
 
 def test_every_line_of_a_block_with_a_known_program_is_a_command():
-    found = commands(PAGE, {'bags', 'source'})
-    assert [one.text for one in found] == [
+    commands = find_commands(PAGE, {'bags', 'source'})
+    assert [one.text for one in commands] == [
         'source .venv/bin/activate',
         'VAR=1 experiments run a --set x.y=1',
         'bags compare a b',
@@ -36,9 +36,9 @@ def test_every_line_of_a_block_with_a_known_program_is_a_command():
         'source v/bin/activate',
         'made up',
     ]
-    assert found[1].words == ['experiments', 'run', 'a', '--set', 'x.y=1']
-    assert {one.block for one in found} == {0}
+    assert commands[1].words == ['experiments', 'run', 'a', '--set', 'x.y=1']
+    assert {one.block for one in commands} == {0}
 
 
-def test_drawings_are_no_commands():
-    assert commands(PAGE, {'ros2'}) == []
+def test_drawings_contain_no_commands():
+    assert find_commands(PAGE, {'ros2'}) == []

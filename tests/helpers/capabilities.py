@@ -1,6 +1,6 @@
-"""What a test needs of the machine. Where it is missing the test is skipped, or fails.
+"""Capabilities of the machine that tests need; without them a test is skipped, or fails.
 
-A test says what it needs by `@pytest.mark.needs('compiler')`, or calls `need('compiler')` in a
+A test declares its needs by `@pytest.mark.needs('compiler')`, or calls `require('compiler')` in a
 fixture. REQUIRE=all makes everything that is missing a failure; REQUIRE_COMPILER=1 does so for one
 capability, and REQUIRE_COMPILER=0 exempts it from REQUIRE=all.
 """
@@ -65,7 +65,7 @@ def has_compiler() -> bool:
 
 
 class Capability(NamedTuple):
-    """A property of the machine, how it is probed, and what to tell where it is missing."""
+    """A property of the machine: its probe, and the message where it is missing."""
 
     probe: Callable[[], bool]
     missing: str
@@ -98,29 +98,29 @@ CAPABILITIES = {
 
 
 @cache
-def present(name: str) -> bool:
+def is_present(name: str) -> bool:
     """Return whether this machine has a capability; probed once per process."""
     return CAPABILITIES[name].probe()
 
 
-def required(name: str) -> bool:
+def is_required(name: str) -> bool:
     """Return whether the environment demands a capability."""
     own = os.environ.get(f'REQUIRE_{name.upper()}')
     return own != '0' if own else os.environ.get('REQUIRE') == 'all'
 
 
-def need(name: str, detail: str = '') -> None:
+def require(name: str, detail: str = '') -> None:
     """Skip the present test where a capability is missing; fail it where that is required.
 
     Raises KeyError for a capability that is not in CAPABILITIES.
     """
-    if not present(name):
-        lack(name, detail)
+    if not is_present(name):
+        report_missing(name, detail)
 
 
-def lack(name: str, detail: str = '') -> None:
+def report_missing(name: str, detail: str = '') -> None:
     """Skip or fail the present test: a capability turned out to be missing."""
     message = CAPABILITIES[name].missing + (f' ({detail})' if detail else '')
-    if required(name):
+    if is_required(name):
         pytest.fail(f'{message}; it is required: REQUIRE_{name.upper()}=0 skips what needs it')
     pytest.skip(message)

@@ -1,19 +1,19 @@
-"""Wait for an event in a test, and fail with a message when it does not come."""
+"""Wait for a condition in a test, and fail with a message when it does not become true."""
 
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
-LOOK_S = 0.01  # between two looks at the condition
+POLL_S = 0.01
 
 T = TypeVar('T')
 
 
-def until(
+def wait_until(
     condition: Callable[[], T],
     seconds: float,
     message: str | Callable[[], str],
-    pause: Callable[[], object] = lambda: time.sleep(LOOK_S),
+    pause: Callable[[], object] = lambda: time.sleep(POLL_S),
 ) -> T:
     """Call `condition` until it returns something true, and return that.
 
@@ -22,9 +22,9 @@ def until(
     called only then, so that it can quote a log.
     """
     end = time.monotonic() + seconds
-    while not (found := condition()):
+    while not (value := condition()):
         if time.monotonic() > end:
-            told = message() if callable(message) else message
-            raise AssertionError(f'waited for {seconds:g} s: {told}')
+            text = message() if callable(message) else message
+            raise AssertionError(f'waited for {seconds:g} s: {text}')
         pause()
-    return found
+    return value

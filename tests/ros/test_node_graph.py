@@ -21,47 +21,49 @@ NUMERIC = (
 )
 
 
-def metrics(rings, controller):
-    return rings.comparison['runs'][controller]
+def metrics(recorded_runs, controller):
+    return recorded_runs.comparison['runs'][controller]
 
 
-def test_the_mpcc_drives_the_double_lane_change_without_collision(rings):
-    run = metrics(rings, 'mpcc')
+def test_the_mpcc_drives_the_double_lane_change_without_collision(recorded_runs):
+    run = metrics(recorded_runs, 'mpcc')
     assert run['completed']
     assert not run['collided']
     assert run['min_v2o_m'] > 0
     assert run['min_outline_gap_m'] > 0
 
 
-def test_the_car_is_at_the_limit_of_handling(rings):
-    friction = float(metrics(rings, 'mpcc')['peak_lat_acc_mps2']) / GRAVITY
+def test_the_car_is_at_the_limit_of_handling(recorded_runs):
+    friction = float(metrics(recorded_runs, 'mpcc')['peak_lat_acc_mps2']) / GRAVITY
     assert friction >= 0.8
 
 
-def test_without_collision_avoidance_the_first_obstacle_is_hit(rings):
-    run = metrics(rings, 'mpcc_no_ca')
+def test_without_collision_avoidance_the_first_obstacle_is_hit(recorded_runs):
+    run = metrics(recorded_runs, 'mpcc_no_ca')
     assert run['completed']
     assert run['min_v2o_per_obstacle_m']['1'] < 0
 
 
-def test_every_state_is_answered_in_its_own_period(rings):
+def test_every_state_is_answered_in_its_own_period(recorded_runs):
     for controller in CONTROLLERS:
-        run = metrics(rings, controller)
+        run = metrics(recorded_runs, controller)
         assert run['ticks'] > 100
         assert run['deadline_misses'] == 0
 
 
-def test_a_command_carries_the_stamp_of_the_state_it_answers(rings):
+def test_a_command_carries_the_stamp_of_the_state_it_answers(recorded_runs):
     for controller in CONTROLLERS:
-        columns = read.columns(rings.bag(controller), ['/vehicle/odometry', '/controller/command'])
+        columns = read.columns(
+            recorded_runs.bag(controller), ['/vehicle/odometry', '/controller/command']
+        )
         states = set(columns['/vehicle/odometry'].stamp_ns.tolist())
         commands = columns['/controller/command'].stamp_ns
         assert set(commands.tolist()) <= states
         assert np.array_equal(np.diff(commands), np.full(len(commands) - 1, 50_000_000))
 
 
-def test_two_runs_give_the_same_columns_bit_for_bit(rings, again):
-    first = read.columns(rings.bag('mpcc'), NUMERIC)
+def test_two_runs_give_the_same_columns_bit_for_bit(recorded_runs, again):
+    first = read.columns(recorded_runs.bag('mpcc'), NUMERIC)
     second = read.columns(again.bag('mpcc'), NUMERIC)
     for topic in NUMERIC:
         for name, column in first[topic]._asdict().items():
@@ -70,8 +72,8 @@ def test_two_runs_give_the_same_columns_bit_for_bit(rings, again):
 
 
 @pytest.mark.parametrize('controller', CONTROLLERS)
-def test_every_recorded_message_obeys_the_contract(rings, controller):
-    bag = read.load(rings.bag(controller))
+def test_every_recorded_message_obeys_the_contract(recorded_runs, controller):
+    bag = read.load(recorded_runs.bag(controller))
     broken = Counter()
     for name, recording in bag.recordings.items():
         topic = recording.topic
@@ -82,8 +84,8 @@ def test_every_recorded_message_obeys_the_contract(rings, controller):
 
 
 @pytest.mark.parametrize('controller', CONTROLLERS)
-def test_every_topic_keeps_its_rate_within_one_percent(rings, controller):
-    bag = read.load(rings.bag(controller))
+def test_every_topic_keeps_its_rate_within_one_percent(recorded_runs, controller):
+    bag = read.load(recorded_runs.bag(controller))
     topics = contract.load().topics
     assert set(bag.recordings) == set(topics)
     for name, recording in bag.recordings.items():
@@ -105,16 +107,16 @@ def test_every_topic_keeps_its_rate_within_one_percent(rings, controller):
         assert recording.topic.type == topics[name].type
 
 
-def test_the_comparison_is_printed_and_drawn(rings):
-    assert '15.6' in rings.printed
-    assert '18.6' in rings.printed
-    figures = rings.out / 'double_lane_change' / 'figures'
+def test_the_comparison_is_printed_and_drawn(recorded_runs):
+    assert '15.6' in recorded_runs.printed
+    assert '18.6' in recorded_runs.printed
+    figures = recorded_runs.out / 'double_lane_change' / 'figures'
     assert list(figures.glob('*.png'))
     assert list(figures.glob('*.svg'))
 
 
-def test_the_readme_says_what_the_demo_gives(rings):
-    runs = [metrics(rings, controller) for controller in CONTROLLERS]
+def test_the_readme_says_what_the_demo_gives(recorded_runs):
+    runs = [metrics(recorded_runs, controller) for controller in CONTROLLERS]
 
     def row(name, form, *keys):
         cells = [form.format(*(pick(run, key) for key in keys)) for run in runs]

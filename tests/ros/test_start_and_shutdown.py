@@ -1,4 +1,4 @@
-"""Nodes that start in any order, and what is left of them when they end. Real Fast DDS."""
+"""Nodes that start in any order, and what remains after their shutdown. Real Fast DDS."""
 
 import fcntl
 import itertools
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from require import lack, need
-from rings import ROLES, Ring
-from until import until
+from capabilities import report_missing, require
+from node_graph import ROLES, NodeGraph
+from wait_until import wait_until
 
 from bags.storage import read
 from experiments.run import processes
@@ -34,13 +34,13 @@ SEGMENTS = Path('/dev/shm')
 
 
 @pytest.mark.parametrize('order', ORDERS, ids='-'.join)
-def test_the_ring_completes_whatever_starts_first(order, tmp_path, domain):
-    with Ring(tmp_path, domain, **SHORT) as ring:
+def test_a_run_completes_in_any_order_of_starting_the_nodes(order, tmp_path, domain):
+    with NodeGraph(tmp_path, domain, **SHORT) as graph:
         for role in order:
-            ring.start(role)
+            graph.start(role)
             time.sleep(GAP_S)
-        assert ring.wait('plant') == 0, ring.said('plant')
-        columns = read.columns(ring.recorded(), ['/vehicle/odometry', '/controller/command'])
+        assert graph.wait('plant') == 0, graph.log('plant')
+        columns = read.columns(graph.stop_recording(), ['/vehicle/odometry', '/controller/command'])
     stamps = columns['/vehicle/odometry'].stamp_ns
     assert np.array_equal(np.diff(stamps), np.full(len(stamps) - 1, 1_000_000))
     answers = columns['/controller/command'].stamp_ns
@@ -48,29 +48,31 @@ def test_the_ring_completes_whatever_starts_first(order, tmp_path, domain):
     assert np.array_equal(np.diff(answers), np.full(len(answers) - 1, 50_000_000))
 
 
-def test_two_rings_on_two_domains_do_not_see_each_other(tmp_path, domain):
+def test_two_node_graphs_on_two_domains_are_isolated(tmp_path, domain):
     ends = {'short': 8.0, 'long': 20.0}  # x at which the run ends
     with reserved({}) as other, ExitStack() as both:
-        rings = {}
+        graphs = {}
         for (name, x_m), number in zip(ends.items(), (domain, other)):
             (tmp_path / name).mkdir()
             plant = SHORT['plant'] | {'stop.x_m': x_m}
-            ring = Ring(tmp_path / name, number, plant=plant)
-            rings[name] = both.enter_context(ring)
+            graph = NodeGraph(tmp_path / name, number, plant=plant)
+            graphs[name] = both.enter_context(graph)
         for role in ROLES:
-            for ring in rings.values():
-                ring.start(role)
-        for name, ring in rings.items():
-            assert ring.wait('plant') == 0, ring.said('plant')
-            columns = read.columns(ring.recorded(), ['/vehicle/odometry', '/controller/command'])
+            for graph in graphs.values():
+                graph.start(role)
+        for name, graph in graphs.items():
+            assert graph.wait('plant') == 0, graph.log('plant')
+            columns = read.columns(
+                graph.stop_recording(), ['/vehicle/odometry', '/controller/command']
+            )
             for topic, step_ns in (('/vehicle/odometry', 1), ('/controller/command', 50)):
                 steps = np.diff(columns[topic].stamp_ns)
-                assert np.all(steps == step_ns * 1_000_000), f'{name}: two voices on {topic}'
+                assert np.all(steps == step_ns * 1_000_000), f'{name}: two publishers on {topic}'
             assert columns['/vehicle/odometry'].x_m[-1] == pytest.approx(ends[name], abs=2.0)
 
 
 def segments(process):
-    """Return the shared-memory files of DDS that a process made."""
+    """Return the shared-memory files of DDS that a process created."""
     maps = Path('/proc', str(process.popen.pid), 'maps').read_text()
     used = {line.split()[-1] for line in maps.splitlines() if f'{SEGMENTS}/fastrtps_' in line}
     # ports are shared by all who listen on one: their names end with the number of the port
@@ -78,7 +80,7 @@ def segments(process):
 
 
 def free(path):
-    """Tell whether nobody holds a lock on a file."""
+    """Return whether a file is not locked."""
     with path.open() as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -90,24 +92,24 @@ def free(path):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path, domain):
     slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': RUN_TIME.high}}
-    with Ring(tmp_path, domain, mode='realtime', **slow) as ring:
+    with NodeGraph(tmp_path, domain, mode='realtime', **slow) as graph:
         for role in ROLES:
-            ring.start(role)
-        ring.wait_for('controller', 'started from the actuators')
+            graph.start(role)
+        graph.wait_for('controller', 'started from the actuators')
         time.sleep(1.0)
         made = {}
         for role in ('plant', 'controller', 'scenario', 'recorder'):
-            process = ring.running[role]
+            process = graph.running[role]
             made[role] = segments(process)
             process.popen.send_signal(number)
             code = process.popen.wait(END_S)
-            assert code == (-number if number == signal.SIGKILL else 0), ring.said(role)
+            assert code == (-number if number == signal.SIGKILL else 0), graph.log(role)
             with pytest.raises(ProcessLookupError):  # nobody is left in its session
                 os.killpg(process.popen.pid, 0)
-        bag = ring.recorded()
+        bag = graph.stop_recording()
     assert len(bag.recordings['/vehicle/odometry'].payloads) > 500
     locks = list(compile_cache.cache_dir().glob('*.lock'))  # other programs may compile just now
-    until(lambda: all(map(free, locks)), END_S, 'a lock on the compile cache is held')
+    wait_until(lambda: all(map(free, locks)), END_S, 'a lock on the compile cache is held')
     if number != signal.SIGKILL:  # who is killed cannot clear up; who comes later is not harmed
         left = {role: [f for f in files if Path(f).exists()] for role, files in made.items()}
         assert not any(left.values()), left
@@ -116,9 +118,9 @@ def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path, domain):
 @pytest.fixture
 def hosts():
     """Make two network namespaces that a cable joins; needs root."""
-    need('namespaces')
+    require('namespaces')
     # names of this process: tests may run beside each other
-    hosts = [f'ring{os.getpid()}{letter}' for letter in 'ab']
+    hosts = [f'graph{os.getpid()}{letter}' for letter in 'ab']
     ends = [f'e{host}' for host in hosts]
 
     def ip(*words):
@@ -136,38 +138,38 @@ def hosts():
     try:
         refused = [one.stderr for one in made if one.returncode]
         if refused:
-            lack('namespaces', refused[0])
+            report_missing('namespaces', refused[0])
         yield hosts
     finally:
         for host in hosts:
             ip('netns', 'delete', host)
 
 
-def test_nodes_on_two_hosts_make_one_ring(hosts, tmp_path, domain):
+def test_nodes_on_two_hosts_form_one_node_graph(hosts, tmp_path, domain):
     there = dict(zip(ROLES, (hosts[0], hosts[0], hosts[1], hosts[1])))
-    with Ring(tmp_path, domain, **SHORT) as ring:
-        ring.environment |= {
+    with NodeGraph(tmp_path, domain, **SHORT) as graph:
+        graph.environment |= {
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
             'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',  # memory would be shared beside the cable
         }
         for role in ROLES:
-            ring.prefix[role] = ['ip', 'netns', 'exec', there[role]]
-            ring.start(role)
-        assert ring.wait('plant', 100.0) == 0, ring.said('plant')
+            graph.prefix[role] = ['ip', 'netns', 'exec', there[role]]
+            graph.start(role)
+        assert graph.wait('plant', 100.0) == 0, graph.log('plant')
         # as in `experiments run`: it waits for what the cable lost and is sent again
-        processes.stop([ring.running[role] for role in ('controller', 'scenario')])
-        columns = read.columns(ring.recorded(), ['/controller/command'])
+        processes.stop([graph.running[role] for role in ('controller', 'scenario')])
+        columns = read.columns(graph.stop_recording(), ['/controller/command'])
     assert len(columns['/controller/command'].stamp_ns) > 5
 
 
 def test_by_default_nodes_on_two_hosts_do_not_see_each_other(hosts, tmp_path, domain):
-    with Ring(tmp_path, domain, **SHORT) as ring:
-        ring.prefix = {'scenario': ['ip', 'netns', 'exec', hosts[0]]}
-        ring.prefix |= {'controller': ['ip', 'netns', 'exec', hosts[1]]}
-        del ring.environment['ROS_AUTOMATIC_DISCOVERY_RANGE']
-        ring.environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+    with NodeGraph(tmp_path, domain, **SHORT) as graph:
+        graph.prefix = {'scenario': ['ip', 'netns', 'exec', hosts[0]]}
+        graph.prefix |= {'controller': ['ip', 'netns', 'exec', hosts[1]]}
+        del graph.environment['ROS_AUTOMATIC_DISCOVERY_RANGE']
+        graph.environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
         for role in ('scenario', 'controller'):
-            ring.start(role)
-        ring.wait_for('controller', 'ready')
+            graph.start(role)
+        graph.wait_for('controller', 'ready')
         time.sleep(3.0)
-        assert 'waiting for path' in processes.last_line(ring.running['controller'].log)
+        assert 'waiting for path' in processes.last_line(graph.running['controller'].log)

@@ -14,7 +14,7 @@ class Command(NamedTuple):
     """One command of a page."""
 
     text: str  # as it is printed, without its comment
-    block: int  # index of its block among those of the page that hold commands
+    block: int  # index of its block among the blocks with commands
 
     @property
     def words(self) -> list[str]:
@@ -25,20 +25,20 @@ class Command(NamedTuple):
         return words
 
 
-def commands(page: str, programs: set[str]) -> list[Command]:
+def find_commands(page: str, programs: set[str]) -> list[Command]:
     """Return the commands of a page in order; `programs` are the names that begin one.
 
-    A block counts when it begins with such a name: the others are drawings, or what a program
-    prints. Every line of a block that counts is a command, or several joined by `&&`.
+    A block with commands begins with such a name; other blocks are drawings or output. Every line
+    of a block with commands is a command, or several joined by `&&`.
     """
-    found, counted = [], 0
+    result, blocks = [], 0
     for language, block in BLOCK.findall(page):
         lines = CONTINUED.sub(' ', block).splitlines()
         texts = [part for line in lines for part in _parts(line)]
         if language in LANGUAGES and texts and _program(texts[0]) in programs:
-            found += [Command(text, counted) for text in texts]
-            counted += 1
-    return found
+            result += [Command(text, blocks) for text in texts]
+            blocks += 1
+    return result
 
 
 def _program(text):

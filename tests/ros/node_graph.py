@@ -1,4 +1,4 @@
-"""The nodes of a ring, one process each, for tests that start and end them one by one."""
+"""The node graph, one process per node, for tests that start and end the nodes one by one."""
 
 import contextlib
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
-from until import until
+from wait_until import wait_until
 
 from bags.storage import read, repair
 from experiments.configuration import inputs, node_config
@@ -21,11 +21,11 @@ LINES = 8  # of a log
 NICE = -10  # on the wall clock, where the user may: other processes are not what is tested
 
 
-class Ring:
+class NodeGraph:
     """Nodes of one run on a domain of their own; a context manager that leaves no process."""
 
     def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
-        """Each of `settings` is called like a role: {dotted name: value} of its parameters."""
+        """`settings` are {dotted name: value} of the parameters, by role."""
         self.folder, self.running, self.mode = folder, {}, mode
         self.bag = folder / node_config.BAG_FOLDER
         facts = inputs.load_facts(scenario)
@@ -33,7 +33,7 @@ class Ring:
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
         self.namespace = ''  # of every node, '' for the root
-        # whatever the shell says
+        # independent of the shell
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         self.environment = processes.node_environment(domain, folder) | here
 
@@ -45,7 +45,7 @@ class Ring:
         print(f'logs and bag: {self.folder}')  # shown by pytest when the test fails
         if error == (None, None, None):
             for role in self.running:
-                assert shutdown.TRACEBACK_START not in self.said(role), self.said(role)
+                assert shutdown.TRACEBACK_START not in self.log(role), self.log(role)
 
     def start(self, role: str) -> processes.Process:
         """Start a node."""
@@ -66,44 +66,46 @@ class Ring:
         return self.running[role].popen.wait(seconds)
 
     def wait_for(self, role: str, text: str, seconds: float = 60.0) -> None:
-        """Wait until a node has said something."""
-        until(
-            lambda: text in self.said(role),
+        """Wait until the log of a node contains a text."""
+        wait_until(
+            lambda: text in self.log(role),
             seconds,
-            lambda: f'{role} never said {text!r}:\n{self.said(role)}',
+            lambda: f'the log of {role} lacks {text!r}:\n{self.log(role)}',
         )
 
-    def hear(self, topic: str, enough: Callable[[list], bool], seconds: float = 60.0) -> None:
-        """Listen to a topic of the ring from now on, until the decoded messages are enough."""
+    def wait_for_messages(
+        self, topic: str, enough: Callable[[list], bool], seconds: float = 60.0
+    ) -> None:
+        """Subscribe to a topic until `enough(decoded messages)` is true."""
         context = Context()
         rclpy.init(context=context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
         node = rclpy.create_node('listener', context=context, start_parameter_services=False)
         node.declare_parameter('mode', self.mode)
-        heard, read_one = [], getattr(decode, topic.rpartition('/')[2])
-        ros.subscribe(node, topic, lambda message: heard.append(read_one(message)))
+        messages, read_one = [], getattr(decode, topic.rpartition('/')[2])
+        ros.subscribe(node, topic, lambda message: messages.append(read_one(message)))
         executor = EventsExecutor(context=context)
         executor.add_node(node)
         try:
-            until(
-                lambda: enough(heard),
+            wait_until(
+                lambda: enough(messages),
                 seconds,
-                lambda: f'{len(heard)} messages of {topic} are not enough:\n{self.ends()}',
+                lambda: f'{len(messages)} messages of {topic} are not enough:\n{self.log_tails()}',
                 pause=lambda: executor.spin_until_future_complete(Future(), timeout_sec=0.02),
             )
         finally:
             executor.remove_node(node)
             spin_node.shut_down(node, context=context)
 
-    def ends(self) -> str:
+    def log_tails(self) -> str:
         """Return the last lines of every log."""
-        return '\n'.join('\n'.join(self.said(role).splitlines()[-LINES:]) for role in self.running)
+        return '\n'.join('\n'.join(self.log(role).splitlines()[-LINES:]) for role in self.running)
 
-    def said(self, role: str) -> str:
+    def log(self, role: str) -> str:
         """Return the log of a node."""
         return self.running[role].log.read_text(errors='replace')
 
-    def recorded(self) -> read.Bag:
-        """End the recorder, mend its bag where it could not, and read it."""
+    def stop_recording(self) -> read.Bag:
+        """End the recorder, repair its bag if it is incomplete, and read it."""
         processes.stop([self.running['recorder']], 20.0)
         repair.repair_bag(self.bag)
         return read.load(self.bag)

@@ -1,9 +1,9 @@
-"""What workers share is made once, and by nobody who failed."""
+"""Workers share a folder that is built once; a failed build is repeated."""
 
 import multiprocessing
 
 import pytest
-from once import made_once, session_folder
+from session_cache import build_once, session_folder
 
 
 class Factory:
@@ -30,25 +30,27 @@ def factory(tmp_path):
     return Factory(tmp_path / 'worker')
 
 
-def test_processes_that_ask_at_once_get_one_folder_that_was_made_once(factory):
-    asked = [
-        multiprocessing.get_context('fork').Process(target=made_once, args=(factory, 'thing', note))
+def test_parallel_processes_share_one_folder_that_is_built_once(factory):
+    processes = [
+        multiprocessing.get_context('fork').Process(
+            target=build_once, args=(factory, 'thing', note)
+        )
         for _ in range(4)
     ]
-    for process in asked:
+    for process in processes:
         process.start()
-    for process in asked:
+    for process in processes:
         process.join(60)
         assert process.exitcode == 0
     assert (session_folder(factory) / 'thing/file').read_text() == 'whole'
     assert (session_folder(factory) / 'thing.calls').read_text() == 'x'
 
 
-def test_what_failed_is_tried_again_in_an_empty_folder(factory):
+def test_a_failed_build_is_repeated_in_an_empty_folder(factory):
     def half(folder):
         (folder / 'half').touch()
         raise OSError('half made')
 
     with pytest.raises(OSError, match='half made'):
-        made_once(factory, 'thing', half)
-    assert [one.name for one in made_once(factory, 'thing', note).iterdir()] == ['file']
+        build_once(factory, 'thing', half)
+    assert [one.name for one in build_once(factory, 'thing', note).iterdir()] == ['file']

@@ -1,12 +1,12 @@
-"""A capability that is missing skips its tests, and fails them where it is required."""
+"""A missing capability skips its tests, and fails them where it is required."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import capabilities
 import pytest
-import require
 
 TESTS = Path(__file__).parents[1]
 
@@ -17,9 +17,9 @@ def without_browser(monkeypatch, tmp_path):
     for name in [name for name in os.environ if name.startswith('REQUIRE')]:
         monkeypatch.delenv(name)
     monkeypatch.setenv('PATH', str(tmp_path))
-    require.present.cache_clear()
+    capabilities.is_present.cache_clear()
     yield
-    require.present.cache_clear()
+    capabilities.is_present.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -33,13 +33,13 @@ def without_browser(monkeypatch, tmp_path):
     ],
     ids=str,
 )
-def test_what_is_missing_fails_a_test_only_where_it_is_required(
+def test_a_missing_capability_fails_a_test_only_where_it_is_required(
     without_browser, monkeypatch, environment, ends
 ):
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(ends, match='no Chromium is installed'):
-        require.need('chromium')
+        capabilities.require('chromium')
 
 
 def test_the_mark_fails_a_test_before_it_begins(without_browser, tmp_path):
@@ -47,7 +47,7 @@ def test_the_mark_fails_a_test_before_it_begins(without_browser, tmp_path):
     (tmp_path / 'test_page.py').write_text(
         "import pytest\n\n@pytest.mark.needs('chromium')\ndef test_page():\n    print('began')\n"
     )
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', tmp_path],
         env={**os.environ, 'PYTHONPATH': str(TESTS / 'helpers'), 'REQUIRE': 'all'},
         cwd=tmp_path,
@@ -55,16 +55,16 @@ def test_the_mark_fails_a_test_before_it_begins(without_browser, tmp_path):
         text=True,
         timeout=200,
     )
-    assert done.returncode == 1, done.stdout
-    assert 'no Chromium is installed' in done.stdout
-    assert 'began' not in done.stdout
+    assert result.returncode == 1, result.stdout
+    assert 'no Chromium is installed' in result.stdout
+    assert 'began' not in result.stdout
 
 
-@pytest.mark.parametrize('name', require.CAPABILITIES)
+@pytest.mark.parametrize('name', capabilities.CAPABILITIES)
 def test_every_capability_is_probed_without_an_error(name):
-    assert require.present(name) in (True, False)
+    assert capabilities.is_present(name) in (True, False)
 
 
-def test_a_capability_that_is_not_known_is_an_error():
+def test_an_unknown_capability_is_an_error():
     with pytest.raises(KeyError):
-        require.need('teleportation')
+        capabilities.require('teleportation')
