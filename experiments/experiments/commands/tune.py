@@ -1,4 +1,4 @@
-"""Tune the weights of a controller on the double lane change, by Bayesian optimisation."""
+"""Tune the weights of a controller on the double lane change by Bayesian optimisation."""
 
 import argparse
 import os
@@ -9,6 +9,7 @@ from rich.console import Console
 from bags.errors import BagError
 
 HELP = 'tune the weights of a controller'
+EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
 OUT = Path('paper', 'tuning')
 TRIALS = (64, 64)
 SEED = 1
@@ -17,7 +18,7 @@ NO_OPTUNA = "optuna is needed for tuning and is not installed: pip install 'optu
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments tune`."""
+    """Add the arguments of `experiments tune`."""
     parser.add_argument('controller', metavar='CONTROLLER', help='a name, or a YAML file')
     parser.add_argument(
         '--trials',
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_metres,
         default=TRACKING_M,
         metavar='M',
-        help='rms distance from the coarse path that is allowed; a large one leaves it free '
+        help='bound on the rms distance from the coarse path; a large one leaves it free '
         f'(default: {TRACKING_M} m)',
     )
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
@@ -41,14 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_count,
         default=len(os.sched_getaffinity(0)),
         metavar='N',
-        help='drives at a time (default: one per core); changes nothing but the time it takes',
+        help='runs in parallel (default: one per core); does not change the result',
     )
     parser.add_argument(
         '--out',
         type=Path,
         default=OUT,
         metavar='DIR',
-        help=f'receives <controller>/ with the history; a search there goes on (default: {OUT})',
+        help='receives <controller>/ with the history; a search in that folder is continued '
+        f'(default: {OUT})',
     )
     parser.add_argument(
         '--write',
@@ -61,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='C',
-        help='another controller that gets the tuned tolerances, and keeps its priorities',
+        help='another controller that gets the tuned tolerances and keeps its priorities; may be '
+        'given several times',
     )
 
 
@@ -79,25 +82,25 @@ def _metres(text):
     return value
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Tune and show. Raises BagError."""
     try:
-        from experiments.tuning import objective, run
+        from experiments.tuning import problem, tune
     except ModuleNotFoundError as error:
         if error.name != 'optuna':
             raise
         raise BagError(NO_OPTUNA) from None
-    folder = chosen.out / Path(chosen.controller).stem
-    asked = run.Asked(
-        chosen.controller,
-        chosen.seed,
-        tuple(chosen.trials),
-        chosen.tracking,
-        chosen.jobs,
+    folder = options.out / Path(options.controller).stem
+    request = tune.Request(
+        options.controller,
+        options.seed,
+        tuple(options.trials),
+        options.tracking,
+        options.jobs,
         folder,
-        chosen.write or folder,
-        chosen.also,
+        options.write or folder,
+        options.also,
     )
     console = Console()
-    run.show(run.tune(asked, objective.CONDITIONS, console), console)
+    tune.show(tune.tune(request, problem.CONDITIONS, console), console)
     return 0

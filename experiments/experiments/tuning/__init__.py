@@ -1,1 +1,7 @@
-"""Weights of a controller by Bayesian optimisation in two stages, on the ring in process."""
+"""Tuning: Bayesian optimisation of controller weights in two stages, simulated in process.
+
+problem        weights and ranges, objective, constraints
+search         the two stages of the optimisation, resumable
+tune           `experiments tune`: search, tuned controller files, summary
+tuning_figure  the history of a search
+"""

@@ -1,8 +1,8 @@
 """Two stages of Bayesian optimisation with optuna: tree-structured Parzen estimators.
 
-Trials are asked for and told in batches of a fixed size, and every trial has a random generator of
-its own whose seed follows from the plan: the trials depend on plan and code only, not on the number
-of processes, and a search that was interrupted goes on as if it had not been. The first trials of a
+Optuna's ask-and-tell interface is used in batches of a fixed size, and every trial has a random
+generator of its own, seeded by the plan. So the trials depend on plan and code only, not on the
+number of processes, and an interrupted search continues with the same trials. The first trials of a
 longer stage are those of a shorter one.
 """
 
@@ -22,13 +22,14 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from bags.errors import BagError
-from experiments.tuning import objective, space, tuned_file
-from experiments.tuning.objective import Condition, Score
+from experiments.tuning import problem
+from experiments.tuning.problem import Condition, Score
 from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 
 JOURNAL = 'trials.journal'
 PLAN, SCORES, COMMIT = 'plan', 'scores', 'git_commit'
+DIGITS = 4  # significant; more would claim a precision that a search over chaotic runs lacks
 
 
 class Plan(NamedTuple):
@@ -36,30 +37,35 @@ class Plan(NamedTuple):
 
     controller: str
     seed: int
-    trials: tuple[int, int]  # of each stage, that which begins it included
-    random: tuple[int, int]  # of them, drawn at random before there is anything to learn from
-    batch: int  # trials asked for before any of them is told
+    trials: tuple[int, int]  # of each stage, including its given first trial
+    random: tuple[int, int]  # of them, drawn at random before the model chooses
+    batch: int  # trials asked for before results are told to the model
     conditions: tuple[Condition, ...]
-    tracking_m: float  # rms distance from the coarse path that is allowed
+    tracking_m: float  # bound on the rms distance from the coarse path
+
+    @property
+    def runs(self) -> int:
+        """The number of simulations."""
+        return sum(self.trials) * len(self.conditions)
 
 
 class Trial(NamedTuple):
-    """One set of weights, and what its drives came to."""
+    """One set of weights with its results."""
 
     stage: int
-    number: int  # within the stage; 0 is the untuned one, or the best of stage 1
+    number: int  # within the stage; 0 is the untuned set, or the best of stage 1
     weights: dict[str, float]  # by dotted name
     scores: tuple[Score, ...]  # one per condition
-    violations: tuple[float, ...]  # of objective.CONSTRAINTS
+    violations: tuple[float, ...]  # of problem.CONSTRAINTS
 
     @property
     def cost(self) -> float:
         """The objective."""
-        return objective.cost(self.scores)
+        return problem.cost(self.scores)
 
     @property
-    def safe(self) -> bool:
-        """Whether every drive kept all distances, reached its end and tracked the path."""
+    def is_feasible(self) -> bool:
+        """Whether every run kept all distances, was completed and tracked the path."""
         return max(self.violations) <= 0.0
 
 
@@ -67,48 +73,44 @@ def run(
     plan: Plan,
     folder: Path,
     pool: WorkerPool,
-    on_drive: Callable[[], None],
+    on_run: Callable[[], None],
     on_trial: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Search, or go on with the search of this plan in `folder`; return every trial in order.
+    """Search, or continue the search of this plan in `folder`; return every trial in order.
 
-    `on_drive()` follows each drive, `on_trial(trial)` each trial, those of an earlier call first.
-    Raises BagError when the folder holds a search of another plan, or one that is under way.
+    `on_run()` is called after each simulation, `on_trial(trial)` after each trial, stored ones
+    first. Raises BagError when the folder holds a search of another plan, or one in progress.
     """
-    found: list[Trial] = []
-    spans = space.wide(space.untuned(plan.controller))
+    trials: list[Trial] = []
+    first = problem.untuned_weights(plan.controller)
+    spans = problem.wide_spans(first)
     with _journal(folder) as storage:
-        first = space.untuned(plan.controller)
         for stage in (1, 2):
             study = _study(storage, plan, stage, spans)
             if not study.trials:
-                study.enqueue_trial({n: span.clipped(first[n]) for n, span in spans.items()})
-            for trial in _stage(study, plan, stage, spans, pool, on_drive):
+                study.enqueue_trial({n: span.clip(first[n]) for n, span in spans.items()})
+            for trial in _run_stage(study, plan, stage, spans, pool, on_run):
                 on_trial(trial)
-                found.append(trial)
-            first = best(found).weights
-            spans = space.narrow(spans, first)
-    return found
+                trials.append(trial)
+            first = find_best(trials).weights
+            spans = problem.narrow_spans(spans, first)
+    return trials
 
 
-def commit(folder: Path) -> str:
-    """Return the commit with which the search in a folder was begun, '' outside of a repository."""
+def read_commit(folder: Path) -> str:
+    """Return the commit with which the search of a folder was begun, '' outside a repository."""
     with _journal(folder) as storage:
         return optuna.load_study(study_name=_name(1), storage=storage).user_attrs[COMMIT]
 
 
-def best(trials: Sequence[Trial]) -> Trial:
-    """Return the safe trial of least cost; without one that which violates least."""
-
-    def rank(trial):
-        return sum(trial.violations), trial.cost
-
-    return min(trials, key=rank)
+def find_best(trials: Sequence[Trial]) -> Trial:
+    """Return the feasible trial of least cost; without one that of the least violation."""
+    return min(trials, key=lambda trial: (sum(trial.violations), trial.cost))
 
 
 @contextmanager
 def _journal(folder: Path) -> Iterator[BaseStorage]:
-    """Yield the storage of a folder, which nobody else uses meanwhile."""
+    """Yield the storage of a folder, locked against other programs."""
     folder.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     path = folder / JOURNAL
@@ -124,15 +126,15 @@ def _study(storage, plan, stage, spans):
     study = optuna.create_study(
         storage=storage, study_name=_name(stage), direction='minimize', load_if_exists=True
     )
-    # as JSON reads it back; a search may go on for longer, its first trials stay the same
-    wanted = json.loads(json.dumps({**plan._replace(trials=None)._asdict(), 'spans': spans}))
+    # compared as read back from JSON; without `trials`, which may grow: the first ones stay equal
+    identity = json.loads(json.dumps({**plan._replace(trials=None)._asdict(), 'spans': spans}))
     if PLAN not in study.user_attrs:
-        study.set_user_attr(PLAN, wanted)
+        study.set_user_attr(PLAN, identity)
         study.set_user_attr(COMMIT, provenance.commit())
-    if study.user_attrs[PLAN] != wanted:
+    if study.user_attrs[PLAN] != identity:
         raise BagError(
-            f'{plan.controller}: the search that lies here was made with other settings or weights '
-            'than those asked for; move it away or name another folder'
+            f'{plan.controller}: the search in this folder was made with other settings or '
+            'weights; move it away or name another folder'
         )
     return study
 
@@ -141,64 +143,59 @@ def _name(stage):
     return f'stage {stage}'
 
 
-def _stage(study, plan, stage, spans, pool, on_drive) -> Iterator[Trial]:
-    """Yield the trials of a stage, those that are known first."""
+def _run_stage(study, plan, stage, spans, pool, on_run) -> Iterator[Trial]:
+    """Yield the trials of a stage, the stored ones first."""
     ranges = {name: FloatDistribution(*span, log=True) for name, span in spans.items()}
     total = plan.trials[stage - 1]
-    told = 0
-    while told < total:
-        end = min(total, (told // plan.batch + 1) * plan.batch)
+    done = 0
+    while done < total:
+        end = min(total, (done // plan.batch + 1) * plan.batch)
         for number in range(len(_asked(study)), end):
-            # a generator of its own: nothing depends on what was asked before an interruption
+            # seeded per trial: independent of the trials before an interruption
             study.sampler = _sampler(plan, stage, number)
             study.ask(ranges)
-        batch = _asked(study)[told:end]
+        batch = _asked(study)[done:end]
         waiting = [trial for trial in batch if trial.state is TrialState.RUNNING]
-        _drive(study, plan, waiting, pool, on_drive)
-        for trial in _asked(study)[told:end]:
+        _simulate(study, plan, waiting, pool, on_run)
+        for trial in _asked(study)[done:end]:
             scores = tuple(Score(**score) for score in trial.user_attrs[SCORES])
-            violations = objective.violations(scores, plan.tracking_m)
+            violations = problem.violations(scores, plan.tracking_m)
             yield Trial(stage, trial.number, _weights(trial), scores, violations)
-        told = end
+        done = end
 
 
 def _asked(study):
     return study.get_trials(states=(TrialState.RUNNING, TrialState.COMPLETE))
 
 
-def _drive(study, plan, trials, pool, on_drive):
-    """Drive every trial under all conditions and tell what came out, in their order."""
+def _simulate(study, plan, trials, pool, on_run):
+    """Simulate every trial under all conditions and tell the results, in their order."""
     tasks = [
         (plan.controller, _weights(trial), condition)
         for trial in trials
         for condition in plan.conditions
     ]
-    scores = pool.run(objective.drive, tasks, on_drive)
+    scores = pool.run(problem.simulate, tasks, on_run)
     count = len(plan.conditions)
     for k, trial in enumerate(trials):
         own = scores[k * count : (k + 1) * count]
         handle = optuna.trial.Trial(study, trial._trial_id)
         handle.set_user_attr(SCORES, [score._asdict() for score in own])
-        for name, value in zip(objective.CONSTRAINTS, objective.violations(own, plan.tracking_m)):
-            # an interruption may have come between this and telling
+        for name, value in zip(problem.CONSTRAINTS, problem.violations(own, plan.tracking_m)):
+            # an interruption may have come between this and `tell`
             if name not in trial.constraints:
                 handle.set_constraint(name, value)
-        study.tell(handle, objective.cost(own))
+        study.tell(handle, problem.cost(own))
 
 
 def _weights(trial):
-    """Return the weights that are driven: those that a file would hold."""
-    return {name: tuned_file.rounded(value) for name, value in trial.params.items()}
+    """Return the simulated weights: rounded as in a tuned controller file."""
+    return {name: float(f'{value:.{DIGITS}g}') for name, value in trial.params.items()}
 
 
 def _sampler(plan, stage, number):
     seed = np.random.SeedSequence((plan.seed, stage, number)).generate_state(1)[0]
     return TPESampler(seed=int(seed), n_startup_trials=plan.random[stage - 1])
-
-
-def drives_of(plan: Plan) -> int:
-    """Return how many drives a plan takes."""
-    return sum(plan.trials) * len(plan.conditions)
 
 
 def as_rows(trials: Sequence[Trial]) -> list[Mapping[str, object]]:
@@ -208,11 +205,11 @@ def as_rows(trials: Sequence[Trial]) -> list[Mapping[str, object]]:
             'stage': trial.stage,
             'trial': trial.number,
             'cost': trial.cost,
-            'safe': trial.safe,
+            'safe': trial.is_feasible,
             **trial.weights,
             **{
-                f'{name}.{k + 1}': value
-                for k, score in enumerate(trial.scores)
+                f'{name}.{k}': value
+                for k, score in enumerate(trial.scores, start=1)
                 for name, value in score._asdict().items()
             },
         }

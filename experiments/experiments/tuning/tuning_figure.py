@@ -1,4 +1,4 @@
-"""The history of a tuning: what every trial cost, the best so far, and where its weights lay."""
+"""The history of a search as a figure: cost of every trial, best so far, cost over each weight."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,7 +48,7 @@ def _history(ax, trials, best):
     ax.plot(order[safe], cost[safe], 'o', ms=3.5, color=SAFE, label='feasible')
     lowest = np.minimum.accumulate(np.where(safe, cost, np.inf))
     ax.step(order, lowest, where='post', color=SAFE, lw=1.4, label='best feasible so far')
-    untuned = 'untuned' if trials[0].safe else 'untuned, infeasible'
+    untuned = 'untuned' if trials[0].is_feasible else 'untuned, infeasible'
     ax.axhline(cost[0], color=style.EDGE, lw=0.9, ls=':', label=untuned)
     k = trials.index(best)
     ax.plot(k, cost[k], '*', ms=12, color=BEST, mec='white', label='tuned', zorder=5)
@@ -78,7 +78,7 @@ def _weight(ax, trials, best, name):
 
 
 def _cost_axis(ax):
-    """The dearest trials cost a hundred times the best: on a logarithmic axis none is cut off."""
+    """Logarithmic, so that trials of a hundred times the best cost are not cut off."""
     ax.set(yscale='log', ylabel='objective')
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
     ax.yaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
@@ -86,4 +86,4 @@ def _cost_axis(ax):
 
 
 def _costs(trials):
-    return np.array([t.cost for t in trials]), np.array([t.safe for t in trials])
+    return np.array([t.cost for t in trials]), np.array([t.is_feasible for t in trials])

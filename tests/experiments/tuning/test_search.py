@@ -7,10 +7,12 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.tuning import result, run, search, tuning_figure
-from experiments.tuning.objective import Condition
+from experiments.tuning import search, tune, tuning_figure
+from experiments.tuning.problem import Condition
 from experiments.tuning.search import Plan
 from experiments.worker_pool import WorkerPool
+from msgs_yaml import share
+from node_runtime import parameters
 
 PLAN = Plan(
     controller='mpcc',
@@ -53,7 +55,7 @@ def test_both_stages_begin_with_what_is_known(whole):
     trials = whole[1]
     first, second = (next(t for t in trials if t.stage == stage) for stage in (1, 2))
     assert first.weights['tolerances.contouring_m'] == 0.5
-    best = search.best([trial for trial in trials if trial.stage == 1])
+    best = search.find_best([trial for trial in trials if trial.stage == 1])
     assert second.weights == best.weights
     assert second.scores == best.scores
 
@@ -71,18 +73,20 @@ def test_a_safe_trial_is_better_than_a_cheap_one(whole):
         scores=(safe.scores[0]._replace(sideslip_peak_deg=0.0),),
     )
     assert cheap.cost < safe.cost
-    assert search.best([cheap, safe]) is safe
+    assert search.find_best([cheap, safe]) is safe
 
 
 def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
     folder, trials = whole
-    found = result.write(PLAN, trials, folder, tmp_path, ['mpcc_no_ca'])
+    found = tune.write(PLAN, trials, folder, tmp_path, ['mpcc_no_ca'])
     assert [path.name for path in found.files] == ['mpcc_tuned.yaml', 'mpcc_no_ca_tuned.yaml']
     assert found.summary['best']['cost'] <= found.summary['untuned']['cost']
-    tuned, sibling = (path.read_text() for path in found.files)
-    assert 'experiments tune mpcc --seed 3 --trials 3 2 --tracking 0.3' in tuned
-    assert 'obstacle: 0.0 ' in sibling
-    assert len((folder / result.HISTORY).read_text().splitlines()) == 1 + len(trials)
+    tuned, sibling = found.files
+    command = 'experiments tune mpcc --seed 3 --trials 3 2 --tracking 0.3'
+    assert command in tuned.read_text()
+    config = share.path('mpcc_controller', 'config')
+    assert parameters.read_file(sibling, config).values['priorities.obstacle'] == 0.0
+    assert len((folder / tune.HISTORY).read_text().splitlines()) == 1 + len(trials)
     assert all(path.stat().st_size > 10_000 for path in found.figures)
 
 
@@ -90,19 +94,19 @@ def test_an_infeasible_untuned_controller_is_said_to_be_one(whole, tmp_path, mon
     monkeypatch.setenv('COLUMNS', '100')
     _, trials = whole
     broken = trials[0]._replace(violations=(0.19, 0.0, 1.0, 0.15))
-    summary = result.summarise(PLAN, [broken, *trials[1:]], '')
+    summary = tune.summarise(PLAN, [broken, *trials[1:]], '')
     assert not summary['untuned']['safe']
     shown = io.StringIO()
-    found = result.Result(summary, [tmp_path], [tmp_path])
-    run.show(found, Console(file=shown))
+    found = tune.Result(summary, [tmp_path], [tmp_path])
+    tune.show(found, Console(file=shown))
     told = shown.getvalue()
     assert (
         'untuned: infeasible, min V2O 0.31 m < 0.5 m, not completed, '
         'path tracked to 0.45 m > 0.3 m' in told
     )
-    assert 'infeasible' in run._said([broken, *trials[1:]]).partition('->')[0]
-    feasible = result.Result(result.summarise(PLAN, trials, ''), [tmp_path], [tmp_path])
-    run.show(feasible, Console(file=io.StringIO()))
+    assert 'infeasible' in tune._cost_note([broken, *trials[1:]]).partition('->')[0]
+    feasible = tune.Result(tune.summarise(PLAN, trials, ''), [tmp_path], [tmp_path])
+    tune.show(feasible, Console(file=io.StringIO()))
     assert feasible.summary['untuned']['violated'] == []
 
 
@@ -113,7 +117,7 @@ def test_the_history_shows_every_trial_and_cuts_none_off(whole):
     )
     shown = [trials[0], dear, *trials[2:]]
     ax = Figure().add_subplot()
-    tuning_figure._history(ax, shown, search.best(shown))
+    tuning_figure._history(ax, shown, search.find_best(shown))
     drawn = {line.get_label(): line for line in ax.get_lines()}
     costs = {trial.cost for trial in shown}
     points = {*drawn['feasible'].get_ydata(), *drawn['infeasible'].get_ydata()}
