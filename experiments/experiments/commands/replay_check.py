@@ -1,4 +1,4 @@
-"""Give recorded states to today's controller; fail when it answers anything differently."""
+"""Replay recorded ticks through today's controller and compare its answers with the recording."""
 
 import argparse
 from pathlib import Path
@@ -6,31 +6,33 @@ from pathlib import Path
 from rich.console import Console
 
 HELP = "recorded states through today's controller: the same commands and costs?"
+EXAMPLE = 'experiments replay-check bags/reference/double_lane_change/mpcc'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments replay-check`."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
+    """Add the arguments of `experiments replay-check`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='folder of a recording')
     parser.add_argument(
         '--set',
         action='append',
         default=[],
         dest='settings',
         metavar='param=value',
-        help='change a parameter of the recorded controller: the check then shows its effect',
+        help='change a parameter of the recorded controller, to see its effect; may be given '
+        'several times',
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Check every bag; 0 when all ticks of all bags are the same. Raises BagError."""
-    # the cores take a second to load: only who replays waits for them
+    # imported late: controllers take a second to load
     from bags.storage import read
     from experiments.configuration import set_option
-    from experiments.replay import check, show
+    from experiments.replay import check
 
-    changed = set_option.parse_controller_settings(chosen.settings)
+    settings = set_option.parse_controller_settings(options.settings)
     reports = []
-    for bag in chosen.bags:
-        reports.append(check.check(read.load(bag), changed))
-        show.show(reports[-1], Console())
+    for bag in options.bags:
+        reports.append(check.check(read.load(bag), settings))
+        check.show(reports[-1], Console())
     return 1 if any(report.failures for report in reports) else 0

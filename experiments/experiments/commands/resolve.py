@@ -1,4 +1,4 @@
-"""Solve the problem of one recorded tick again, as it was or changed, and look at its plan."""
+"""Solve the problem of one recorded tick again, as it was or changed, and show its plan."""
 
 import argparse
 import os
@@ -6,20 +6,24 @@ from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'solve one recorded tick again: cost, limits in force, what-if, sensitivities'
+HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
+EXAMPLE = 'experiments resolve bags/reference/double_lane_change/mpcc --tick 45 --set weights.lag=0'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `experiments resolve`."""
-    parser.add_argument('bag', type=Path, metavar='BAG')
-    parser.add_argument('--tick', type=int, required=True, metavar='K', help='from 0')
+    """Add the arguments of `experiments resolve`."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a recording')
+    parser.add_argument(
+        '--tick', type=int, required=True, metavar='K', help='number of the tick, from 0'
+    )
     parser.add_argument(
         '--set',
         action='append',
         default=[],
         dest='settings',
         metavar='NAME=VALUE',
-        help='what if: <parameter of the controller>=<value>, or weights.<term>=<factor>',
+        help='what if: <parameter of the controller>=<value>, or weights.<term>=<factor>; may be '
+        'given several times',
     )
     parser.add_argument(
         '--sensitivities',
@@ -34,19 +38,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Solve and show; 0 when the command is the recorded one. Raises BagError."""
-    # the cores and matplotlib take a second to load
+    # imported late: controllers and matplotlib take a second to load
     from bags.storage import read
     from experiments.configuration import set_option
-    from experiments.replay import horizon_figure, resolve, show_answer
+    from experiments.replay import horizon_figure, resolve
 
-    bag = read.load(chosen.bag)
-    changes = set_option.parse_tick_changes(chosen.settings)
-    answer = resolve.ask(bag, resolve.Question(chosen.tick, changes, chosen.sensitivities))
+    bag = read.load(options.bag)
+    changes = set_option.parse_tick_changes(options.settings)
+    answer = resolve.resolve(bag, resolve.Request(options.tick, changes, options.sensitivities))
     console = Console()
-    show_answer.show(answer, console)
-    folder = chosen.out or Path(os.path.abspath(bag.files[0])).parent.parent / 'figures'
+    resolve.show(answer, console)
+    folder = options.out or Path(os.path.abspath(bag.files[0])).parent.parent / 'figures'
     picture, _ = horizon_figure.write(answer, folder / f'{answer.name}_tick_{answer.tick.number}')
     console.print(f'\nfigure: {os.path.relpath(picture)}', highlight=False, soft_wrap=True)
     return 0 if answer.is_same else 1

@@ -1,106 +1,231 @@
-"""Does today's controller answer a recording as the recorded one did?"""
+"""`experiments replay-check`: are recorded ticks answered as recorded, within tolerances?
 
-from collections.abc import Mapping, Sequence
+Only times are exempt. Numbers are in SI units. On one machine a replay gives the same bits; another
+instruction set rounds differently, by less than 1e-10 of these tolerances' units (docs/replay.md).
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from bags.errors import BagError
 from bags.storage import read
-from experiments.replay import feed, fields, replayed_controller
-from experiments.replay.feed import Tick
-from experiments.replay.fields import Pair
+from experiments.replay import recorded_ticks, replayed_controller
+from experiments.replay.recorded_ticks import Tick
+from experiments.replay.replayed_controller import ReplayedController
+from msgs_yaml.types import Command, Prediction, Why
 
-# after a tick that cannot be repeated the warm start is another one; so many later its trace is
-# gone, and a difference counts again
+COMMAND_TOLERANCE = 1e-6  # rad, rad/s, N
+VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
+EXEMPT = 'time.'  # wall time, which is not repeatable
+ABSENT = 'absent'
+COMMAND_UNITS = {'delta': 'rad', 'd_delta': 'rad/s', 'Fxf': 'N', 'Fxr': 'N'}
+POSES = ('X', 'Y', 'psi')
+# a tick that cannot be repeated changes the warm start of the following ones; after so many ticks
+# its effect is gone, and a difference counts again
 SHADOW = 20
+MAX_FIELDS = 12  # shown of the first differing tick
 
 
-class Compared(NamedTuple):
+class Pair(NamedTuple):
+    """One field of a tick, recorded and replayed."""
+
+    field: str  # command.delta, cost.con, prediction.X
+    recorded: float | int | str | bool
+    replayed: float | int | str | bool
+    tolerance: float
+
+    @property
+    def difference(self) -> float:
+        """The absolute difference; infinite for different words, 0 for the same."""
+        if self.recorded == self.replayed:
+            return 0.0
+        if isinstance(self.recorded, str) or isinstance(self.replayed, str):
+            return np.inf
+        difference = abs(float(self.recorded) - float(self.replayed))
+        return np.inf if np.isnan(difference) else difference
+
+    @property
+    def differs(self) -> bool:
+        """Whether the difference exceeds the tolerance."""
+        return self.difference > self.tolerance
+
+
+class ComparedTick(NamedTuple):
     """One tick, recorded and replayed."""
 
     tick: Tick
     pairs: tuple[Pair, ...]
-    gap: str  # why a difference here proves nothing, '' where it does
+    gap: str  # the reason why a difference is no failure, '' for none
+
+    def __repr__(self) -> str:
+        return f'ComparedTick({self.tick.number}, differing={self.differing}, gap={self.gap!r})'
 
     @property
     def differing(self) -> tuple[Pair, ...]:
-        """The fields that are further apart than allowed."""
+        """The fields beyond their tolerances."""
         return tuple(pair for pair in self.pairs if pair.differs)
 
 
 class Report(NamedTuple):
-    """What came of a check."""
+    """The result of a check."""
 
     name: str  # of the bag
     run_info: Mapping[str, str]
-    ticks: tuple[Compared, ...]
+    ticks: tuple[ComparedTick, ...]
+
+    def __repr__(self) -> str:
+        return f'Report({self.name!r}, {len(self.ticks)} ticks, {len(self.failures)} failures)'
 
     @property
-    def failures(self) -> tuple[Compared, ...]:
-        """The ticks that differ though nothing kept them from being repeated."""
-        return tuple(one for one in self.ticks if one.differing and not one.gap)
+    def failures(self) -> tuple[ComparedTick, ...]:
+        """The repeatable ticks that differ."""
+        return tuple(tick for tick in self.ticks if tick.differing and not tick.gap)
 
     @property
     def repeatable(self) -> int:
-        """How many ticks can be repeated."""
-        return sum(not one.gap for one in self.ticks)
-
-    @property
-    def unproven(self) -> tuple[Compared, ...]:
-        """The ticks that differ, but could not be repeated exactly."""
-        return tuple(one for one in self.ticks if one.differing and one.gap)
+        """The number of repeatable ticks."""
+        return sum(not tick.gap for tick in self.ticks)
 
 
 def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
-    """Give a recording to today's controller, with the parameters of the run, and compare.
+    """Replay a recording through today's controller with the parameters of the run, and compare.
 
-    `settings` change parameters by dotted name. Every tick begins where the recording says that
-    the car and its set-points were; the plan it is warm-started from is that of the tick before in
-    this replay. Raises BagError for a bag that cannot be replayed.
+    `settings` change parameters by dotted name. Every tick starts from the recorded state and
+    set-points; its warm start is the plan of the tick before in this replay. Raises BagError for a
+    bag that cannot be replayed.
     """
     name = str(bag.path)
-    compared = of(feed.ticks(bag), replayed_controller.of_notes(bag.run_info, settings, name))
-    if all(one.gap for one in compared):
+    controller = replayed_controller.from_run_info(bag.run_info, settings, name)
+    compared = compare_ticks(recorded_ticks.read_ticks(bag), controller)
+    if all(tick.gap for tick in compared):
         raise BagError(f'{name}: no tick can be repeated: {compared[0].gap}')
     return Report(name, bag.run_info, compared)
 
 
-def of(ticks: Sequence[Tick], repeated: replayed_controller.Again) -> tuple[Compared, ...]:
+def compare_ticks(
+    ticks: Sequence[Tick], controller: ReplayedController
+) -> tuple[ComparedTick, ...]:
     """Answer ticks one after the other and compare each."""
     compared, shadow, cause = [], 0, ''
     for tick in ticks:
-        if tick.told.actuators is not None:
-            shadow = 0  # it started anew
+        if tick.inputs.actuators is not None:
+            shadow = 0  # a restart: the warm start is gone
         if tick.gaps:
             shadow, cause = SHADOW, tick.gaps[0]
-        compared.append(Compared(tick, answered(repeated, tick), cause if shadow else ''))
+        pairs = answer_tick(controller, tick)
+        compared.append(ComparedTick(tick, pairs, cause if shadow else ''))
         shadow = max(shadow - 1, 0)
     return tuple(compared)
 
 
-def answered(repeated: replayed_controller.Again, tick: Tick) -> tuple[Pair, ...]:
-    """Answer a tick, go on from the recorded command, and return both answers field by field."""
-    command, prediction, why = repeated.answer(tick.told, tick.stamp_ns)
-    pairs = list(fields.of_why(tick.why, why))
+def answer_tick(controller: ReplayedController, tick: Tick) -> tuple[Pair, ...]:
+    """Answer a tick, continue from the recorded command, and return both answers by field."""
+    command, prediction, why = controller.step(tick.inputs, tick.stamp_ns)
+    pairs = list(pair_reports(tick.why, why))
     if tick.command is not None:
-        pairs[:0] = fields.of_command(tick.command, command)
-        repeated.follow(tick.command)
+        pairs[:0] = pair_commands(tick.command, command)
+        controller.continue_from(tick.command)
     if tick.prediction is not None:
-        pairs += fields.of_prediction(tick.prediction, prediction)
+        pairs += pair_predictions(tick.prediction, prediction)
     return tuple(pairs)
 
 
-def largest(report: Report) -> dict[str, tuple[float, int]]:
-    """Return per group of fields the largest difference that counts, and the tick it is at.
+def pair_commands(recorded: Command, replayed: Command) -> Iterator[Pair]:
+    """Yield the numbers of two commands."""
+    for name in COMMAND_UNITS:
+        values = getattr(recorded, name), getattr(replayed, name)
+        yield Pair(f'command.{name}', *values, COMMAND_TOLERANCE)
 
-    The groups: command, cost, prediction, and the rest of the reasons. Of the last three the
-    difference is relative to max(1, |recorded|); words count when they differ.
+
+def pair_reports(recorded: Why, replayed: Why) -> Iterator[Pair]:
+    """Yield every value of two reports except times; a missing value is ABSENT."""
+    for name in recorded.values | replayed.values:
+        if not name.startswith(EXEMPT):
+            values = recorded.values.get(name, ABSENT), replayed.values.get(name, ABSENT)
+            yield Pair(name, *values, _tolerance(values[0]))
+
+
+def pair_predictions(recorded: Prediction, replayed: Prediction) -> Iterator[Pair]:
+    """Yield the poses of two plans, each coordinate at the stage of the largest difference."""
+    if len(recorded.X) != len(replayed.X):
+        yield Pair('prediction.stages', len(recorded.X), len(replayed.X), 0.0)
+        return
+    for name in POSES:
+        before, after = getattr(recorded, name), getattr(replayed, name)
+        if len(before):
+            stage = int(np.argmax(np.abs(before - after)))
+            values = float(before[stage]), float(after[stage])
+            yield Pair(f'prediction.{name}', *values, _tolerance(values[0]))
+
+
+def _tolerance(value):
+    return 0.0 if isinstance(value, str) else VALUE_TOLERANCE * max(1.0, abs(value))
+
+
+def largest_differences(report: Report) -> dict[str, tuple[float, int]]:
+    """Return per group of fields the largest difference of repeatable ticks, and its tick.
+
+    The groups: command, cost, prediction, and the rest of the report. The last three differences
+    are relative to max(1, |recorded|); words count when they differ.
     """
-    found = {'command': (0.0, 0), 'cost': (0.0, 0), 'prediction': (0.0, 0), 'other': (0.0, 0)}
-    for one in report.ticks:
-        for pair in one.pairs if not one.gap else ():
+    largest = dict.fromkeys(('command', 'cost', 'prediction', 'other'), (0.0, 0))
+    for compared in report.ticks:
+        for pair in compared.pairs if not compared.gap else ():
             group = pair.field.partition('.')[0]
-            group = group if group in found else 'other'
+            group = group if group in largest else 'other'
             scale = 1.0 if isinstance(pair.recorded, str) else max(1.0, abs(pair.recorded))
             size = pair.difference if group == 'command' else pair.difference / scale
-            found[group] = max(found[group], (size, one.tick.number), key=lambda known: known[0])
-    return found
+            if size > largest[group][0]:
+                largest[group] = (size, compared.tick.number)
+    return largest
+
+
+def show(report: Report, console: Console) -> None:
+    """Print how many ticks agree, the first tick that differs, and the ticks with gaps."""
+    controller, mode = (report.run_info.get(key, 'unknown') for key in ('controller', 'mode'))
+    console.print(f'{report.name}: {controller}, {mode}', markup=False, soft_wrap=True)
+    count = f'{len(report.ticks)} ticks'
+    if report.repeatable < len(report.ticks):
+        count = f'{report.repeatable} of {count}, the others cannot be repeated exactly'
+    if report.failures:
+        first = report.failures[0]
+        console.print(
+            f'  [red]differs[/] in {len(report.failures)} of {count}; first in tick '
+            f'{first.tick.number} at {first.tick.t_s:.2f} s:'
+        )
+        console.print(_fields_table(first.differing[:MAX_FIELDS]))
+        rest = len(first.differing) - MAX_FIELDS
+        if rest > 0:
+            console.print(f'  and {rest} more fields')
+    else:
+        console.print(f'  [green]the same[/] in {count}')
+    for group, (size, tick) in largest_differences(report).items():
+        at = f' (tick {tick})' if size else ''
+        console.print(f'  largest difference, {group}: {size:.1e}{at}', highlight=False)
+    causes = Counter(tick.gap for tick in report.ticks if tick.gap)
+    if causes:
+        console.print('  not repeatable, at or soon after')
+    for cause, n in causes.items():
+        differing = sum(tick.gap == cause and bool(tick.differing) for tick in report.ticks)
+        text = f'    {cause}: {n} ticks, {differing} differ'
+        console.print(text, markup=False, highlight=False)
+
+
+def _fields_table(pairs: Sequence[Pair]) -> Table:
+    table = Table(box=None, pad_edge=True, padding=(0, 1), header_style='bold')
+    table.add_column('field', no_wrap=True)
+    for title in ('recorded', 'replayed', 'difference', 'allowed'):
+        table.add_column(title, justify='right', no_wrap=True)
+    for pair in pairs:
+        group, _, name = pair.field.partition('.')
+        unit = f' [dim]{COMMAND_UNITS[name]}[/]' if group == 'command' else ''
+        values = (v if isinstance(v, str) else f'{v:.9g}' for v in (pair.recorded, pair.replayed))
+        difference = '' if pair.difference == np.inf else f'{pair.difference:.1e}'
+        tolerance = f'{pair.tolerance:.1e}' if pair.tolerance else ''
+        table.add_row(f'{pair.field}{unit}', *values, difference, tolerance)
+    return table

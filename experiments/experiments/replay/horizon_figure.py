@@ -1,4 +1,4 @@
-"""The plan of one tick: from above, and its states, inputs and distances over the horizon."""
+"""The figure of one tick's plan: from above; states, inputs and distances over the horizon."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ CHANGED = style.KNOWN['frenet']
 
 
 class Drawn(NamedTuple):
-    """One solution and its look."""
+    """One solution and its line style."""
 
     label: str
     solved: Solved
@@ -60,7 +60,7 @@ def write(answer: Answer, stem):
         FigureCanvasAgg(figure)
         paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
         figure.savefig(paths[0])
-        # the layout is found; finding it again is half of the time
+        # keep the layout: computing it again takes half of the time
         figure.set_layout_engine('none')
         figure.savefig(paths[1], metadata={'Date': None})
     return paths
@@ -79,7 +79,7 @@ def _sheet(answer, drawn):
     _distances(figure.add_subplot(grid[1, 3]), drawn)
     _friction(figure.add_subplot(grid[2, 3]), drawn)
     tick = answer.tick
-    title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.told}'
+    title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.status}'
     figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
     keys = [Line2D([], [], label=one.label, lw=2.2, **one.look) for one in drawn]
     keys.append(Line2D([], [], label='recorded plan', color=style.INK, lw=0, marker='.'))
@@ -89,11 +89,11 @@ def _sheet(answer, drawn):
 
 
 def _view(answer, drawn):
-    """Return the corners (2,) [m] of what the plans see."""
-    places = [np.column_stack([one.solved.states['X'], one.solved.states['Y']]) for one in drawn]
-    points = np.concatenate(places)
+    """Return the corners (2,) [m] of plans and edges."""
+    positions = [np.column_stack([one.solved.states['X'], one.solved.states['Y']]) for one in drawn]
+    points = np.concatenate(positions)
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-    edges = answer.tick.told.edges
+    edges = answer.tick.inputs.edges
     for edge in (edges.left, edges.right):
         inside = edge[np.all((edge > low - MARGIN_M) & (edge < high + MARGIN_M), axis=1)]
         if len(inside):
@@ -102,12 +102,12 @@ def _view(answer, drawn):
 
 
 def _from_above(ax, answer, drawn, low, high):
-    told = answer.tick.told
-    for edge in (told.edges.left, told.edges.right):
+    inputs = answer.tick.inputs
+    for edge in (inputs.edges.left, inputs.edges.right):
         ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
     ax.plot(
-        told.reference.X,
-        told.reference.Y,
+        inputs.reference.X,
+        inputs.reference.Y,
         color=style.REFERENCE,
         lw=1.0,
         ls=(0, (6, 3)),

@@ -1,91 +1,273 @@
-"""One recorded tick, solved again: is it the same command, and what if something were different?"""
+"""`experiments resolve`: one recorded tick, solved again, changed, and its sensitivities."""
 
 from typing import NamedTuple
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
 from bags.errors import BagError
 from bags.storage import read
 from experiments.configuration.set_option import Changes
-from experiments.replay import check, feed, fields, replayed_controller, sensitivity, tick_problem
-from experiments.replay.feed import Tick
-from experiments.replay.fields import Pair
-from experiments.replay.sensitivity import Sensitivity
+from experiments.replay import check, recorded_ticks, replayed_controller, tick_problem
+from experiments.replay.check import COMMAND_UNITS, Pair
+from experiments.replay.recorded_ticks import Tick
 from experiments.replay.tick_problem import Problem, Solved
 
+STEP = 1e-3  # relative, of a weight: a difference of 1e-6 is then known to about 1e-4
+TOLERANCE = 1e-10  # of the solver, for sensitivities
+MM = 1e3
+PERCENT = 0.01
+UNITS = {
+    'delta': 'rad', 'Fx': 'N', 'd_delta': 'rad/s', 'd_Fx': 'N/s', 'lambda_b': '-', 'slack': 'm',
+    'front': 'of mu Fz', 'rear': 'of mu Fz', 'total': 'of mu Fz', 'track': 'm', 'speed': 'm/s',
+}  # fmt: skip
 
-class Question(NamedTuple):
-    """What is asked about a tick."""
+
+class Request(NamedTuple):
+    """The arguments of `experiments resolve`."""
 
     tick: int
     changes: Changes
     sensitivities: bool
 
 
-class Answer(NamedTuple):
-    """What there is to say about it."""
+class Sensitivity(NamedTuple):
+    """The sensitivity to one weight, per relative change of it: times 0.01 for one percent."""
 
-    name: str  # of the controller
-    tick: Tick
-    command: tuple[Pair, ...]  # recorded, and solved again; empty where it was lost
-    chain: int  # ticks before it that were not answered as recorded: its warm start is another one
-    solved: Solved
-    changed: Solved | None
-    sensitivities: tuple[Sensitivity, ...]
-
-    @property
-    def is_same(self) -> bool:
-        """Tell whether solving again gives the recorded command."""
-        return not any(pair.differs for pair in self.command)
+    weight: str
+    value: float
+    cost: float  # d J / d ln w: the term itself (envelope theorem)
+    cost_difference: float  # the same by central differences, as a check
+    v2o: float  # m, d min D_V2O / d ln w, by central differences; NaN without obstacles
 
 
-class Posed(NamedTuple):
+class PosedTick(NamedTuple):
     """A tick with its problem."""
 
     tick: Tick
     problem: Problem
-    chain: int  # see `Answer`
+    chain: int  # earlier ticks with another answer than recorded: they change the warm start
 
 
-def ask(bag: read.Bag, question: Question) -> Answer:
-    """Pose the problem of a tick and solve it again, as it was and changed. Raises BagError."""
-    return answer(bag, pose(bag, question.tick), question)
+class Answer(NamedTuple):
+    """The result for one tick."""
+
+    name: str  # of the controller
+    tick: Tick
+    command: tuple[Pair, ...]  # recorded, and solved again; empty where it was lost
+    chain: int  # see PosedTick
+    solved: Solved
+    changed: Solved | None
+    sensitivities: tuple[Sensitivity, ...]
+
+    def __repr__(self) -> str:
+        return f'Answer({self.name!r}, {self.tick!r}, is_same={self.is_same})'
+
+    @property
+    def is_same(self) -> bool:
+        """Whether solving again gives the recorded command."""
+        return not any(pair.differs for pair in self.command)
+
+    @property
+    def both(self) -> tuple[Solved, ...]:
+        """The tick as it was, and changed if that was requested."""
+        return (self.solved, self.changed) if self.changed else (self.solved,)
 
 
-def pose(bag: read.Bag, number: int) -> Posed:
+def resolve(bag: read.Bag, request: Request) -> Answer:
+    """Pose the problem of a tick and solve it, as it was and changed. Raises BagError."""
+    return answer(bag, pose(bag, request.tick), request)
+
+
+def pose(bag: read.Bag, number: int) -> PosedTick:
     """Return a tick and the problem that was solved for it.
 
-    The plan of the tick before, which is the first guess and the warm start, is not recorded; it
-    comes from answering all ticks before. Raises BagError for a tick that the bag does not have
+    The plan of the tick before, which is the initial guess and warm start, is not recorded; it is
+    computed by answering all earlier ticks. Raises BagError for a tick that the bag does not have
     and for one without a problem.
     """
-    ticks = feed.ticks(bag, number + 1)
+    ticks = recorded_ticks.read_ticks(bag, number + 1)
     if not 0 <= number < len(ticks):
-        count = len(feed.ticks(bag))
+        count = len(recorded_ticks.read_ticks(bag))
         raise BagError(f'{bag.path}: there is no tick {number}; it has 0 to {count - 1}')
-    repeated = replayed_controller.of_notes(bag.run_info, {}, str(bag.path))
-    before = check.of(ticks[:number], repeated)
-    tick = ticks[number]
-    chain = sum(bool(one.differing) for one in before)
-    return Posed(tick, tick_problem.of_tick(repeated, tick), chain)
+    controller = replayed_controller.from_run_info(bag.run_info, {}, str(bag.path))
+    before = check.compare_ticks(ticks[:number], controller)
+    chain = sum(bool(compared.differing) for compared in before)
+    return PosedTick(ticks[number], tick_problem.pose(controller, ticks[number]), chain)
 
 
-def answer(bag: read.Bag, found: Posed, question: Question) -> Answer:
-    """Return what is asked about a tick; BagError for changes that cannot be made."""
-    tick, problem, chain = found
+def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:
+    """Solve a posed tick as requested; BagError for changes that cannot be made."""
+    tick, problem, chain = posed
     solved, changed = problem.solve(), None
-    parameters, factors = question.changes
+    parameters, factors = request.changes
     if parameters or factors:
         other = problem
         if parameters:
-            other = problem.changed(
-                *replayed_controller.params(bag.run_info, parameters, str(bag.path))
-            )
-        changed = other.weighted(factors).solve()
+            params = replayed_controller.recorded_params(bag.run_info, parameters, str(bag.path))
+            other = problem.with_params(*params)
+        changed = other.scale_weights(factors).solve()
     return Answer(
         bag.run_info.get('controller', 'controller'),
         tick,
-        tuple(fields.of_command(tick.command, solved.command)) if tick.command else (),
+        tuple(check.pair_commands(tick.command, solved.command)) if tick.command else (),
         chain,
         solved,
         changed,
-        sensitivity.of(problem) if question.sensitivities else (),
+        find_sensitivities(problem) if request.sensitivities else (),
     )
+
+
+def find_sensitivities(problem: Problem) -> tuple[Sensitivity, ...]:
+    """Return the sensitivities of cost and least distance to every weight that is not zero.
+
+    Central differences between solves to 1e-10 of the cost that start from the solution. Raises
+    BagError when a solve fails.
+    """
+    precise = problem.with_tolerance(TOLERANCE)
+    solution = _solve(precise)
+    start = precise.start_from(solution)
+    step = np.log1p(STEP) - np.log1p(-STEP)
+    sensitivities = []
+    for name, weight in start.weights.items():
+        if weight:
+            less, more = (_solve(start.scale_weights({name: 1 + s * STEP})) for s in (-1, 1))
+            sensitivities.append(
+                Sensitivity(
+                    name,
+                    weight,
+                    solution.terms[name],
+                    (more.cost - less.cost) / step,
+                    (more.least_v2o - less.least_v2o) / step,
+                )
+            )
+    return tuple(sensitivities)
+
+
+def _solve(problem: Problem) -> Solved:
+    solved = problem.solve()
+    if not solved.is_feasible:
+        raise BagError(f'sensitivities: a neighbouring problem was not solved: {solved.status}')
+    return solved
+
+
+def show(answer: Answer, console: Console) -> None:
+    """Print commands, cost, distances, active limits and sensitivities as tables."""
+    tick = answer.tick
+    console.print(
+        f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: recorded {tick.why.message}',
+        markup=False,
+        highlight=False,
+    )
+    for label, solved in zip(('solved again', 'changed'), answer.both):
+        end = f'{solved.status} after {solved.iterations} iterations'
+        console.print(f'{label}: {end}', highlight=False)
+    console.print(_verdict(answer), highlight=False)
+    for table in (_commands, _terms, _distances, _limits, _sensitivities):
+        if table is not _sensitivities or answer.sensitivities:
+            console.print()
+            console.print(table(answer))
+
+
+def _verdict(answer):
+    if not answer.command:
+        return '[yellow]its command was not recorded[/]'
+    if answer.is_same:
+        return '[green]the command is the recorded one[/]'
+    reasons, why = [*answer.tick.gaps], answer.tick.why.values
+    if why.get('gate', 'passed') != 'passed':
+        reasons.append('the gate turned it back')
+    if why.get('rung') in ('shifted', 'braking'):
+        reasons.append('the plan of this tick was not followed')
+    if answer.chain:
+        reasons.append(f'{answer.chain} ticks before it are answered differently')
+    because = f': {"; ".join(reasons)}' if reasons else ''
+    return f'[red]the command is not the recorded one[/]{because}'
+
+
+def _table(title, *columns):
+    table = Table(
+        title=title, title_justify='left', box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+    )
+    for i, name in enumerate(columns):
+        table.add_column(name, justify='right' if i else 'left', no_wrap=True)
+    return table
+
+
+def _heads(answer, suffix=''):
+    return [f'{head}{suffix}' for head, _ in zip(('again', 'changed'), answer.both)]
+
+
+def _commands(answer):
+    table = _table('command', '', 'unit', 'recorded', *_heads(answer))
+    commands = [answer.tick.command, *(solved.command for solved in answer.both)]
+    for name, unit in COMMAND_UNITS.items():
+        cells = (f'{getattr(command, name):.6g}' if command else '–' for command in commands)
+        table.add_row(name, unit, *cells)
+    return table
+
+
+def _terms(answer):
+    table = _table('cost', 'term', *_heads(answer), *_heads(answer, ': weight'))
+    for name in dict.fromkeys(name for solved in answer.both for name in solved.terms):
+        terms = (_number(solved.terms.get(name), '.4f') for solved in answer.both)
+        weights = (_number(solved.weights.get(name), '.4g') for solved in answer.both)
+        table.add_row(name, *terms, *weights)
+    table.add_section()
+    table.add_row('sum', *(f'{solved.cost:.4f}' for solved in answer.both))
+    return table
+
+
+def _number(value, form):
+    return '–' if value is None else f'{value:{form}}'
+
+
+def _distances(answer):
+    table = _table('least distance of the plan', 'to', *_heads(answer))
+    by_name = [{one.name: one for one in solved.distances} for solved in answer.both]
+    for name in dict.fromkeys(name for distances in by_name for name in distances):
+        table.add_row(name, *(_least_distance(distances.get(name)) for distances in by_name))
+    table.caption = 'at a stage; inside: the stages nearer than the safety distance'
+    table.caption_justify = 'left'
+    return table
+
+
+def _least_distance(distance):
+    if distance is None:
+        return '–'
+    (inside,) = np.nonzero(distance.safe > distance.D)
+    stages = f', inside {inside[0]}–{inside[-1]}' if len(inside) else ''
+    return f'{np.min(distance.D):.3f} m at {int(np.argmin(distance.D))}{stages}'
+
+
+def _limits(answer):
+    table = _table('limits in force', 'limit', 'value', 'unit', 'stages', 'multiplier')
+    for label, solved in zip(_heads(answer), answer.both):
+        for limit in solved.active:
+            stages = f'{limit.first}–{limit.last}' if limit.last > limit.first else f'{limit.first}'
+            table.add_row(
+                f'{label}: {limit.side} limit of {limit.quantity}',
+                f'{limit.limit:.4g}',
+                UNITS.get(limit.quantity, ''),
+                stages,
+                f'{limit.multiplier:.3g} at {limit.at}',
+            )
+        if not solved.active:
+            table.add_row(f'{label}: none')
+    return table
+
+
+def _sensitivities(answer):
+    columns = ('weight', 'value', 'cost', 'by differences', 'least V2O, mm')
+    table = _table('when a weight grows by one percent', *columns)
+    for one in answer.sensitivities:
+        table.add_row(
+            one.weight,
+            f'{one.value:.4g}',
+            f'{PERCENT * one.cost:+.6f}',
+            f'{PERCENT * one.cost_difference:+.6f}',
+            '–' if np.isnan(one.v2o) else f'{PERCENT * MM * one.v2o:+.4f}',
+        )
+    return table

@@ -1,16 +1,14 @@
-"""The problem of one recorded tick, to be solved again, as it was or changed. SI units."""
+"""The optimal control problem of one recorded tick, solved again as it was or changed. SI units."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bags.errors import BagError
-from experiments.replay import active
-from experiments.replay.active import Active
-from experiments.replay.feed import Tick
-from experiments.replay.replayed_controller import Again
+from experiments.replay.recorded_ticks import Tick
+from experiments.replay.replayed_controller import ReplayedController
 from mpcc_controller.driving import fallback, setpoints
 from mpcc_controller.driving.planner import Planner, TickProblem
 from mpcc_controller.driving.setpoints import Setpoints
@@ -24,6 +22,33 @@ from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
 
+class LimitGroup(NamedTuple):
+    """Quantities with limits at some stages; arrays (stages, quantities) in SI units."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    multipliers: np.ndarray  # cost per SI unit, positive where the upper limit pushes
+    scale: np.ndarray  # (quantities,) SI units per unit of the solver
+    first: int = 0  # the stage of row 0
+
+    def __repr__(self) -> str:
+        return f'LimitGroup({self.names}, {len(self.values)} stages from {self.first})'
+
+
+class ActiveLimit(NamedTuple):
+    """One limit that is active over neighbouring stages."""
+
+    quantity: str
+    side: str  # lower or upper
+    first: int  # stage
+    last: int
+    limit: float  # SI units, at the stage of the largest multiplier
+    multiplier: float  # cost per SI unit, the largest
+    at: int  # stage of it
+
+
 class Distance(NamedTuple):
     """The distance to one obstacle or edge over the horizon."""
 
@@ -32,26 +57,32 @@ class Distance(NamedTuple):
     safe: float  # m, D_sft
     weight: np.ndarray  # (N + 1,) 1/m^2, in force
 
+    def __repr__(self) -> str:
+        return f'Distance({self.name!r}, least {np.min(self.D):.3f} m)'
+
 
 class Solved(NamedTuple):
-    """What came of solving a problem once. Arrays over the stages are (N + 1,), of inputs (N,)."""
+    """The solution of a problem. Arrays over the stages are (N + 1,), of inputs (N,)."""
 
-    good: bool  # the plan may be driven
-    told: str  # how the solver ended, for a person
+    is_feasible: bool  # the plan may be driven
+    status: str  # of the solver, for a person
     iterations: int
     command: Command  # before the gate
-    t: np.ndarray  # s after the state takes hold
+    t: np.ndarray  # s after the state takes effect
     states: dict[str, np.ndarray]  # in the map, by the names of `State`
     inputs: dict[str, np.ndarray]  # by the names of `Input`
-    limits: dict[str, tuple[float, float]]  # of states and inputs that have some
+    limits: dict[str, tuple[float, float]]  # of the limited states and inputs
     terms: dict[str, float]  # of the cost, by the names of the weights
     weights: dict[str, float]
     distances: tuple[Distance, ...]
-    obstacles: tuple[Obstacle, ...]  # those of the problem, where they are when it begins
+    obstacles: tuple[Obstacle, ...]  # of the problem, at its first stage
     friction: dict[str, np.ndarray]  # front, rear: share that is used
-    active: tuple[Active, ...]
+    active: tuple[ActiveLimit, ...]
     circles: tuple[float, tuple[float, ...]]  # radius and offsets of the vehicle's circles [m]
     plan: Plan  # in the map, with its multipliers: the guess of a neighbouring problem
+
+    def __repr__(self) -> str:
+        return f'Solved({self.status!r}, {self.iterations} iterations, cost={self.cost:.6g})'
 
     @property
     def cost(self) -> float:
@@ -60,49 +91,51 @@ class Solved(NamedTuple):
 
     @property
     def least_v2o(self) -> float:
-        """The least distance to any obstacle of the plan [m]; NaN without obstacles."""
-        rings = [one.D for one in self.distances if one.name.startswith('obstacle')]
-        return float(np.min(rings)) if rings else np.nan
+        """The least distance of the plan to any obstacle [m]; NaN without obstacles."""
+        distances = [one.D for one in self.distances if one.name.startswith('obstacle')]
+        return float(np.min(distances)) if distances else np.nan
 
 
 class Problem:
-    """One problem with the solver that it was given to."""
+    """One problem with its solver."""
 
-    def __init__(self, horizon: Planner, vehicle: CarParams, posed: TickProblem, stamp_ns: int):
-        self.horizon, self.vehicle = horizon, vehicle
-        self.posed, self.stamp_ns = posed, stamp_ns
+    def __init__(self, planner: Planner, vehicle: CarParams, problem: TickProblem, stamp_ns: int):
+        self.planner, self.vehicle = planner, vehicle
+        self.tick_problem, self.stamp_ns = problem, stamp_ns
 
     @property
     def weights(self) -> dict[str, float]:
         """The weight of every term of the cost."""
-        found = self.posed.parameters.stages.weights._asdict()
-        return {name: float(weight) for name, weight in found.items()}
+        weights = self.tick_problem.parameters.stages.weights._asdict()
+        return {name: float(weight) for name, weight in weights.items()}
 
-    def changed(self, params: ControllerParams, vehicle: CarParams) -> 'Problem':
+    def with_params(self, params: ControllerParams, vehicle: CarParams) -> 'Problem':
         """Return the problem of a controller with other parameters, from the same guess.
 
         Raises BagError for another horizon: the guess would not fit.
         """
-        before = self.horizon.params.model
-        if (params.model.horizon, params.model.step_s) != (before.horizon, before.step_s):
+        model = self.planner.params.model
+        if (params.model.horizon, params.model.step_s) != (model.horizon, model.step_s):
             raise BagError(
                 'model.horizon and model.step_s cannot be changed in one tick: its first guess is '
                 'the plan of the tick before'
             )
-        horizon = self._horizon(params, vehicle)
-        start = self.posed.guess_map
-        if params.formulation.name != self.horizon.params.formulation.name:
-            start = start._replace(multipliers=None)  # of other constraints
-        posed = horizon.build_problem(self.posed.x0, self.posed.scene, start)
-        return Problem(horizon, vehicle, posed, self.stamp_ns)
+        planner = self._make_planner(params, vehicle)
+        guess = self.tick_problem.guess_map
+        if params.formulation.name != self.planner.params.formulation.name:
+            guess = guess._replace(multipliers=None)  # of other constraints
+        before = self.tick_problem
+        problem = planner.build_problem(before.x0, before.scene, guess)
+        return Problem(planner, vehicle, problem, self.stamp_ns)
 
-    def precise(self, tolerance: float) -> 'Problem':
-        """Return the same problem for a solver that ends at another tolerance."""
-        params = self.horizon.params
+    def with_tolerance(self, tolerance: float) -> 'Problem':
+        """Return the same problem with another tolerance of the solver."""
+        params = self.planner.params
         params = replace(params, solver=replace(params.solver, tolerance=tolerance))
-        return Problem(self._horizon(params, self.vehicle), self.vehicle, self.posed, self.stamp_ns)
+        planner = self._make_planner(params, self.vehicle)
+        return Problem(planner, self.vehicle, self.tick_problem, self.stamp_ns)
 
-    def weighted(self, factors: Mapping[str, float]) -> 'Problem':
+    def scale_weights(self, factors: Mapping[str, float]) -> 'Problem':
         """Return the same problem with some weights multiplied.
 
         Raises BagError for a weight that the formulation does not have, and for a factor below 0.
@@ -116,43 +149,42 @@ class Problem:
                 )
             if not 0.0 <= factor < np.inf:
                 raise BagError(f'weights.{name}: {factor!r} is out of range; allowed from 0')
-        numbers = self.posed.parameters
+        parameters = self.tick_problem.parameters
         scaled = {name: factor * known[name] for name, factor in factors.items()}
-        stages_ = numbers.stages._replace(weights=numbers.stages.weights._replace(**scaled))
-        numbers = stage_parameters.to_matrix(stages_, numbers.obstacles, len(numbers.P))
-        return self._with(self.posed._replace(parameters=numbers))
+        weights = parameters.stages.weights._replace(**scaled)
+        stages = parameters.stages._replace(weights=weights)
+        matrix = stage_parameters.to_matrix(stages, parameters.obstacles, len(parameters.P))
+        return self._with(self.tick_problem._replace(parameters=matrix))
 
-    def begun_at(self, solved: Solved) -> 'Problem':
-        """Return the same problem with a solution, multipliers included, as its first guess."""
-        begin = self.horizon.formulation.to_local(solved.plan, self.posed.scene.path)
-        return self._with(self.posed._replace(guess_map=solved.plan, guess_local=begin))
+    def start_from(self, solved: Solved) -> 'Problem':
+        """Return the same problem with a solution, multipliers included, as its initial guess."""
+        local = self._to_local(solved.plan)
+        return self._with(self.tick_problem._replace(guess_map=solved.plan, guess_local=local))
 
-    def _horizon(self, params, vehicle):
-        return Planner(params, vehicle, limit_time=False, clock=self.horizon.clock)
+    def _make_planner(self, params, vehicle):
+        return Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
 
-    def _with(self, posed):
-        return Problem(self.horizon, self.vehicle, posed, self.stamp_ns)
+    def _with(self, problem):
+        return Problem(self.planner, self.vehicle, problem, self.stamp_ns)
+
+    def _to_local(self, plan):
+        return self.planner.formulation.to_local(plan, self.tick_problem.scene.path)
 
     def solve(self) -> Solved:
-        """Solve it, with the second solver where the first one fails, and look at the plan."""
-        rules = self.horizon.params.fallback
-        first, second = self.horizon.solve(self.posed)
+        """Solve it, with the second solver where the first one fails, and evaluate the plan."""
+        rules = self.planner.params.fallback
+        first, second = self.planner.solve(self.tick_problem)
         if second is not None and not fallback.rejection_reason(second, rules):
-            return self._looked_at(second, fallback.SECOND_SOLVER)
-        return self._looked_at(first, fallback.rejection_reason(first, rules) or first.status)
+            return self._evaluate(second, fallback.SECOND_SOLVER)
+        return self._evaluate(first, fallback.rejection_reason(first, rules) or first.status)
 
-    def _looked_at(self, solution: Solution, rung: str) -> Solved:
-        horizon, posed = self.horizon, self.posed
-        params, numbers, plan = horizon.params, posed.parameters, solution.plan
-        view = horizon.evaluator.evaluate(
-            horizon.formulation.to_local(plan, posed.scene.path), numbers.P
-        )
-        names = [f'obstacle {one.id}' for one in numbers.obstacles]
-        rings = [*zip(names, view.v2o, view.priority_o), *_edges(view)]
-        safe = stage_parameters.safety_distance(params)
+    def _evaluate(self, solution: Solution, level: str) -> Solved:
+        params, plan = self.planner.params, solution.plan
+        parameters = self.tick_problem.parameters
+        view = self.planner.evaluator.evaluate(self._to_local(plan), parameters.P)
         return Solved(
-            good=not fallback.rejection_reason(solution, params.fallback),
-            told=f'{rung}: {solution.message}',
+            is_feasible=not fallback.rejection_reason(solution, params.fallback),
+            status=f'{level}: {solution.message}',
             iterations=solution.iterations,
             command=self._command(plan),
             t=params.model.step_s * np.arange(len(plan.X)),
@@ -161,17 +193,8 @@ class Problem:
             limits=self._limits(),
             terms={name: float(np.sum(term)) for name, term in view.costs._asdict().items()},
             weights=self.weights,
-            distances=tuple(
-                Distance(
-                    name,
-                    D,
-                    *(safe.o, self.weights['v2o'] * q)
-                    if name in names
-                    else (safe.e, self.weights['v2e'] * q),
-                )
-                for name, D, q in rings
-            ),
-            obstacles=numbers.obstacles,
+            distances=tuple(self._distances(view)),
+            obstacles=parameters.obstacles,
             friction=view.friction._asdict(),
             active=self._active(plan) if plan.multipliers is not None else (),
             circles=(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
@@ -179,56 +202,88 @@ class Problem:
         )
 
     def _command(self, plan) -> Command:
-        params, car, x0 = self.horizon.params, self.horizon.car, self.posed.x0
-        goal = setpoints.target_of_plan(plan, car, params.limits)
+        params, car, x0 = self.planner.params, self.planner.car, self.tick_problem.x0
+        target = setpoints.target_of_plan(plan, car, params.limits)
         now = Setpoints(x0.delta, x0.Fx)
-        return setpoints.command_to(goal, now, car, params.model.step_s, self.stamp_ns)
+        return setpoints.command_to(target, now, car, params.model.step_s, self.stamp_ns)
+
+    def _distances(self, view):
+        safe, weights = stage_parameters.safety_distance(self.planner.params), self.weights
+        obstacles = zip(self.tick_problem.parameters.obstacles, view.v2o, view.priority_o)
+        for obstacle, D, priority in obstacles:
+            yield Distance(f'obstacle {obstacle.id}', D, safe.o, weights['v2o'] * priority)
+        for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):
+            yield Distance(f'{side} edge', D, safe.e, weights['v2e'] * priority)
 
     def _limits(self):
-        """The last stage's: limits of states and inputs are the same at all of them."""
-        bounds = self.posed.bounds
-        state = self.horizon.formulation.ocp.state
-        found = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
-        found |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
-        return {name: pair for name, pair in found.items() if np.any(np.isfinite(pair))}
+        """Return the limits of the last stage: those of states and inputs are equal at all."""
+        bounds, state = self.tick_problem.bounds, self.planner.formulation.ocp.state
+        limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
+        limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
+        return {name: pair for name, pair in limits.items() if np.any(np.isfinite(pair))}
 
     def _active(self, plan):
-        problem, posed = self.horizon.problem, self.posed
-        P, bounds, m = posed.parameters.P, posed.bounds, plan.multipliers
-        X = self.horizon.formulation.to_local(plan, posed.scene.path).X
+        problem, bounds, m = self.planner.problem, self.tick_problem.bounds, plan.multipliers
+        P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
-        even = np.ones(len(Constraints._fields))
-        last = problem.horizon
+        one = np.ones(len(Constraints._fields))
+        scale_x, scale_u = np.array(problem.scale_x), np.array(problem.scale_u)
         groups = (
-            active.Group(
-                problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:],
-                np.array(problem.scale_x), first=1,
+            LimitGroup(
+                problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:], scale_x, 1
             ),
-            active.Group(
-                problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, np.array(problem.scale_u)
-            ),
-            active.Group(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, even),
-            active.Group(
-                ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], even[:1],
-                first=last,
+            LimitGroup(problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, scale_u),
+            LimitGroup(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, one),
+            LimitGroup(
+                ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], one[:1],
+                problem.horizon,
             ),
         )  # fmt: skip
-        return tuple(one for group in groups for one in active.of(group))
+        return tuple(limit for group in groups for limit in find_active_limits(group))
 
 
-def of_tick(repeated: Again, tick: Tick) -> Problem:
+def pose(controller: ReplayedController, tick: Tick) -> Problem:
     """Answer a tick and return the problem that was solved for it.
 
-    Raises BagError when none was: the controller braked without asking a solver.
+    Raises BagError when none was: the controller braked without calling a solver.
     """
-    horizon = repeated.controller.planner
-    before = horizon.last_problem
-    _, _, why = repeated.answer(tick.told, tick.stamp_ns)
-    if horizon.last_problem is before:
+    planner = controller.controller.planner
+    before = planner.last_problem
+    _, _, why = controller.step(tick.inputs, tick.stamp_ns)
+    if planner.last_problem is before:
         raise BagError(f'tick {tick.number}: no problem was solved: {why.message}')
-    return Problem(horizon, repeated.vehicle, horizon.last_problem, tick.stamp_ns)
+    return Problem(planner, controller.vehicle, planner.last_problem, tick.stamp_ns)
 
 
-def _edges(view):
-    return zip(('left edge', 'right edge'), view.v2e, view.priority_e)
+def find_active_limits(group: LimitGroup) -> Iterator[ActiveLimit]:
+    """Yield the active limits: the multiplier exceeds the remaining slack, in the solver's units.
+
+    At the end of an interior-point method the product of both is the barrier parameter: one of
+    them is large and the other one small.
+    """
+    force = np.abs(group.multipliers) * group.scale
+    upper = group.multipliers > 0
+    limit = np.where(upper, group.high, group.low)
+    slack = np.abs(limit - group.values) / group.scale
+    is_active = np.isfinite(limit) & (force > slack)
+    for i, name in enumerate(group.names):
+        for side, pushes in (('lower', ~upper[:, i]), ('upper', upper[:, i])):
+            for rows in _intervals(is_active[:, i] & pushes):
+                at = rows[np.argmax(force[rows, i])]
+                yield ActiveLimit(
+                    name,
+                    side,
+                    first=group.first + int(rows[0]),
+                    last=group.first + int(rows[-1]),
+                    limit=float(limit[at, i]),
+                    multiplier=float(abs(group.multipliers[at, i])),
+                    at=group.first + int(at),
+                )
+
+
+def _intervals(is_active):
+    """Return the rows of every unbroken interval of True."""
+    rows = np.flatnonzero(is_active)
+    breaks = np.flatnonzero(np.diff(rows) > 1) + 1
+    return [interval for interval in np.split(rows, breaks) if len(interval)]

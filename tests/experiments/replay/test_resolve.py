@@ -9,15 +9,8 @@ from bags.errors import BagError
 from experiments import cli
 from experiments.configuration import set_option
 from experiments.configuration.set_option import Changes
-from experiments.replay import (
-    active,
-    feed,
-    replayed_controller,
-    resolve,
-    sensitivity,
-    tick_problem,
-)
-from experiments.replay.resolve import Question
+from experiments.replay import recorded_ticks, replayed_controller, resolve, tick_problem
+from experiments.replay.resolve import Request
 
 from .conftest import GOLDEN
 
@@ -41,7 +34,7 @@ def ask(golden, posed_):
 
     def ask(name, tick=BUSY, parameters=None, factors=None):
         changes = Changes(parameters or {}, factors or {})
-        return resolve.answer(golden(name), posed_(name, tick), Question(tick, changes, False))
+        return resolve.answer(golden(name), posed_(name, tick), Request(tick, changes, False))
 
     return ask
 
@@ -92,7 +85,7 @@ def test_the_tick_can_be_put_to_the_other_formulation(ask):
         'formulation.lag': False,
     }
     answer = ask('mpcc', parameters=frenet)
-    assert answer.changed.good
+    assert answer.changed.is_feasible
     assert set(answer.changed.terms) - set(answer.solved.terms) == {'e', 'dpsi'}
 
 
@@ -103,8 +96,8 @@ def test_a_plan_that_must_not_be_driven_is_said_to_be_none(ask):
         'fallback.acceptable_residual': 1e-9,
     }
     answer = ask('mpcc', parameters=hurried)
-    assert not answer.changed.good
-    assert answer.changed.told == 'plan_not_feasible: iteration limit'
+    assert not answer.changed.is_feasible
+    assert answer.changed.status == 'plan_not_feasible: iteration limit'
 
 
 def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
@@ -112,11 +105,13 @@ def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
         def solve(self, *problem):
             raise ValueError('broken')
 
-    other = problem.changed(*replayed_controller.params(golden('mpcc').run_info, {}, 'mpcc'))
-    other.horizon.first_solver = Broken()
+    other = problem.with_params(
+        *replayed_controller.recorded_params(golden('mpcc').run_info, {}, 'mpcc')
+    )
+    other.planner.first_solver = Broken()
     found = other.solve()
-    assert found.good
-    assert found.told.startswith('second_solver')
+    assert found.is_feasible
+    assert found.status.startswith('second_solver')
     assert found.cost == pytest.approx(problem.solve().cost, rel=1e-5)
 
 
@@ -144,14 +139,14 @@ def test_a_tick_that_the_bag_does_not_have_is_refused(golden, tick):
 
 def test_a_tick_without_a_solve_is_refused(golden):
     bag = golden('mpcc')
-    (tick,) = feed.ticks(bag, 1)
-    blind = tick._replace(told=tick.told._replace(state=None))
+    (tick,) = recorded_ticks.read_ticks(bag, 1)
+    blind = tick._replace(inputs=tick.inputs._replace(state=None))
     with pytest.raises(BagError, match='no problem was solved: braking: state_not_finite'):
-        tick_problem.of_tick(replayed_controller.of_notes(bag.run_info, {}, 'mpcc'), blind)
+        tick_problem.pose(replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'), blind)
 
 
 def test_by_the_envelope_theorem_the_cost_answers_to_a_weight_as_its_term_is_large(problem):
-    found = sensitivity.of(problem)
+    found = resolve.find_sensitivities(problem)
     assert {one.weight for one in found} == set(problem.weights)
     large = [one for one in found if one.cost > 1e-3]
     assert len(large) >= 5
@@ -161,15 +156,17 @@ def test_by_the_envelope_theorem_the_cost_answers_to_a_weight_as_its_term_is_lar
 
 def test_the_sensitivity_of_the_distance_foretells_what_a_weight_does(problem):
     before = problem.solve().least_v2o
-    by_weight = {one.weight: one.v2o for one in sensitivity.of(problem)}
+    by_weight = {one.weight: one.v2o for one in resolve.find_sensitivities(problem)}
     assert by_weight['v2o'] > 0 > by_weight['con']
     for name in ('v2o', 'con'):
-        after = problem.weighted({name: 1.02}).solve().least_v2o
+        after = problem.scale_weights({name: 1.02}).solve().least_v2o
         assert after - before == pytest.approx(0.02 * by_weight[name], rel=0.05)
 
 
 def test_a_weight_of_zero_is_not_varied(problem):
-    assert 'lag' not in [one.weight for one in sensitivity.of(problem.weighted({'lag': 0.0}))]
+    assert 'lag' not in [
+        one.weight for one in resolve.find_sensitivities(problem.scale_weights({'lag': 0.0}))
+    ]
 
 
 def test_a_limit_in_force_is_found_at_the_stages_where_the_plan_touches_it(ask):
@@ -188,17 +185,22 @@ def test_a_limit_in_force_is_found_at_the_stages_where_the_plan_touches_it(ask):
 def test_limits_are_grouped_by_stage_and_side():
     values = np.array([[1.0], [1.0], [0.0], [-1.0], [1.0]])
     push = np.array([[2.0], [3.0], [1e-9], [-4.0], [5.0]])
-    group = active.Group(
+    group = tick_problem.LimitGroup(
         ('delta',), values, 0 * values - 1, 0 * values + 1, push, np.ones(1), first=1
     )
-    found = [(one.side, one.first, one.last, one.multiplier, one.at) for one in active.of(group)]
+    found = [
+        (one.side, one.first, one.last, one.multiplier, one.at)
+        for one in tick_problem.find_active_limits(group)
+    ]
     assert found == [('lower', 4, 4, 4.0, 4), ('upper', 1, 2, 3.0, 2), ('upper', 5, 5, 5.0, 5)]
 
 
 def test_a_limit_that_does_not_exist_is_never_in_force():
     still = np.zeros((3, 1))
-    group = active.Group(('X',), still, still - np.inf, still + np.inf, still + 1, np.ones(1))
-    assert not list(active.of(group))
+    group = tick_problem.LimitGroup(
+        ('X',), still, still - np.inf, still + np.inf, still + 1, np.ones(1)
+    )
+    assert not list(tick_problem.find_active_limits(group))
 
 
 @pytest.mark.parametrize('text', ['weights.lag', 'weights.lag=little', 'weights.lag='])

@@ -1,0 +1,294 @@
+"""The recorded ticks of a controller: the inputs of each tick, and its recorded answer. No ROS.
+
+In lockstep this is exact: the inputs are the state, the obstacles and, at the start, the actuators
+of the tick's own stamp. In realtime they are the newest messages sent before the tick began; the
+bag gives that instant to within the transport time.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.errors import BagError
+from bags.evaluation.controller_log import report_number
+from bags.evaluation.drive import LOCKSTEP
+from bags.storage import read
+from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.decode import DecodeError
+from msgs_yaml.types import (
+    Actuators,
+    Command,
+    Obstacles,
+    Prediction,
+    Reference,
+    RoadEdges,
+    VehicleState,
+    Why,
+)
+
+NS_PER_MS = NS_PER_S // 1000
+MAX_MS = 60_000.0  # no part of a tick takes a minute: other programs may report anything
+STATE, WHY = '/vehicle/odometry', '/controller/why'
+COMMAND, PREDICTION = '/controller/command', '/controller/prediction'
+ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
+REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
+NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
+# joined with a tick by the stamp: an invalid message means that the controller had none
+JOINED = (STATE, ACTUATORS, OBSTACLES)
+# words of /controller/why, see docs/safety.md
+TIME_LIMIT = 'time limit'
+STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
+REJECTED_BY_AGE = ('too_old', 'from_future')
+
+
+class RecordedInputs(NamedTuple):
+    """The inputs of the controller at a tick; None where it had no valid message."""
+
+    state: VehicleState | None
+    reference: Reference | None
+    edges: RoadEdges | None
+    obstacles: Obstacles | None
+    actuators: Actuators | None  # at a (re)start only
+    acts_ns: int  # stamp at which the command takes effect
+    fault: str  # the reason of the watchdog for not planning, '' for none
+
+    def __repr__(self) -> str:
+        present = [name for name, value in self._asdict().items() if value is not None]
+        return f'RecordedInputs({", ".join(present)})'
+
+
+class Tick(NamedTuple):
+    """One recorded tick."""
+
+    number: int  # from 0
+    stamp_ns: int  # of the state that it answers
+    t_s: float  # since the first tick
+    inputs: RecordedInputs
+    command: Command | None  # None where it was lost
+    why: Why
+    prediction: Prediction | None
+    gaps: tuple[str, ...]  # reasons why it cannot be repeated exactly
+
+    def __repr__(self) -> str:
+        return f'Tick({self.number}, t={self.t_s:.2f} s, {self.why.message!r}, gaps={self.gaps})'
+
+
+class RecordedTopic:
+    """The usable messages of one topic, decoded on demand; BagError for a topic without any.
+
+    Messages without a valid stamp are left out, and except for the topics in JOINED, those that
+    break the contract: nodes reject them.
+    """
+
+    def __init__(self, bag: read.Bag, name: str):
+        recorded = read.recording(bag, name)
+        self.path, self.topic = bag.path, recorded.topic
+        self._decoded = {}
+        stamp_of = {}
+        for row, payload in enumerate(recorded.payloads):
+            stamp_ns = self._stamp_ns(payload)
+            if stamp_ns is not None and (name in JOINED or self._decode(payload) is not None):
+                stamp_of[row] = stamp_ns
+        if not stamp_of:
+            raise BagError(f'{bag.path}: no valid message of {name}')
+        self.rows = np.array([*stamp_of])  # in the recording
+        self.stamp_ns = np.array([*stamp_of.values()], dtype=np.int64)
+        self.payloads = [recorded.payloads[row] for row in stamp_of]
+        # monotonic, in spite of small steps of the wall clock
+        self.sent_ns = np.maximum.accumulate(recorded.publish_ns)[self.rows]
+        self.sequence = recorded.sequence[self.rows]
+        # the first of a stamp: a state that waits for its answer is sent repeatedly
+        self.row_of = {int(stamp_ns): i for i, stamp_ns in reversed([*enumerate(self.stamp_ns)])}
+
+    def _stamp_ns(self, payload):
+        try:
+            return stamp_reader(self.topic.type)(payload)
+        except DecodeError:
+            return None
+
+    def _decode(self, payload):
+        if payload not in self._decoded:
+            try:
+                self._decoded[payload] = decode_message(self.topic, payload)
+            except DECODE_ERRORS:
+                self._decoded[payload] = None
+        return self._decoded[payload]
+
+    def value(self, i: int):
+        """Return the value of message `i`; None when it breaks the contract."""
+        return self._decode(self.payloads[i])
+
+    def at_stamp(self, stamp_ns: int):
+        """Return the value of a stamp, None when it breaks the contract.
+
+        Raises BagError when it was not recorded, and for two different valid ones.
+        """
+        if stamp_ns not in self.row_of:
+            raise BagError(
+                f'{self.path}: {self.topic.name} has no message of stamp {stamp_ns} ns, which '
+                'the controller answered: it was lost, and the tick cannot be repeated'
+            )
+        payloads = {self.payloads[i] for i in np.flatnonzero(self.stamp_ns == stamp_ns)}
+        valid = [payload for payload in payloads if self._decode(payload) is not None]
+        if len(valid) > 1:
+            raise BagError(
+                f'{self.path}: {self.topic.name} has unlike messages of stamp {stamp_ns} ns: the '
+                'bag holds two drives, and their ticks cannot be told apart'
+            )
+        return self._decode(valid[0]) if valid else None
+
+    def restarts(self, before: int, row: int) -> bool:
+        """Return whether the stamp or the publisher's sequence decreases from a row to a later."""
+        back = self.stamp_ns[row] < self.stamp_ns[before]
+        return bool(back or 0 < self.sequence[row] <= self.sequence[before])
+
+    def has_between(self, after_ns: int, before_ns: int) -> bool:
+        """Return whether there is a message with a stamp strictly between two others."""
+        return bool(np.any((self.stamp_ns > after_ns) & (self.stamp_ns < before_ns)))
+
+    def find(self, stamp_ns: int):
+        """Return the value of a stamp; None when it was not recorded."""
+        return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
+
+    def newest(self, count: int):
+        """Return the newest valid value of the first `count` messages, at least of the first."""
+        values = (self.value(i) for i in reversed(range(max(count, 1))))
+        return next((value for value in values if value is not None), None)
+
+
+class _LockstepSource:
+    """Inputs in lockstep: messages of the tick's stamp; of latched topics the newest up to it."""
+
+    def __init__(self, stamp_ns):
+        self.stamp_ns, self.gaps = stamp_ns, []
+
+    def state(self, topic):
+        return topic.at_stamp(self.stamp_ns)
+
+    current = state
+
+    def latched(self, topic):
+        return topic.newest(bisect_right(topic.stamp_ns, self.stamp_ns))
+
+
+class _RealtimeSource:
+    """Inputs in realtime: the newest message sent up to an instant of the wall clock."""
+
+    def __init__(self, stamp_ns, wall_ns):
+        self.stamp_ns, self.wall_ns, self.gaps = stamp_ns, wall_ns, []
+
+    def state(self, topic):
+        if self.stamp_ns in topic.row_of:
+            return topic.at_stamp(self.stamp_ns)
+        self.gaps.append('its state was lost')
+        return None
+
+    def current(self, topic):
+        if not bisect_right(topic.sent_ns, self.wall_ns):
+            self.gaps.append(f'what it knew of {topic.topic.name} was not recorded')
+        return self.latched(topic)
+
+    def latched(self, topic):
+        # repeated unchanged while valid: the first recorded message was already valid before
+        return topic.newest(bisect_right(topic.sent_ns, self.wall_ns))
+
+
+def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
+    """Return the ticks of a bag in the order of their reports, or the first `most`.
+
+    Raises BagError for a topic without valid messages and, in lockstep, for a state, obstacles or
+    actuators that were not recorded.
+    """
+    topics = {name: RecordedTopic(bag, name) for name in NEEDED}
+    if PREDICTION in bag.recordings and bag.recordings[PREDICTION].payloads:
+        topics[PREDICTION] = RecordedTopic(bag, PREDICTION)
+    lockstep = bag.run_info.get('mode') == LOCKSTEP
+    reports, ticks, last = topics[WHY], [], None
+    for row, why in islice(_distinct_reports(reports), most):
+        stamp_ns = why.stamp_ns
+        begin_ns = int(reports.sent_ns[row]) - _duration_ns(why, 'prepare', 'solve')
+        source = _LockstepSource(stamp_ns) if lockstep else _RealtimeSource(stamp_ns, begin_ns)
+        restarted = last is None or reports.restarts(last, row)
+        # after braking without a state the set-points are reset to the actuators
+        restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
+        if not restarted and topics[COMMAND].has_between(reports.stamp_ns[last], stamp_ns):
+            source.gaps.append(f'a tick without a message of {WHY}')
+        inputs = RecordedInputs(
+            state=None if _has_no_state(why) else source.state(topics[STATE]),
+            reference=source.latched(topics[REFERENCE]),
+            edges=source.latched(topics[EDGES]),
+            obstacles=source.current(topics[OBSTACLES]),
+            actuators=source.current(topics[ACTUATORS]) if restarted else None,
+            acts_ns=stamp_ns + _duration_ns(why, 'lead'),
+            fault=stale_input(why),
+        )
+        command, prediction = (
+            topics[name].find(stamp_ns) if name in topics else None
+            for name in (COMMAND, PREDICTION)
+        )
+        zero_ns = ticks[0].stamp_ns if ticks else stamp_ns
+        ticks.append(
+            Tick(
+                number=len(ticks),
+                stamp_ns=stamp_ns,
+                t_s=(stamp_ns - zero_ns) / NS_PER_S,
+                inputs=inputs,
+                command=command,
+                why=why,
+                prediction=prediction,
+                gaps=(*source.gaps, *find_gaps(why, command)),
+            )
+        )
+        last = row
+    return ticks
+
+
+def stale_input(why: Why) -> str:
+    """Return the reason for which an input was too old to plan with, '' when none was."""
+    reason = why.values['reason']
+    return reason if reason.endswith(STALE) else ''
+
+
+def _has_no_state(why):
+    """Return whether a tick answers no state: its report has no time of arrival."""
+    return why.values['reason'] == STATE_STALE and HEARD not in why.values
+
+
+def find_gaps(why: Why, command: Command | None) -> Iterator[str]:
+    """Yield what a replay cannot repeat: lost messages, and decisions by the wall clock."""
+    if command is None:
+        yield 'its command was lost'
+    for solver in ('solver', 'fallback'):
+        if why.values.get(f'{solver}.message') == TIME_LIMIT:
+            yield f'the {solver} was stopped by its time limit'
+    if why.values.get('gate') in REJECTED_BY_AGE:
+        yield 'the gate turned its command back because of the age of the state'
+
+
+def _duration_ns(why, *parts):
+    """Return the time of parts of a tick; a value outside 0 to MAX_MS counts as 0."""
+    times_ms = (report_number(why.values, f'time.{part}_ms') for part in parts)
+    return round(sum(ms for ms in times_ms if 0.0 <= ms <= MAX_MS) * NS_PER_MS)
+
+
+def _distinct_reports(topic):
+    """Yield (row, report) of every report of a tick that does not repeat the one before."""
+    for i, payload in enumerate(topic.payloads):
+        report = topic.value(i)
+        is_of_tick = isinstance(report.values.get('reason'), str)
+        if is_of_tick and (not i or payload != topic.payloads[i - 1]):
+            yield i, report
+
+
+def has_same_content(
+    first: Reference | RoadEdges | None, second: Reference | RoadEdges | None
+) -> bool:
+    """Return whether two paths or edges are equal apart from their stamps."""
+    if first is None or second is None:
+        return first is second
+    fields = (name for name in first._fields if name != 'stamp_ns')
+    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in fields)
