@@ -14,7 +14,7 @@ EXECUTABLES = {
     'node_runtime': (),
     'stage_solver': (),
     'scenario_publisher': ('scenario_node',),
-    'mpcc_controller': ('mpcc_node', 'frenet_node'),
+    'mpcc_controller': ('controller_node', 'mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('markers_node', 'player_node', 'recorder_node', 'view_node', 'bags'),
     'experiments': ('experiments',),

@@ -29,8 +29,7 @@ KPH = 3.6  # km/h per m/s
 LOADERS = {
     'recorder_node': (RecorderParams, None),
     'scenario_node': (ScenarioParams, None),
-    'mpcc_node': (ControllerParams, car_file.load),
-    'frenet_node': (ControllerParams, car_file.load),
+    'controller_node': (ControllerParams, car_file.load),
     'plant_node': (NodeParams, plant_parameters.plant_params),
 }
 # parameters that the plant declares besides those of its class

@@ -19,13 +19,12 @@ ROLES = ('recorder', 'scenario', 'controller', 'plant')
 # package and file of the defaults that each executable loads by itself
 DEFAULTS = {
     'recorder_node': ('bags', 'recorder.yaml'),
-    'frenet_node': ('mpcc_controller', 'frenet.yaml'),
-    'mpcc_node': ('mpcc_controller', 'mpcc.yaml'),
+    'controller_node': ('mpcc_controller', 'mpcc.yaml'),
     'plant_node': ('vehicle_plant', 'bmw_545i.yaml'),
     'scenario_node': ('scenario_publisher', 'scenario_node.yaml'),
 }
 SHIPPED = {
-    'controller': DEFAULTS['mpcc_node'],
+    'controller': DEFAULTS['controller_node'],
     'plant': DEFAULTS['plant_node'],
     'recorder': DEFAULTS['recorder_node'],
     'scenario': DEFAULTS['scenario_node'],
@@ -63,10 +62,9 @@ class ScenarioFacts(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """A controller: its parameter file and the executable that runs it."""
+    """A controller: its name in runs and its parameter file."""
 
     name: str
-    executable: str
     config: Path
 
 
@@ -96,8 +94,7 @@ def find_controller(name_or_path: str) -> Controller:
         path = known[name_or_path]
     if not path.is_file():
         raise BagError(f'no controller {name_or_path!r}: there is no such file')
-    executable = 'frenet_node' if path.stem.startswith('frenet') else 'mpcc_node'
-    return Controller(path.stem, executable, path.absolute())
+    return Controller(path.stem, path.absolute())
 
 
 def find_controllers(names_or_paths: Sequence[str]) -> list[Controller]:
@@ -141,7 +138,7 @@ def build_nodes(
         Node(
             'controller',
             'mpcc_controller',
-            controller.executable,
+            'controller_node',
             (controller.config,),
             {'model.friction': facts.friction},
         ),

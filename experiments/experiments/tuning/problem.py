@@ -11,7 +11,7 @@ next to no sideslip. So there is one more constraint, ours: a bound on the rms d
 path.
 
 A weight is 1 / tolerance^2, so three decades of a tolerance are six of its weight. All scales are
-logarithmic. The ranges are the same for every controller; each has one term of its own.
+logarithmic. The ranges are the same for every controller; a formulation names its weights.
 """
 
 import math
@@ -24,6 +24,7 @@ from bags.errors import BagError
 from bags.evaluation import metrics
 from experiments import simulation
 from experiments.configuration.inputs import KPH
+from mpcc_controller.problem.formulation import FORMULATIONS
 from node_runtime import parameters
 
 SCENARIO = 'double_lane_change'
@@ -32,15 +33,6 @@ SIDESLIP_SCALE_DEG = 3.0
 CONSTRAINTS = ('v2o', 'v2e', 'completed', 'tracking')
 WIDTH_DECADES = 1.0  # either side of the untuned value in stage 1
 NARROWING = 4.0  # ratio of the widths of stage 1 and stage 2, in decades
-COMMON_WEIGHTS = (
-    'tolerances.contouring_m',
-    'tolerances.velocity_mps',
-    'tolerances.steer_rate_radps',
-    'tolerances.force_rate_nps',
-    'priorities.obstacle',
-    'priorities.edge',
-)
-OWN_WEIGHT = {'mpcc': 'tolerances.lag_m', 'frenet': 'tolerances.heading_rad'}
 
 
 class Span(NamedTuple):
@@ -167,7 +159,7 @@ def untuned_weights(controller: str) -> dict[str, float]:
     range exists.
     """
     values = parameters.flatten(simulation.prepare(SCENARIO, controller).params)
-    names = (*COMMON_WEIGHTS, OWN_WEIGHT[values['formulation.name']])
+    names = FORMULATIONS[values['formulation.name']].tuned_weights
     weights = {name: float(values[name]) for name in names}
     for name, value in weights.items():
         if not value > 0.0:

@@ -13,7 +13,7 @@ AWAIT_RECORDER = 'until [ -e "${3%/*}/recording" ]; do sleep 0.05; done\n'
 NODES = {
     'bags/recorder_node': RECORD,
     'scenario_publisher/scenario_node': WAIT,
-    'mpcc_controller/mpcc_node': WAIT,
+    'mpcc_controller/controller_node': WAIT,
     'vehicle_plant/plant_node': AWAIT_RECORDER
     + 'echo "[INFO] [1.5] [plant]: finish line crossed"; sleep 0.5\n',
 }

@@ -118,7 +118,7 @@ def test_a_setting_in_another_form_is_refused(text):
 def test_a_controller_may_be_a_file_of_its_own(tmp_path):
     own = tmp_path / 'brave.yaml'
     own.write_text('')
-    assert node_config.find_controller(str(own)) == ('brave', 'mpcc_node', own)
+    assert node_config.find_controller(str(own)) == ('brave', own)
     assert node_config.find_controller('mpcc_no_ca').config.name == 'mpcc_no_ca.yaml'
     for wrong in ('timid', str(tmp_path / 'timid.yaml')):
         with pytest.raises(BagError, match='timid'):

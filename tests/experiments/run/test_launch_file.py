@@ -126,16 +126,16 @@ def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
     bag = tmp_path / 'runs/double_lane_change/mpcc'
     empty = wait_for(launch, lambda: recorded_bytes(bag))
     wait_for(launch, lambda: recorded_bytes(bag) > empty + 50_000)
-    for pid in running_nodes(tmp_path, 'mpcc_node'):
+    for pid in running_nodes(tmp_path, 'controller_node'):
         os.kill(pid, signal.SIGKILL)
     assert launch.wait(PATIENCE_S) == 1
-    assert 'the drive failed: mpcc_node ended by SIGKILL' in output(tmp_path)
+    assert 'the drive failed: controller_node ended by SIGKILL' in output(tmp_path)
     assert read.load(bag).recordings['/controller/command'].payloads
     assert (bag / 'metadata.yaml').is_file()
     assert running_nodes(tmp_path) == []
 
 
-@pytest.mark.parametrize('node', ['bags/recorder_node', 'mpcc_controller/mpcc_node'])
+@pytest.mark.parametrize('node', ['bags/recorder_node', 'mpcc_controller/controller_node'])
 def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, launched, node):
     shell('vehicle_plant/plant_node', WAIT)
     shell(node, 'kill -KILL $$\n')

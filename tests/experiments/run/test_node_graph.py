@@ -118,7 +118,7 @@ def test_a_run_never_takes_longer_than_its_limit(tmp_path, drive, prefix):
 
 def test_a_node_that_dies_leaves_a_closed_recording(tmp_path, drive, prefix):
     # its own parameter file is the second one
-    prefix('mpcc_controller/mpcc_node', f'shift 2\n{AWAIT_RECORDER}exit 9\n')
+    prefix('mpcc_controller/controller_node', f'shift 2\n{AWAIT_RECORDER}exit 9\n')
     prefix('vehicle_plant/plant_node', WAIT)
     outcome = drive()
     recording = tmp_path / 'runs/mpcc.failed/mpcc'
@@ -261,7 +261,7 @@ def test_a_signal_before_anything_was_recorded_leaves_nothing(tmp_path, drive, p
 
 def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, prefix):
     prefix('vehicle_plant/plant_node', 'env; cat "$3"; exit 0\n')
-    prefix('mpcc_controller/mpcc_node', 'cat "$3" "$5"\n' + WAIT)
+    prefix('mpcc_controller/controller_node', 'cat "$3" "$5"\n' + WAIT)
     bag = drive().bag
     plant = (bag / 'logs/plant_node.log').read_text()
     for line in (
@@ -275,6 +275,6 @@ def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, pre
         'mode: lockstep',
     ):
         assert line in plant
-    controller = (bag / 'logs/mpcc_node.log').read_text()
+    controller = (bag / 'logs/controller_node.log').read_text()
     assert 'circle_radius_m' in controller
     assert 'model.friction: 0.8' in controller

@@ -142,7 +142,7 @@ def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it
 
 
 def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
-    prefix('mpcc_controller/mpcc_node', 'echo no solver; exit 4\n')
+    prefix('mpcc_controller/controller_node', 'echo no solver; exit 4\n')
     done = subprocess.run(
         [*RUN, '--out', tmp_path / 'runs'],
         capture_output=True,
@@ -150,13 +150,13 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
         timeout=60,
     )
     assert done.returncode == 1
-    assert 'mpcc: mpcc_node ended early with exit code 4' in done.stderr
+    assert 'mpcc: controller_node ended early with exit code 4' in done.stderr
     assert '| no solver' in done.stderr
     assert left_over(tmp_path) == []
 
 
 def test_without_a_compiler_one_warning_says_what_is_lost(tmp_path, prefix):
-    prefix('mpcc_controller/mpcc_node', 'exit 4\n')
+    prefix('mpcc_controller/controller_node', 'exit 4\n')
     done = subprocess.run(
         [*RUN, '--out', tmp_path / 'runs'],
         env={**os.environ, 'PATH': str(tmp_path)},
@@ -177,7 +177,10 @@ def kill_the_controller(command):
     for process in Path('/proc').glob('[0-9]*'):
         with contextlib.suppress(OSError):
             parent = (process / 'stat').read_text().rpartition(')')[2].split()[1]
-            if int(parent) == command.pid and b'mpcc_node' in (process / 'cmdline').read_bytes():
+            if (
+                int(parent) == command.pid
+                and b'controller_node' in (process / 'cmdline').read_bytes()
+            ):
                 os.kill(int(process.name), signal.SIGKILL)
 
 
