@@ -38,9 +38,3 @@ def test_without_collision_avoidance_the_tuned_mpcc_has_no_priorities():
 def test_both_controllers_were_tuned_alike():
     mpcc, frenet = found('mpcc')['plan'], found('frenet')['plan']
     assert mpcc | {'controller': None} == frenet | {'controller': None}
-
-
-def test_tuned_controllers_run_in_the_node_of_the_untuned_ones():
-    for name in ('mpcc', 'mpcc_no_ca', 'frenet'):
-        plain, tuned = (node_config.find_controller(one) for one in (name, f'{name}_tuned'))
-        assert tuned.executable == plain.executable
