@@ -129,7 +129,7 @@ def _joint_state(topic: Topic) -> _Writer:
     writer.count(len(topic.joints))
     for name in topic.joints:
         writer.text(name)
-    for array in flat_fields.JOINT_ARRAYS:
+    for array in contract.JOINT_ARRAYS:
         writer.count(len(topic.joints))
         writer.numbers(array + '[{}]', topic.joints)
     return writer

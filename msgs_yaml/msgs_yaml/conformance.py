@@ -10,14 +10,13 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from msgs_yaml import contract, conversions, field_paths
-from msgs_yaml.contract import WORD, Field, Topic
+from msgs_yaml.contract import JOINT_ARRAYS, WORD, Field
 
 _HEADERS = {
     'nav_msgs/msg/Path': ('header', 'poses[*].header'),
     'visualization_msgs/msg/MarkerArray': ('markers[*].header',),
     'rosgraph_msgs/msg/Clock': (),
 }
-_JOINT_ARRAYS = ('position', 'velocity', 'effort')
 _CACHED_KEYS = 4096
 
 
@@ -58,9 +57,9 @@ def check_form(topic: str, message: Any) -> list[Violation]:
 
 
 class _Checks(NamedTuple):
-    sizes: tuple[Check, ...]
-    form: tuple[Check, ...]
-    fields: tuple[Check, ...]
+    sizes: list[Check]
+    form: list[Check]
+    fields: list[Check]
 
 
 def _run(checks, message):
@@ -70,34 +69,18 @@ def _run(checks, message):
 @cache
 def _checks(name):
     topic = contract.load().topics[name]
-    return _Checks(
-        tuple(_size_checks(topic)), tuple(_form_checks(topic)), tuple(_field_checks(topic))
-    )
-
-
-def _size_checks(topic: Topic):
     # outer arrays before the arrays inside them
-    for path in sorted(topic.sizes, key=len):
-        yield _size(topic, path)
-    if topic.joints:
-        yield _joint_names(topic)
-
-
-def _form_checks(topic: Topic):
-    for path in _HEADERS.get(topic.type, ('header',)):
-        yield _header(topic, path)
+    sizes = [_size(topic, path) for path in sorted(topic.sizes, key=len)]
+    form = [_header(topic, path) for path in _HEADERS.get(topic.type, ('header',))]
     if topic.child_frame is not None:
-        yield _child_frame(topic)
-
-
-def _field_checks(topic: Topic):
+        form.append(_child_frame(topic))
     if topic.type == contract.DIAGNOSTICS:
-        yield _diagnostic_values(topic)
-        return
+        return _Checks(sizes, form, [_diagnostic_values(topic)])
+    fields = [_range(topic, path) for path in topic.fields]
     if topic.joints:
-        yield _finite_joints(topic)
-    for path in topic.fields:
-        yield _range(topic, path)
+        sizes.append(_joint_names(topic))
+        fields.insert(0, _finite_joints(topic))
+    return _Checks(sizes, form, fields)
 
 
 def _size(topic, path) -> Check:
@@ -121,7 +104,7 @@ def _joint_names(topic) -> Check:
         if len(message.name) != len(names) or list(message.name) != names:
             found = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
             return [Violation(topic.name, 'name', found, ', '.join(names))]
-        lengths = {array: len(getattr(message, array)) for array in _JOINT_ARRAYS}
+        lengths = {array: len(getattr(message, array)) for array in JOINT_ARRAYS}
         return [
             Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
             for array, length in lengths.items()
@@ -137,7 +120,7 @@ def _finite_joints(topic) -> Check:
     def run(message):
         return [
             Violation(topic.name, array, 'not finite', 'finite numbers')
-            for array in _JOINT_ARRAYS
+            for array in JOINT_ARRAYS
             if not all(map(math.isfinite, getattr(message, array)))
         ]
 

@@ -22,6 +22,7 @@ TYPES = (
 )
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+JOINT_ARRAYS = ('position', 'velocity', 'effort')
 UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns', '-', 'word')
 WORD = 'word'
 ContractError = YamlError

@@ -12,7 +12,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 from msgs_yaml import contract, conversions, field_paths
-from msgs_yaml.contract import ContractError
+from msgs_yaml.contract import JOINT_ARRAYS, ContractError
 from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
 
 TYPES = {
@@ -22,7 +22,6 @@ TYPES = {
     '/vehicle/wheels': Wheels,
     '/controller/command': Command,
 }
-JOINT_ARRAYS = ('position', 'velocity', 'effort')
 HEADING = 'psi'
 
 

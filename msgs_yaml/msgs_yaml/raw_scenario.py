@@ -50,46 +50,20 @@ _COLOR, _UV = 4 * 4, 2 * 4
 _UINT32 = struct.Struct('<I')
 
 
-class SerializedPath(NamedTuple):
-    """Views into a serialised path: everything up to the first pose, and the other poses."""
-
-    head: np.void  # HEAD
-    rest: np.ndarray  # (n - 1,) REST
-
-    def __repr__(self):
-        return f'SerializedPath({self.head["poses"]} poses)'
-
-
 def reference_size(poses: int) -> int:
     """Return the size of a serialised path of so many poses [bytes]."""
     return HEAD.itemsize + (poses - 1) * REST.itemsize
 
 
-def split_reference(raw: bytes) -> SerializedPath | None:
-    """Return views into a serialised path; None if its layout is another."""
-    if len(raw) < HEAD.itemsize or (len(raw) - HEAD.itemsize) % REST.itemsize:
-        return None
-    if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
-        return None
-    head = np.frombuffer(raw, HEAD, count=1)[0]
-    rest = np.frombuffer(raw, REST, offset=HEAD.itemsize)
-    return SerializedPath(head, rest) if head['poses'] == len(rest) + 1 else None
-
-
-def reference_stamps_ns(path: SerializedPath) -> np.ndarray:
-    """Return every stamp of a path [ns], shape (n + 1,): that of the message, then of each pose."""
-    return _to_ns(_stamps(path))
-
-
 def read_reference(raw: bytes) -> Reference | None:
     """Return what `decode.reference` returns of the message, to the last bit; None as above."""
-    path = split_reference(raw)
-    if path is None or not _is_reference(path):
+    views = _split(raw)
+    if views is None or not _is_reference(*views):
         return None
-    stamps = _stamps(path)
-    stamps_ns = _to_ns(stamps)
+    head, rest = views
+    stamps, stamps_ns = _stamps(head, rest)
     durations_ns = stamps_ns[1:] - stamps_ns[0]
-    poses = np.concatenate((path.head['first_pose'].reshape(1), path.rest['pose']))
+    poses = np.concatenate((head['first_pose'], rest['pose']))
     values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(poses.view('<f8').reshape(-1, 7).T)))
     # nanoseconds may be more than a second: the sum can be positive where the seconds are not
     if np.any(stamps['sec'] < 0) or np.any(stamps_ns == 0):
@@ -110,13 +84,13 @@ def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
     Raises ValueError if the layout is another.
     """
     buffer = bytearray(raw)
-    path = split_reference(buffer)
-    if path is None:
+    views = _split(buffer)
+    if views is None:
         raise ValueError(f'{len(raw)} bytes are no serialised {REFERENCE}')
-    head = np.frombuffer(buffer, HEAD, count=1)
-    before_ns = reference_stamps_ns(path)
+    head, rest = views
+    _, before_ns = _stamps(head, rest)
     after_ns = before_ns - int(before_ns[0]) + stamp_ns
-    fields = (head['stamp'], head['first_stamp'], path.rest['stamp'])
+    fields = (head['stamp'], head['first_stamp'], rest['stamp'])
     for field, shifted in zip(fields, np.split(after_ns, (1, 2))):
         field['sec'], field['nanosec'] = np.divmod(shifted, NS_PER_S)
     return bytes(buffer)
@@ -130,36 +104,43 @@ def is_repeat(new: bytes, old: bytes | None) -> bool:
     """
     if old is None or len(new) != len(old):
         return False
-    a, b = split_reference(new), split_reference(old)
-    if a is None or b is None:
+    new_views, old_views = _split(new), _split(old)
+    if new_views is None or old_views is None:
         return False
-    head = ('frame', 'poses', 'first_frame', 'first_pose')
-    if not all(a.head[name] == b.head[name] for name in head):
-        return False
-    if not all((a.rest[name] == b.rest[name]).all() for name in ('frame', 'pose')):
-        return False
-    a_ns, b_ns = reference_stamps_ns(a), reference_stamps_ns(b)
-    return bool((a_ns - b_ns == a_ns[0] - b_ns[0]).all())
+    names = (('frame', 'poses', 'first_frame', 'first_pose'), ('frame', 'pose'))
+    for fields, a, b in zip(names, new_views, old_views):
+        if not all((a[name] == b[name]).all() for name in fields):
+            return False
+    shift_ns = _stamps(*new_views)[1] - _stamps(*old_views)[1]
+    return bool((shift_ns == shift_ns[0]).all())
 
 
-def _stamps(path):
-    first = np.array([path.head['stamp'], path.head['first_stamp']])
-    return np.concatenate((first, path.rest['stamp']))
+def _split(raw):
+    """Return views of a path, (1,) HEAD and (n - 1,) REST; None if its layout is another."""
+    if len(raw) < HEAD.itemsize or (len(raw) - HEAD.itemsize) % REST.itemsize:
+        return None
+    if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
+        return None
+    head = np.frombuffer(raw, HEAD, count=1)
+    rest = np.frombuffer(raw, REST, offset=HEAD.itemsize)
+    return (head, rest) if head['poses'][0] == len(rest) + 1 else None
 
 
-def _to_ns(stamps):
-    return stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
+def _stamps(head, rest):
+    """Return the stamps of the message and of each pose, as STAMP and in ns, shape (n + 1,)."""
+    stamps = np.concatenate((head['stamp'], head['first_stamp'], rest['stamp']))
+    return stamps, stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
 
 
-def _is_reference(path):
+def _is_reference(head, rest):
     topic = contract.load().topics[REFERENCE]
     frame = np.void((len(topic.frame) + 1).to_bytes(4, 'little') + topic.frame.encode() + b'\x00')
     allowed = topic.sizes['poses']
     return (
         frame.dtype == np.dtype(FRAME)
-        and allowed.low <= path.head['poses'] <= allowed.high
-        and path.head['frame'] == path.head['first_frame'] == frame
-        and bool((path.rest['frame'] == frame).all())
+        and allowed.low <= head['poses'][0] <= allowed.high
+        and head['frame'][0] == head['first_frame'][0] == frame
+        and bool((rest['frame'] == frame).all())
     )
 
 
@@ -176,7 +157,7 @@ def _poses_in_range(values):
     return bool(np.all(np.abs(square - 1.0) <= UNIT_TOLERANCE))
 
 
-class SerializedLine(NamedTuple):
+class _Line(NamedTuple):
     """The fields of a serialised marker that matter for a road edge."""
 
     stamp_offset: int  # in the message
@@ -221,7 +202,7 @@ def _lines(raw):
         if reader.count() != len(SIDES):
             return None
         return [_read_line(reader) for _ in SIDES]
-    except (_CdrError, UnicodeDecodeError):
+    except ValueError:
         return None
 
 
@@ -247,7 +228,7 @@ def _read_line(reader):
     reader.skip(reader.count())
     reader.boolean()  # mesh_use_embedded_materials
     stamp_ns = sec * NS_PER_S + nanosec
-    return SerializedLine(stamp_offset, sec, stamp_ns, frame, ns, kind, action, points)
+    return _Line(stamp_offset, sec, stamp_ns, frame, ns, kind, action, points)
 
 
 def _is_road_edges(lines):
@@ -264,16 +245,12 @@ def _is_road_edges(lines):
     )
 
 
-class _CdrError(ValueError):
-    """Bytes are no such message."""
-
-
 class _Reader:
-    """Reads a serialised message from its start; raises _CdrError for bytes that are none."""
+    """Reads a serialised message from its start; raises ValueError for other bytes."""
 
     def __init__(self, raw):
         if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
-            raise _CdrError('the message is not little-endian CDR')
+            raise ValueError('the message is not little-endian CDR')
         self._raw = raw
         self._offset = len(ENCAPSULATION)
 
@@ -286,7 +263,7 @@ class _Reader:
         """Advance by so many bytes, aligned unless 0; return the offset of the first."""
         begin = self.align(alignment) if size else self._offset
         if begin + size > len(self._raw):
-            raise _CdrError(f'the message ends at byte {len(self._raw)}')
+            raise ValueError(f'the message ends at byte {len(self._raw)}')
         self._offset = begin + size
         return begin
 
@@ -298,18 +275,18 @@ class _Reader:
         return self.unpack(_UINT32, _UINT32.size)[0]
 
     def text(self):
-        """Return a string; raise UnicodeDecodeError if it is no UTF-8."""
+        """Return a string; raise ValueError if it has no closing zero or is no UTF-8."""
         size = self.count()
         begin = self.skip(size)
         encoded = bytes(self._raw[begin : begin + size])
         if encoded[-1:] not in (b'', b'\x00'):
-            raise _CdrError(f'the string at byte {begin} has no end')
+            raise ValueError(f'the string at byte {begin} has no end')
         return encoded[:-1].decode()
 
     def boolean(self):
         value = self._raw[self.skip(1)]
         if value > 1:
-            raise _CdrError(f'{value} is no boolean')
+            raise ValueError(f'{value} is no boolean')
         return bool(value)
 
     def floats(self, number):
