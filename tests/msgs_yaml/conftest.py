@@ -1,4 +1,4 @@
-"""How a message is refused."""
+"""Check for rejected messages."""
 
 import pytest
 
@@ -6,11 +6,11 @@ from msgs_yaml.decode import DecodeError
 
 
 @pytest.fixture
-def refused():
-    """Return refused(decoder, message, says): it must be, and the error must say so."""
+def rejects():
+    """Return rejects(decoder, message, error): check the DecodeError of a message."""
 
-    def check(decoder, message, says):
-        with pytest.raises(DecodeError, match=says):
+    def check(decoder, message, error):
+        with pytest.raises(DecodeError, match=error):
             decoder(message)
 
     return check

@@ -1,4 +1,4 @@
-"""The bytes of the fast path are those of the message, and take a tenth of the time."""
+"""The bytes of a template are those of the serialised message."""
 
 import pytest
 from hypothesis import given, settings
@@ -45,11 +45,11 @@ def test_patched_bytes_are_the_serialised_message(topic):
     check()
 
 
-def test_every_fast_topic_is_tested():
+def test_every_topic_with_a_template_is_tested():
     assert set(VALUES) == set(flat_fields.TYPES)
 
 
-def test_a_message_once_filled_is_not_touched_by_the_next():
+def test_a_filled_message_is_not_changed_by_the_next():
     template = cdr_templates.Template('/controller/command')
     first = template.fill(Command(1, 0.1, 0.2, 0.3, 0.4))
     copy = bytes(first)

@@ -1,4 +1,4 @@
-"""The whole-bag check finds every breach, says where, and keeps up with a whole bag."""
+"""Every violation of the contract is reported, fast enough for a whole bag."""
 
 import math
 import time
@@ -46,10 +46,10 @@ def test_a_good_message_has_no_violation():
     assert conformance.check('/clock', encode.clock(S)) == []
 
 
-def test_every_breach_is_listed_not_only_the_first():
+def test_every_violation_is_listed_not_only_the_first():
     message = encode.odometry(VehicleState(S, math.nan, 2e5, 0.3, 20.0, -0.1, 99.0))
-    found = [violation.field for violation in conformance.check('/vehicle/odometry', message)]
-    assert found == [
+    fields = [violation.field for violation in conformance.check('/vehicle/odometry', message)]
+    assert fields == [
         'pose.pose.position.x (X)',
         'pose.pose.position.y (Y)',
         'twist.twist.angular.z (r)',
@@ -64,7 +64,7 @@ def test_a_violation_reads_as_a_sentence():
     )
 
 
-def test_one_bad_pose_of_many_is_found():
+def test_one_bad_pose_of_many_is_reported():
     plan = encode.prediction(Prediction(S, *np.zeros((3, 51)), np.arange(51) * 0.05))
     plan.poses[37].pose.position.y = math.inf
     (violation,) = conformance.check('/controller/prediction', plan)
@@ -78,7 +78,7 @@ def test_bounds_belong_to_the_range():
 
 
 @pytest.mark.parametrize(
-    ('values', 'says'),
+    ('values', 'error'),
     [
         ({'cost__con': math.nan}, 'cost.con (cost term) is nan; allowed 0 to inf -'),
         ({'cost__con': -1.0}, 'cost.con (cost term) is -1.0; allowed 0 to inf -'),
@@ -90,9 +90,9 @@ def test_bounds_belong_to_the_range():
         ({'set_point__delta': 3.0}, 'set_point.delta (delta) is 3.0; allowed -1.2 to 1.2 rad'),
     ],
 )
-def test_reasons_are_checked_by_their_key(values, says):
+def test_reasons_are_checked_by_their_key(values, error):
     (violation,) = conformance.check('/controller/why', why(**values))
-    assert str(violation) == f'/controller/why: {says}'
+    assert str(violation) == f'/controller/why: {error}'
 
 
 def test_the_first_pattern_that_fits_a_key_counts():

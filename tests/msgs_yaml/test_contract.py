@@ -74,7 +74,7 @@ def test_joints_stand_in_the_order_of_their_first_use(tmp_path):
 
 
 MISTAKES = [
-    # line, replacement, what the error says
+    # line, replacement, the error
     (2, '  latched: {reliability: sure}', r":2: profiles.latched: key 'durability' is missing"),
     (3, LINES[2].replace('reliable', 'sure'), r":3: profiles.all.reliability: 'sure' is none of"),
     (3, LINES[2].replace('keep_all', 'keep_last'), ':3: profiles.all: depth belongs to keep_last'),
@@ -111,10 +111,10 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(('line', 'text', 'says'), MISTAKES, ids=lambda value: str(value)[:40])
-def test_a_mistake_is_named_with_its_line_and_key(tmp_path, line, text, says):
+@pytest.mark.parametrize(('line', 'text', 'error'), MISTAKES, ids=lambda value: str(value)[:40])
+def test_a_mistake_is_named_with_its_line_and_key(tmp_path, line, text, error):
     path = write(tmp_path, [*LINES[: line - 1], text, *LINES[line:]])
-    with pytest.raises(ContractError, match=says) as caught:
+    with pytest.raises(ContractError, match=error) as caught:
         contract.load(path)
     assert str(caught.value).startswith(f'{path}:')
 

@@ -1,4 +1,4 @@
-"""Every path in topics.yaml leads to a number or text that its message definition really has."""
+"""Every path in topics.yaml leads to a number or text of its message definition."""
 
 from importlib import import_module
 

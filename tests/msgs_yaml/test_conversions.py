@@ -74,7 +74,7 @@ def test_the_received_heading_is_within_rounding_of_the_sent_one(psi):
 
 @settings(derandomize=True, deadline=None)
 @given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False)))
-def test_numbers_and_truths_survive_to_the_last_bit(value):
+def test_numbers_and_booleans_survive_to_the_last_bit(value):
     back = conversions.text_to_value(conversions.value_to_text(value))
     assert type(back) is type(value)
     assert back == value
@@ -99,6 +99,6 @@ def test_numpy_numbers_are_written_as_plain_numbers():
 
 
 @pytest.mark.parametrize('word', ['1', '1_000', ' 2', 'False', 'infinity', 'NaN'])
-def test_a_word_that_reads_as_something_else_is_refused(word):
+def test_a_word_that_reads_as_something_else_is_rejected(word):
     with pytest.raises(ValueError, match='would be read as'):
         conversions.value_to_text(word)

@@ -1,4 +1,4 @@
-"""A message that breaks the contract is refused, and the error names field and allowed range."""
+"""A message that violates the contract is rejected; the error names field and range."""
 
 import math
 
@@ -29,47 +29,47 @@ WHEELS = Wheels(S, FOUR, FOUR, FOUR, FOUR, FOUR, (0.1, 0.2, 0.3, 0.4), FOUR)
         ('pose.pose.orientation.z', r'-1 to 1 -'),
     ],
 )
-def test_a_number_out_of_range_is_refused_by_name(refused, path, allowed, bad):
+def test_a_number_out_of_range_is_rejected_by_name(rejects, path, allowed, bad):
     message = encode.odometry(STATE)
     *parents, last = path.split('.')
     owner = message
     for name in parents:
         owner = getattr(owner, name)
     setattr(owner, last, bad)
-    refused(decode.odometry, message, rf'/vehicle/odometry: {path} \(.*\) is .*; allowed {allowed}')
+    rejects(decode.odometry, message, rf'/vehicle/odometry: {path} \(.*\) is .*; allowed {allowed}')
 
 
 @pytest.mark.parametrize('array', ['position', 'velocity', 'effort'])
 @pytest.mark.parametrize('place', range(3))
-def test_nan_is_refused_in_every_place_of_a_command(refused, array, place):
+def test_nan_is_rejected_in_every_place_of_a_command(rejects, array, place):
     message = encode.command(COMMAND)
     getattr(message, array)[place] = math.nan
-    refused(decode.command, message, array)
+    rejects(decode.command, message, array)
 
 
-def test_a_frame_that_is_not_the_contract_s_is_refused(refused):
+def test_a_frame_that_is_not_the_contract_s_is_rejected(rejects):
     message = encode.odometry(STATE)
     message.header.frame_id = 'odom'
-    refused(decode.odometry, message, r"header.frame_id is 'odom'; allowed 'map'")
+    rejects(decode.odometry, message, r"header.frame_id is 'odom'; allowed 'map'")
     message = encode.odometry(STATE)
     message.child_frame_id = 'base_footprint'
-    refused(decode.odometry, message, r"child_frame_id is 'base_footprint'; allowed 'base_link'")
+    rejects(decode.odometry, message, r"child_frame_id is 'base_footprint'; allowed 'base_link'")
 
 
-def test_a_message_without_a_time_is_refused(refused):
-    refused(decode.imu, encode.imu(Imu(0, 1.0, 2.0, 0.1)), 'header.stamp is 0.000000000 s; allowed')
+def test_a_message_without_a_time_is_rejected(rejects):
+    rejects(decode.imu, encode.imu(Imu(0, 1.0, 2.0, 0.1)), 'header.stamp is 0.000000000 s; allowed')
 
 
-def test_a_quaternion_that_is_no_rotation_is_refused(refused):
+def test_a_quaternion_that_is_no_rotation_is_rejected(rejects):
     message = encode.odometry(STATE)
     message.pose.pose.orientation.w = 0.0
-    refused(decode.odometry, message, 'orientation has the squared length .*; allowed 1')
+    rejects(decode.odometry, message, 'orientation has the squared length .*; allowed 1')
 
 
-def test_roll_is_refused_because_a_heading_is_a_turn_about_z(refused):
+def test_roll_is_rejected_because_a_heading_is_a_turn_about_z(rejects):
     message = encode.odometry(STATE)
     message.pose.pose.orientation.x = 0.01
-    refused(decode.odometry, message, r'orientation.x \(q_x\) is 0.01; allowed 0 to 0')
+    rejects(decode.odometry, message, r'orientation.x \(q_x\) is 0.01; allowed 0 to 0')
 
 
 @pytest.mark.parametrize(
@@ -80,36 +80,36 @@ def test_roll_is_refused_because_a_heading_is_a_turn_about_z(refused):
         (decode.wheels, encode.wheels(WHEELS)),
     ],
 )
-def test_names_must_be_those_of_the_contract_in_its_order(refused, decoder, message):
+def test_names_must_be_those_of_the_contract_in_its_order(rejects, decoder, message):
     good, first = list(message.name), message.name[0]
     decoder(message)
     for names in ([*good[1:], first], good[:-1], [*good, 'more'], ['x', *good[1:]], []):
         message.name = names
-        refused(decoder, message, rf'name is .*; allowed {first}, ')
+        rejects(decoder, message, rf'name is .*; allowed {first}, ')
 
 
 @pytest.mark.parametrize('array', ['position', 'velocity', 'effort'])
-def test_every_array_has_one_number_per_name(refused, array):
+def test_every_array_has_one_number_per_name(rejects, array):
     message = encode.command(COMMAND)
     setattr(message, array, [0.0, 0.0])
-    refused(decode.command, message, f'{array} is 2 long; allowed 3 elements')
+    rejects(decode.command, message, f'{array} is 2 long; allowed 3 elements')
     setattr(message, array, [])
-    refused(decode.command, message, f'{array} is 0 long; allowed 3 elements')
+    rejects(decode.command, message, f'{array} is 0 long; allowed 3 elements')
 
 
 def test_a_failed_tick_stays_readable():
-    told = decode.why(encode.why(Why(S, 2, 'lost', {'cost.con': math.nan, 'new': 1})))
-    assert math.isnan(told.values['cost.con'])
-    assert told.level == 2
+    why = decode.why(encode.why(Why(S, 2, 'lost', {'cost.con': math.nan, 'new': 1})))
+    assert math.isnan(why.values['cost.con'])
+    assert why.level == 2
 
 
-def test_two_statuses_are_refused(refused):
+def test_two_statuses_are_rejected(rejects):
     message = encode.why(Why(S, 0, 'fine', {}))
     message.status.append(DiagnosticStatus())
-    refused(decode.why, message, 'status is 2 long; allowed 1 to 1 elements')
+    rejects(decode.why, message, 'status is 2 long; allowed 1 to 1 elements')
 
 
-def test_a_clock_that_says_that_there_is_no_time_is_refused():
+def test_a_clock_that_says_that_there_is_no_time_is_rejected():
     with pytest.raises(DecodeError, match='above 0 s'):
         decode.clock(encode.clock(0))
     assert decode.clock(encode.clock(1)) == 1

@@ -64,6 +64,6 @@ def test_every_header_carries_the_frame_of_the_contract():
 
 
 @pytest.mark.parametrize('word', ['12', '-1.5', 'nan', 'True', '1e3', 'inf'])
-def test_a_word_that_would_come_back_as_a_number_is_refused(word):
+def test_a_word_that_would_come_back_as_a_number_is_rejected(word):
     with pytest.raises(ValueError, match='would be read as a number or truth'):
         encode.why(Why(S, 0, 'fine', {'reason': word}))

@@ -55,18 +55,18 @@ def test_every_example_can_be_decoded(topic):
 
 
 @pytest.mark.parametrize('topic', TOPICS)
-def test_every_example_tells_its_topic(topic):
+def test_the_comment_of_every_example_names_its_topic(topic):
     name = topic.strip('/').replace('/', '-')
     head = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text().split('\n\n')[0]
     assert f'{topic} {contract.load().topics[topic].type} ' in head
 
 
-def test_there_is_no_example_of_anything_else():
+def test_every_example_is_of_a_topic():
     names = {path.stem for path in share.path('msgs_yaml', 'examples').iterdir()}
     assert names == {topic.strip('/').replace('/', '-') for topic in TOPICS}
 
 
-def test_the_examples_say_what_their_comments_say():
+def test_the_values_of_the_examples_are_those_of_their_comments():
     state = decode.odometry(example('/vehicle/odometry'))
     assert state.psi == pytest.approx(0.1, abs=1e-12)
     path = decode.reference(example('/scenario/reference'))

@@ -30,7 +30,7 @@ def test_a_path_gives_every_value_it_leads_to_in_order(path, values):
 
 
 @pytest.mark.parametrize('path', ['', '.', 'a..b', 'a[', 'a[]', 'A', 'a[*]b', 'a.b.', 'a b', '1'])
-def test_what_is_no_path_is_refused(path):
+def test_what_is_no_path_is_rejected(path):
     with pytest.raises(ValueError, match='is no field path'):
         field_paths.parse(path)
 

@@ -155,14 +155,14 @@ def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
     check()
 
 
-def test_every_topic_makes_the_round_trip():
+def test_every_topic_is_tested():
     topics = contract.load().topics.values()
     assert set(FORMS) == {topic.name for topic in topics if not topic.on_request}
 
 
 @settings(deadline=None, derandomize=True)
 @given(FORMS['/vehicle/odometry'])
-def test_the_ring_moves_a_heading_by_no_more_than_rounding(state):
+def test_the_round_trip_changes_a_heading_by_rounding_only(state):
     received = conversions.odometry_as_received(state)
     assert abs(conversions.wrap_angle(received.psi - state.psi)) <= 1e-15
     assert received._replace(psi=state.psi) == state
@@ -170,7 +170,7 @@ def test_the_ring_moves_a_heading_by_no_more_than_rounding(state):
 
 @settings(deadline=None, derandomize=True)
 @given(FORMS['/scenario/reference'])
-def test_the_ring_keeps_times_to_a_nanosecond_and_headings_up_to_full_turns(path):
+def test_the_round_trip_keeps_times_to_a_nanosecond_and_headings_up_to_full_turns(path):
     received = conversions.reference_as_received(path)
     assert np.max(np.abs(received.t - path.t)) <= 1e-9
     turns = (received.psi - path.psi) / math.tau
@@ -195,6 +195,6 @@ def test_the_stamp_of_big_endian_bytes_is_read_too():
 
 
 @pytest.mark.parametrize('raw', [b'', b'\x00\x01\x00\x00', b'\x00\x09\x00\x00' + bytes(20)])
-def test_bytes_without_a_stamp_are_refused(raw):
+def test_bytes_without_a_stamp_are_rejected(raw):
     with pytest.raises(decode.DecodeError, match='no CDR message'):
         decode.stamp_ns_of(raw)

@@ -1,4 +1,4 @@
-"""What a node sends last arrives, also when the queues between two nodes are full."""
+"""The last messages of a node arrive even if the queues between two nodes are full."""
 
 import signal
 import time
@@ -55,7 +55,7 @@ def sending(publish, last):
 
 # the second: longer than a wait of two seconds at the end, as a message that is lost on its way
 @pytest.mark.parametrize('stall_s', [1.0, 2.5])
-def test_what_a_node_sends_last_still_arrives(run, receive, stall_s):
+def test_the_last_messages_of_a_node_arrive(run, receive, stall_s):
     last = 7_000  # more than the receiver's queue holds: the rest waits in the sender
     receiver = receive(last, stall_s)
     sender = run(tick=sending('self.imu.publish(encode.imu(Imu(k, 0.0, 0.0, 0.0)))', last))

@@ -15,7 +15,7 @@ def monitor():
     return monitor
 
 
-def test_what_has_never_come_is_stale():
+def test_an_input_without_a_message_is_stale():
     monitor = InputMonitor('state', 0.1)
     assert (
         monitor.level(S) == monitor.held_level == monitor.update(S) == monitor.held_level == STALE
@@ -56,7 +56,7 @@ def test_a_new_stamp_ends_the_age_at_once_and_an_older_one_changes_nothing(monit
 
 
 @pytest.mark.parametrize(('off_ns', 'where'), [(101 * MS, 'past'), (-101 * MS, 'future')])
-def test_a_stamp_far_from_now_is_refused_with_its_reason_and_counted(monitor, off_ns, where):
+def test_a_stamp_far_from_now_is_rejected_with_its_reason_and_counted(monitor, off_ns, where):
     reason = monitor.accept(2 * S - off_ns, 2 * S)
     assert reason == f'the stamp is 101 ms in the {where}, limit 100 ms'
     assert monitor.age_ns(2 * S) == S
@@ -66,12 +66,12 @@ def test_a_stamp_far_from_now_is_refused_with_its_reason_and_counted(monitor, of
 
 
 @pytest.mark.parametrize('off_ns', [100 * MS, -100 * MS])
-def test_a_stamp_on_the_limit_is_taken(monitor, off_ns):
+def test_a_stamp_on_the_limit_is_accepted(monitor, off_ns):
     assert monitor.accept(2 * S - off_ns, 2 * S) == ''
     assert monitor.diagnostics(2 * S)['age.state_refused'] == 0
 
 
-def test_a_level_that_is_held_names_what_it_comes_from(monitor):
+def test_a_held_level_names_its_cause(monitor):
     assert monitor.describe_held(S) == 'state is 0 ms old, limit 100 ms'  # nobody has looked yet
     for age_ms in (60, 110, 130):
         monitor.update(S + age_ms * MS)
@@ -89,7 +89,7 @@ def test_a_level_that_is_held_names_what_it_comes_from(monitor):
     assert monitor.describe_held(4 * S) == 'state is 0 ms old, limit 100 ms'
 
 
-def test_each_time_that_the_limit_is_passed_counts_once(monitor):
+def test_each_timeout_counts_once(monitor):
     for now_ns in (S + 150 * MS, S + 160 * MS):
         monitor.update(now_ns)
     assert monitor.diagnostics(S + 160 * MS)['age.state_stale'] == 1
@@ -99,7 +99,7 @@ def test_each_time_that_the_limit_is_passed_counts_once(monitor):
     assert monitor.diagnostics(S + 400 * MS)['age.state_stale'] == 2
 
 
-def test_the_worst_age_is_that_since_it_was_told_last(monitor):
+def test_the_worst_age_is_that_since_the_last_report(monitor):
     monitor.update(S + 80 * MS)
     monitor.record(S + 80 * MS)
     first = monitor.diagnostics(S + 90 * MS)
@@ -107,7 +107,7 @@ def test_the_worst_age_is_that_since_it_was_told_last(monitor):
     assert monitor.diagnostics(S + 95 * MS)['age.state_worst_ms'] == 15.0
 
 
-def test_the_level_that_is_shown_falls_after_two_good_seconds(monitor):
+def test_the_held_level_falls_after_two_good_seconds(monitor):
     assert monitor.update(S + 150 * MS) == monitor.held_level == ERROR
     monitor.record(S + 160 * MS)
     assert monitor.update(S + 160 * MS) == OK
@@ -127,7 +127,7 @@ def test_a_held_level_rises_at_once_and_falls_step_by_step():
     assert held.update(OK, 3 * S) == OK
 
 
-def test_never_heard_ends_with_the_first_message():
+def test_stale_ends_with_the_first_message():
     held = HeldLevel()
     assert held.update(STALE, 0) == STALE
     assert held.update(OK, 1) == OK

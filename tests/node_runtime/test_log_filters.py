@@ -1,4 +1,4 @@
-"""What is logged of refused messages."""
+"""Rejected messages are logged once per kind, then counted; repeated lines are dropped."""
 
 from node_runtime.log_filters import PERIOD_NS, ChangeFilter, RejectionLog
 
@@ -13,7 +13,7 @@ def test_the_first_of_each_kind_is_logged_with_its_reason():
     assert refusals.line('too_old', '1 s old', 3) == f'{TOPIC} turned down (too_old): 1 s old'
 
 
-def test_what_follows_is_counted_at_a_limited_rate():
+def test_later_ones_are_counted_at_a_limited_rate():
     refusals = RejectionLog(TOPIC)
     lines = [refusals.line('too_old', f'age {k}', k * PERIOD_NS // 50) for k in range(200)]
     assert [k for k, line in enumerate(lines) if line] == [0, 50, 100, 150]

@@ -1,4 +1,4 @@
-"""Command line before file; whatever is wrong is said with its source."""
+"""Overrides come before the parameter file; errors name the source of a wrong value."""
 
 import math
 import re
@@ -33,10 +33,10 @@ def defaults(tmp_path):
     return path
 
 
-def test_without_overrides_the_file_counts(defaults):
-    made, declared = node_parameters.resolve(Params, defaults, {})
-    assert made == Params(2.0, (1.0,))
-    assert {one.name: one.value for one in declared} == {
+def test_without_overrides_the_values_come_from_the_file(defaults):
+    params, declared = node_parameters.resolve(Params, defaults, {})
+    assert params == Params(2.0, (1.0,))
+    assert {declaration.name: declaration.value for declaration in declared} == {
         'mode': 'lockstep',
         'recorders': 0,
         'base': '',
@@ -49,29 +49,29 @@ def test_without_overrides_the_file_counts(defaults):
     }
 
 
-def test_overrides_count_and_whole_numbers_will_do(defaults):
+def test_overrides_replace_the_values_of_the_file_and_may_be_whole_numbers(defaults):
     given = {'gain': 3, 'widths': [1, 2], 'mode': 'realtime', 'use_sim_time': True}
-    made, declared = node_parameters.resolve(Params, defaults, given)
-    assert made == Params(3.0, (1.0, 2.0))
-    values = {one.name: one.value for one in declared}
+    params, declared = node_parameters.resolve(Params, defaults, given)
+    assert params == Params(3.0, (1.0, 2.0))
+    values = {declaration.name: declaration.value for declaration in declared}
     assert values['mode'] == 'realtime'
     assert isinstance(values['gain'], float)
     assert 'use_sim_time' not in values
 
 
-def test_an_empty_list_comes_from_ros_as_nothing(defaults):
+def test_none_for_a_list_is_an_empty_list(defaults):
     assert node_parameters.resolve(Params, defaults, {'widths': None})[0].widths == ()
 
 
 def test_the_comment_in_the_file_is_the_description(defaults):
     _, declared = node_parameters.resolve(Params, defaults, {})
-    described = {one.name: one.description for one in declared}
+    described = {declaration.name: declaration.description for declaration in declared}
     assert described['gain'] == 'N per metre of error; 0 to 9 N'
     assert described['widths'] == '0 to 9 m'
 
 
 @pytest.mark.parametrize(
-    ('given', 'says'),
+    ('given', 'error'),
     [
         ({'gian': 1.0}, "gian: this node has no such parameter; did you mean 'gain'"),
         ({'gain': 10}, 'gain: is out of range with 10; allowed 0 to 9 N'),
@@ -84,8 +84,8 @@ def test_the_comment_in_the_file_is_the_description(defaults):
         ({'recorders': -1}, 'recorders: is out of range with -1; allowed 0 to 10 recorders'),
     ],
 )
-def test_a_wrong_override_names_the_command_line(defaults, given, says):
-    with pytest.raises(ParameterError, match=f'^command line or parameter file: {says}'):
+def test_a_wrong_override_names_the_command_line(defaults, given, error):
+    with pytest.raises(ParameterError, match=f'^command line or parameter file: {error}'):
         node_parameters.resolve(Params, defaults, given)
 
 
@@ -95,23 +95,23 @@ def test_a_wrong_default_names_the_file_and_line(defaults):
         node_parameters.resolve(Params, defaults, {})
 
 
-def test_a_node_may_have_the_mode_among_its_own_parameters(tmp_path):
+def test_a_node_may_declare_the_mode_as_its_own_parameter(tmp_path):
     path = tmp_path / 'node.yaml'
     path.write_text('/**:\n  ros__parameters: {mode: realtime, gain: 1.0}\n')
-    made, declared = node_parameters.resolve(WithMode, path, {})
-    assert made.mode == 'realtime'
-    assert [one.name for one in declared].count('mode') == 1
+    params, declared = node_parameters.resolve(WithMode, path, {})
+    assert params.mode == 'realtime'
+    assert [declaration.name for declaration in declared].count('mode') == 1
     assert node_parameters.resolve(WithMode, path, {'mode': 'lockstep'})[0].mode == 'lockstep'
 
 
-def test_the_file_may_give_the_mode_of_any_node(defaults):
+def test_the_file_of_any_node_may_set_the_mode(defaults):
     defaults.write_text(defaults.read_text() + '    mode: realtime\n')
-    made, declared = node_parameters.resolve(Params, defaults, {})
-    assert made == Params(2.0, (1.0,))
-    assert {one.name: one.value for one in declared}['mode'] == 'realtime'
+    params, declared = node_parameters.resolve(Params, defaults, {})
+    assert params == Params(2.0, (1.0,))
+    assert {declaration.name: declaration.value for declaration in declared}['mode'] == 'realtime'
 
 
-def test_an_error_cites_where_an_override_comes_from(defaults):
+def test_an_error_names_the_source_of_an_override(defaults):
     sources = {'gain': 'scenario ice.yaml: friction'}
     with pytest.raises(ParameterError, match=r'^scenario ice.yaml: friction: gain: .* 0 to 9 N'):
         node_parameters.resolve(Params, defaults, {'gain': -1.0}, sources)
@@ -120,8 +120,8 @@ def test_an_error_cites_where_an_override_comes_from(defaults):
 
 
 def test_the_parameters_that_were_not_given_are_counted_and_named_with_their_file(defaults):
-    told = node_parameters.describe_defaults(Params, {'gain': 3.0, 'mode': 'realtime'}, defaults)
-    assert told == f'1 of 2 parameters are not given and come from {defaults}: widths'
+    some = node_parameters.describe_defaults(Params, {'gain': 3.0, 'mode': 'realtime'}, defaults)
+    assert some == f'1 of 2 parameters are not given and come from {defaults}: widths'
     every = node_parameters.describe_defaults(Params, {}, defaults)
     assert every == f'2 of 2 parameters are not given and come from {defaults}'
     assert node_parameters.describe_defaults(
@@ -143,7 +143,7 @@ def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(inst
     assert node_parameters.find_config('some_pkg', '~/a.yaml').read_text() == 'below'
 
 
-def test_a_file_that_is_not_there_is_named_with_those_that_are_and_the_form_of_a_path(installed):
+def test_the_error_for_a_missing_file_lists_the_files_and_the_form_of_a_path(installed):
     write_config(installed / 'venv', 'config')
     for name in ('b.yaml', ''):
         with pytest.raises(FileNotFoundError, match=rf'config/{name}; it has a.yaml; .*\./{name}'):

@@ -35,7 +35,7 @@ VALUES = {'mass_kg': 1500.0, 'wheel.radius_m': 0.3, 'gears': [1, 2, 3]}
 
 @pytest.fixture
 def write(tmp_path):
-    """Return write(name, text): a parameter file with these lines, or the FULL one."""
+    """Return write(name, text): a parameter file with these lines, or FULL without."""
 
     def write(name, *lines):
         path = tmp_path / name
@@ -128,7 +128,7 @@ def test_the_defaults_of_a_node_may_have_a_base(write):
     path = write('small.yaml', 'base: full.yaml', 'mass_kg: 1600.0')
     car, declared = node_parameters.resolve(Car, path, {'wheel.radius_m': 0.5})
     assert car == Car(1600.0, Wheel(0.5, None), (1, 2, 3))
-    declared = {one.name: one for one in declared}
+    declared = {declaration.name: declaration for declaration in declared}
     assert declared['base'].value == ''
     assert declared['mass_kg'].description == 'kg, empty; 100 to 5000 kg'
 
@@ -140,7 +140,7 @@ def test_the_base_that_a_node_is_given_replaces_its_defaults(write, monkeypatch,
     given = {'base': 'light.yaml', 'gears': [5]}
     car, declared = node_parameters.resolve(Car, defaults, given)
     assert car == Car(900.0, Wheel(0.3, None), (5,))
-    assert {one.name: one.value for one in declared}['base'] == 'light.yaml'
+    assert {declaration.name: declaration.value for declaration in declared}['base'] == 'light.yaml'
     summary = node_parameters.describe_defaults(Car, given, defaults)
     light = defaults.parent / 'light.yaml'
     assert summary == (
@@ -169,7 +169,10 @@ def test_the_output_of_ros2_param_dump_is_a_parameter_file(write, tmp_path):
     """It has the name of the node, and every parameter, those of all nodes included."""
     defaults = write('full.yaml')
     car, declared = node_parameters.resolve(Car, defaults, {'mass_kg': 2000.0})
-    values = {one.name: one.value for one in declared} | {'use_sim_time': False, 'gears': [1, 2, 3]}
+    values = {declaration.name: declaration.value for declaration in declared} | {
+        'use_sim_time': False,
+        'gears': [1, 2, 3],
+    }
     dump = tmp_path / 'dump.yaml'
     dump.write_text(yaml.safe_dump({'/car1/test_node': {'ros__parameters': values}}))
     values = parameters.read_file(dump).values

@@ -1,4 +1,4 @@
-"""A parameter is what its dataclass says, or the program does not start."""
+"""Parameters become a dataclass, or the error names file, line, key and allowed range."""
 
 import math
 from dataclasses import dataclass
@@ -106,10 +106,10 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(('change', 'says'), MISTAKES, ids=str)
-def test_a_wrong_value_is_refused_by_key_and_range(change, says):
+@pytest.mark.parametrize(('change', 'error'), MISTAKES, ids=str)
+def test_the_error_for_a_wrong_value_names_key_and_range(change, error):
     flat = parameters.flatten(CAR)
-    with pytest.raises(ParameterError, match=f'^here: {says}'):
+    with pytest.raises(ParameterError, match=f'^here: {error}'):
         parameters.build(Car, {**flat, **change}, 'here')
 
 
@@ -120,7 +120,7 @@ def test_a_missing_value_is_named(key):
 
 
 @pytest.mark.parametrize(
-    ('line', 'text', 'says'),
+    ('line', 'text', 'error'),
     [
         (3, '    mass_kg: 1  # kg', r'car.yaml:3: mass_kg: is out of range with 1; allowed 100 to'),
         (3, '    mas_kg: 1  # kg', r"car.yaml:3: mas_kg: unknown .* did you mean 'mass_kg'"),
@@ -131,10 +131,10 @@ def test_a_missing_value_is_named(key):
         (4, '    gears: [', r'car.yaml:\d+: no valid YAML'),
     ],
 )
-def test_a_mistake_in_a_file_is_named_with_its_line(tmp_path, line, text, says):
+def test_a_mistake_in_a_file_is_named_with_its_line(tmp_path, line, text, error):
     lines = FILE.splitlines()
     path = write(tmp_path, '\n'.join([*lines[: line - 1], text, *lines[line:]]))
-    with pytest.raises(ParameterError, match=says):
+    with pytest.raises(ParameterError, match=error):
         parameters.load(Car, path)
 
 
@@ -146,7 +146,7 @@ def test_a_value_missing_from_a_file_names_the_file(tmp_path):
 
 @settings(derandomize=True, deadline=None)
 @given(st.floats(100.0, 5000.0))
-def test_every_number_in_the_range_is_taken_as_it_is(mass_kg):
+def test_every_number_in_the_range_is_unchanged(mass_kg):
     assert parameters.build(Car, {**VALUES, 'mass_kg': mass_kg}, 'here').mass_kg == mass_kg
 
 
@@ -184,7 +184,7 @@ def test_a_field_without_a_proper_range_is_a_programming_error(cls):
         '&a [*a]',
     ],
 )
-def test_what_yaml_cannot_make_a_value_of_is_refused_with_its_line(tmp_path, value):
+def test_text_that_is_no_yaml_value_is_rejected_with_its_line(tmp_path, value):
     path = tmp_path / 'car.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    stiffness: {value}\n    driven: true\n')
     with pytest.raises(ParameterError, match=r'car\.yaml:3: .*stiffness: '):

@@ -1,4 +1,4 @@
-"""What a run says about the code that made it."""
+"""The commit in the metadata of a run."""
 
 import subprocess
 
@@ -40,21 +40,21 @@ def test_a_clean_tree_is_its_commit(tree):
     assert provenance.commit() == git(tree, 'rev-parse', 'HEAD')
 
 
-def test_what_is_not_tracked_or_is_a_result_is_no_change_of_the_code(tree):
+def test_untracked_files_and_results_do_not_make_the_tree_dirty(tree):
     (tree / 'paper' / 'claims.md').write_text('second\n')
-    (tree / 'made.txt').write_text('new\n')
+    (tree / 'untracked.txt').write_text('new\n')
     assert provenance.commit() == git(tree, 'rev-parse', 'HEAD')
 
 
 @pytest.mark.parametrize(
     'name', ['a.md', 'node_runtime/node_runtime/provenance.py', 'bags/package.xml']
 )
-def test_any_other_changed_file_is_told(tree, name):
+def test_any_other_changed_file_makes_the_tree_dirty(tree, name):
     (tree / name).write_text('second\n')
     assert provenance.commit() == git(tree, 'rev-parse', 'HEAD') + '-dirty'
 
 
-def test_in_somebody_elses_repository_there_is_no_commit(tree):
+def test_inside_another_repository_there_is_no_commit(tree):
     (tree / 'bags' / 'package.xml').unlink()
     assert provenance.commit() == ''
 

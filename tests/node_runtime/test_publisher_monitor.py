@@ -1,4 +1,4 @@
-"""A second publisher is announced in the log and in the health. Real Fast DDS."""
+"""A second publisher is reported in the log and in the health. Real Fast DDS."""
 
 import time
 
@@ -46,9 +46,9 @@ class Graph:
 
 @pytest.fixture
 def graph(domain):
-    made = Graph()
-    yield made
-    spin_node.shut_down(*made.nodes, context=made.context)
+    graph = Graph()
+    yield graph
+    spin_node.shut_down(*graph.nodes, context=graph.context)
 
 
 def test_a_second_publisher_is_named_until_it_has_left(graph, capfd):
@@ -61,10 +61,10 @@ def test_a_second_publisher_is_named_until_it_has_left(graph, capfd):
 
     foreign = ros.publisher(intruder, TOPIC)
     graph.until(lambda: graph.publishers.add_warnings(WELL) is not WELL)
-    told = graph.publishers.add_warnings(WELL)
-    assert told.level == WARN
+    warning = graph.publishers.add_warnings(WELL)
+    assert warning.level == WARN
     expected = '2 publishers of /car1/controller/command (/car1/controller, /car1/intruder)'
-    assert told.message.startswith(expected)
+    assert warning.message.startswith(expected)
     graph.publishers.update()  # no change: no second line
     assert capfd.readouterr().err.count(expected) == 1
     worse = graph.publishers.add_warnings(WELL._replace(level=ERROR, message='braking'))

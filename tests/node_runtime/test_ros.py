@@ -1,4 +1,4 @@
-"""Nodes that take everything from the contract hear each other over real Fast DDS."""
+"""Nodes that use the contract exchange every topic over real Fast DDS."""
 
 from array import array
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ class Pair:
             cli_args=arguments,
             parameter_overrides=chosen,
         )
-        node.made = ros.declare(node, cls, defaults)
+        node.params = ros.declare(node, cls, defaults)
         self.executor.add_node(node)
         return node
 
@@ -109,9 +109,9 @@ class Pair:
 
 @pytest.fixture
 def pair(request, domain, defaults):
-    made = Pair(getattr(request, 'param', 'lockstep'), defaults)
-    yield made
-    made.close()
+    created = Pair(getattr(request, 'param', 'lockstep'), defaults)
+    yield created
+    created.close()
 
 
 both_modes = pytest.mark.parametrize('pair', contract.MODES, indirect=True)
@@ -137,7 +137,7 @@ def test_every_topic_arrives_as_it_was_sent(pair):
 
 @both_modes
 @pytest.mark.parametrize('topic', ['/scenario/reference', '/scenario/road_edges'])
-def test_who_comes_late_still_gets_the_facts(pair, topic):
+def test_a_late_subscriber_gets_latched_topics(pair, topic):
     value, to_message, to_value = coders(topic)
     ros.publisher(pair.sender, topic).publish(to_message(value))
     received = []
@@ -147,7 +147,7 @@ def test_who_comes_late_still_gets_the_facts(pair, topic):
 
 
 @pytest.mark.parametrize('topic', sorted(cdr_templates.FORMS))
-def test_fast_messages_arrive_byte_by_byte(pair, topic):
+def test_messages_of_a_template_arrive_as_those_of_an_object(pair, topic):
     received = []
     pub = ros.TemplatePublisher(pair.sender, topic)
     ros.subscribe(pair.receiver, topic, received.append, raw=True)
@@ -173,11 +173,11 @@ def test_lockstep_loses_none_of_a_long_burst(pair):
 
 
 def test_parameters_are_declared_with_their_description_and_range(pair):
-    assert pair.sender.made == Params(2.0, 3, (1.0, 2.0), True)
+    assert pair.sender.params == Params(2.0, 3, (1.0, 2.0), True)
     assert ros.mode(pair.sender) == 'lockstep'
-    told = pair.sender.describe_parameter('gain')
-    assert told.description == 'N per metre; 0 to 9 N'
-    (allowed,) = told.floating_point_range
+    descriptor = pair.sender.describe_parameter('gain')
+    assert descriptor.description == 'N per metre; 0 to 9 N'
+    (allowed,) = descriptor.floating_point_range
     assert (allowed.from_value, allowed.to_value) == (0.0, 9.0)
     (allowed,) = pair.sender.describe_parameter('count').integer_range
     assert (allowed.from_value, allowed.to_value) == (0, 9)
@@ -196,7 +196,7 @@ def test_a_parameter_cannot_change_while_the_node_runs(pair, name, value):
 def test_whole_numbers_and_lists_override_doubles(pair, defaults):
     node = pair.make('third', {'gain': 1, 'widths': [1, 2, 3], 'loud': False}, defaults)
     pair.nodes.append(node)
-    assert node.made == Params(1.0, 3, (1.0, 2.0, 3.0), False)
+    assert node.params == Params(1.0, 3, (1.0, 2.0, 3.0), False)
     assert node.get_parameter('gain').value == 1.0
     assert list(node.get_parameter('widths').value) == [1.0, 2.0, 3.0]
 
@@ -213,7 +213,7 @@ def test_a_parameter_file_with_a_base_overrides_the_file_that_it_names(pair, def
         arguments = params_file(tmp_path / 'small.yaml', '/**', {'base': base, 'count': 5})
         node = pair.make('third', {}, defaults, arguments=arguments)
         pair.nodes.append(node)
-        assert node.made == Params(expected, 5, (1.0, 2.0), not base)
+        assert node.params == Params(expected, 5, (1.0, 2.0), not base)
         assert node.get_parameter('base').value == base
     (result,) = node.set_parameters([Parameter('base', value='quiet.yaml')])
     assert 'read-only' in result.reason
@@ -223,17 +223,17 @@ def test_a_node_restarts_from_the_output_of_ros2_param_dump(pair, defaults, tmp_
     node = pair.make('third', {'gain': 3.0}, defaults, cls=Optional, namespace='car1')
     pair.nodes.append(node)
     names = node.list_parameters([], 0).names
-    values = {one.name: one.value for one in node.get_parameters(names)}
+    values = {p.name: p.value for p in node.get_parameters(names)}
     assert {'base', 'mode', 'use_sim_time', 'share', 'realtime.priority'} <= values.keys()
     # as ros2cli writes it: lists plain, a value that is not set as null
     plain = {k: v.tolist() if isinstance(v, array) else v for k, v in values.items()}
     arguments = params_file(tmp_path / 'dump.yaml', '/car1/third', plain)
     again = pair.make('third', {}, defaults, cls=Optional, namespace='car1', arguments=arguments)
     pair.nodes.append(again)
-    assert again.made == node.made == Optional(3.0, 3, (1.0, 2.0), True, None)
+    assert again.params == node.params == Optional(3.0, 3, (1.0, 2.0), True, None)
 
 
-def test_an_override_that_nobody_declares_stops_the_node(pair, defaults):
+def test_an_unknown_override_stops_the_node(pair, defaults):
     with pytest.raises(ParameterError, match=r"gian: .* no such parameter; .* 'gain'"):
         pair.make('third', {'gian': 1.0}, defaults)
 
@@ -243,11 +243,11 @@ def test_a_topic_outside_the_contract_is_an_error(pair):
         ros.publisher(pair.sender, '/vehicle/odometer')
 
 
-def test_a_sender_is_unheard_until_its_listeners_and_recorders_are_there(pair, defaults):
+def test_a_publisher_lacks_subscriptions_until_listeners_and_recorders_are_matched(pair, defaults):
     recorded = pair.make('recorded', {'recorders': 1}, defaults)
     pair.nodes.append(recorded)
     pub = ros.publisher(recorded, '/scenario/obstacles')
-    ros.publisher(recorded, '/diagnostics')  # nobody waits for it to be heard
+    ros.publisher(recorded, '/diagnostics')  # needs no subscription
     ring = {'/scenario/obstacles': 1}
     assert ros.missing_subscriptions(recorded, ring) == [
         '2 subscriptions to /scenario/obstacles (has 0)'
@@ -265,9 +265,9 @@ def test_a_sender_is_unheard_until_its_listeners_and_recorders_are_there(pair, d
 def cars(pair, defaults):
     """Return three more nodes, two of them in the same namespace."""
     placed = [('sender', '/car1'), ('receiver', '/car1'), ('other', '/car2')]
-    made = [pair.make(name, {}, defaults, namespace=namespace) for name, namespace in placed]
-    pair.nodes += made
-    return made
+    created = [pair.make(name, {}, defaults, namespace=namespace) for name, namespace in placed]
+    pair.nodes += created
+    return created
 
 
 @pytest.mark.parametrize('topic', sorted(contract.load().topics))
@@ -309,7 +309,7 @@ def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, 
     assert not ros.missing_subscriptions(node, ring)
 
 
-def test_the_newest_message_is_that_of_the_namespace(pair, cars):
+def test_the_latest_message_is_that_of_the_namespace(pair, cars):
     sender, receiver, other = cars
     newest = LatestMessage(receiver, STATE_TOPIC)
     try:
@@ -317,8 +317,8 @@ def test_the_newest_message_is_that_of_the_namespace(pair, cars):
         pair.until(lambda: pubs[sender].publisher.get_subscription_count() == 1)
         pubs[other].publish(STATE._replace(stamp_ns=9 * S))
         pubs[sender].publish(STATE)
-        found = []
-        pair.until(lambda: any(found) or found.append(newest.take()))
-        assert decode.stamp_ns_of(found[-1]) == S
+        messages = []
+        pair.until(lambda: any(messages) or messages.append(newest.take()))
+        assert decode.stamp_ns_of(messages[-1]) == S
     finally:
         newest.destroy()

@@ -1,4 +1,4 @@
-"""The words of the contract are the profiles of rclpy."""
+"""QoS profiles of the contract become profiles of rclpy."""
 
 from rclpy.duration import Duration
 from rclpy.qos import (
@@ -13,22 +13,22 @@ from msgs_yaml import contract
 from node_runtime import ros
 
 
-def test_every_word_becomes_its_policy():
-    made = ros.to_qos_profile(
+def test_every_policy_is_converted():
+    profile = ros.to_qos_profile(
         contract.Qos('x', 'reliable', 'transient_local', 'keep_last', 3, 100.0)
     )
-    assert made.reliability == ReliabilityPolicy.RELIABLE
-    assert made.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert (made.history, made.depth) == (HistoryPolicy.KEEP_LAST, 3)
-    assert made.deadline == Duration(nanoseconds=100_000_000)
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert (profile.history, profile.depth) == (HistoryPolicy.KEEP_LAST, 3)
+    assert profile.deadline == Duration(nanoseconds=100_000_000)
 
 
 def test_keep_all_needs_no_depth():
-    made = ros.to_qos_profile(contract.Qos('x', 'best_effort', 'volatile', 'keep_all', 0, None))
-    assert made.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert made.durability == DurabilityPolicy.VOLATILE
-    assert made.history == HistoryPolicy.KEEP_ALL
-    assert made.deadline.nanoseconds in (0, Duration().nanoseconds, 2**63 - 1)
+    profile = ros.to_qos_profile(contract.Qos('x', 'best_effort', 'volatile', 'keep_all', 0, None))
+    assert profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert profile.durability == DurabilityPolicy.VOLATILE
+    assert profile.history == HistoryPolicy.KEEP_ALL
+    assert profile.deadline.nanoseconds in (0, Duration().nanoseconds, 2**63 - 1)
 
 
 def test_publisher_and_subscriber_of_one_topic_and_mode_match():

@@ -1,4 +1,4 @@
-"""What is asked of Linux for a punctual process; each in a process of its own."""
+"""Scheduling options of a node; each test in a process of its own."""
 
 import json
 import subprocess
@@ -39,52 +39,52 @@ def look(prefix=(), **options):
     return json.loads(done.stdout)
 
 
-def test_by_default_only_the_collector_looks_away_from_what_is_there():
-    found = look()
-    assert found['refused'] == []
-    assert set(found['priorities']) == {0}
-    assert found['locked_kb'] == 0
-    assert found['collects']
-    assert found['frozen'] > 1000
+def test_by_default_only_the_garbage_is_frozen():
+    state = look()
+    assert state['refused'] == []
+    assert set(state['priorities']) == {0}
+    assert state['locked_kb'] == 0
+    assert state['collects']
+    assert state['frozen'] > 1000
 
 
-def test_every_thread_stays_on_the_core_that_is_asked_for():
+def test_every_thread_stays_on_the_requested_core():
     here = look()['cores'][0][-1]
-    found = look(core=here)
-    assert found['cores'] == [[here]] * len(found['cores'])
-    assert len(found['cores']) >= 2
-    assert found['refused'] == []
+    state = look(core=here)
+    assert state['cores'] == [[here]] * len(state['cores'])
+    assert len(state['cores']) >= 2
+    assert state['refused'] == []
 
 
-def test_a_core_that_is_not_there_is_named_with_those_that_are():
+def test_the_error_for_a_missing_core_lists_the_allowed_ones():
     (refusal,) = look(core=1023)['refused']
     assert refusal.startswith('realtime.core=1023: ')
     assert 'this process may use [' in refusal
 
 
-def test_garbage_is_collected_no_more_on_request():
+def test_garbage_collection_can_be_disabled():
     assert not look(collect_garbage=False)['collects']
 
 
-def test_priority_and_memory_are_had_by_every_thread_or_refused_with_a_remedy():
-    found = look(priority=7, lock_memory=True)
-    refused = ' '.join(found['refused'])
+def test_every_thread_gets_priority_and_locked_memory_or_a_hint_is_returned():
+    state = look(priority=7, lock_memory=True)
+    refused = ' '.join(state['refused'])
     if 'realtime.priority' in refused:
         assert 'ulimit -r 7' in refused
     else:
-        assert set(found['policies']) == {1}  # SCHED_FIFO
-        assert set(found['priorities']) == {7}
+        assert set(state['policies']) == {1}  # SCHED_FIFO
+        assert set(state['priorities']) == {7}
     if 'realtime.lock_memory' in refused:
         assert 'ulimit -l unlimited' in refused
     else:
-        assert found['locked_kb'] > 1000
+        assert state['locked_kb'] > 1000
 
 
 @pytest.mark.needs('ordinary_user')
-def test_who_may_not_have_them_runs_without_and_is_told():
-    found = look(ORDINARY_USER, priority=7, lock_memory=True)
-    memory, priority = found['refused']
+def test_without_permission_the_process_runs_on_and_gets_two_hints():
+    state = look(ORDINARY_USER, priority=7, lock_memory=True)
+    memory, priority = state['refused']
     assert memory.startswith('realtime.lock_memory: ')
     assert priority.startswith('realtime.priority=7: ')
-    assert set(found['priorities']) == {0}
-    assert found['locked_kb'] == 0
+    assert set(state['priorities']) == {0}
+    assert state['locked_kb'] == 0

@@ -1,4 +1,4 @@
-"""A process leaves when it has said so, whatever holds it, and hears nothing meanwhile."""
+"""A process ends in bounded time with its exit code, and receives no packets meanwhile."""
 
 import os
 import re
@@ -17,7 +17,7 @@ from node_runtime import shutdown
 LEAVE_S = 1.0
 SLOWEST_S = 20.0
 # PyDLL keeps the interpreter while it calls, as a destructor of the middleware does
-HELD = 'ctypes.PyDLL(None).sleep(60)'
+HANGS = 'ctypes.PyDLL(None).sleep(60)'
 SPINS = 'while True: pass'
 LONGER = 'time.sleep(2.0)'
 PUNCTUAL = """
@@ -45,16 +45,16 @@ def leave(body, before='', after=''):
     return done.returncode, done.stdout, done.stderr, time.monotonic() - begin
 
 
-@pytest.mark.parametrize('body', [HELD, SPINS, LONGER])
-def test_a_process_that_is_held_ends_with_its_code_and_says_where(body):
-    code, _, said, took_s = leave(body)
+@pytest.mark.parametrize('body', [HANGS, SPINS, LONGER])
+def test_a_process_that_hangs_ends_with_its_code_and_a_traceback(body):
+    code, _, err, took_s = leave(body)
     assert code == 7
-    assert re.search(r'Timeout.*\n.*\n  File "<string>", line 5 in <module>', said), said
+    assert re.search(r'Timeout.*\n.*\n  File "<string>", line 5 in <module>', err), err
     assert took_s > LEAVE_S
 
 
-@pytest.mark.parametrize('body', [HELD, SPINS])
-def test_priority_on_one_core_does_not_keep_a_process(body):
+@pytest.mark.parametrize('body', [HANGS, SPINS])
+def test_a_process_with_priority_on_one_core_ends_too(body):
     code, _, _, _ = leave(body, before=PUNCTUAL)
     if code == 77:
         report_missing('priority')
@@ -63,21 +63,21 @@ def test_priority_on_one_core_does_not_keep_a_process(body):
 
 def test_a_process_without_any_priority_ends_too():
     idle = 'os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))'
-    assert leave(HELD, before=idle)[0] == 7
+    assert leave(HANGS, before=idle)[0] == 7
 
 
-def test_a_process_that_is_not_held_goes_on():
+def test_a_process_that_does_not_hang_goes_on():
     assert leave('pass', after=f'{LONGER}; print("there")')[:3] == (0, 'there\n', '')
 
 
-def test_an_error_while_leaving_is_not_swallowed():
-    code, _, said, _ = leave('1 / 0')
+def test_an_error_in_the_body_is_not_hidden():
+    code, _, err, _ = leave('1 / 0')
     assert code == 1
-    assert 'ZeroDivisionError' in said
+    assert 'ZeroDivisionError' in err
 
 
-def test_what_was_said_before_is_not_lost():
-    assert leave(HELD, before='print("said")')[:2] == (7, 'said\n')
+def test_buffered_output_is_not_lost():
+    assert leave(HANGS, before='print("said")')[:2] == (7, 'said\n')
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_what_was_said_before_is_not_lost():
     ['resource.RLIMIT_SIGPENDING, (0, 0)', 'resource.RLIMIT_NOFILE, (0, 0)'],
     ids=['timers', 'descriptors'],
 )
-def test_where_the_system_has_nothing_left_the_process_goes_on(none):
+def test_without_timers_or_descriptors_the_process_goes_on(none):
     before = f'import resource\nresource.setrlimit({none})'
     code, out, _, _ = leave(f'{LONGER}; print(shutdown.drop_incoming() >= 0)', before=before)
     assert (code, out) == (0, 'True\n')
@@ -94,21 +94,21 @@ def test_where_the_system_has_nothing_left_the_process_goes_on(none):
 SCRIPT = """
 import os, socket, sys, time
 from node_runtime import shutdown
-ear = socket.socket({family}, socket.SOCK_DGRAM)
-ear.bind(({host!r}, 0))
+udp = socket.socket({family}, socket.SOCK_DGRAM)
+udp.bind(({host!r}, 0))
 stream = socket.create_server(({host!r}, 0), family={family})
-print(ear.getsockname()[1], stream.getsockname()[1], flush=True)
-print(ear.recv(9).decode(), flush=True)
+print(udp.getsockname()[1], stream.getsockname()[1], flush=True)
+print(udp.recv(9).decode(), flush=True)
 before = os.listdir('/proc/self/fd')
 print(shutdown.drop_incoming(), flush=True)
 assert os.listdir('/proc/self/fd') == before
 sys.stdin.readline()
-ear.settimeout(0.5)
+udp.settimeout(0.5)
 try:
-    print(ear.recv(9).decode(), flush=True)
+    print(udp.recv(9).decode(), flush=True)
 except TimeoutError:
     print('nothing', flush=True)
-ear.sendto(b'goodbye', ({host!r}, int(sys.stdin.readline())))
+udp.sendto(b'goodbye', ({host!r}, int(sys.stdin.readline())))
 caller, _ = stream.accept()
 print(caller.recv(9).decode(), flush=True)
 """
@@ -118,59 +118,59 @@ print(caller.recv(9).decode(), flush=True)
 def peer(request):
     """A socket, its family and its host."""
     family, host = request.param
-    with socket.socket(family, socket.SOCK_DGRAM) as made:
+    with socket.socket(family, socket.SOCK_DGRAM) as peer:
         if family == socket.AF_INET6:
             require('ipv6')
-        made.bind((host, 0))
-        made.settimeout(SLOWEST_S)
-        yield made, family, host
+        peer.bind((host, 0))
+        peer.settimeout(SLOWEST_S)
+        yield peer, family, host
 
 
-def test_the_deaf_hear_no_packet_and_still_speak(peer):
+def test_a_process_that_drops_packets_can_still_send(peer):
     peer, family, host = peer
     pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'text': True}
     script = SCRIPT.format(family=f'socket.{family.name}', host=host)
-    with subprocess.Popen([sys.executable, '-c', script], **pipes) as deaf:
+    with subprocess.Popen([sys.executable, '-c', script], **pipes) as process:
         # what hangs ends here, and the test that waits for it fails
-        watchdog = threading.Timer(SLOWEST_S, deaf.kill)
+        watchdog = threading.Timer(SLOWEST_S, process.kill)
         watchdog.start()
-        packets, streams = map(int, deaf.stdout.readline().split())
+        packets, streams = map(int, process.stdout.readline().split())
         peer.sendto(b'first', (host, packets))
-        assert deaf.stdout.readline() == 'first\n'
-        assert deaf.stdout.readline() == '1\n'
+        assert process.stdout.readline() == 'first\n'
+        assert process.stdout.readline() == '1\n'
         peer.sendto(b'second', (host, packets))
-        deaf.stdin.write(f'now\n{peer.getsockname()[1]}\n')
-        deaf.stdin.flush()
-        assert deaf.stdout.readline() == 'nothing\n'
+        process.stdin.write(f'now\n{peer.getsockname()[1]}\n')
+        process.stdin.flush()
+        assert process.stdout.readline() == 'nothing\n'
         assert peer.recv(9) == b'goodbye'
         with socket.create_connection((host, streams), timeout=SLOWEST_S) as caller:
             caller.sendall(b'stream')
-            assert deaf.stdout.readline() == 'stream\n'
-        assert deaf.wait(SLOWEST_S) == 0
+            assert process.stdout.readline() == 'stream\n'
+        assert process.wait(SLOWEST_S) == 0
         watchdog.cancel()
 
 
-def test_what_is_queued_is_waited_for(monkeypatch):
+def test_queued_packets_are_still_received(monkeypatch):
     monkeypatch.setattr(shutdown, 'DRAIN_S', SLOWEST_S)
-    ear, late_s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0.2
-    with ear:
-        ear.bind(('127.0.0.1', 0))
-        ear.sendto(b'queued', ear.getsockname())
-        heard = []
-        listener = threading.Timer(late_s, lambda: heard.append(ear.recv(9)))
+    udp, late_s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0.2
+    with udp:
+        udp.bind(('127.0.0.1', 0))
+        udp.sendto(b'queued', udp.getsockname())
+        received = []
+        listener = threading.Timer(late_s, lambda: received.append(udp.recv(9)))
         begin = time.monotonic()
         listener.start()
         shutdown.drop_incoming()
         took_s = time.monotonic() - begin
         listener.join()
-        assert heard == [b'queued']
+        assert received == [b'queued']
         assert late_s <= took_s < SLOWEST_S
 
 
-def test_what_nobody_hears_is_not_waited_for_long():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
-        ear.bind(('127.0.0.1', 0))
-        ear.sendto(b'queued', ear.getsockname())
+def test_packets_that_no_thread_receives_are_waited_for_half_a_second():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.bind(('127.0.0.1', 0))
+        udp.sendto(b'queued', udp.getsockname())
         begin = time.monotonic()
         shutdown.drop_incoming()
         assert shutdown.DRAIN_S <= time.monotonic() - begin < 4.0 * shutdown.DRAIN_S
@@ -178,17 +178,17 @@ def test_what_nobody_hears_is_not_waited_for_long():
 
 def test_a_kernel_without_filters_is_no_error(monkeypatch):
     monkeypatch.setattr(shutdown, 'SO_ATTACH_FILTER', -1)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
-        ear.bind(('127.0.0.1', 0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.bind(('127.0.0.1', 0))
         assert shutdown.drop_incoming() == 0
-        assert ear.getsockname()[1]
+        assert udp.getsockname()[1]
 
 
 both = pytest.mark.parametrize('number', shutdown.SIGNALS)
 
 
 @pytest.fixture(autouse=True)
-def handlers_of_the_tests():
+def restored_handlers():
     """This process goes on: it gets its handlers back."""
     before = {number: signal.getsignal(number) for number in shutdown.SIGNALS}
     yield
@@ -197,13 +197,13 @@ def handlers_of_the_tests():
 
 
 @both
-def test_at_first_a_signal_interrupts(number):
+def test_a_signal_is_an_interrupt_at_first(number):
     with shutdown.signals_as_interrupts(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
 
 
 @both
-def test_later_it_asks_as_often_as_it_comes(number):
+def test_every_signal_calls_the_request_later(number):
     asked = []
     with shutdown.signals_as_interrupts():
         shutdown.call_on_signal(lambda: asked.append(number))
@@ -213,20 +213,20 @@ def test_later_it_asks_as_often_as_it_comes(number):
 
 
 @both
-def test_afterwards_nothing_interrupts_the_end_of_the_process(number):
+def test_signals_are_ignored_afterwards(number):
     with shutdown.signals_as_interrupts():
         assert signal.getsignal(number) is not signal.SIG_IGN
     assert signal.getsignal(number) is signal.SIG_IGN
 
 
 def test_a_node_may_have_its_own_handler():
-    heard, asked = [], []
+    received, asked = [], []
     with shutdown.signals_as_interrupts():
-        signal.signal(signal.SIGTERM, lambda *_: heard.append('own'))
+        signal.signal(signal.SIGTERM, lambda *_: received.append('own'))
         shutdown.call_on_signal(lambda: asked.append('asked'))
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
-    assert (heard, asked) == (['own'], ['asked'])
+    assert (received, asked) == (['own'], ['asked'])
 
 
 @both

@@ -21,7 +21,7 @@ def test_a_signal_ends_a_node_cleanly(run, number):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_does_not_tear_a_callback(run, number):
+def test_a_signal_does_not_interrupt_a_callback(run, number):
     node = run(tick="__import__('time').sleep(1.0); print('whole', flush=True)")
     node.until('tick')
     node.popen.send_signal(number)
@@ -32,7 +32,7 @@ def test_a_signal_does_not_tear_a_callback(run, number):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_interrupts_the_making_of_a_node(run, number):
+def test_a_signal_interrupts_the_construction_of_a_node(run, number):
     node = run(start="__import__('time').sleep(60)")
     node.until('gain')
     begin = time.monotonic()
@@ -75,20 +75,20 @@ HELD = "__import__('ctypes').PyDLL(None).sleep(60)"
 @pytest.mark.parametrize(
     ('tick', 'code'), [('spin_node.finish(self, 3)', 3), ('1 / 0', 1), ('self.exit_code = 5', 5)]
 )
-def test_a_node_that_the_middleware_holds_ends_all_the_same_with_its_code(run, tick, code):
+def test_a_node_ends_with_its_code_even_if_the_middleware_hangs(run, tick, code):
     node = run(tick=tick, destroy=HELD)
     node.until('tick')
     begin = time.monotonic()
     node.popen.send_signal(signal.SIGINT)
-    found, out, err = node.result()
-    assert found == code
+    exit_code, out, err = node.result()
+    assert exit_code == code
     assert 'close' in out
     assert shutdown.TRACEBACK_START in err
     assert 'in destroy_node' in err
     assert time.monotonic() - begin < 12.0
 
 
-def test_a_node_completes_what_it_has_before_it_leaves_and_may_take_its_time(run):
+def test_closing_a_node_has_no_time_limit(run):
     node = run(close="__import__('time').sleep(4.0); self.exit_code = 6")
     node.until('tick')
     node.popen.send_signal(signal.SIGINT)
@@ -98,7 +98,7 @@ def test_a_node_completes_what_it_has_before_it_leaves_and_may_take_its_time(run
 
 
 @pytest.mark.parametrize('destroy', ['pass', HELD])
-def test_a_node_that_cannot_complete_what_it_has_leaves_with_an_error(run, destroy):
+def test_an_error_in_close_ends_the_node_with_an_error(run, destroy):
     node = run(close='1 / 0', destroy=f"print('leaves', flush=True); {destroy}")
     node.until('tick')
     node.popen.send_signal(signal.SIGINT)
@@ -119,7 +119,7 @@ HALF_MADE = f"""
 
 
 @pytest.mark.parametrize(
-    ('start', 'code', 'says'),
+    ('start', 'code', 'error'),
     [
         ('1 / 0', 1, 'ZeroDivisionError'),
         (
@@ -130,14 +130,14 @@ HALF_MADE = f"""
         ("__import__('time').sleep(60)", 0, ''),
     ],
 )
-def test_a_node_that_is_half_made_ends_all_the_same_with_its_code(run, start, code, says):
+def test_a_half_constructed_node_ends_with_its_code(run, start, code, error):
     node = run(start=HALF_MADE + start)
     node.until('half')
-    if not says:
+    if not error:
         node.popen.send_signal(signal.SIGINT)
-    found, out, err = node.result()
-    assert found == code
-    assert says in err
+    exit_code, out, err = node.result()
+    assert exit_code == code
+    assert error in err
     assert shutdown.TRACEBACK_START in err
     assert 'freed' in out
 
@@ -157,7 +157,7 @@ print('filters', *filters, flush=True)
 """
 
 
-def test_a_node_hears_of_nobody_while_it_leaves(run, tmp_path):
+def test_a_node_receives_nothing_while_it_shuts_down(run, tmp_path):
     """Fast DDS may wait for ever for the end of what it hears meanwhile."""
     (tmp_path / 'ears.py').write_text(EARS)
     node = run(tick='import ears', destroy='import importlib, ears; importlib.reload(ears)')
@@ -171,7 +171,7 @@ def test_a_node_hears_of_nobody_while_it_leaves(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'says'),
+    ('arguments', 'error'),
     [
         (['-p', 'gian:=1.0'], "gian: this node has no such parameter; did you mean 'gain'?"),
         (['-p', 'gain:=10'], 'gain: is out of range with 10; allowed 0 to 9 N'),
@@ -181,10 +181,10 @@ def test_a_node_hears_of_nobody_while_it_leaves(run, tmp_path):
         (['--params-file', '/nowhere.yaml'], "Couldn't parse params file"),
     ],
 )
-def test_a_wrong_command_line_is_one_clear_message_and_no_start(run, arguments, says):
+def test_a_wrong_command_line_is_one_clear_message_and_no_start(run, arguments, error):
     code, out, err = run('--ros-args', *arguments).result()
     assert code == os.EX_CONFIG
-    assert says in err
+    assert error in err
     assert 'Traceback' not in err
     assert 'gain' not in out
 

@@ -1,4 +1,4 @@
-"""What a node hears may be of any size; it must not take long to say no."""
+"""Messages of any size are decoded or rejected in bounded time."""
 
 import time
 
@@ -33,29 +33,29 @@ def quickly(read, raw):
     return str(refused.value)
 
 
-def test_a_crowd_of_obstacles_is_refused_before_it_is_looked_at():
+def test_too_many_obstacles_are_rejected_before_decoding():
     raw = swollen(encode.obstacles(obstacles(1)), 20_000)
-    told = quickly(subscriptions_node.read_obstacles, raw)
-    assert told == '/scenario/obstacles: markers is 40000 long; allowed 400 at most'
+    error = quickly(subscriptions_node.read_obstacles, raw)
+    assert error == '/scenario/obstacles: markers is 40000 long; allowed 400 at most'
 
 
-def test_a_crowd_of_edges_is_refused_before_it_is_looked_at():
+def test_too_many_edges_are_rejected_before_decoding():
     raw = swollen(encode.road_edges(RoadEdges(STAMP, FAR, -FAR)), 20_000)
     assert 'markers is 40000 long; allowed 2' in quickly(subscriptions_node.read_road_edges, raw)
 
 
-def test_few_but_huge_markers_are_refused_before_they_are_looked_at():
+def test_few_but_huge_markers_are_rejected_before_decoding():
     message = encode.road_edges(RoadEdges(STAMP, FAR, -FAR))
     message.markers[0].points = list(message.markers[0].points) * 50_000
-    told = quickly(subscriptions_node.read_road_edges, ros.serialize(message))
-    assert told.startswith('/scenario/road_edges: ')
-    assert 'bytes; allowed' in told
+    error = quickly(subscriptions_node.read_road_edges, ros.serialize(message))
+    assert error.startswith('/scenario/road_edges: ')
+    assert 'bytes; allowed' in error
 
 
-def test_as_many_as_the_contract_allows_are_read():
+def test_the_longest_messages_of_the_contract_are_read():
     most = contract.load().topics['/scenario/obstacles'].sizes['markers'].high
-    said = obstacles(most // 2)  # each with an arrow
-    assert subscriptions_node.read_obstacles(ros.serialize(encode.obstacles(said))) == said
+    value = obstacles(most // 2)  # each with an arrow
+    assert subscriptions_node.read_obstacles(ros.serialize(encode.obstacles(value))) == value
     longest = contract.load().topics['/scenario/road_edges'].sizes['markers[*].points'].high
     line = np.column_stack([np.linspace(0.0, 900.0, longest), np.full(longest, 3.5)])
     edges = subscriptions_node.read_road_edges(
@@ -65,7 +65,7 @@ def test_as_many_as_the_contract_allows_are_read():
 
 
 @pytest.mark.parametrize('raw', [b'', b'\x00', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00\x01\x00'])
-def test_what_is_cut_off_is_refused(raw):
+def test_truncated_bytes_are_rejected(raw):
     for read in (
         subscriptions_node.read_reference,
         subscriptions_node.read_road_edges,
