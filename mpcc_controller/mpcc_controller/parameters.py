@@ -52,6 +52,8 @@ class Tolerances:
     force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
     brake_split: Annotated[float, Range(1e-3, 1e3, '-')]
     slack_m: Annotated[float, Range(1e-3, 1e3, 'm outside the road, m/s below the least speed')]
+    # left out: the term is not in the problem
+    lateral_jerk_mps3: Annotated[float, Range(1e-1, 1e6, 'm/s^3')] | None
 
 
 @dataclass(frozen=True)

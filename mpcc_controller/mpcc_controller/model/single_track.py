@@ -5,6 +5,7 @@ The names are the paper's. Two corrections to the printed equations: X' = vx cos
 the ideal brake split of the paper requires.
 """
 
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -171,6 +172,22 @@ def body_rates(x, u: Input, car: Car) -> BodyRates:
         vy=(front_y + F.F_yr) / car.m - x.r * x.vx,
         r=(car.l_f * front_y - car.l_r * F.F_yr) / car.Izz,
     )
+
+
+def lateral_jerk(x, u: Input, car: Car):
+    """Return the rate of the lateral acceleration ay = vy' + r vx [m/s^3] at constant inputs."""
+    names = ('vx', 'vy', 'r', 'delta', 'Fx')
+    moving = namedtuple('Moving', names)(*(ca.SX.sym(name) for name in names))
+    parameters = Car(*(ca.SX.sym(name) for name in Car._fields))
+    lambda_b, d_delta, d_Fx = (ca.SX.sym(name) for name in ('lambda_b', 'd_delta', 'd_Fx'))
+    body = body_rates(moving, Input(d_delta, d_Fx, lambda_b, slack=0.0), parameters)
+    ay = body.vy + moving.r * moving.vx
+    rates = ca.vertcat(body.vx, body.vy, body.r, d_delta, d_Fx)
+    jerk = ca.jtimes(ay, ca.vertcat(*moving), rates)
+    arguments = [ca.vertcat(*moving), ca.vertcat(lambda_b, d_delta, d_Fx), ca.vertcat(*parameters)]
+    f = ca.Function('lateral_jerk', arguments, [jerk])
+    state = ca.vertcat(x.vx, x.vy, x.r, x.delta, x.Fx)
+    return f(state, ca.vertcat(u.lambda_b, u.d_delta, u.d_Fx), ca.vertcat(*car))
 
 
 def derivative(x: State, u: Input, car: Car) -> State:

@@ -42,7 +42,7 @@ class CostTerm(NamedTuple):
     squared_error: Callable[[StageQuantities], Any]
     of_input: bool = False  # depends on the input; absent at the last stage
     switch: str = ''  # parameter of `formulation`; false sets the weight to 0
-    optional: bool = False  # false of `switch` leaves the term out of the problem
+    optional: bool = False  # not in the paper; left out of the problem when it is off
 
 
 def periodic_square(angle):
@@ -73,6 +73,13 @@ INPUTS = (
     CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, of_input=True),
     CostTerm('lambda_b', 'tolerances.brake_split', _brake_split_error, of_input=True),
     CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, of_input=True),
+    CostTerm(
+        'jerk',
+        'tolerances.lateral_jerk_mps3',
+        lambda q: single_track.lateral_jerk(q.x, q.u, q.p.car) ** 2,
+        of_input=True,
+        optional=True,
+    ),
 )
 # the paper's MPCC, with the heading error of the baseline as a switch
 MPCC = (
@@ -89,7 +96,6 @@ MPCC = (
     *DISTANCES,
     *INPUTS,
 )
-PAPER = tuple(term for term in MPCC if not term.optional)
 # the baseline, in path coordinates
 FRENET = (
     CostTerm('e', 'tolerances.contouring_m', lambda q: q.tracking.e**2),
@@ -98,6 +104,9 @@ FRENET = (
     *DISTANCES,
     *INPUTS,
 )
+
+# without the optional terms, for problems without parameters
+PAPER, BASELINE = (tuple(t for t in terms if not t.optional) for terms in (MPCC, FRENET))
 
 
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:

@@ -75,7 +75,7 @@ class Rules(NamedTuple):
     """What can be exchanged in the cost."""
 
     priority: Any = distance.step_priority  # (D, D_sft) -> q / P_k
-    terms: tuple[CostTerm, ...] = cost_terms.FRENET
+    terms: tuple[CostTerm, ...] = cost_terms.BASELINE
 
 
 def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:

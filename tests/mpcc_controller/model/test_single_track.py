@@ -197,3 +197,21 @@ def test_below_the_least_speed_an_error_grows_no_faster_than_with_the_slips_of_f
     """A midpoint step is not stable there; the held-up speed keeps its growth bounded."""
     growth = growth_per_midpoint_step(rates, vx, 0.05)
     assert growth < growth_of_the_textbook(car, vx, 5.0, 0.05) < 1.5
+
+
+@quick
+@given(states, st.floats(-0.5, 0.5), st.floats(-3e4, 3e4))
+def test_lateral_jerk_is_the_slope_of_the_lateral_acceleration(car, x, d_delta, d_Fx):
+    u = Input(d_delta, d_Fx, 0.6, 0.0)
+
+    def lateral_acceleration(x):
+        body = single_track.body_rates(x, u, car)
+        return float(body.vy + x.r * x.vx)
+
+    h = 1e-6
+    x = State(*x)
+    slopes = np.array([float(rate) for rate in single_track.derivative(x, u, car)])
+    ahead, behind = (State(*(np.array(x) + side * h * slopes)) for side in (1, -1))
+    slope = (lateral_acceleration(ahead) - lateral_acceleration(behind)) / (2 * h)
+    jerk = float(single_track.lateral_jerk(x, u, car))
+    assert jerk == pytest.approx(slope, rel=1e-4, abs=1e-2)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import distance, reference_path, road_edges
 from mpcc_controller.problem import formulation, ocp, stage_parameters
@@ -140,3 +141,23 @@ def test_a_rule_of_structure_is_another_problem_and_the_lag_is_a_number(
         return problem.stage_cost.serialize(), problem.parameters
 
     assert (text(**change) == text()) == same
+
+
+def test_a_term_whose_tolerance_is_left_out_is_not_in_the_problem(world, vehicle):
+    def names(**changes):
+        params, _ = world.load(**changes)
+        symbolic = formulation.make(params, stage_parameters.car(params, vehicle)).ocp
+        return {term.name for term in symbolic.terms}
+
+    assert names(tolerances__lateral_jerk_mps3=50.0) - names() == {'jerk'}
+
+
+def test_the_lateral_jerk_term_makes_a_lane_change_smoother(world):
+    def peak_jerk(**changes):
+        controller = Controller(*world.load(**changes))
+        run = world.drive(world.tell(controller, world.lane_change()), 90)
+        assert {why.values['rung'] for why in run.whys} <= {'solved', 'stopped_early'}
+        return np.abs(np.diff(run.states.r * run.states.vx)).max() / DT
+
+    paper, smooth = peak_jerk(), peak_jerk(tolerances__lateral_jerk_mps3=5.0)
+    assert smooth < 0.8 * paper
