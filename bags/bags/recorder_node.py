@@ -242,7 +242,10 @@ def _publishing(topic):
     """Tell whether the contract names the one publisher of a topic, and if that owns the clock."""
     topics = contract.load().topics
     publisher = topics[topic].publisher
-    return {'alone': publisher != ANY, 'owns_time': publisher == topics[CLOCK].publisher}
+    return {
+        'single_publisher': publisher != ANY,
+        'publishes_clock': publisher == topics[CLOCK].publisher,
+    }
 
 
 def run_info(path: str, mode: str) -> dict[str, str]:

@@ -1,10 +1,11 @@
-"""The paper's first experiment: the distance to the obstacle on a circle, in two frames."""
+"""Compare the distance to an obstacle on a circle in two frames: the paper's first experiment."""
 
 import argparse
 import os
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
 
 HELP = 'distance to the obstacle on a circle, in two frames (experiment 1)'
 
@@ -25,7 +26,26 @@ def run(args: argparse.Namespace) -> int:
     from bags.figures import frame_distance_figure
 
     out = args.out or Path(os.path.abspath(args.bag)).parent
-    frame_distance_figure.show_frame_distances(
-        frame_distance_figure.write_from_bag(args.bag, out), Console()
-    )
+    show(frame_distance_figure.write_from_bag(args.bag, out), Console())
     return 0
+
+
+def show(files, console: Console) -> None:
+    """Print the table and the paths of the FrameDistanceFiles."""
+    values = files.values
+    title = f'Frenet less Cartesian distance, in metres, on a radius of {values["radius_m"]:.0f} m'
+    table = Table(title=title, title_justify='left')
+    table.add_column('m along the path', no_wrap=True)
+    rows = [('closed form', values), ('recorded poses', values['recorded'])]
+    columns = [
+        (f'{side}, {name}', numbers['overestimation_m'][side])
+        for side in ('inside', 'outside')
+        for name, numbers in rows
+    ]
+    for name, _ in columns:
+        table.add_column(name, justify='right')
+    for i, gap in enumerate(values['gaps_m']):
+        table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
+    console.print(table)
+    for label, path in (('numbers', files.file), ('figure', files.figures[0])):
+        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

@@ -1,1 +1,11 @@
-"""What a drive was worth; shares nothing with what drove it."""
+"""Evaluate runs; shares no code with the controllers and the plant that drove them.
+
+drive            one run as arrays: motion, inputs, ticks, scene, parameters
+geometry         polylines, circles and the outline of the car, in plain numpy
+series           distances and angles of a drive, sample by sample
+metrics          the numbers by which runs are compared, and how to add one
+tick_timing      latency, parts of a tick, deadline misses
+controller_log   reports, predictions and answered states of the controller
+bag_summary      contents, losses and timing of a bag
+frame_distances  the distance to an obstacle in Frenet and Cartesian coordinates (experiment 1)
+"""

@@ -1,8 +1,4 @@
-"""Numbers out of the reports of the controller, whatever stands there.
-
-Which commands answer a state: the controller also sends some without one, and says so.
-
-What a bag says of a run beyond the drive: where it came from, what was planned, what it cost."""
+"""What the controller published about its ticks: numbers of /controller/why, plans, answers."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,11 +9,42 @@ import numpy as np
 from bags.storage import read
 from msgs_yaml.types import Prediction, Why
 
+PREDICTION, WHY = '/controller/prediction', '/controller/why'
+REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms', 'split.front')
+STATE_STALE = 'state_stale'  # the reason of a command that answers no state
+
+
+class ControllerLog(NamedTuple):
+    """The data of one run that the report shows beyond the drive."""
+
+    run_info: Mapping[str, str]  # metadata record of the run
+    predictions: Sequence[Prediction]  # one per tick
+    report_ns: np.ndarray  # (n,) stamps of the controller's reports
+    numbers: Mapping[str, np.ndarray]  # (n,) of REPORTED; not-a-number where one is missing
+
+    def __repr__(self):
+        return f'ControllerLog({len(self.report_ns)} reports, {len(self.predictions)} plans)'
+
+
+EMPTY_LOG = ControllerLog({}, (), np.empty(0, dtype=np.int64), {})
+
+
+def read_controller_log(bag: read.Bag) -> ControllerLog:
+    """Return the log in a bag; parts that the controller did not publish are empty."""
+    topics = [topic for topic in (PREDICTION, WHY) if read.has_messages(bag, topic)]
+    tables = read.columns(bag, topics)
+    predictions = tables[PREDICTION].values if PREDICTION in tables else ()
+    if WHY not in tables:
+        return EMPTY_LOG._replace(run_info=bag.run_info, predictions=predictions)
+    reports = [why.values for why in tables[WHY].values]
+    numbers = {name: report_numbers(reports, name) for name in REPORTED}
+    return ControllerLog(bag.run_info, predictions, tables[WHY].stamp_ns, numbers)
+
 
 def report_number(report: Mapping[str, float | str], key: str) -> float:
-    """Return a number of one report; not-a-number where there is none under that key."""
-    found = report.get(key)
-    return float(found) if isinstance(found, (int, float)) else math.nan
+    """Return a number of one report; not-a-number where the key has none."""
+    value = report.get(key)
+    return float(value) if isinstance(value, (int, float)) else math.nan
 
 
 def report_numbers(reports: Iterable[Mapping[str, float | str]], key: str) -> np.ndarray:
@@ -25,42 +52,10 @@ def report_numbers(reports: Iterable[Mapping[str, float | str]], key: str) -> np
     return np.array([report_number(report, key) for report in reports], dtype=float)
 
 
-STATE_STALE = 'state_stale'  # the reason of a command that answers no state
+def is_answer(command_ns: np.ndarray, reports: Iterable[Why]) -> np.ndarray:
+    """Return for each command stamp (n,) [ns] whether it answers a state.
 
-
-def is_answer(command_ns: np.ndarray, whys: Iterable[Why]) -> np.ndarray:
-    """Return, command by command (n,), whether it answers a state; by stamp [ns].
-
-    `whys` are what the controller said; without any, every command counts as an answer.
+    Without `reports`, those of the controller, every command counts as an answer.
     """
-    blind = [why.stamp_ns for why in whys if why.values.get('reason') == STATE_STALE]
-    return ~np.isin(command_ns, blind)
-
-
-PREDICTION, WHY = '/controller/prediction', '/controller/why'
-REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms', 'split.front')
-
-
-class ControllerLog(NamedTuple):
-    """Everything the report shows of one run that the judge does not need."""
-
-    info: Mapping[str, str]  # the notes of the run
-    predictions: Sequence[Prediction]  # one per tick
-    answered_ns: np.ndarray  # (n,) stamps of the controller's reports
-    said: Mapping[str, np.ndarray]  # (n,) what they say under SAID, not-a-number where nothing
-
-
-EMPTY_LOG = ControllerLog({}, (), np.empty(0, dtype=np.int64), {})
-
-
-def read_controller_log(bag: read.Bag) -> ControllerLog:
-    """Return the account of a bag; a controller that said nothing leaves its part empty."""
-    said = [topic for topic in (PREDICTION, WHY) if topic in bag.recordings]
-    said = [topic for topic in said if bag.recordings[topic].payloads]
-    tables = read.columns(bag, said)
-    predictions = tables[PREDICTION].values if PREDICTION in tables else ()
-    if WHY not in tables:
-        return EMPTY_LOG._replace(info=bag.run_info, predictions=predictions)
-    reports = [why.values for why in tables[WHY].values]
-    said = {name: report_numbers(reports, name) for name in REPORTED}
-    return ControllerLog(bag.run_info, predictions, tables[WHY].stamp_ns, said)
+    stale = [why.stamp_ns for why in reports if why.values.get('reason') == STATE_STALE]
+    return ~np.isin(command_ns, stale)

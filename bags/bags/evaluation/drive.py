@@ -1,9 +1,7 @@
-"""What the judge looks at: one drive as plain arrays, SI units, whatever it was read from.
+"""One run as arrays in SI units: `drive_from_bag(bag)`, `drive_from_columns(columns, ...)`.
 
 Positions are in the frame `map`, velocities and accelerations in `base_link` (ISO 8855).
-
-
-From the columns of a bag and the facts noted with it to a Drive that can be judged."""
+"""
 
 import json
 from collections.abc import Mapping
@@ -17,8 +15,19 @@ from bags.evaluation.geometry import Outline
 from bags.storage import read
 from bags.storage.columns import Columns
 from bags.storage.invalid_messages import drop_invalid
+from bags.storage.read import LOCKSTEP
 from msgs_yaml.conversions import NS_PER_S
 
+REQUIRED_TOPICS = (
+    '/scenario/reference',
+    '/scenario/road_edges',
+    '/scenario/obstacles',
+    '/vehicle/odometry',
+    '/vehicle/actuators',
+    '/vehicle/imu',
+)
+CONTROLLER_TOPICS = ('/controller/command', '/controller/why')  # absent without any answer
+FRESH_PLAN = ('solved', 'stopped_early')  # fallback levels (`rung`) that follow a fresh plan
 LONGEST_S = 86_400.0  # of a drive
 
 
@@ -34,7 +43,7 @@ class Motion(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """What the inertial unit at the centre of gravity measured."""
+    """Measurements of the inertial unit at the centre of gravity."""
 
     stamp_ns: np.ndarray
     ax: np.ndarray  # m/s^2
@@ -42,7 +51,7 @@ class Accelerations(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Where the actuators were."""
+    """Positions and forces of the actuators."""
 
     stamp_ns: np.ndarray
     steer: np.ndarray  # rad, at the road wheels
@@ -50,17 +59,17 @@ class Inputs(NamedTuple):
 
 
 class Ticks(NamedTuple):
-    """What the controller said about each of its steps, and which states it answered."""
+    """Reports of the controller about each of its steps, and the states it answered."""
 
     answered_ns: np.ndarray  # stamps of the commands
     solve_ms: np.ndarray  # wall time, ms, one per /controller/why
-    solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number where a bag does not tell
-    fallback: np.ndarray  # rung of the ladder, 0 = solved, one per /controller/why
+    solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number in older bags
+    fallback: np.ndarray  # whether the step followed no fresh plan, one per /controller/why
     last_reason: str = ''  # why the last step followed no fresh plan; '' when it did
 
 
 class Obstacle(NamedTuple):
-    """One obstacle over time; not-a-number where a message does not name it."""
+    """One obstacle over time; not-a-number where a message does not contain it."""
 
     id: int
     x: np.ndarray  # m, one entry per obstacle message
@@ -71,7 +80,7 @@ class Obstacle(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What the scenario published."""
+    """The road and the obstacles, as the scenario published them."""
 
     reference: np.ndarray  # (n, 2) m, the coarse path
     left: np.ndarray  # (n, 2) m, left road edge in driving order
@@ -81,7 +90,7 @@ class Scene(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """Parameters of the nodes of that run which the judge needs."""
+    """Parameters of the nodes of that run which the evaluation needs."""
 
     scenario: str
     controller: str
@@ -107,63 +116,26 @@ class Drive(NamedTuple):
     scene: Scene
     facts: Facts
 
-
-def drop_nonfinite(one: Drive) -> Drive:
-    """Return a drive without the samples of car, accelerations and inputs that are not finite.
-
-    Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
-    what is computed every 10 ms takes memory for all of that time.
-    """
-    found = one._replace(
-        motion=_finite_rows(one.motion),
-        accelerations=_finite_rows(one.accelerations),
-        inputs=_finite_rows(one.inputs),
-    )
-    if not found.motion.stamp_ns.size:
-        raise BagError(f'{one.facts.controller}: no state of the car is finite')
-    for columns in (found.motion, found.accelerations, found.inputs):
-        span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
-        if span_s > LONGEST_S:
-            raise BagError(
-                f'{one.facts.controller}: the stamps of the car span {span_s:.0f} s; '
-                f'allowed up to {LONGEST_S:.0f} s'
-            )
-    return found
-
-
-def _finite_rows(columns):
-    kept = np.all([np.isfinite(column) for column in columns], axis=0)
-    return columns if kept.all() else type(columns)(*(column[kept] for column in columns))
-
-
-REQUIRED_TOPICS = (
-    '/scenario/reference',
-    '/scenario/road_edges',
-    '/scenario/obstacles',
-    '/vehicle/odometry',
-    '/vehicle/actuators',
-    '/vehicle/imu',
-)
-LOCKSTEP = 'lockstep'
-# a controller that never answered leaves neither behind
-CONTROLLER_TOPICS = ('/controller/command', '/controller/why')
-FRESH_PLAN = ('solved', 'stopped_early')  # rungs of the ladder that follow a fresh plan
+    def __repr__(self):
+        facts, motion = self.facts, self.motion
+        return f'Drive({facts.scenario} by {facts.controller}, {len(motion.x)} states)'
 
 
 def drive_from_bag(bag: read.Bag) -> Drive:
     """Return the drive in a bag, of its valid messages; BagError names what it lacks."""
     bag = drop_invalid(bag)
-    answered = [topic for topic in CONTROLLER_TOPICS if topic in bag.recordings]
-    answered = [topic for topic in answered if bag.recordings[topic].payloads]
-    return drive_from_columns(
-        read.columns(bag, (*REQUIRED_TOPICS, *answered)), read.run_info(bag), str(bag.path)
-    )
+    answered = [topic for topic in CONTROLLER_TOPICS if read.has_messages(bag, topic)]
+    columns = read.columns(bag, (*REQUIRED_TOPICS, *answered))
+    return drive_from_columns(columns, bag.run_info, str(bag.path))
 
 
 def drive_from_columns(
     columns: Mapping[str, Columns], run_info: Mapping[str, str], name: str
 ) -> Drive:
-    """Return the drive in the columns of a run; `name` is what errors call it."""
+    """Return the drive in the columns of a run; `name` is the run's name in errors.
+
+    Raises BagError in lockstep when two controllers answered, and for missing parameters.
+    """
     odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
     actuators = columns['/vehicle/actuators']
     if run_info.get('mode') == LOCKSTEP:
@@ -186,14 +158,14 @@ def drive_from_columns(
 
 
 def _refuse_second_controller(columns, name):
-    """Refuse two answers to one state: in lockstep nobody gives them but a second controller."""
+    """Refuse two answers to one state: in lockstep only a second controller gives them."""
     for topic in {'/vehicle/odometry', CONTROLLER_TOPICS[0]} & columns.keys():
         stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
         if np.any(counts > 1):
             stamp_s = stamps[np.argmax(counts)] / NS_PER_S
             raise BagError(
                 f'{name}: {topic} has unlike messages of one stamp ({stamp_s:.3f} s): '
-                'two rings shared a ROS domain, and neither of them can be judged'
+                'two controllers or plants shared a ROS domain, so the run cannot be evaluated'
             )
 
 
@@ -203,30 +175,27 @@ def _ticks(columns):
     answered = np.empty(0, dtype=np.int64)
     if command:
         answered = command.stamp_ns[is_answer(command.stamp_ns, why.values if why else ())]
+    last = reports[-1] if reports else {}
     return Ticks(
         answered,
-        *(report_numbers(reports, f'time.{name}') for name in ('solve_ms', 'solve_cpu_ms')),
+        report_numbers(reports, 'time.solve_ms'),
+        report_numbers(reports, 'time.solve_cpu_ms'),
         np.array([report.get('rung') not in FRESH_PLAN for report in reports], dtype=bool),
-        _last_reason(reports),
+        '' if last.get('rung') in FRESH_PLAN else str(last.get('reason', '')),
     )
-
-
-def _last_reason(reports):
-    last = reports[-1] if reports else {}
-    return '' if last.get('rung') in FRESH_PLAN else str(last.get('reason', ''))
 
 
 def _scene(columns):
     reference = columns['/scenario/reference'].values[-1]
     edges = columns['/scenario/road_edges'].values[-1]
     messages = columns['/scenario/obstacles']
-    names = sorted({one.id for message in messages.values for one in message.items})
+    ids = sorted({obstacle.id for message in messages.values for obstacle in message.items})
     return Scene(
         _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
         _polyline('/scenario/road_edges', edges.left),
         _polyline('/scenario/road_edges', edges.right),
         messages.stamp_ns,
-        tuple(_obstacle(name, messages.values) for name in names),
+        tuple(_obstacle(number, messages.values) for number in ids),
     )
 
 
@@ -238,19 +207,19 @@ def _polyline(topic, points):
     return points[moves]
 
 
-def _obstacle(name, messages):
+def _obstacle(number, messages):
     rows = np.full((len(messages), 4), np.nan)
     radius = 0.0
     for row, message in zip(rows, messages):
-        for one in message.items:
-            if one.id == name:
-                row[:] = one.X, one.Y, one.vX, one.vY
-                radius = one.r_obs
-    return Obstacle(name, *rows.T, radius)
+        for obstacle in message.items:
+            if obstacle.id == number:
+                row[:] = obstacle.X, obstacle.Y, obstacle.vX, obstacle.vY
+                radius = obstacle.r_obs
+    return Obstacle(number, *rows.T, radius)
 
 
 def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
-    """Return the parameters the judge needs; BagError names the first that is missing."""
+    """Return the parameters for the evaluation; BagError names the first that is missing."""
     try:
         parameters = json.loads(run_info['parameters'])
         controller, plant = parameters['controller'], parameters['plant']
@@ -277,3 +246,32 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
         raise BagError(
             f'{name}: the run does not say {missing}; was it recorded by hand?'
         ) from None
+
+
+def drop_nonfinite(drive: Drive) -> Drive:
+    """Return a drive without the samples of car, accelerations and inputs that are not finite.
+
+    Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
+    metrics that sample every 10 ms take memory for all of that time.
+    """
+    result = drive._replace(
+        motion=_finite_rows(drive.motion),
+        accelerations=_finite_rows(drive.accelerations),
+        inputs=_finite_rows(drive.inputs),
+    )
+    name = drive.facts.controller
+    if not result.motion.stamp_ns.size:
+        raise BagError(f'{name}: no state of the car is finite')
+    for columns in (result.motion, result.accelerations, result.inputs):
+        span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
+        if span_s > LONGEST_S:
+            raise BagError(
+                f'{name}: the stamps of the car span {span_s:.0f} s; '
+                f'allowed up to {LONGEST_S:.0f} s'
+            )
+    return result
+
+
+def _finite_rows(columns):
+    kept = np.all([np.isfinite(column) for column in columns], axis=0)
+    return columns if kept.all() else type(columns)(*(column[kept] for column in columns))

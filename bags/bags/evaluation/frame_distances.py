@@ -1,19 +1,23 @@
-"""One distance in two frames: on the ground, and in coordinates along a path. Numpy only, metres.
+"""The distance to an obstacle in Cartesian and in Frenet coordinates. Numpy only, metres.
 
 The paper's first experiment (section "Cartesian vs Frenet Reference Frame"): on a circular path the
-distance of a vehicle to an obstacle is sqrt(ds^2 + de^2) - radii in path coordinates, as the
-baseline takes it, and the chord less the radii on the ground. The closed forms are those of plane
-trigonometry; nothing here is shared with the controllers.
+distance of a vehicle to an obstacle is sqrt(ds^2 + de^2) - radii in Frenet coordinates, as in the
+baseline, and the chord less the radii in Cartesian coordinates. Closed forms of plane trigonometry;
+no code is shared with the controllers.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bags.errors import BagError
+from bags.evaluation.drive import Drive
 
 ROUNDNESS = 1e-3  # relative deviation of a reference's radius below which it is a circle
-EARLY_LAPS = 0.01  # laps before the start of the path that still count as such
+EARLY_LAPS = 0.01  # laps before the start of the path that still count as its start
+GAPS_M = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0)  # along the path, those of the table
+WIDER = (1.0, 2.0, 5.0, 10.0)  # radii of the table, in those of the circle
+CLOSE = 1e-4  # relative; a gap next to the obstacle, and squared the precision of a bisection
 
 
 class Circle(NamedTuple):
@@ -35,17 +39,17 @@ class Distances(NamedTuple):
 
     @property
     def overestimation(self):
-        """By how much path coordinates see more room than there is [m]."""
+        """By how much Frenet coordinates overestimate the distance [m]."""
         return self.frenet - self.cartesian
 
 
 class DrivenDistances(NamedTuple):
-    """A drive seen from the path; every array has one entry per odometry message."""
+    """A drive in path coordinates; every array has one entry per odometry message."""
 
     station: np.ndarray  # m along the path
     inside: np.ndarray  # m from the path towards its centre
-    distances: Distances  # to the obstacle where it stands
-    beyond: Distances  # to one imagined as far outside the path
+    distances: Distances  # to the obstacle at its position
+    beyond: Distances  # to a virtual obstacle, mirrored at the path
 
 
 def circle_distances(radius, gap, inside, reach, vehicle=0.0) -> Distances:
@@ -63,7 +67,7 @@ def circle_distances(radius, gap, inside, reach, vehicle=0.0) -> Distances:
 
 
 def find_circle(drive) -> Circle:
-    """Return the circle of a drive; BagError when path or obstacle are not of that kind."""
+    """Return the circle of a drive; BagError without a circular path and one resting obstacle."""
     path, obstacles = drive.scene.reference, drive.scene.obstacles
     if len(obstacles) != 1:
         raise BagError(f'one obstacle is needed to compare distances; there are {len(obstacles)}')
@@ -120,11 +124,90 @@ def driven_distances(drive, circle: Circle) -> DrivenDistances:
     outwards = (place - circle.centre) / np.hypot(*(place - circle.centre))
     mirrored = place + 2 * circle.inside * outwards
     gap = station - circle.station
-    found = [
+    distances = [
         Distances(
             np.hypot(gap, inside - offset) - circle.reach,
             np.hypot(*(points - spot).T) - circle.reach,
         )
         for spot, offset in ((place, circle.inside), (mirrored, -circle.inside))
     ]
-    return DrivenDistances(station, inside, *found)
+    return DrivenDistances(station, inside, *distances)
+
+
+def distance_numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> dict[str, Any]:
+    """Return all numbers of the figure, in metres: the contents of distances.json."""
+    sides = {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
+    return {
+        'scenario': drive.facts.scenario,
+        'controller': drive.facts.controller,
+        'radius_m': circle.radius,
+        'obstacle_at_m': circle.station,
+        'obstacle_inside_m': circle.inside,
+        'radii_together_m': circle.reach,
+        'gaps_m': list(GAPS_M),
+        'overestimation_m': {
+            side: _overestimation(circle, circle.radius, inside) for side, inside in sides.items()
+        },
+        'outside_turns_at_m': turning_gap(circle.radius, sides['outside']),
+        'over_curvature': [
+            {'curvature_1pm': 1 / radius}
+            | {side: _overestimation(circle, radius, inside) for side, inside in sides.items()}
+            for radius in (factor * circle.radius for factor in WIDER)
+        ],
+        'recorded': _drive_numbers(circle, driven),
+    }
+
+
+def _overestimation(circle, radius, inside):
+    distances = circle_distances(radius, np.array(GAPS_M), inside, circle.reach)
+    return distances.overestimation.tolist()
+
+
+def turning_gap(radius: float, inside: float) -> float:
+    """Return the gap [m] up to which Frenet coordinates underestimate the distance to an obstacle.
+
+    0 for one inside the circle: there they overestimate it at every gap.
+    """
+
+    def over(gap):
+        return circle_distances(radius, gap, inside, 0.0).overestimation
+
+    low, high = 0.0, np.pi * radius
+    if over(high * CLOSE) >= 0:
+        return 0.0
+    while high - low > high * CLOSE**2:
+        middle = (low + high) / 2
+        low, high = (low, middle) if over(middle) > 0 else (middle, high)
+    return float(high)
+
+
+def _drive_numbers(circle, driven):
+    """Return the least distances, and the same table where the drive came that close."""
+    coming = driven.station <= circle.station
+    gaps = circle.station - driven.station[coming]
+
+    def at(distances):
+        return np.interp(GAPS_M, gaps[::-1], distances.overestimation[coming][::-1]).tolist()
+
+    return {
+        'min_v2o_m': float(driven.distances.cartesian.min()),
+        'min_v2o_frenet_m': float(driven.distances.frenet.min()),
+        'collided': bool(driven.distances.cartesian.min() < 0),
+        'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
+        'largest_deviation_from_closed_form_m': _deviation(circle, driven),
+        'overestimation_m': {
+            'inside' if circle.inside > 0 else 'outside': at(driven.distances),
+            'outside' if circle.inside > 0 else 'inside': at(driven.beyond),
+        },
+    }
+
+
+def _deviation(circle, driven):
+    """Return how far the distances at the driven poses are from the closed form for them [m]."""
+    gap = driven.station - circle.station
+    worst = 0.0
+    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
+        closed = circle_distances(circle.radius, gap, inside, circle.reach, driven.inside)
+        apart = np.abs(np.subtract(own, closed))
+        worst = max(worst, float(apart.max()))
+    return worst

@@ -1,13 +1,14 @@
-"""Distances and angles of a drive, sample by sample: what metrics and figures are made from."""
+"""Distances and angles of a drive, sample by sample: the basis of metrics and figures."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.drive import Drive, Obstacle, Scene
 
-SEARCH_M = 15.0  # m, how far the foot on the reference may move between two odometry messages
-SIDESLIP_FROM = 3.0  # m/s, the sideslip angle of a standing car means nothing
+SEARCH_M = 15.0  # how far the projection on the reference may move between two messages
+SIDESLIP_FROM = 3.0  # m/s, the sideslip angle of a standing car is undefined
 NS = 1e-9  # s
 
 
@@ -28,24 +29,27 @@ class Series(NamedTuple):
         """Gap from the true outline to the nearest obstacle [m]; infinite without one."""
         return np.fmin.reduce([np.full(len(self.t), np.inf), *self.outline_gaps.values()])
 
+    def __repr__(self):
+        return f'Series({len(self.t)} samples, {len(self.v2o)} obstacles)'
 
-def compute_series(drive):
+
+def compute_series(drive: Drive) -> Series:
     """Return the Series of a drive."""
     motion, scene, facts = drive.motion, drive.scene, drive.facts
     points = np.column_stack([motion.x, motion.y])
-    foot = geometry.project_drive(points, scene.reference, SEARCH_M)
-    where = [obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles]
+    projection = geometry.project_drive(points, scene.reference, SEARCH_M)
+    positions = [obstacle_position(one, scene, motion.stamp_ns) for one in scene.obstacles]
     speed = np.hypot(motion.vx, motion.vy)
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(
         t=(motion.stamp_ns - motion.stamp_ns[0]) * NS,
-        station=foot.distance,
-        contouring=foot.offset,
+        station=projection.distance,
+        contouring=projection.offset,
         speed=speed,
         sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
         v2o={
             obstacle.id: _v2o(motion, facts, x, y, obstacle.radius)
-            for obstacle, (x, y) in zip(scene.obstacles, where)
+            for obstacle, (x, y) in zip(scene.obstacles, positions)
         },
         v2e={
             'left': _v2e(motion, facts, scene.left, inside=-1.0),
@@ -55,13 +59,15 @@ def compute_series(drive):
             obstacle.id: geometry.gap_to_circle(
                 motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
             )
-            for obstacle, (x, y) in zip(scene.obstacles, where)
+            for obstacle, (x, y) in zip(scene.obstacles, positions)
         },
     )
 
 
-def obstacle_position(obstacle, scene, stamp_ns):
-    """Return x, y [m] of an obstacle at each stamp: the latest message, carried on by velocity."""
+def obstacle_position(
+    obstacle: Obstacle, scene: Scene, stamp_ns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return x, y [m] at each stamp: the latest message, extrapolated at constant velocity."""
     latest = np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1
     latest = np.maximum(latest, 0)
     age = (stamp_ns - scene.obstacle_stamp_ns[latest]) * NS
@@ -74,7 +80,7 @@ def _circle_centres(motion, ahead):
 
 
 def _v2o(motion, facts, x, y, radius):
-    """D_V2O of the paper (eq. 3), the smallest over the vehicle's circles."""
+    """Return D_V2O of the paper (eq. 3), the smallest over the vehicle's circles."""
     gaps = []
     for ahead in facts.circles:
         X, Y = _circle_centres(motion, ahead)
@@ -83,7 +89,7 @@ def _v2o(motion, facts, x, y, radius):
 
 
 def _v2e(motion, facts, edge, inside):
-    """D_V2E, the smallest over the circles; `inside` is the sign of the road's side of the edge."""
+    """Return the smallest D_V2E over the circles; `inside` is the sign of the road's side."""
     gaps = []
     for ahead in facts.circles:
         centre = np.column_stack(_circle_centres(motion, ahead))

@@ -1,12 +1,10 @@
-"""Figures of a comparison, from drives only: one sheet with every panel, and each panel singly.
+"""Figures of a comparison: one sheet with every panel, and each panel singly; the trajectories.
 
-The road from above: edges, coarse path, obstacles with their unsafe area, and every drive."""
-
-import string
+The trajectories are drawn from above, with edges, coarse path and the unsafe areas of obstacles.
+"""
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
@@ -19,8 +17,8 @@ from msgs_yaml.conversions import NS_PER_S
 SHEET_WIDTH = 15.0  # inch
 PANEL_SIZE = (7.0, 4.2)  # inch
 OUTLINE_EVERY_S = 0.6
-TIME_EVERY = 2  # of the outlines one in this many is given its time, where obstacles move
-TRAIL_RADII = 8.0  # between two drawn places of a moving obstacle
+TIME_EVERY = 2  # of the outlines one in this many is labelled with its time, where obstacles move
+TRAIL_RADII = 8.0  # between two drawn positions of a moving obstacle
 LONG_ROAD = 6.0  # length over width from which the lateral direction is drawn larger
 STRETCH = 3.0
 MARGIN_M = 1.0
@@ -49,7 +47,7 @@ def trajectories(ax, runs):
 
 
 def road_limits(runs):
-    """Return the lower left and upper right corner (2,) [m] of what the drives saw."""
+    """Return the lower left and upper right corner (2,) [m] of the part of the road to draw."""
     seen = [np.column_stack([run.drive.motion.x, run.drive.motion.y]) for run in runs]
     drives = np.concatenate(seen)
     scene = runs[0].drive.scene
@@ -108,7 +106,7 @@ def _box(run, k):
 
 
 def _time_labels(ax, run):
-    """Say when the first car was where, at some of its places."""
+    """Label some outlines of the first car with their times."""
     motion = run.drive.motion
     for k in _shown(run)[::TIME_EVERY]:
         _time_label(
@@ -126,7 +124,7 @@ def _moves(obstacle):
 
 
 def _obstacle(ax, obstacle, runs):
-    """Draw an obstacle with the area the centre of gravity must keep out of; a trail if moving."""
+    """Draw an obstacle with the area that the centre of gravity must avoid; a trail if moving."""
     seen = np.flatnonzero(np.isfinite(obstacle.x))
     moves = _moves(obstacle)
     drive = runs[0].drive
@@ -140,7 +138,7 @@ def _obstacle(ax, obstacle, runs):
 
 
 def _apart(obstacle, seen):
-    """Return those of the messages `seen` between which the obstacle has moved on far enough."""
+    """Return those of the messages `seen` that are TRAIL_RADII apart."""
     steps = np.hypot(np.diff(obstacle.x[seen]), np.diff(obstacle.y[seen]))
     laps = np.concatenate([[0.0], np.cumsum(steps)]) // (TRAIL_RADII * obstacle.radius)
     return seen[np.flatnonzero(np.diff(laps, prepend=-1.0) > 0.0)]
@@ -180,9 +178,9 @@ def write_figures(runs, title, folder):
     """Write the sheet and each panel into `folder` as PNG and SVG; return the paths written."""
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(style.RC):
-        written = save_figure(_sheet(runs, title), folder / 'comparison')
+        written = style.save_figure(_sheet(runs, title), folder / 'comparison')
         for panel, name in NAMES.items():
-            written += save_figure(_single(panel, runs), folder / name)
+            written += style.save_figure(_single(panel, runs), folder / name)
     return written
 
 
@@ -196,7 +194,7 @@ def _sheet(runs, title):
         width = 12 // len(drawn)
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
-    letter_panels(figure)
+    style.letter_panels(figure)
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
     _legend(figure, runs, (trajectories, panels.v2e))
     return figure
@@ -213,7 +211,7 @@ def _single(panel, runs):
 
 
 def _legend(figure, runs, drawn):
-    """Name every run once, and the marks that the panels have, above them."""
+    """Put a legend of the runs, and of the marks in the panels, above them."""
     keys = [Line2D([], [], label=run.name, lw=2.4, **run.line) for run in runs]
     if trajectories in drawn:
         look = {'color': style.REFERENCE, 'lw': 1.0, 'ls': (0, (6, 3))}
@@ -222,20 +220,3 @@ def _legend(figure, runs, drawn):
         for colour, label in ((style.UNSAFE, 'unsafe area'), (style.COLLISION, 'collision')):
             keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
-
-
-def letter_panels(figure):
-    """Put a letter before the title of every panel, in the order of drawing."""
-    for name, ax in zip(string.ascii_lowercase, figure.axes):
-        ax.set_title(f'({name}) {ax.get_title(loc="left")}')
-
-
-def save_figure(figure, stem):
-    """Write a figure as <stem>.png and .svg; return both paths."""
-    FigureCanvasAgg(figure)
-    paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
-    figure.savefig(paths[0])
-    # the layout is found; finding it again is half of the time
-    figure.set_layout_engine('none')
-    figure.savefig(paths[1], metadata={'Date': None})
-    return paths

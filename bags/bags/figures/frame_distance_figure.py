@@ -1,19 +1,10 @@
-"""Sketches of the paper's first experiment: one moment on the circle, seen in both frames.
+"""The figure and the numbers of the paper's first experiment, from a recorded drive on a circle.
 
-The figure of the paper's first experiment: two sketches, two distances, their difference.
-
-The sketches show one moment in both frames; the curves are closed forms, the points are the poses
-of the recorded drive.
-
-
-The command `bags distances`: the paper's first experiment, from one recorded drive on a circle.
-
-It says how far the distance to the obstacle differs between path coordinates and the ground: by
-closed form on the circle of the bag, and at the poses that were driven.
+Two sketches show one moment in both frames; the curves of both distances and of their difference
+are closed forms, the points are the poses of the recorded drive.
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,18 +13,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
-from rich.console import Console
-from rich.table import Table
 
 from bags.evaluation import frame_distances
 from bags.evaluation.drive import Drive, drive_from_bag
-from bags.evaluation.frame_distances import Circle, DrivenDistances
-from bags.figures import comparison_figures, style
+from bags.figures import style
 from bags.storage import read
 
 FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
 DASHED = (0, (5, 1.5))
 MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
+SIZE = (15.0, 9.2)  # inch
+STEM = 'distances'
+CURVE_GAPS_M = {10.0: '#009E73', 20.0: '#CC79A7', 30.0: '#000000'}  # of the curves over curvature
+EVERY = 400  # of the recorded poses one in this many is drawn
+SHARE = 1.2  # of the circle's own curvature, how far the curvature axis goes
+FILE = 'distances.json'
 
 
 def sketch_cartesian(ax, drive, circle):
@@ -107,13 +101,6 @@ def dash(side):
     return '-' if side == 'inside' else DASHED
 
 
-SIZE = (15.0, 9.2)  # inch
-STEM = 'distances'
-CURVE_GAPS_M = {10.0: '#009E73', 20.0: '#CC79A7', 30.0: '#000000'}  # of the curves over curvature
-EVERY = 400  # of the recorded poses one in this many is drawn
-SHARE = 1.2  # of the circle's own curvature, how far the curvature axis goes
-
-
 def write_figure(drive, circle, driven, folder):
     """Write the figure into `folder` as PNG and SVG; return the paths written."""
     with mpl.rc_context(style.RC):
@@ -129,7 +116,7 @@ def write_figure(drive, circle, driven, folder):
         ):
             over_distance(ax, circle, driven, side, inside)
         difference(bottom[2], circle, driven)
-        comparison_figures.letter_panels(figure)
+        style.letter_panels(figure)
         figure.suptitle(
             f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames',
             x=0.012,
@@ -138,7 +125,7 @@ def write_figure(drive, circle, driven, folder):
             fontweight='bold',
         )
         figure.legend(handles=_keys(drive), loc='outside lower center', ncols=5, handlelength=2.2)
-        return comparison_figures.save_figure(figure, folder / STEM)
+        return style.save_figure(figure, folder / STEM)
 
 
 def over_curvature(ax, circle):
@@ -148,12 +135,12 @@ def over_curvature(ax, circle):
         for side, inside in sides(circle).items():
             # beyond half a lap the obstacle is nearer the other way round
             known = gap * curvature <= np.pi
-            found = frame_distances.circle_distances(
+            distances = frame_distances.circle_distances(
                 1 / curvature[known], gap, inside, circle.reach
             )
             label = f'{gap:.0f} m before it' if side == 'inside' else None
             ax.plot(
-                curvature[known], found.overestimation, color=colour, ls=dash(side), label=label
+                curvature[known], distances.overestimation, color=colour, ls=dash(side), label=label
             )
     ax.axvline(1 / circle.radius, color=style.EDGE, lw=0.8, ls=':')
     ax.legend(loc='upper left')
@@ -165,16 +152,16 @@ def over_distance(ax, circle, driven, side, inside):
     """Draw both distances over the distance driven, obstacle on one side of the path."""
     lap = np.linspace(circle.station - np.pi * circle.radius, circle.station, 400)
     lap = np.concatenate([lap, 2 * circle.station - lap[-2::-1]])
-    found = frame_distances.circle_distances(
+    distances = frame_distances.circle_distances(
         circle.radius, lap - circle.station, inside, circle.reach
     )
     own = driven.distances if inside * circle.inside > 0 else driven.beyond
     for name, colour in FRAMES.items():
-        ax.plot(lap, getattr(found, name), color=colour)
+        ax.plot(lap, getattr(distances, name), color=colour)
         ax.plot(driven.station[::EVERY], getattr(own, name)[::EVERY], 'o', ms=3, color=colour)
     ax.axhspan(-100.0, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
-    low = min(found.cartesian.min(), own.cartesian.min())
-    ax.set_ylim(low - 1.5, found.frenet.max() + 1.0)
+    low = min(distances.cartesian.min(), own.cartesian.min())
+    ax.set_ylim(low - 1.5, distances.frenet.max() + 1.0)
     ax.set_xlim(lap[0], lap[-1])
     imagined = '' if own is driven.distances else ', imagined'
     ax.set(xlabel='distance driven [m]', ylabel='$D_{V2O}$ [m]')
@@ -186,8 +173,8 @@ def difference(ax, circle, driven):
     gap = np.linspace(0.0, 2 * MOMENT_M, 300)
     before = driven.station <= circle.station
     for side, inside in reversed(sides(circle).items()):
-        found = frame_distances.circle_distances(circle.radius, gap, inside, circle.reach)
-        ax.plot(gap, found.overestimation, color=style.INK, ls=dash(side), label=side)
+        distances = frame_distances.circle_distances(circle.radius, gap, inside, circle.reach)
+        ax.plot(gap, distances.overestimation, color=style.INK, ls=dash(side), label=side)
         own = driven.distances if inside * circle.inside > 0 else driven.beyond
         ax.plot(
             (circle.station - driven.station)[before][:: EVERY // 2],
@@ -197,7 +184,7 @@ def difference(ax, circle, driven):
             color=style.INK,
         )
     ax.axhline(0.0, color=style.EDGE, lw=0.8)
-    ax.set(xlim=(gap[-1], 0.0), ylim=(-1.0, found.overestimation.max() + 1.5))
+    ax.set(xlim=(gap[-1], 0.0), ylim=(-1.0, distances.overestimation.max() + 1.5))
     ax.legend(loc='upper right')
     ax.set(xlabel='path still to drive to the obstacle [m]', ylabel='Frenet $-$ Cartesian [m]')
     ax.set_title('Overestimation over distance')
@@ -213,14 +200,8 @@ def _keys(drive):
     return keys
 
 
-FILE = 'distances.json'
-GAPS_M = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0)  # along the path, those of the table
-WIDER = (1.0, 2.0, 5.0, 10.0)  # radii of the table, in those of the circle
-CLOSE = 1e-4  # relative; a gap next to the obstacle, and squared the precision of a bisection
-
-
 class FrameDistanceFiles(NamedTuple):
-    """What came out, and where it was written."""
+    """The numbers, and the files that were written."""
 
     values: dict[str, Any]  # distances.json
     file: Path
@@ -230,7 +211,7 @@ class FrameDistanceFiles(NamedTuple):
 def write_from_bag(path: Path | str, out: Path) -> FrameDistanceFiles:
     """Write the figure and its numbers for the bag at `path` into the folder `out`.
 
-    Raises BagError for a bag that cannot be judged or whose path is no circle with one obstacle.
+    Raises BagError for a bag that cannot be evaluated or whose path is no circle with one obstacle.
     """
     return write_frame_distances(drive_from_bag(read.load(path)), out)
 
@@ -239,110 +220,8 @@ def write_frame_distances(drive: Drive, out: Path) -> FrameDistanceFiles:
     """Write the figure and its numbers for a drive."""
     circle = frame_distances.find_circle(drive)
     driven = frame_distances.driven_distances(drive, circle)
-    values = numbers(drive, circle, driven)
+    values = frame_distances.distance_numbers(drive, circle, driven)
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
     return FrameDistanceFiles(values, file, write_figure(drive, circle, driven, out))
-
-
-def numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> dict[str, Any]:
-    """Return everything that the figure shows, in metres."""
-    sides = {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
-    return {
-        'scenario': drive.facts.scenario,
-        'controller': drive.facts.controller,
-        'radius_m': circle.radius,
-        'obstacle_at_m': circle.station,
-        'obstacle_inside_m': circle.inside,
-        'radii_together_m': circle.reach,
-        'gaps_m': list(GAPS_M),
-        'overestimation_m': {
-            side: _overestimation(circle, circle.radius, inside) for side, inside in sides.items()
-        },
-        'outside_turns_at_m': turning_gap(circle.radius, sides['outside']),
-        'over_curvature': [
-            {'curvature_1pm': 1 / (by * circle.radius)}
-            | {side: _overestimation(circle, by * circle.radius, n) for side, n in sides.items()}
-            for by in WIDER
-        ],
-        'recorded': _drive_numbers(circle, driven),
-    }
-
-
-def _overestimation(circle, radius, inside):
-    found = frame_distances.circle_distances(radius, np.array(GAPS_M), inside, circle.reach)
-    return found.overestimation.tolist()
-
-
-def turning_gap(radius: float, inside: float) -> float:
-    """Return the gap [m] up to which path coordinates underestimate the distance to an obstacle.
-
-    0 for one inside the circle: there they overestimate it at every gap.
-    """
-
-    def over(gap):
-        return frame_distances.circle_distances(radius, gap, inside, 0.0).overestimation
-
-    low, high = 0.0, np.pi * radius
-    if over(high * CLOSE) >= 0:
-        return 0.0
-    while high - low > high * CLOSE**2:
-        middle = (low + high) / 2
-        low, high = (low, middle) if over(middle) > 0 else (middle, high)
-    return float(high)
-
-
-def _drive_numbers(circle, driven):
-    """Return the least distances, and the same table where the drive came that close."""
-    coming = driven.station <= circle.station
-    gaps = circle.station - driven.station[coming]
-
-    def at(distances):
-        return np.interp(GAPS_M, gaps[::-1], distances.overestimation[coming][::-1]).tolist()
-
-    return {
-        'min_v2o_m': float(driven.distances.cartesian.min()),
-        'min_v2o_frenet_m': float(driven.distances.frenet.min()),
-        'collided': bool(driven.distances.cartesian.min() < 0),
-        'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
-        'largest_deviation_from_closed_form_m': _deviation(circle, driven),
-        'overestimation_m': {
-            'inside' if circle.inside > 0 else 'outside': at(driven.distances),
-            'outside' if circle.inside > 0 else 'inside': at(driven.beyond),
-        },
-    }
-
-
-def _deviation(circle, driven):
-    """Return how far the distances at the driven poses are from the closed form for them [m]."""
-    gap = driven.station - circle.station
-    worst = 0.0
-    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
-        closed = frame_distances.circle_distances(
-            circle.radius, gap, inside, circle.reach, driven.inside
-        )
-        apart = np.abs(np.subtract(own, closed))
-        worst = max(worst, float(apart.max()))
-    return worst
-
-
-def show_frame_distances(found: FrameDistanceFiles, console: Console) -> None:
-    """Print the table, and where the files are."""
-    values = found.values
-    title = f'Frenet less Cartesian distance, in metres, on a radius of {values["radius_m"]:.0f} m'
-    table = Table(title=title, title_justify='left')
-    table.add_column('m along the path', no_wrap=True)
-    rows = [('closed form', values), ('recorded poses', values['recorded'])]
-    columns = [
-        (f'{side}, {name}', of['overestimation_m'][side])
-        for side in ('inside', 'outside')
-        for name, of in rows
-    ]
-    for name, _ in columns:
-        table.add_column(name, justify='right')
-    for i, gap in enumerate(values['gaps_m']):
-        table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
-    console.print(table)
-    for label, path in (('numbers', found.file), ('figure', found.figures[0])):
-        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)

@@ -1,9 +1,8 @@
-"""The moments next to each obstacle, enlarged within the panel of the distances to obstacles.
-
-The panels of the comparison against the station: each draws every run on one pair of axes.
+"""The panels of a comparison against the station: each draws every run on one pair of axes.
 
 They follow the paper's double-lane-change figure: distances to edges and obstacles, velocity,
-sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions.
+sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions. In
+the panel of the distances to obstacles the closest approaches are enlarged.
 """
 
 from typing import NamedTuple
@@ -21,6 +20,13 @@ LEAST_SHARE = 0.15  # of the width; in a narrower gap nothing is enlarged
 FILL = 0.72  # of a gap, the rest is for the labels left of it
 TICKS_M = (0.0, 0.5, 1.0)
 BOTTOM, HEIGHT = 0.44, 0.46  # of the panel
+GRAVITY = 9.81  # m/s^2
+EVERY = 10  # of the 1 kHz samples one in this many is drawn
+FAR_M = 5.0  # distances beyond this are safe, and not drawn
+LEAST_SPAN_MPS = 2.0  # so that 0.1 m/s does not look like braking
+LEAST_MARGIN_M = 0.1  # of stations: a car that stands has only one
+KILO = 1e3
+STATION = 'station along the coarse path [m]'
 
 
 def shade_unsafe(ax, safe):
@@ -39,7 +45,7 @@ def draw_insets(ax, runs):
             if np.any(gap < NEAR_M):
                 station = float(run.series.station[np.nanargmin(gap)])
                 approached.setdefault(number, []).append(station)
-    middles = {number: float(np.mean(found)) for number, found in approached.items()}
+    middles = {number: float(np.mean(at)) for number, at in approached.items()}
     order = sorted(middles, key=middles.get)
     free = _gaps(ax.get_xlim(), [middles[number] for number in order])
     for k, number in enumerate(order):
@@ -84,17 +90,8 @@ def _inset(ax, runs, number, gap):
         inner.spines[side].set_visible(True)
 
 
-GRAVITY = 9.81  # m/s^2
-EVERY = 10  # of the 1 kHz samples one in this many is drawn
-FAR_M = 5.0  # distances beyond this are safe, and not drawn
-LEAST_SPAN_MPS = 2.0  # a tenth of a metre per second must not look like braking
-LEAST_MARGIN_M = 0.1  # of stations: of a car that stands there is one
-KILO = 1e3
-STATION = 'station along the coarse path [m]'
-
-
 class Run(NamedTuple):
-    """One drive with what the judge made of it, and its look."""
+    """One drive with its Series and its colour."""
 
     name: str
     drive: Drive
@@ -195,7 +192,7 @@ def gg(ax, runs):
     reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max(initial=0.0) for acc in measured))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
-    # its title stays level with those of its neighbours
+    # keeps its title level with those of its neighbours
     ax.set_anchor('N')
     ax.set(xlabel='$a_y$ [m/s²], left positive', ylabel='$a_x$ [m/s²]', title='G-G diagram')
 
@@ -223,13 +220,13 @@ def _along(ax, runs):
 
 
 def _distance_limits(ax, gaps):
-    """Show what is near; half a metre of room below the smallest distance."""
+    """Show small distances, and half a metre below the smallest."""
     low = min([0.0, *(np.nanmin(gap) for gap in gaps if not np.all(np.isnan(gap)))])
     ax.set_ylim(low - 0.5, FAR_M)
 
 
 def note(ax, text):
-    """Say something small about a panel, above its right corner."""
+    """Write a small note above the right corner of a panel."""
     ax.annotate(
         text,
         (1.0, 1.0),

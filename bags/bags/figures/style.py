@@ -1,11 +1,14 @@
-"""One look for every figure: colours that stay apart for colour-blind readers, type, grid."""
+"""The style of every figure: colours for colour-blind readers, fonts, grid; saving a figure."""
+
+import string
+from pathlib import Path
 
 # Okabe and Ito, "Color universal design"; a controller keeps its colour in every figure
 KNOWN = {'mpcc': '#0072B2', 'mpcc_no_ca': '#4D4D4D', 'frenet': '#D55E00'}
 OTHERS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 DASHED = (0, (5, 1.5))
 KNOWN_DASHES = {'mpcc_no_ca': DASHED}
-TUNED = '_tuned'  # ends the name of a controller that looks like the one it was tuned from
+TUNED = '_tuned'  # suffix of a tuned controller, which is drawn like the untuned one
 
 INK = '#262626'
 QUIET = '#6F6F6F'
@@ -38,7 +41,7 @@ RC = {
     'lines.solid_capstyle': 'round',
     'savefig.dpi': 150,
     'svg.fonttype': 'path',
-    # the same run gives the same file
+    # the same run gives identical files
     'svg.hashsalt': 'bags',
     'text.color': INK,
     'xtick.color': '#595959',
@@ -54,14 +57,34 @@ def assign_colours(names):
     A tuned controller has the colour of the untuned one, unless both are shown.
     """
     spare = iter(OTHERS * len(names))
-    found = {}
+    result = {}
     for name in names:
         plain = name.removesuffix(TUNED)
         known = plain in KNOWN and (plain == name or plain not in names)
-        found[name] = KNOWN[plain] if known else next(spare)
-    return found
+        result[name] = KNOWN[plain] if known else next(spare)
+    return result
 
 
 def line_style(name):
     """Return the line style of a controller."""
     return KNOWN_DASHES.get(name.removesuffix(TUNED), '-')
+
+
+def letter_panels(figure) -> None:
+    """Put a letter before the title of every panel, in the order of drawing."""
+    for name, ax in zip(string.ascii_lowercase, figure.axes):
+        ax.set_title(f'({name}) {ax.get_title(loc="left")}')
+
+
+def save_figure(figure, stem: Path) -> list[Path]:
+    """Write a figure as <stem>.png and .svg; return both paths."""
+    # nodes use the colours: they need not load matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
+    figure.savefig(paths[0])
+    # the layout is computed; computing it again takes half of the time
+    figure.set_layout_engine('none')
+    figure.savefig(paths[1], metadata={'Date': None})
+    return paths

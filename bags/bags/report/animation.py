@@ -24,6 +24,8 @@ from msgs_yaml.conversions import NS_PER_S
 
 FRAME_NS = 20_000_000
 STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn
+HEIGHTS = (240, 620)  # CSS pixels
+WIDTH = 1100  # CSS pixels, of the page on a desktop
 
 
 def frame_times(runs: Sequence[Run]) -> np.ndarray:
@@ -56,15 +58,15 @@ def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
     return {**_float32_columns({'t': t, **data}), **body}
 
 
-def plan_rows(run: Run, account: ControllerLog) -> dict[str, Any]:
+def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
     """Return the predicted horizon of each tick, a row per tick."""
     zero_ns = run.drive.motion.stamp_ns[0]
-    length = max((len(one.X) for one in account.predictions), default=0)
+    length = max((len(one.X) for one in log.predictions), default=0)
     x, y = (
-        np.array([_row(getattr(one, axis), length) for one in account.predictions])
+        np.array([_row(getattr(one, axis), length) for one in log.predictions])
         for axis in ('X', 'Y')
     )
-    t = np.array([(one.stamp_ns - zero_ns) / NS_PER_S for one in account.predictions])
+    t = np.array([(one.stamp_ns - zero_ns) / NS_PER_S for one in log.predictions])
     return _float32_columns({'t': t, 'x': x, 'y': y})
 
 
@@ -86,10 +88,6 @@ def _float32_columns(columns: Mapping[str, np.ndarray]):
     return {key: np.asarray(column, dtype=np.float32) for key, column in columns.items()}
 
 
-HEIGHTS = (240, 620)  # CSS pixels
-WIDTH = 1100  # CSS pixels, of the page on a desktop
-
-
 class TopView(NamedTuple):
     """The figure and what sets it in motion, all of it for the script of the page."""
 
@@ -99,7 +97,7 @@ class TopView(NamedTuple):
     runs: list[dict[str, Any]]  # of each: name, car, plan; sources drawn: body, circles, horizon
 
 
-def build_top_view(runs: Sequence[Run], accounts: Mapping[str, ControllerLog]) -> TopView:
+def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> TopView:
     """Return the road from above, with the scene of the first run.
 
     What moves is drawn from sources that the page fills anew for every frame.
@@ -131,7 +129,7 @@ def build_top_view(runs: Sequence[Run], accounts: Mapping[str, ControllerLog]) -
         {
             'name': run.name,
             'car': car_frames(run, t),
-            'plan': plan_rows(run, accounts[run.name]),
+            'plan': plan_rows(run, logs[run.name]),
             **_moving(plot, run),
         }
         for run in runs

@@ -20,6 +20,9 @@ NOT_PHYSICAL = (
 )
 NAMED = 3  # differences that an error names before it counts the rest
 FORCE = 'their numbers do not compare; --force compares them all the same'
+ABSENT = '–'
+# told apart from the parameters of the nodes: paths that differ between any two runs
+PER_RUN = ('out', 'run_info')
 
 
 def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, str]]) -> None:
@@ -62,11 +65,6 @@ def differences(found: Sequence[Mapping]) -> dict[str, list]:
     names = sorted({name for one in found for name in one})
     rows = {name: [one.get(name) for one in found] for name in names}
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
-
-
-ABSENT = '–'
-# told apart from the parameters of the nodes: paths that differ between any two runs
-PER_RUN = ('out', 'run_info')
 
 
 class ProvenanceRow(NamedTuple):

@@ -23,7 +23,7 @@ from bags.storage.invalid_messages import KEY, count_invalid, describe_invalid, 
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
-NO_ACCOUNTS: Mapping[str, ControllerLog] = {}
+NO_LOGS: Mapping[str, ControllerLog] = {}
 NO_FAULTS: Mapping[str, Mapping[str, Any]] = {}
 
 
@@ -58,34 +58,34 @@ def compare_bags(
         loaded = [drop_invalid(read.load(path)) for path in paths]
     if not force:
         check_comparable(paths, [bag.run_info for bag in loaded])
-    drives, accounts = {}, {}
+    drives, logs = {}, {}
     for path, bag in zip(paths, loaded):
         found = drive_from_bag(bag)
         name = found.facts.controller
         if name in drives:
             raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
         drives[name] = found
-        accounts[name] = read_controller_log(bag)
+        logs[name] = read_controller_log(bag)
     of_bags = dict(zip(drives, loaded))
     counts = {name: count_invalid(bag) for name, bag in of_bags.items()}
     faults = {
         'damage': {name: bag.damage for name, bag in of_bags.items() if bag.damage},
         KEY: {name: found[KEY] for name, found in counts.items() if found},
     }
-    return compare_drives(drives, out, faults, accounts, claimed)
+    return compare_drives(drives, out, faults, logs, claimed)
 
 
 def compare_drives(
     drives: dict[str, Drive],
     out: Path,
     faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
-    accounts: Mapping[str, ControllerLog] = NO_ACCOUNTS,
+    logs: Mapping[str, ControllerLog] = NO_LOGS,
     claimed: Sequence[Claim] = (),
 ) -> Comparison:
     """Judge drives by controller name and write what came out into the folder `out`.
 
     `faults` say by controller what is wrong with a bag: `damage`, up to which place it was read,
-    and `invalid_messages`, what was left out of it. `accounts` are what the report shows beyond the
+    and `invalid_messages`, what was left out of it. `logs` are what the report shows beyond the
     drives: a drive without one has neither horizon nor provenance there.
     """
     drives = {name: drop_nonfinite(one) for name, one in drives.items()}
@@ -101,9 +101,7 @@ def compare_drives(
     table_file = out / metrics_table.CSV_FILE
     table_file.write_text(metrics_table.metrics_csv(found))
     drawn = comparison_figures.write_figures(runs, scenario, out / FIGURES)
-    report = page.write_report(
-        page.ReportData(values, runs, accounts, claimed), out / page.REPORT_FILE
-    )
+    report = page.write_report(page.ReportData(values, runs, logs, claimed), out / page.REPORT_FILE)
     return Comparison(values, file, table_file, drawn, report)
 
 

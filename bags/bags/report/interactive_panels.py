@@ -24,6 +24,15 @@ from bags.evaluation.drive import Facts
 from bags.figures import style
 from bags.figures.panels import FAR_M, GRAVITY, KILO, Run
 
+SOLID, DASHED = 'solid', 'dashed'
+BINS = 600  # a panel is at most about that many pixels wide
+HEIGHT = 260  # CSS pixels
+SQUARE = 330
+FLOOR_M = -100.0  # deeper than circles overlap
+NS = 1e-9
+CURVE = 'curve'  # tag of what the page switches between time and station
+CURSOR = 'cursor'
+
 
 def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     """Return the indices (k,) of the samples of `values` (n,) to draw, ascending.
@@ -50,9 +59,6 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     gaps = missing.any(axis=1)
     chosen.append(rows[each[gaps], np.argmax(missing[gaps], axis=1)])
     return np.unique(np.concatenate(chosen))
-
-
-SOLID, DASHED = 'solid', 'dashed'
 
 
 class Curve(NamedTuple):
@@ -113,16 +119,16 @@ def _v2e(run, _):
         yield Curve(side, dash, run.drive.motion.stamp_ns, run.series.v2e[side])
 
 
-def _friction_use(_, account):
+def _friction_use(_, log):
     for axle, dash in (('front', SOLID), ('rear', DASHED)):
-        if account.said:
-            use = account.said[f'friction.{axle}']
-            yield Curve(axle, dash, account.answered_ns, use)
+        if log.numbers:
+            use = log.numbers[f'friction.{axle}']
+            yield Curve(axle, dash, log.report_ns, use)
 
 
-def _solve_time(_, account):
-    if account.said:
-        yield Curve('', SOLID, account.answered_ns, account.said['time.solve_ms'])
+def _solve_time(_, log):
+    if log.numbers:
+        yield Curve('', SOLID, log.report_ns, log.numbers['time.solve_ms'])
 
 
 PANELS = (
@@ -139,23 +145,14 @@ PANELS = (
 )
 
 
-BINS = 600  # a panel is at most about that many pixels wide
-HEIGHT = 260  # CSS pixels
-SQUARE = 330
-FLOOR_M = -100.0  # deeper than circles overlap
-NS = 1e-9
-CURVE = 'curve'  # tag of what the page switches between time and station
-CURSOR = 'cursor'
-
-
 def plot_panel(
-    one: Panel, runs: Sequence[Run], accounts: Mapping[str, ControllerLog], time_axis: Range1d
+    one: Panel, runs: Sequence[Run], logs: Mapping[str, ControllerLog], time_axis: Range1d
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
     drawn = [
         (run, curve)
         for run in runs
-        for curve in one.curves(run, accounts[run.name])
+        for curve in one.curves(run, logs[run.name])
         if np.isfinite(curve.values).any()
     ]
     if not drawn:

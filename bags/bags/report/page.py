@@ -25,6 +25,10 @@ from bags.report.interactive_panels import PANELS
 from bags.storage.invalid_messages import KEY
 
 CLAIMS_FILE = 'claims.json'
+REPORT_FILE = 'report.html'
+PAGE = files('bags.report') / 'page'
+START = 'startReport(film, panels)'  # in report.js
+GOOD = {True: 'good', False: 'bad', None: ''}
 
 
 class Claim(NamedTuple):
@@ -77,18 +81,12 @@ def _claim_text(value: Any):
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-REPORT_FILE = 'report.html'
-PAGE = files('bags.report') / 'page'
-START = 'startReport(film, panels)'  # in report.js
-GOOD = {True: 'good', False: 'bad', None: ''}
-
-
 class ReportData(NamedTuple):
     """What the report is made of."""
 
     values: Mapping[str, Any]  # comparison.json
     runs: Sequence[Run]
-    accounts: Mapping[str, ControllerLog]  # by run; a run may lack one
+    logs: Mapping[str, ControllerLog]  # by run; a run may lack one
     claims: Sequence[Claim] = ()
 
 
@@ -101,12 +99,12 @@ def write_report(material: ReportData, file: Path) -> Path:
 def report_html(material: ReportData) -> str:
     """Return the page: styles, scripts and data are inside, and nothing is fetched."""
     runs = material.runs
-    accounts = {run.name: material.accounts.get(run.name, EMPTY_LOG) for run in runs}
-    infos = [accounts[run.name].info for run in runs]
-    view = animation.build_top_view(runs, accounts)
+    logs = {run.name: material.logs.get(run.name, EMPTY_LOG) for run in runs}
+    infos = [logs[run.name].run_info for run in runs]
+    view = animation.build_top_view(runs, logs)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [interactive_panels.plot_panel(one, runs, accounts, time_axis) for one in PANELS]
+    panels = [interactive_panels.plot_panel(one, runs, logs, time_axis) for one in PANELS]
     panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
     script, divs = _embedded(view, panels)
     return _template().render(

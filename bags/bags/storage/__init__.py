@@ -1,1 +1,12 @@
-"""MCAP files in the rosbag2 layout: written, read into columns, described, repaired."""
+"""MCAP files in the rosbag2 layout: read, write, describe, repair.
+
+read                  a bag in memory, its topics as columns and values
+invalid_messages      drop the messages that break the contract
+columns               the columns of each topic
+decoding              stamps, values and columns from raw messages
+bag_writer            write a bag, in one file or several
+repair                rebuild a bag that was cut off or damaged
+message_filing        the log time under which a recorder files a message
+message_loss          losses from sequence numbers, health of a recording
+mcap_reader, mcap_scan, rosbag2_metadata, message_definitions, cdr   the formats
+"""

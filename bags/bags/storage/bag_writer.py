@@ -1,9 +1,7 @@
-"""One MCAP file in the form rosbag2 expects, written so that a crash leaves whole records.
+"""Write raw CDR into a rosbag2 folder: `<folder>/metadata.yaml`, `<folder>/<name>_0.mcap`, _1 ...
 
-Raw CDR in, a rosbag2 folder out: `<folder>/metadata.yaml` and `<folder>/<name>_0.mcap`, _1 ...
-
-The files are safe against a crash of their writer: whatever was flushed is a sequence of complete
-zstd chunks, from which `bags repair` rebuilds summary and metadata.yaml.
+The files are crash-safe: what was flushed is a sequence of complete zstd chunks, from which
+`bags repair` rebuilds summary and metadata.yaml.
 """
 
 import os
@@ -25,7 +23,7 @@ from bags.storage.rosbag2_metadata import (
     file_text,
 )
 
-CHUNK_BYTES = 768 * 1024  # rosbag2's own default
+CHUNK_BYTES = 768 * 1024  # default of rosbag2
 
 
 class McapFile:
@@ -53,7 +51,7 @@ class McapFile:
             self._stream,
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD,
-            enable_data_crcs=True,  # what lies between the chunks has no other checksum
+            enable_data_crcs=True,  # records between the chunks have no other checksum
         )
         self._writer.start(profile='ros2', library='bags')
         for record, values in records.items():
@@ -75,7 +73,7 @@ class McapFile:
     def write(self, topic: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0):
         """Append one message: CDR with its encapsulation header, times in ns.
 
-        `sequence` is the publisher's own count, 0 where unknown.
+        `sequence` is the publisher's count, 0 where unknown.
         """
         self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence)
         self._counts[topic] += 1
@@ -87,7 +85,7 @@ class McapFile:
             self.first_ns = log_ns
 
     def flush(self):
-        """Close the chunk in progress and hand it to the operating system."""
+        """Close the current chunk and pass it to the operating system."""
         self._writer.flush()
 
     def close(self, records: Mapping[str, Mapping[str, str]]) -> FileFacts:
@@ -104,7 +102,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes in the file, without the chunk in progress."""
+        """Bytes in the file, without the current chunk."""
         return self._stream.tell()
 
     @property
@@ -122,9 +120,9 @@ class McapFile:
 
 
 class _WholeWrites:
-    """A file that holds every write completely or not at all.
+    """A file that contains every write completely or not at all.
 
-    `mcap.writer` passes whole records to each write; so a full disk never leaves half a record.
+    `mcap.writer` writes whole records, so a full disk never leaves half a record.
     """
 
     def __init__(self, path):
@@ -168,9 +166,9 @@ METADATA = 'metadata.yaml'
 
 
 class Split(NamedTuple):
-    """When a bag goes on in another file; 0: never."""
+    """When a bag continues in another file; 0: never."""
 
-    bytes: int = 0  # on the disk; one chunk and the summary come on top
+    bytes: int = 0  # on the disk, without one chunk and the summary
     duration_ns: int = 0  # of log time
 
 
@@ -178,12 +176,12 @@ NO_SPLIT = Split()
 
 
 def mcap_name(folder: Path, number: int = 0) -> str:
-    """Name of an MCAP file that rosbag2 expects in `folder`."""
+    """Return the name of an MCAP file that rosbag2 expects in `folder`."""
     return f'{folder.name}_{number}.mcap'
 
 
 def write_metadata(folder: Path, information: dict):
-    """Write metadata.yaml in one step: there is the old file or the new one, never half of it."""
+    """Write metadata.yaml atomically: the old file or the new one, never a part."""
     path = folder / METADATA
     draft = folder / f'.{METADATA}.{os.getpid()}'
     try:
@@ -229,8 +227,8 @@ class BagWriter:
     def write(self, topic: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0):
         """Append a message to the topic of this index; CDR with its encapsulation header.
 
-        `sequence` is the publisher's own count, 0 where unknown. Goes on in another file where
-        the split says so.
+        `sequence` is the publisher's count, 0 where unknown. Continues in another file as
+        `split` demands.
         """
         if self._is_full(log_ns):
             self._closed.append(self._file.close({}))
@@ -246,11 +244,11 @@ class BagWriter:
         return False
 
     def flush(self):
-        """Close the chunk in progress and hand it to the operating system."""
+        """Close the current chunk and pass it to the operating system."""
         self._file.flush()
 
     def close(self, records: Mapping[str, Mapping[str, str]] = MappingProxyType({})) -> Span:
-        """Complete the bag with further records, write metadata.yaml, return what was recorded."""
+        """Complete the bag with further records, write metadata.yaml, return count and span."""
         self._closed.append(self._file.close(records))
         information = build_metadata(self.topics, self._closed)
         write_metadata(self.folder, information)

@@ -1,7 +1,10 @@
-"""Read CDR (XCDR version 1, as Fast DDS sends it) by the definition text that a bag carries.
+"""Decode CDR (XCDR version 1, as Fast DDS sends it) by the definition text in a bag. No ROS.
 
-A message becomes a named tuple with the fields of the definition, so that `msgs_yaml.decode`
-takes it like a message of ROS. Nothing of ROS is needed.
+A message becomes a named tuple with the fields of the definition, which `msgs_yaml.decode` accepts
+like a ROS message. The tests compare it with rosbags, which decodes a message up to 1.7 times
+faster (110 instead of 190 us for a /controller/why) but takes 10 to 25 ms per type to start
+(1 ms here), and executes Python that it generates from the definition. Here a definition from a
+damaged or hostile bag can only raise BagError; equal payloads are decoded once.
 """
 
 import struct
@@ -23,12 +26,12 @@ WIDEST = 8  # bytes, the largest alignment
 
 
 def aligned(position: int, size: int) -> int:
-    """First multiple of `size` (a power of two) at or after `position`."""
+    """Return the first multiple of `size` (a power of two) at or after `position`."""
     return (position + size - 1) & -size
 
 
 def byte_order(data: bytes) -> str:
-    """'<' or '>' from the encapsulation header; BagError for anything that is not plain CDR."""
+    """Return '<' or '>' from the encapsulation header; BagError for all but plain CDR."""
     order = ORDERS.get(bytes(data[:2]))
     if order is None or len(data) < HEADER:
         raise BagError(f'not plain CDR: it starts with {bytes(data[:HEADER]).hex(" ")!r}')
@@ -63,8 +66,8 @@ def _reader(text, type_name, order) -> Callable:
 
 
 def _message(fields, order, reader_of):
-    """Reader of one message type from the readers of its fields."""
-    # a name that Python keeps for itself, as `from`, is renamed: nobody asks for it
+    """Return the reader of one message type, from the readers of its fields."""
+    # a field with a reserved name such as `from` is renamed: no decoder needs it
     make = namedtuple('Message', [field.name for field in fields], rename=True)._make
     steps = []
     for is_scalar, group in groupby(
@@ -85,7 +88,7 @@ def _message(fields, order, reader_of):
 
 
 def _scalars(order, codes):
-    """Step over neighbouring numbers in one call, with the padding for each start position."""
+    """Return a step over adjacent numbers in one call, with the padding for each start position."""
     layouts = []
     for start in range(WIDEST):
         form, position = order, start
@@ -105,7 +108,7 @@ def _scalars(order, codes):
 
 
 def _field(field, order, reader_of):
-    """Step over a string, a nested message or an array."""
+    """Return a step over a string, a nested message or an array."""
     length = struct.Struct(order + 'I')
     if field.is_array and field.base in CODES:
         read_items = _numbers(order, CODES[field.base])

@@ -1,15 +1,13 @@
-"""The ROS time of a raw message, without decoding it.
+"""Decode recorded messages: to stamps, to values of `msgs_yaml.types`, and to columns.
 
-From a recorded message to its value of `msgs_yaml.types`, checked against the contract.
-
-Where the numbers of a message lie, so that thousands of equal ones are read as one array.
+header_stamps_ns   the stamps of messages, without decoding them
+decode_message     one message as a value, checked against the contract
+build_columns      thousands of messages of one topic as columns, at once
 
 Odometry, Imu and JointState with constant names occupy the same bytes in every message of a
-topic. The layout is found once per group of equal messages; numpy then views a number of all of
-them as one strided column.
-
-
-Columns out of the raw messages of one topic, thousands at a time."""
+topic. Their layout is computed once per group of equal messages; numpy then reads a number of
+all of them as one strided column.
+"""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -28,16 +26,32 @@ from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
-ENCAPSULATION = 4  # bytes of encapsulation
-MARKER_COUNT_BYTES = 4  # bytes that say how many markers there are
-STAMP_BYTES = 8  # bytes
+MARKER_COUNT_BYTES, STAMP_BYTES = 4, 8
+YAW = 'yaw_rad'
+DECODERS = {
+    '/scenario/reference': decode.reference,
+    '/scenario/road_edges': decode.road_edges,
+    '/scenario/obstacles': decode.obstacles,
+    '/vehicle/odometry': decode.odometry,
+    '/vehicle/actuators': decode.actuators,
+    '/vehicle/imu': decode.imu,
+    '/vehicle/wheels': decode.wheels,
+    '/controller/command': decode.command,
+    '/controller/prediction': decode.prediction,
+    '/controller/why': decode.why,
+    '/diagnostics': decode.health,
+    '/clock': decode.clock,
+}
+# of `decode_message`: DecodeError, a ValueError, for a broken contract; the others where the
+# definition in the bag lacks a field or gives it another type
+DECODE_ERRORS = (BagError, ValueError, AttributeError, TypeError, LookupError, ArithmeticError)
 
 
 def stamp_reader(type_name: str) -> Callable[[bytes], int]:
-    """Return stamp_ns(data) for a type: a MarkerArray's first marker has the stamp.
+    """Return a function stamp_ns(data) for a type.
 
-    Every other type of the contract begins with its stamp. The function raises
-    `msgs_yaml.decode.DecodeError` for a message without one, such as no markers at all.
+    A MarkerArray has the stamp of its first marker; every other type of the contract begins with
+    its stamp. The function raises `msgs_yaml.decode.DecodeError` for a message without one.
     """
     return _stamp_of_first_marker if type_name == MARKER_ARRAY else stamp_ns_of
 
@@ -57,33 +71,14 @@ def header_stamps_ns(topic: str, payloads: Sequence[bytes]) -> np.ndarray:
 
 
 def _stamp_of_first_marker(data):
-    begin = ENCAPSULATION + MARKER_COUNT_BYTES
-    return stamp_ns_of(data[:ENCAPSULATION] + data[begin : begin + STAMP_BYTES])
-
-
-DECODERS = {
-    '/scenario/reference': decode.reference,
-    '/scenario/road_edges': decode.road_edges,
-    '/scenario/obstacles': decode.obstacles,
-    '/vehicle/odometry': decode.odometry,
-    '/vehicle/actuators': decode.actuators,
-    '/vehicle/imu': decode.imu,
-    '/vehicle/wheels': decode.wheels,
-    '/controller/command': decode.command,
-    '/controller/prediction': decode.prediction,
-    '/controller/why': decode.why,
-    '/diagnostics': decode.health,
-    '/clock': decode.clock,
-}
-# what a decoder raises: DecodeError, a ValueError, where the contract is broken; the others where
-# the definition, which is the bag's own, lacks a field or makes something else of it
-DECODE_ERRORS = (BagError, ValueError, AttributeError, TypeError, LookupError, ArithmeticError)
+    begin = HEADER + MARKER_COUNT_BYTES
+    return stamp_ns_of(data[:HEADER] + data[begin : begin + STAMP_BYTES])
 
 
 def decode_message(topic: BagTopic, payload: bytes) -> Any:
     """Return the value of a message (CDR with its encapsulation header) of a topic in DECODERS.
 
-    Raises one of INVALID for a message that breaks the contract or does not fit its definition.
+    Raises one of DECODE_ERRORS when it breaks the contract or does not fit its definition.
     """
     return DECODERS[topic.name](cdr.decode(payload, topic.schema, topic.type))
 
@@ -93,7 +88,7 @@ class Layout(NamedTuple):
 
     numbers: dict[str, tuple[int, str]]  # path -> (offset, numpy type)
     strings: dict[str, str]  # path -> text
-    fixed: np.ndarray  # offsets of the bytes that make the layout: lengths and texts
+    fixed: np.ndarray  # offsets of the bytes that determine the layout: lengths and texts
 
 
 def find_layout(data: bytes, text: str, type_name: str) -> Layout:
@@ -115,24 +110,24 @@ def group_by_layout(payloads: list[bytes], text: str, type_name: str):
         bytes_ = np.frombuffer(b''.join([payloads[i] for i in rows]), dtype=np.uint8)
         bytes_ = bytes_.reshape(len(rows), length)
         while len(rows):
-            found = find_layout(payloads[rows[0]], text, type_name)
-            same = (bytes_[:, found.fixed] == bytes_[0, found.fixed]).all(axis=1)
+            layout = find_layout(payloads[rows[0]], text, type_name)
+            same = (bytes_[:, layout.fixed] == bytes_[0, layout.fixed]).all(axis=1)
             if same.all():
-                yield rows, bytes_, found
+                yield rows, bytes_, layout
                 break
-            yield rows[same], bytes_[same], found
+            yield rows[same], bytes_[same], layout
             rows, bytes_ = rows[~same], bytes_[~same]
 
 
-def _read_column(bytes_: np.ndarray, layout: Layout, path: str) -> np.ndarray:
-    """One number of every message, (n,), in its own type."""
+def raw_column(bytes_: np.ndarray, layout: Layout, path: str) -> np.ndarray:
+    """Return one number of every message, (n,), in its own type."""
     offset, kind = layout.numbers[path]
     width = np.dtype(kind).itemsize
     return np.ascontiguousarray(bytes_[:, offset : offset + width]).view(kind)[:, 0]
 
 
 class _LayoutWalk:
-    """One pass over a message, noting where everything is."""
+    """One pass over a message that collects the offsets of its fields."""
 
     def __init__(self, data, types):
         self.data, self.types, self.order = data, types, byte_order(data)
@@ -143,15 +138,15 @@ class _LayoutWalk:
         for field in self.types[base]:
             name = f'{path}.{field.name}' if path else field.name
             if not field.is_array:
-                self.one(field.base, name)
+                self.value(field.base, name)
                 continue
             n = self.length() if field.length is None else field.length
             if n > len(self.data):
                 raise struct.error('more items than bytes')
             for i in range(n):
-                self.one(field.base, f'{name}[{i}]')
+                self.value(field.base, f'{name}[{i}]')
 
-    def one(self, base, path):
+    def value(self, base, path):
         if base in CODES:
             code = CODES[base]
             begin = aligned(self.position, struct.calcsize(code))
@@ -171,14 +166,11 @@ class _LayoutWalk:
             self.message(base, path)
 
     def length(self):
-        """A count or the length of a text; its bytes belong to the layout."""
+        """Return a count or the length of a text; its bytes belong to the layout."""
         begin = aligned(self.position, 4)
         self.position = begin + 4
         self.fixed += range(HEADER + begin, HEADER + begin + 4)
         return struct.unpack_from(self.order + 'I', self.data, HEADER + begin)[0]
-
-
-YAW = 'yaw_rad'
 
 
 def build_columns(source: Source, topic: BagTopic, payloads: list[bytes], zero_ns: int) -> Columns:
@@ -188,46 +180,43 @@ def build_columns(source: Source, topic: BagTopic, payloads: list[bytes], zero_n
     """
     n = len(payloads)
     stamp_ns = np.empty(n, dtype=np.int64)
-    found = {
+    table = {
         name: np.empty((n, len(paths)) if isinstance(paths, tuple) else n)
         for name, paths in source.paths.items()
     }
-    for rows, bytes_, where in group_by_layout(payloads, topic.schema, topic.type):
-        stamp_ns[rows] = _stamp_ns(source.stamp, bytes_, where)
+    for rows, bytes_, layout in group_by_layout(payloads, topic.schema, topic.type):
+        stamp_ns[rows] = _stamp_ns(source.stamp, bytes_, layout)
         for name, paths in source.paths.items():
             if isinstance(paths, tuple):
-                columns = [column(bytes_, where, path) for path in paths]
-                found[name][rows] = np.stack(columns, axis=1)
+                columns = [column(bytes_, layout, path) for path in paths]
+                table[name][rows] = np.stack(columns, axis=1)
             else:
-                found[name][rows] = column(bytes_, where, paths)
-    if YAW in found:
+                table[name][rows] = column(bytes_, layout, paths)
+    if YAW in table:
         # math.atan2, as every receiver of the message uses: numpy's may differ in the last bit
-        found[YAW] = np.array(
-            [conversions.quaternion_to_heading(z, w) for z, w in found[YAW].tolist()]
+        table[YAW] = np.array(
+            [conversions.quaternion_to_heading(z, w) for z, w in table[YAW].tolist()]
         )
-    return source.table(stamp_ns=stamp_ns, t_s=(stamp_ns - zero_ns) / NS_PER_S, **found)
+    return source.table(stamp_ns=stamp_ns, t_s=(stamp_ns - zero_ns) / NS_PER_S, **table)
 
 
-def _stamp_ns(path, bytes_, where):
-    sec, nanosec = (column(bytes_, where, f'{path}.{part}') for part in ('sec', 'nanosec'))
+def _stamp_ns(path, bytes_, layout):
+    sec, nanosec = (column(bytes_, layout, f'{path}.{part}') for part in ('sec', 'nanosec'))
     if not (np.can_cast(sec.dtype, np.int32) and np.can_cast(nanosec.dtype, np.uint32)):
         raise BagError(f'{path} is of {sec.dtype} and {nanosec.dtype}; allowed int32 and uint32')
     return sec.astype(np.int64) * NS_PER_S + nanosec
 
 
-def column(bytes_: np.ndarray, where: Layout, path: str) -> np.ndarray:
-    """A column by its path; 'effort[steer]' goes by the place of 'steer' in `name`."""
+def column(bytes_: np.ndarray, layout: Layout, path: str) -> np.ndarray:
+    """Return a column (n,) by its path; 'effort[steer]' is at the index of 'steer' in `name`."""
     array, bracket, joint = path.partition('[')
     if bracket:
-        joints = [where.strings[f'name[{i}]'] for i in range(_count(where.strings))]
+        count = sum(name.startswith('name[') for name in layout.strings)
+        joints = [layout.strings[f'name[{i}]'] for i in range(count)]
         wanted = joint.rstrip(']')
         if wanted not in joints:
             raise BagError(f'no joint {wanted!r}; it has {", ".join(joints)}')
         path = f'{array}[{joints.index(wanted)}]'
-    if path not in where.numbers:
+    if path not in layout.numbers:
         raise BagError(f'no {path} in the message')
-    return _read_column(bytes_, where, path)
-
-
-def _count(strings):
-    return sum(path.startswith('name[') for path in strings)
+    return raw_column(bytes_, layout, path)

@@ -1,6 +1,7 @@
-"""The MCAP files that make up a bag: one, or several numbered ones when it was split.
+"""Read the MCAP files of a bag into arrays, however damaged they are.
 
-Everything an MCAP file of ROS messages holds, as arrays, however damaged it is."""
+A bag is one file, or several numbered ones when it was split.
+"""
 
 import re
 import struct
@@ -19,6 +20,12 @@ from bags.storage.mcap_scan import Damage, is_mcap, records_in_chunk, scan_recor
 from bags.storage.rosbag2_metadata import BagTopic
 
 NUMBERED = re.compile(r'(?P<name>.*)_(?P<number>\d+)\.mcap')
+# of a message record; times in ns
+MESSAGE_HEADER = np.dtype(
+    [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')]
+)
+LATEST_NS = np.iinfo(np.int64).max  # in the year 2262; later times are clipped
+RECORDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 
 
 def mcap_files(path: Path | str) -> list[Path]:
@@ -31,51 +38,43 @@ def mcap_files(path: Path | str) -> list[Path]:
         if not path.exists():
             raise BagError(f'{path}: there is no such bag')
         return [path]
-    found = sorted(path.glob('*.mcap'))
-    if len(found) == 1:
-        return found
-    parts = [NUMBERED.fullmatch(file.name) for file in found]
+    files = sorted(path.glob('*.mcap'))
+    if len(files) == 1:
+        return files
+    parts = [NUMBERED.fullmatch(file.name) for file in files]
     if not all(parts) or len({part['name'] for part in parts}) != 1:
-        names = ', '.join(file.name for file in found) or 'none'
+        names = ', '.join(file.name for file in files) or 'none'
         raise BagError(
             f'{path}: not a bag: it must hold one file *.mcap, or the numbered ones of one bag; '
             f'it holds {names}'
         )
-    return sorted(found, key=_number)
+    return sorted(files, key=_number)
 
 
 def missing_before(file: Path, before: Path) -> str | None:
     """Return the name of the first file that is missing between two of a split bag, or None."""
-    wanted = _number(before) + 1
-    if _number(file) == wanted:
+    expected = _number(before) + 1
+    if _number(file) == expected:
         return None
-    return f'{NUMBERED.fullmatch(file.name)["name"]}_{wanted}.mcap'
+    return f'{NUMBERED.fullmatch(file.name)["name"]}_{expected}.mcap'
 
 
 def _number(file):
     return int(NUMBERED.fullmatch(file.name)['number'])
 
 
-# how a message begins; times in ns
-MESSAGE_HEADER = np.dtype(
-    [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')]
-)
-LATEST_NS = np.iinfo(np.int64).max  # an hour of 2262; what claims to be later is of that hour
-RECORDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
-
-
 class Message(NamedTuple):
     """One recorded message; times in ns, `data` is CDR with its encapsulation header."""
 
     channel: int
-    sequence: int  # the publisher's own count, 0 where unknown
+    sequence: int  # the publisher's count, 0 where unknown
     log_ns: int
     publish_ns: int
     data: bytes
 
 
 class Contents(NamedTuple):
-    """What was found; n messages in file order, of known channels only."""
+    """The contents of one file; n messages in file order, of known channels only."""
 
     topics: dict[int, BagTopic]  # by channel
     channel: np.ndarray  # (n,) int64
@@ -85,7 +84,7 @@ class Contents(NamedTuple):
     payloads: list[bytes]
     records: dict[str, dict[str, str]]  # metadata records by name
     damage: tuple[Damage, ...]  # in file order; empty for a file that was closed
-    nameless: int  # messages left out because their channel is defined nowhere
+    nameless: int  # messages left out because no record defines their channel
     indexed: bool  # it has a summary
 
     @property
@@ -102,7 +101,7 @@ EMPTY_FILE = Contents(
 
 
 def read_mcap(file: Path, whole: bool = True) -> Contents:
-    """Read an MCAP file; with `whole` also what lies behind damage.
+    """Read an MCAP file; with `whole` also what follows the first damage.
 
     Raises BagError when it is no MCAP file, is empty or cannot be read.
     """
@@ -117,15 +116,15 @@ def read_mcap(file: Path, whole: bool = True) -> Contents:
     return _collect(scan_records(data), whole)
 
 
-def _collect(found, whole):
+def _collect(items, whole):
     gathering = _Gathering()
     damage = []
-    for item in found:
+    for item in items:
         if isinstance(item, Damage):
             damage.append(item)
         elif item.opcode == Opcode.CHUNK:
             gathering.chunk(item.body, item.checked)
-        # a message outside chunks, where there are chunks, is another record with a wrong head
+        # in a file with chunks, a message outside of them is another record with a damaged opcode
         elif item.opcode != Opcode.MESSAGE or not gathering.has_chunks:
             gathering.record(item.opcode, item.body, trusted=False)
         if damage and not whole:
@@ -134,7 +133,7 @@ def _collect(found, whole):
 
 
 class _Gathering:
-    """Definitions, messages and metadata as they come."""
+    """Collects definitions, messages and metadata in file order."""
 
     def __init__(self):
         self.has_chunks = self.indexed = False
@@ -163,7 +162,7 @@ class _Gathering:
             self.define(record, trusted)
 
     def define(self, record, trusted):
-        """Keep a definition; one that a checksum covers goes before one without."""
+        """Keep a definition; one with a valid checksum has precedence."""
         kept = self.channels if isinstance(record, Channel) else self.schemas
         key = type(record), record.id
         if record.id not in kept or (trusted and key not in self.trusted):
@@ -200,12 +199,12 @@ class _Gathering:
 
 
 def _whole_numbers(column):
-    """As int64, which numpy and the rest of the world count time in."""
+    """Return a column as int64, clipped to LATEST_NS."""
     return np.minimum(column, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def _parse(opcode, body):
-    """Schema, channel or metadata; None for anything else and for what is not whole."""
+    """Return a schema, channel or metadata record; None for others and for incomplete ones."""
     if opcode not in RECORDS:
         return None
     stream = ReadDataStream(BytesIO(body))

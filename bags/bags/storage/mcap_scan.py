@@ -1,8 +1,8 @@
-"""Walk the records of an MCAP file whatever state it is in, and name where it is damaged.
+"""Scan the records of an MCAP file in any state, and locate its damage.
 
-Format: https://mcap.dev/spec. Only chunks carry a checksum, so they are found by their looks and
-believed by their checksum, wherever they lie; the records between them are walked from one chunk
-to the next. So a broken record costs itself, and no chunk but its own.
+Format: https://mcap.dev/spec. Only chunks carry a checksum, so they are located by signature,
+wherever they are, and accepted by CRC; the records between them are walked from one chunk to the
+next. So a broken record costs only itself, and no chunk other than its own.
 """
 
 import re
@@ -23,19 +23,19 @@ CHUNK_HEADER = struct.Struct(
 SIZE = struct.Struct('<Q')  # of the compressed bytes
 CODEC = re.compile(rb'\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4')  # with its length before it
 CODEC_AT = RECORD_PREFIX.size + CHUNK_HEADER.size - 4  # where that length lies in a chunk record
-DATA_END = CHECKSUM = struct.Struct('<I')  # 0 where none was made
-FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, its checksum
-LARGEST_CHUNK = 1 << 30  # bytes; a larger claim is damage
-UNSAID = -1  # what `frame_content_size` returns of a frame that does not say its size
+DATA_END = CHECKSUM = struct.Struct('<I')  # 0 without a checksum
+FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
+LARGEST_CHUNK = 1 << 30  # bytes; a larger size is damage
+UNKNOWN_SIZE = -1  # `frame_content_size` of a frame without its size
 
 
 class Record(NamedTuple):
-    """A record; the body of a chunk is what it holds, decompressed."""
+    """A record; the body of a chunk is decompressed."""
 
     offset: int  # in the file
     opcode: int
     body: bytes
-    checked: bool  # a checksum agrees
+    checked: bool  # its CRC is valid
 
 
 class Damage(NamedTuple):
@@ -46,12 +46,12 @@ class Damage(NamedTuple):
 
 
 def is_mcap(data: bytes) -> bool:
-    """Whether this begins as an MCAP file does."""
+    """Return whether the data begin with the magic bytes of MCAP."""
     return data[: len(MCAP0_MAGIC)] == MCAP0_MAGIC
 
 
 def scan_records(data: bytes) -> Iterator[Record | Damage]:
-    """Yield what a file holds in file order, and in between what of it is damaged.
+    """Yield the records of a file in file order, and its damage in between.
 
     The last thing is a Damage unless the file ends as a closed file does. Never raises.
     """
@@ -82,7 +82,7 @@ def records_in_chunk(contents: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _between(data, position, end):
-    """Records between two chunks, or after the last."""
+    """Yield the records between two chunks, or after the last."""
     closing = len(data) - len(MCAP0_MAGIC)
     seen = []
     while position < end:
@@ -100,7 +100,7 @@ def _between(data, position, end):
             cut = end == len(data)
             yield Damage(position, 'the file is cut off inside a record' if cut else 'no record')
             if cut and opcode == Opcode.CHUNK:
-                yield Record(position, opcode, _beginning(data[body:], length), False)
+                yield Record(position, opcode, _decompress_part(data[body:], length), False)
             return
         if opcode == Opcode.CHUNK:
             try:
@@ -108,33 +108,33 @@ def _between(data, position, end):
             except ValueError as error:
                 yield Damage(position, str(error))
         else:
-            yield from _disagreement(data, position, opcode, body, length)
+            yield from _check_section_crc(data, position, opcode, body, length)
             yield Record(position, opcode, data[body : body + length], False)
         position = body + length
     if end == len(data):
         yield Damage(end, 'the file is cut off: its footer is missing')
 
 
-def _disagreement(data, position, opcode, body, length):
-    """The checksums of the data section and of the summary, where they were made."""
+def _check_section_crc(data, position, opcode, body, length):
+    """Yield a Damage where the CRC of the data section or of the summary is wrong."""
     if opcode == Opcode.DATA_END and length == DATA_END.size:
         (checksum,) = DATA_END.unpack_from(data, body)
         if checksum not in (0, zlib.crc32(data[:position])):
-            yield Damage(position, 'what lies before is not all as it was written')
+            yield Damage(position, 'the CRC of the data section is wrong')
     elif opcode == Opcode.FOOTER and length == FOOTER.size:
         begin, _, checksum = FOOTER.unpack_from(data, body)
         covered = data[begin or position : body + FOOTER.size - CHECKSUM.size]
         if checksum not in (0, zlib.crc32(covered)):
-            yield Damage(position, 'the summary is not as it was written')
+            yield Damage(position, 'the CRC of the summary is wrong')
 
 
 def _next_chunk(data, position):
-    """First compressed chunk from `position` on whose checksum agrees: (begin, end, contents)."""
+    """Return (begin, end, contents) of the first compressed chunk with a valid CRC, or None."""
     for found in CODEC.finditer(data, position):
         begin = found.start() - CODEC_AT
         if begin < position or found.end() + SIZE.size > len(data):
             continue
-        # its length is written twice; should they differ, the contents tell which is right
+        # its length is written twice; where they differ, the CRC decides
         ends = (
             begin + RECORD_PREFIX.size + RECORD_PREFIX.unpack_from(data, begin)[1],
             found.end() + SIZE.size + SIZE.unpack_from(data, found.end())[0],
@@ -150,7 +150,7 @@ def _next_chunk(data, position):
 
 
 def _chunk_contents(body):
-    """(Contents, whether a checksum agreed) of a chunk; ValueError says what is wrong with it."""
+    """Return (contents, whether the CRC is valid) of a chunk; ValueError with what is wrong."""
     try:
         *_, size, checksum, codec_length = CHUNK_HEADER.unpack_from(body)
         codec = body[CHUNK_HEADER.size : CHUNK_HEADER.size + codec_length]
@@ -168,10 +168,10 @@ def _decompressed(codec, data, size):
     if size > LARGEST_CHUNK:
         raise ValueError('the head of a chunk is wrong')
     if codec == b'zstd':
-        # a frame that claims another size would be given that much memory
-        if zstandard.frame_content_size(data) not in (size, UNSAID):
+        # a frame that claims another size would get that much memory
+        if zstandard.frame_content_size(data) not in (size, UNKNOWN_SIZE):
             raise ValueError('the head of a chunk is wrong')
-        # and one that claims none would go on as long as it can: a megabyte may unpack to many
+        # one without a size is limited to that of the chunk: a megabyte may unpack to many
         unpack = zstandard.ZstdDecompressor().decompress
         return unpack(data, max_output_size=size, allow_extra_data=False)
     if codec == b'lz4':
@@ -185,14 +185,14 @@ def _decompressed(codec, data, size):
     raise ValueError(f'a chunk is compressed by {codec!r}, which is unknown')
 
 
-def _beginning(body, length):
-    """What can be decompressed of a zstd chunk of `length` bytes that was cut off."""
+def _decompress_part(body, length):
+    """Return what can be decompressed of a zstd chunk of `length` bytes that was cut off."""
     try:
         *_, contained, _, codec_length = CHUNK_HEADER.unpack_from(body)
         codec = body[CHUNK_HEADER.size : CHUNK_HEADER.size + codec_length]
         data_at = CHUNK_HEADER.size + codec_length + SIZE.size
         (size,) = SIZE.unpack_from(body, data_at - SIZE.size)
-        # both lengths of the chunk must speak of a cut; one alone is a broken number
+        # both lengths of the chunk must exceed the file; one alone is a broken number
         if codec != b'zstd' or data_at + size != length:
             return b''
         frame = zstandard.ZstdDecompressor().stream_reader(body[data_at:])

@@ -1,11 +1,9 @@
-"""What a bag says about a message type: its full definition text and its type hash.
+"""Message definitions as text with all dependencies ('ros2msg'), their hashes, and their parser.
 
-Both come from the message packages that are installed (share/<package>/msg). The text is put
-together in the order of rosbag2's own source of definitions: the message, then every type it
-needs, depth first, sorted by name, each once, under a line of 80 equal signs.
-
-
-Message definitions out of the text that a bag carries ('ros2msg'): types and their fields."""
+Texts and hashes come from the installed message packages (share/<package>/msg). A text has the
+order of rosbag2: the message, then every type it needs, depth first, sorted by name, each once,
+under a line of 80 equal signs. The parser reads the text that a bag carries, and trusts nothing.
+"""
 
 import json
 import re
@@ -22,10 +20,30 @@ PRIMITIVES = frozenset(
     )
 )
 SEPARATOR = '=' * 80
+FIELD = re.compile(
+    r'(?P<base>[\w/]+)(?:<=\d+)?'
+    r'(?P<array>\[(?:(?P<bound><=)?(?P<length>[1-9]\d{0,8}))?\])?\s+(?P<name>\w+)',
+    re.ASCII,
+)
+TYPE = re.compile(r'\w+/(?:msg/)?\w+', re.ASCII)
+DEEPEST = 32  # messages in messages; those of ROS have 5
+
+
+class Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    base: str  # a primitive or 'package/Name'
+    is_array: bool
+    length: int | None  # of an array of fixed length
+
+
+# the field that ROS 2 gives a message without fields, one byte in CDR
+FILLER = Field('structure_needs_at_least_one_member', 'uint8', False, None)
 
 
 def split_type(type_name: str) -> tuple[str, str]:
-    """Package and message name of 'package/msg/Name' or 'package/Name'."""
+    """Return package and message name of 'package/msg/Name' or 'package/Name'."""
     package, *_, name = type_name.split('/')
     return package, name
 
@@ -72,34 +90,12 @@ def _dependencies(text, package):
     return sorted(found)
 
 
-FIELD = re.compile(
-    r'(?P<base>[\w/]+)(?:<=\d+)?'
-    r'(?P<array>\[(?:(?P<bound><=)?(?P<length>[1-9]\d{0,8}))?\])?\s+(?P<name>\w+)',
-    re.ASCII,
-)
-TYPE = re.compile(r'\w+/(?:msg/)?\w+', re.ASCII)
-DEEPEST = 32  # messages in messages; those of ROS have 5
-
-
-class Field(NamedTuple):
-    """One field of a message."""
-
-    name: str
-    base: str  # a primitive or 'package/Name'
-    is_array: bool
-    length: int | None  # of an array of fixed length
-
-
-# what ROS 2 puts into a message without fields, one byte on the wire
-FILLER = Field('structure_needs_at_least_one_member', 'uint8', False, None)
-
-
 @lru_cache(maxsize=64)
 def parse_definition(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
-    """Fields of `type_name` (under '') and of all types it needs (under 'package/Name').
+    """Return the fields of `type_name` (key '') and of all types it needs (key 'package/Name').
 
-    Raises BagError naming the line that is no field, or the type that is missing, in itself, too
-    deep in others, or of wide characters, which nothing here reads.
+    Raises BagError for a line that is no field, and for a type that is missing, contains itself, is
+    nested too deeply or has wide characters, which are not supported.
     """
     package = _package(type_name)
     first, *others = re.split(rf'^{SEPARATOR}\nMSG: ', text, flags=re.MULTILINE)
@@ -113,7 +109,7 @@ def parse_definition(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
                 raise BagError(f'definition of {type_name}: {field.base} is not in it')
             if field.base == 'wstring':
                 raise BagError(f'definition of {type_name}: {field.name} has wide characters')
-    _refuse_circles(types, type_name)
+    _refuse_recursion(types, type_name)
     return types
 
 
@@ -123,7 +119,7 @@ def _package(type_name):
     return split_type(type_name)[0]
 
 
-def _refuse_circles(types, type_name):
+def _refuse_recursion(types, type_name):
     done = set()
 
     def visit(name, above):

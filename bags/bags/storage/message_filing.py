@@ -1,8 +1,8 @@
-"""What time it is in a recording in lockstep: /clock says so, the stamps of other topics do not.
+"""The log time under which a recorder files a message. No ROS.
 
-The parameters of the recorder. No ROS: they are checked before anything starts.
-
-Bookkeeping of a recorder: which time a message is filed under, and what was lost."""
+In lockstep only /clock defines the time: messages wait for it, as it may arrive late. In realtime
+the log time is the time of arrival.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -15,27 +15,43 @@ from bags.errors import BagError
 from bags.storage.decoding import stamp_reader
 from bags.storage.message_definitions import schema_text, type_hash
 from bags.storage.message_loss import LossCounter
+from bags.storage.read import LOCKSTEP
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from msgs_yaml.contract import Contract
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
 from node_runtime.parameters import Range
 
-# how far a stamp may be ahead of /clock: the plant sends the states of 50 ms, then the clock
+# how far a stamp may be ahead of /clock: the plant sends the states of 50 ms before /clock
 AHEAD_NS = 1_000_000_000
-# messages that wait for the first /clock; a recording without a clock keeps no more in memory
+# messages that wait for the first /clock; so many are kept where there is none
 LARGEST_WAIT = 500
-# messages with a stamp far ahead of /clock. What is lost on its way DDS sends again after seconds:
-# /clock may come later than what follows it, at 3,300 messages per second of simulated time
+# messages with a stamp far ahead of /clock. DDS repeats a lost packet after seconds: /clock may
+# arrive after later messages, at 3,300 messages per second of simulated time
 LARGEST_AHEAD = 30_000
+CLOCK = '/clock'  # simulated time, in lockstep
+# by how much times of arrival may decrease: DDS may deliver a repeated packet late
+SLACK_NS = 100_000_000
+
+
+@dataclass(frozen=True)
+class RecorderParams:
+    """Parameters of the recorder, see config/recorder.yaml; checked before a run starts."""
+
+    out: str
+    run_info: str
+    chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
+    poll_s: Annotated[float, Range(0.001, 0.1, 's')]
+    split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
+    split_s: Annotated[float, Range(0.0, 1e6, 's')]
 
 
 class SimulatedTime:
-    """The last time on /clock, and the messages whose time is known once it is heard again."""
+    """The last time on /clock, and the messages that wait for the next one."""
 
     def __init__(self, listen: Callable[[], None] = lambda: None):
-        """`listen` calls `hear` for what has arrived on /clock by now."""
-        self.now_ns: int | None = None  # None: no /clock was heard
+        """`listen` calls `hear` for every message that has arrived on /clock."""
+        self.now_ns: int | None = None  # None before the first /clock
         self._listen = listen
         self._waiting: list[Callable[[], None]] = []
         self._ahead: list[tuple[int, Callable[[], None]]] = []
@@ -47,18 +63,18 @@ class SimulatedTime:
         return self.now_ns is None and self._is_awaited
 
     def hear(self, stamp_ns: int) -> None:
-        """Note a time on /clock; it never goes back."""
+        """Advance to a time on /clock; the time never decreases."""
         self.now_ns = max(stamp_ns, self.now_ns or 0)
 
     def is_ahead(self, stamp_ns: int) -> bool:
-        """Tell whether a stamp is beyond the newest /clock by more than AHEAD_NS."""
+        """Return whether a stamp is ahead of the newest /clock by more than AHEAD_NS."""
         if self.now_ns is None or stamp_ns <= self.now_ns + AHEAD_NS:
             return False
-        self._listen()  # messages of a topic are taken together: the clock may be further by now
+        self._listen()  # messages are taken topic by topic: a later /clock may have arrived
         return stamp_ns > self.now_ns + AHEAD_NS
 
     def wait(self, file: Callable[[], None]) -> None:
-        """File a message when /clock is heard the next time."""
+        """File a message at the next /clock."""
         self._waiting.append(file)
         if self.is_awaited and len(self._waiting) > LARGEST_WAIT:
             self._is_awaited = False
@@ -72,7 +88,7 @@ class SimulatedTime:
             file()
 
     def release(self) -> None:
-        """File what waits and whose time has come, in the order in which it came."""
+        """File the waiting messages whose time has come, in the order of arrival."""
         waiting, self._waiting = self._waiting, []
         for file in waiting:
             file()
@@ -86,9 +102,9 @@ class SimulatedTime:
                     self._ahead.append((stamp_ns, file))
 
     def end(self, fell_back: bool = False) -> int:
-        """File what waits: no more is heard of /clock. Return how many messages are left out.
+        """File all waiting messages: /clock has ended. Return how many messages are left out.
 
-        Those are, where /clock `fell_back`, the ones that had fallen back before it.
+        Those are, where /clock `fell_back`, the messages whose stamps had fallen back before it.
         """
         left_out = len(self._waiting) if fell_back else 0
         if fell_back:
@@ -101,7 +117,7 @@ class SimulatedTime:
 
 
 class ClockQueue:
-    """Messages of /clock in the order of their arrival, also those that were heard before."""
+    """Messages of /clock in the order of arrival, also those whose time was read before."""
 
     def __init__(
         self, arrived: Callable[[], Iterable[tuple[bytes, Any]]], hear: Callable[[int], None]
@@ -111,35 +127,17 @@ class ClockQueue:
         self._queue = deque()
 
     def listen(self) -> None:
-        """Hear the time on /clock by now; its messages stay in the queue."""
+        """Read the time on /clock so far; its messages stay in the queue."""
         for message in self._arrived():
             self._queue.append(message)
             with suppress(DecodeError):
                 self._hear(stamp_ns_of(message[0]))
 
     def take(self) -> Iterator[tuple[bytes, Any]]:
-        """Yield the messages; whoever files one may listen before the next."""
+        """Yield the messages; `listen` may be called between two of them."""
         self._queue.extend(self._arrived())
         while self._queue:
             yield self._queue.popleft()
-
-
-@dataclass(frozen=True)
-class RecorderParams:
-    """Parameters of the recorder, see config/recorder.yaml."""
-
-    out: str
-    run_info: str
-    chunk_s: Annotated[float, Range(0.01, 0.5, 's')]
-    poll_s: Annotated[float, Range(0.001, 0.1, 's')]
-    split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
-    split_s: Annotated[float, Range(0.0, 1e6, 's')]
-
-
-LOCKSTEP = 'lockstep'
-CLOCK = '/clock'  # simulated time, in lockstep
-# by how much arrivals may fall back: DDS may deliver what it had to send again late
-SLACK_NS = 100_000_000
 
 
 def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
@@ -162,30 +160,34 @@ def _qos(qos):
 
 
 class ClockError(BagError):
-    """A clock was set back while it was recorded."""
+    """A clock was set back during a recording."""
 
 
 class Filing:
-    """Files the messages of one topic: into a bag, under the right time."""
+    """Files the messages of one topic into a bag under the right log time."""
 
     def __init__(
         self,
         topic: BagTopic,
         mode: str,
         write: Callable[[int, int, bytes, int], None],
-        alone: bool = True,
+        single_publisher: bool = True,
         time: SimulatedTime | None = None,
-        owns_time: bool = False,
+        publishes_clock: bool = False,
     ):
-        """`alone`: the topic has one publisher, so its time never falls back.
+        """`single_publisher`: the topic has one publisher, so its time never falls back.
 
         `time` is shared by all topics of a recording in lockstep; only /clock advances it.
-        `owns_time`: the publisher of /clock publishes this topic, too.
+        `publishes_clock`: the publisher of /clock publishes this topic, too.
         """
         self.counter = LossCounter()
         self.misdated = 0  # messages filed under another time than their stamp
         self.first_misdated: tuple[int, int] | None = None  # ns: stamp, and where it is filed
-        self._topic, self._alone, self._owns_time = topic, alone, owns_time
+        self._topic, self._single_publisher, self._publishes_clock = (
+            topic,
+            single_publisher,
+            publishes_clock,
+        )
         self._write = write
         self._stamp_ns = stamp_reader(topic.type)
         self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
@@ -195,17 +197,17 @@ class Filing:
     def put(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
         """File one message under its stamp (lockstep) or its time of arrival (realtime).
 
-        `source_ns` and `sequence` are the publisher's, 0 and None where the middleware knows none.
+        `source_ns` and `sequence` are the publisher's, 0 and None where the middleware gives none.
         In lockstep a stamp that /clock never reaches, or one that falls back, is that of another
-        program or of a node that was started again: the message is filed under the last time of
-        /clock, or under the last time of its topic. A message far ahead waits for /clock, which may
-        arrive later; so do all before the first /clock, and one of the plant that falls back: if
-        /clock falls back as well, it is never filed.
+        program or of a restarted node: the message is filed under the last time of /clock, or under
+        the last time of its topic. A message far ahead waits for /clock, which may arrive later; so
+        do all before the first /clock, and one of the plant that falls back: if /clock falls back
+        as well, that message is never filed.
 
         Raises ClockError, and files nothing, when /clock (lockstep) or the arrival falls back.
         """
         if self._time is None:
-            if self._alone:
+            if self._single_publisher:
                 self._check(received_ns, SLACK_NS, 'the clock of the machine was set back')
             self._last_log_ns = received_ns
             self.counter.add(sequence)
@@ -225,7 +227,7 @@ class Filing:
             file()
 
     def _follows(self, stamp_ns):
-        """Tell whether an earlier message still waits: /clock may have been heard meanwhile."""
+        """Return whether an earlier message still waits: the order of a topic is kept."""
         return bool(self._ahead_ns) and min(self._ahead_ns) <= stamp_ns
 
     def _file_reached(self, stamp_ns, file):
@@ -233,41 +235,41 @@ class Filing:
         file()
 
     def _must_wait(self, stamp_ns):
-        """Tell whether it depends on the next /clock how a message is filed."""
+        """Return whether the log time of a message depends on the next /clock."""
         if self._topic.name == CLOCK:
             return False
         falls_back = stamp_ns is not None and stamp_ns < self._last_log_ns
-        return self._time.is_awaited or (self._owns_time and falls_back)
+        return self._time.is_awaited or (self._publishes_clock and falls_back)
 
     def _stamp(self, data):
-        """Return the stamp, None where there is none; a bag holds nothing before 1970."""
+        """Return the stamp, None without one; a bag has no times before 1970."""
         try:
             return max(self._stamp_ns(data), 0)
         except DecodeError:
             return None
 
     def _tick(self, stamp_ns):
-        """Let time go on to a stamp of /clock."""
+        """Advance the time to a stamp of /clock."""
         if stamp_ns is not None:
             self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
             self._time.hear(stamp_ns)
             self._time.release()
 
     def _file_stamped(self, stamp_ns, data, source_ns, sequence):
-        log_ns = self._dated(stamp_ns)
+        log_ns = self._log_time(stamp_ns)
         if stamp_ns not in (None, log_ns):
             self.misdated += 1
             self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
         self._file(log_ns, data, source_ns, sequence)
 
-    def _dated(self, stamp_ns):
-        """Return the time that a message is filed under."""
+    def _log_time(self, stamp_ns):
+        """Return the log time of a message."""
         if stamp_ns is None:
             return self._last_log_ns
         if self._time.is_ahead(stamp_ns):
             return self._time.now_ns
-        log_ns = max(stamp_ns, self._last_log_ns) if self._alone else stamp_ns
-        # a stamp a little ahead does not hold back those that follow it
+        log_ns = max(stamp_ns, self._last_log_ns) if self._single_publisher else stamp_ns
+        # a stamp slightly ahead of /clock must not date the messages that follow it
         now_ns = log_ns if self._time.now_ns is None else self._time.now_ns
         self._last_log_ns = max(self._last_log_ns, min(log_ns, now_ns))
         return log_ns

@@ -1,8 +1,8 @@
-"""Make a complete bag of what a killed recorder or a broken disk left.
+"""Rebuild a complete bag from what a killed recorder or a broken disk left.
 
-Everything that can be read is written into a new file beside the damaged one, which is kept under
-another name; only then does the new file take its place. Only chunks whose checksum agrees are
-believed, and of a chunk that was cut off as much as can be decompressed.
+Everything that can be read is written into a new file, which then replaces the damaged one; that
+one is kept under another name. Chunks count when their checksum agrees; of a chunk that was cut
+off, everything that can be decompressed.
 """
 
 import os
@@ -27,27 +27,27 @@ KEPT = '.damaged'
 
 
 class FileRepair(NamedTuple):
-    """What was found in one file, and done."""
+    """The damage of one file and its repair."""
 
     path: Path
-    kept: Path | None  # where the damaged file is now, None when it was complete
+    kept: Path | None  # the damaged file, None when it was complete
     damage: tuple[Damage, ...]  # in file order
-    facts: FileFacts  # what is in the file now
-    nameless: int  # messages given up because nothing says what they are
+    facts: FileFacts  # contents of the file after the repair
+    nameless: int  # messages left out because no channel describes them
 
 
 class Repair(NamedTuple):
-    """What was found in a bag, and done."""
+    """The damage of a bag and its repair."""
 
     path: Path  # of the MCAP file, of the folder when there are several
     files: tuple[FileRepair, ...]
-    missing: tuple[str, ...]  # names of files of a split bag that are not there
-    wrote_metadata: bool  # metadata.yaml was missing or spoke of other contents
-    messages: dict[str, int]  # that the bag has now, per topic
+    missing: tuple[str, ...]  # names of missing files of a split bag
+    wrote_metadata: bool  # metadata.yaml was missing or of other contents
+    messages: dict[str, int]  # per topic, after the repair
 
     @property
     def intact(self) -> bool:
-        """Whether every file was complete and is as it was."""
+        """Whether every file was complete and is unchanged."""
         return not self.missing and all(file.kept is None for file in self.files)
 
     @property
@@ -61,30 +61,30 @@ def repair_bag(path: Path | str) -> Repair:
 
     A complete file stays untouched. A file of a split bag that describes no topic becomes an
     empty one. Raises BagError when it is no bag, nothing can be recovered, or a new file cannot be
-    written; the damaged file is then as it was.
+    written; the damaged file is then unchanged.
     """
     files = mcap_files(path)
-    place = files[0] if len(files) == 1 else Path(path)
-    found = [
+    bag_path = files[0] if len(files) == 1 else Path(path)
+    contents = [
         read_mcap(file) if len(files) == 1 or file.stat().st_size else EMPTY_FILE for file in files
     ]
-    topics = {topic.name: topic for one in found for topic in one.topics.values()}
+    topics = {topic.name: topic for file in contents for topic in file.topics.values()}
     if not topics:
-        raise BagError(f'{place}: nothing can be recovered: no topic is described in it')
+        raise BagError(f'{bag_path}: nothing can be recovered: no topic is described in it')
     described = tuple(topics.values())
-    done = [_one(file, contents, described) for file, contents in zip(files, found)]
-    information = build_metadata(described, [file.facts for file in done])
-    counts = sum((file.facts.counts for file in done), Counter())
+    repaired = [_repair_file(*pair, described) for pair in zip(files, contents)]
+    information = build_metadata(described, [file.facts for file in repaired])
+    counts = sum((file.facts.counts for file in repaired), Counter())
     return Repair(
-        path=place,
-        files=tuple(done),
+        path=bag_path,
+        files=tuple(repaired),
         missing=tuple(filter(None, map(missing_before, files[1:], files))),
         wrote_metadata=_complete_folder(files[0].parent, information, Path(path).is_dir()),
         messages={topic.name: counts[topic.name] for topic in described},
     )
 
 
-def _one(file, found, described):
+def _repair_file(file, found, described):
     kept = None
     if not found.indexed or found.damage:
         kept = _replace(file, found, described)
@@ -95,7 +95,7 @@ def _one(file, found, described):
 
 
 def _replace(file, found, described):
-    """Write the new file, then let it take the place of the damaged one; return where that is."""
+    """Replace a file by its rebuilt version; return the path of the damaged one."""
     draft = file.with_name(file.name + DRAFT)
     try:
         draft.unlink(missing_ok=True)
@@ -105,7 +105,7 @@ def _replace(file, found, described):
         os.replace(draft, file)
     except (OSError, BagError) as error:
         draft.unlink(missing_ok=True)
-        raise BagError(f'{file}: cannot be repaired: {error}; it is as it was') from error
+        raise BagError(f'{file}: cannot be repaired: {error}; it is unchanged') from error
     return kept
 
 
@@ -119,7 +119,7 @@ def _write(draft, name, found: Contents, described):
 
 
 def _unused(path):
-    """`path`, or with a number behind it when an earlier repair left a file there."""
+    """Return `path`, with a number appended when an earlier repair left a file there."""
     number, free = 1, path
     while free.exists():
         number += 1
@@ -135,7 +135,7 @@ def _second_name(file, kept):
 
 
 def _complete_folder(folder, information, is_bag):
-    """Write metadata.yaml into the folder of a bag unless it speaks of these messages already."""
+    """Write metadata.yaml into the folder of a bag unless it describes these messages already."""
     if not is_bag and information['relative_file_paths'] != [mcap_name(folder)]:
         return False
     try:
@@ -149,23 +149,23 @@ def _complete_folder(folder, information, is_bag):
     return True
 
 
-def describe_repair(done: Repair) -> str:
-    """Return what was found and done, for a person."""
-    if done.intact:
-        text = f'{done.path}: complete, nothing to repair'
-        return f'{text} but {METADATA}, which is written' if done.wrote_metadata else text
+def describe_repair(repair: Repair) -> str:
+    """Return damage and repair of a bag as text for a person."""
+    if repair.intact:
+        text = f'{repair.path}: complete, nothing to repair'
+        return f'{text} but {METADATA}, which is written' if repair.wrote_metadata else text
     lines = []
-    for file in done.files:
+    for file in repair.files:
         if file.kept is not None:
             lines.append(f'{file.path}: repaired; the damaged file is kept as {file.kept.name}')
             lines += [f'  damage at byte {where.offset}: {where.what}' for where in file.damage]
         if file.nameless:
-            lines.append(f'  {file.nameless} messages given up: their topic is described nowhere')
-    lines += [f'{done.path}: {name} is missing' for name in done.missing]
+            lines.append(f'  {file.nameless} messages left out: no channel describes their topic')
+    lines += [f'{repair.path}: {name} is missing' for name in repair.missing]
     lines.append(
-        f'  recovered {sum(done.messages.values())} messages, '
-        f'the last of time {done.last_ns / NS_PER_S:.9f} s'
+        f'  recovered {sum(repair.messages.values())} messages, '
+        f'the last of time {repair.last_ns / NS_PER_S:.9f} s'
     )
-    width = max(map(len, done.messages))
-    lines += [f'    {name:<{width}} {count:>8}' for name, count in done.messages.items()]
+    width = max(map(len, repair.messages))
+    lines += [f'    {name:<{width}} {count:>8}' for name, count in repair.messages.items()]
     return '\n'.join(lines)

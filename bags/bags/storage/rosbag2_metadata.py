@@ -1,4 +1,4 @@
-"""The text that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside an MCAP file."""
+"""The metadata that rosbag2 (layout version 9, ROS 2 Jazzy) keeps beside and inside MCAP files."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ import yaml
 from msgs_yaml.conversions import NS_PER_S
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-# what PyYAML raises for a text that is none: also for a tag that does not fit its value
+# of PyYAML for an invalid text, also for a tag that does not fit its value
 YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError)
 INFINITE_NS = INFINITE['sec'] * NS_PER_S + INFINITE['nsec']
 
 
 class BagTopic(NamedTuple):
-    """What a bag knows about a topic before the first message."""
+    """The description of a topic in a bag."""
 
     name: str
     type: str  # 'package/msg/Name'
@@ -25,7 +25,7 @@ class BagTopic(NamedTuple):
 
 
 class Span(NamedTuple):
-    """How much a bag holds: number of messages and its first and last log time [ns]."""
+    """Number of messages, and first and last log time [ns]."""
 
     count: int
     first_ns: int
@@ -33,7 +33,7 @@ class Span(NamedTuple):
 
 
 class FileFacts(NamedTuple):
-    """What a bag says about one of its files."""
+    """The metadata of one file of a bag."""
 
     name: str
     span: Span
@@ -41,7 +41,7 @@ class FileFacts(NamedTuple):
 
 
 def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
-    """One offered QoS profile as rosbag2 writes it: a YAML list with one entry.
+    """Return one offered QoS profile as rosbag2 writes it: a YAML list with one entry.
 
     `history` is keep_last or keep_all, `depth` its length, `deadline_ns` None without a deadline.
     """
@@ -66,9 +66,9 @@ def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
 
 
 def parse_qos(text: str) -> list[dict]:
-    """Return the QoS profiles in the text of a bag, words for the numbers of older bags.
+    """Return the QoS profiles in the text of a bag; numbers of older bags become words.
 
-    Empty where the text is none: a bag may say nothing about QoS.
+    Empty for an invalid text: a bag may lack QoS.
     """
     return [
         {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
@@ -79,8 +79,8 @@ def parse_qos(text: str) -> list[dict]:
 
 
 def _profiles(text):
-    """The list in a text, empty where damage made something else of it."""
-    if '*' in text:  # aliases: of themselves they go on for ever, of each other they grow
+    """Return the list in a text, empty where it is none."""
+    if '*' in text:  # aliases may be recursive or grow exponentially
         return []
     try:
         profiles = yaml.safe_load(text)
@@ -104,7 +104,7 @@ def _word(value, words):
 
 
 def _ns(duration):
-    """A duration in ns, None where it is infinite, unset or no duration."""
+    """Return a duration in ns, None where it is infinite, unset or invalid."""
     match duration:
         case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
             return sec * NS_PER_S + nsec
@@ -137,7 +137,7 @@ def build_metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> di
             }
             for topic in topics
         ],
-        # chunks are compressed by MCAP itself; these two speak of rosbag2's own compression
+        # chunks are compressed by MCAP itself; these two are of rosbag2's own compression
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],
@@ -156,12 +156,12 @@ def _times(span):
 
 
 def embedded_text(information: dict) -> str:
-    """Text of the MCAP metadata record 'rosbag2': the inner mapping only."""
+    """Return the text of the MCAP metadata record 'rosbag2': the inner mapping only."""
     return _dump(information)
 
 
 def file_text(information: dict) -> str:
-    """Text of metadata.yaml."""
+    """Return the text of metadata.yaml."""
     return _dump({'rosbag2_bagfile_information': information})
 
 
@@ -170,7 +170,7 @@ def _dump(value) -> str:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """No anchors: rosbag2's reader wants every duration written out."""
+    """No anchors: rosbag2's reader needs every duration written out."""
 
     def ignore_aliases(self, data):
         return True

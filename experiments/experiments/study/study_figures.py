@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bags.figures import comparison_figures, style
+from bags.figures import style
 from experiments.study import run_statistics
 from experiments.study.run_spec import Draw
 from experiments.study.run_statistics import BY_NAME
@@ -69,7 +69,7 @@ def write_distributions(
         ring = {'mfc': 'none', 'mec': style.INK, 'ms': 7}
         keys.append(Line2D([], [], ls='', marker='o', label='median run', **ring))
         figure.legend(handles=keys, loc='outside upper right', ncols=len(keys))
-        return comparison_figures.save_figure(figure, stem)
+        return style.save_figure(figure, stem)
 
 
 def _distribution_panel(axes, quantity, records, medians, colours):
@@ -112,9 +112,7 @@ def write_ablation(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
         for clearance in dict.fromkeys(row['clearance_m'] for row in swept):
             chosen = [row for row in swept if row['clearance_m'] == clearance]
             figure = _ablation_figure(chosen, clearance)
-            paths += comparison_figures.save_figure(
-                figure, out / f'ablation_{round(100 * clearance)}cm'
-            )
+            paths += style.save_figure(figure, out / f'ablation_{round(100 * clearance)}cm')
     return paths
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from bags.figures import style
-from bags.figures.comparison_figures import save_figure
+from bags.figures.style import save_figure
 
 STEM = 'history'
 SAFE, OUT, BEST = '#0072B2', '#A6A6A6', '#D55E00'

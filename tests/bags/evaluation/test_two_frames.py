@@ -50,11 +50,11 @@ def test_a_straight_road_is_a_circle_without_end():
 def test_inside_the_circle_there_is_always_less_room_than_the_path_says():
     gap = np.linspace(0.1, np.pi * RADIUS, 200)
     assert np.all(frame_distances.circle_distances(RADIUS, gap, 1.0, REACH).overestimation > 0)
-    assert frame_distance_figure.turning_gap(RADIUS, 1.0) == 0.0
+    assert frame_distances.turning_gap(RADIUS, 1.0) == 0.0
 
 
 def test_outside_the_circle_the_sign_turns_at_one_gap():
-    turn = frame_distance_figure.turning_gap(RADIUS, -1.0)
+    turn = frame_distances.turning_gap(RADIUS, -1.0)
     assert turn == pytest.approx(15.27, abs=0.01)
     near, far = (
         frame_distances.circle_distances(RADIUS, turn + d, -1.0, REACH) for d in (-0.1, 0.1)

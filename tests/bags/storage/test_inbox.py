@@ -49,7 +49,7 @@ def filing(filed, time):
 @pytest.fixture
 def tick(time):
     """Return tick(stamp_ns), which files a message of /clock."""
-    clock = Filing(CLOCK, 'lockstep', lambda *row: None, time=time, owns_time=True)
+    clock = Filing(CLOCK, 'lockstep', lambda *row: None, time=time, publishes_clock=True)
     return lambda stamp_ns: clock.put(message(stamp_ns), 0, 0, None)
 
 
@@ -93,9 +93,11 @@ def test_a_stamp_before_1970_is_filed_under_0_and_is_no_way_back(filing, filed, 
     assert times(filed) == [0, 0, 7]
 
 
-@pytest.mark.parametrize('owns_time', [False, True])
-def test_a_stamp_in_the_future_moves_no_time_but_its_own(filing, filed, tick, time, owns_time):
-    topic = filing('lockstep', owns_time=owns_time)
+@pytest.mark.parametrize('publishes_clock', [False, True])
+def test_a_stamp_in_the_future_moves_no_time_but_its_own(
+    filing, filed, tick, time, publishes_clock
+):
+    topic = filing('lockstep', publishes_clock=publishes_clock)
     tick(2 * S)
     put(topic, 2 * S, WALL_NS)
     tick(3 * S)
@@ -108,7 +110,7 @@ def test_a_stamp_in_the_future_moves_no_time_but_its_own(filing, filed, tick, ti
 
 def test_a_clock_that_arrives_late_misdates_nothing(filing, filed, tick):
     """What is lost on its way is sent again after seconds, in which a lockstep drive goes on."""
-    topic = filing('lockstep', owns_time=True)
+    topic = filing('lockstep', publishes_clock=True)
     tick(2 * S)
     stamps_ns = [2 * S + k * S // 10 for k in range(40)]
     put(topic, *stamps_ns)
@@ -145,7 +147,7 @@ def test_the_clock_is_heard_anew_before_a_stamp_is_called_one_of_the_future(file
 
 @pytest.mark.parametrize('stamp_ns', [0, S])
 def test_an_old_stamp_on_a_topic_of_the_plant_ends_nothing(filing, filed, tick, stamp_ns):
-    topic = filing('lockstep', owns_time=True)
+    topic = filing('lockstep', publishes_clock=True)
     tick(5 * S)
     put(topic, 5 * S, stamp_ns)
     assert times(filed) == [5 * S]  # it may be a plant that was started again
@@ -156,7 +158,7 @@ def test_an_old_stamp_on_a_topic_of_the_plant_ends_nothing(filing, filed, tick, 
 
 
 def test_states_of_a_plant_that_was_started_again_are_not_filed(filing, filed, tick):
-    topic = filing('lockstep', owns_time=True)
+    topic = filing('lockstep', publishes_clock=True)
     tick(5 * S)
     put(topic, 5 * S, S, 2 * S)
     with pytest.raises(ClockError, match='was the plant started again'):
@@ -167,7 +169,7 @@ def test_states_of_a_plant_that_was_started_again_are_not_filed(filing, filed, t
 def test_a_clock_that_falls_back_leaves_out_what_fell_back_before_it_and_nothing_else(
     filing, filed, tick, time
 ):
-    plant, other = filing('lockstep', owns_time=True), filing('lockstep')
+    plant, other = filing('lockstep', publishes_clock=True), filing('lockstep')
     tick(5 * S)
     put(plant, 5 * S, S)
     put(other, WALL_NS, WALL_NS)
@@ -208,7 +210,7 @@ def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them
 
     time = SimulatedTime(listen)
     topic, clock = (
-        Filing(topic, 'lockstep', write, time=time, owns_time=True)
+        Filing(topic, 'lockstep', write, time=time, publishes_clock=True)
         for topic, write in ((TOPIC, lambda *row: filed.append(row)), (CLOCK, lambda *row: None))
     )
     put(clock, S)
@@ -219,14 +221,14 @@ def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them
 
 
 def test_a_message_of_another_clock_keeps_no_later_one_waiting(filing, filed, tick):
-    topic = filing('lockstep', owns_time=True)
+    topic = filing('lockstep', publishes_clock=True)
     tick(S)
     put(topic, WALL_NS, S, S + 1)
     assert times(filed) == [S, S + 1]
 
 
 def test_what_comes_before_the_clock_is_dated_by_the_clock(filing, filed, tick):
-    topic, other = filing('lockstep'), filing('lockstep', alone=False)
+    topic, other = filing('lockstep'), filing('lockstep', single_publisher=False)
     put(topic, WALL_NS, S)
     put(other, WALL_NS)
     assert filed == []
@@ -261,16 +263,16 @@ def test_a_node_started_again_that_does_not_own_time_is_filed_under_the_last_sta
     assert topic.first_misdated == (S, 5 * S)
 
 
-@pytest.mark.parametrize('owns_time', [False, True])
-def test_a_machine_whose_clock_is_set_back_is_refused_whoever_publishes(filing, owns_time):
-    topic = filing('realtime', owns_time=owns_time)
+@pytest.mark.parametrize('publishes_clock', [False, True])
+def test_a_machine_whose_clock_is_set_back_is_refused_whoever_publishes(filing, publishes_clock):
+    topic = filing('realtime', publishes_clock=publishes_clock)
     topic.put(message(0), 0, 10**12, None)
     with pytest.raises(ClockError, match='the clock of the machine was set back'):
         topic.put(message(0), 0, 10**12 - 300_000_000, None)
 
 
 def test_several_publishers_have_several_times(filing, filed, tick):
-    topic = filing('lockstep', alone=False)
+    topic = filing('lockstep', single_publisher=False)
     tick(6 * S)
     put(topic, 5 * S, S, 6 * S)
     assert times(filed) == [5 * S, S, 6 * S]
