@@ -41,7 +41,10 @@ def _parser(program, description, commands):
     subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
     for name in commands:
         module = import_module(f'{program}.commands.{name.replace("-", "_")}')
-        command = subparsers.add_parser(name, help=module.HELP, description=module.__doc__)
+        example = f'example: {module.EXAMPLE}' if hasattr(module, 'EXAMPLE') else None
+        command = subparsers.add_parser(
+            name, help=module.HELP, description=module.__doc__, epilog=example
+        )
         command.set_defaults(command=module.run)
         module.add_arguments(command)
     return parser

@@ -1,4 +1,4 @@
-"""The command `experiments`: drive scenarios, ask recorded ticks again, tune, study."""
+"""Run scenarios, replay recordings, tune and study controllers, reproduce the paper."""
 
 import sys
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The subcommands of `experiments`, a module each: HELP, add_arguments(parser), run(chosen).
+"""The subcommands of `experiments`, one module each, with HELP, EXAMPLE, add_arguments and run.
 
-What a command stands on is imported when it runs: `experiments --help` answers at once.
+Modules import what they need in `run`, so that `experiments --help` answers at once.
 """

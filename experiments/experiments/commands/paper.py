@@ -31,12 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Reproduce and show. Raises BagError."""
     # imported late: simulation and controllers take a second to load
-    from experiments.paper import claims_block, reproduction
+    from experiments.paper import reproduction
     from experiments.study import claim_evaluation
 
     if options.readme:
         claims_file = options.out / f'{claim_evaluation.STEM}.json'
-        claims_block.rewrite(options.readme, claims_file)
+        reproduction.rewrite_claims_block(options.readme, claims_file)
         return 0
     console = Console()
     result = reproduction.reproduce(options.out, options.quick, options.jobs, console)

@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         Runner(options.jobs, progress.show, options.cache) as runner,
     ):
         files = run_part(options, runner, roles)
-    console.print(f'{runner.simulated} drives made, the others were kept from before')
+    console.print(f'{runner.simulated} runs simulated, the others were cached')
     for path in files:
         console.print(str(path), markup=False, highlight=False, soft_wrap=True)
     return 0

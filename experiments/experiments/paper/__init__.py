@@ -1,6 +1,5 @@
 """The results of the paper, reproduced by one command: figures, tables and claims.
 
-reproduction     both experiments, distributions and claims
+reproduction     both experiments, distributions and claims; the claims in README
 operating_point  reference numbers of single runs, tracked and checked by tests
-claims_block     the claims table in README
 """

@@ -1,6 +1,12 @@
-"""`experiments paper`: both experiments, distributions and claims of the paper from scratch."""
+"""`experiments paper`: both experiments, distributions and claims of the paper from scratch.
 
+The claims in README are a block between two comments, generated from claims.json in a short form:
+medians without ranges, no shares and no causes; claims.md has these.
+"""
+
+import json
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +38,14 @@ TIME_LIMIT_S = 600.0
 COMMAND, QUICK = 'experiments paper', ' --quick'
 RUNS, QUICK_RUNS = distributions.RUNS, 6
 CAUSE_RUNS, QUICK_CAUSE_RUNS = 10, 2
+BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
+BLOCK_COLUMNS = {
+    'claim': 'claim',
+    'paper': 'paper',
+    'ours': 'ours: median',
+    'verdict': 'verdict',
+}
+RANGE = re.compile(r' \[[^],]+, [^],]+\]')
 COLOURS = {'reproduced': 'green', 'partly': 'yellow', 'not': 'red'}  # of verdicts; else dim
 
 
@@ -60,12 +74,12 @@ def reproduce(out: Path, quick: bool, jobs: int | None, console: Console) -> Rep
     console.print(f'2/4 distributions of {runs} paired runs and their causes', style='bold')
     with CountProgress(console) as progress, Runner(jobs, progress.show) as runner:
         compared = variants.role_variants(ROLES)
-        found = distributions.run(runner, out / STUDY, compared, runs, speeds, command=command)
+        paired = distributions.run(runner, out / STUDY, compared, runs, speeds, command=command)
         claims = claim_evaluation.run(runner, out, runs, cause_runs, speeds, ROLES, command=command)
     console.print('3/4 experiment 2 through the node graph, as the median run', style='bold')
-    specs = [found.median_spec(role) for role in ORDER]
+    specs = [paired.median_spec(role) for role in ORDER]
     driven = run_double_lane_change(specs, out, bags, console)
-    _check_agreement(found, driven)
+    _check_agreement(paired, driven)
     console.print('4/4 experiment 1 through the node graph', style='bold')
     run_circle(out, bags, console)
     return Reproduction(out / f'{claim_evaluation.STEM}.json', claims.rows, driven.figures)
@@ -121,11 +135,11 @@ def _run_controllers(scenario, controllers, bags, settings, console):
     return [outcome.bag for outcome in outcomes]
 
 
-def _check_agreement(found, driven):
+def _check_agreement(paired, driven):
     """Raise BagError when the node graph and the simulation in process differ."""
     for role in ORDER:
-        spec = found.median_spec(role)
-        (record,) = (run for run in found.records[POINT_KPH][role] if run.spec == spec)
+        spec = paired.median_spec(role)
+        (record,) = (run for run in paired.records[POINT_KPH][role] if run.spec == spec)
         simulated = operating_point.select(record.metrics)
         recorded = operating_point.select(driven.metrics[spec.controller])
         for deviation in operating_point.find_deviations(spec.controller, simulated, recorded):
@@ -149,3 +163,36 @@ def show(result: Reproduction, console: Console) -> None:
     sheet = next(path for path in result.figures if path.suffix == '.png')
     for label, path in (('claims', result.claims), ('figures', sheet)):
         console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+
+
+def build_claims_block(file: Path) -> str:
+    """Return the text between the comments for a claims.json. Raises BagError."""
+    try:
+        rows = json.loads(file.read_text())
+        point = rows[0]['operating_point']
+        lines = [[_cell(row[name]) for name in BLOCK_COLUMNS] for row in rows]
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise BagError(f'{file}: holds no claims: {error}') from None
+    table = tables.markdown_table(list(BLOCK_COLUMNS.values()), lines)
+    reasons = claim_evaluation.undecided_list(rows)
+    return f'\nAt {point}:\n\n{table}\n{reasons}' + ('\n' if reasons else '')
+
+
+def _cell(text):
+    return RANGE.sub('', str(text)).replace('|', r'\|').replace('\n', ' ')
+
+
+def split_at_block(file: Path) -> tuple[str, str, str]:
+    """Return a file's text before, between and after the comments. Raises BagError."""
+    text = file.read_text()
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise BagError(f'{file}: needs the lines {BEGIN} and {END}, once each and in this order')
+    before, _, rest = text.partition(BEGIN)
+    between, _, after = rest.partition(END)
+    return before + BEGIN, between, END + after
+
+
+def rewrite_claims_block(file: Path, claims_file: Path) -> None:
+    """Replace the text between the comments of a file. Raises BagError."""
+    before, _, after = split_at_block(file)
+    file.write_text(before + build_claims_block(claims_file) + after)

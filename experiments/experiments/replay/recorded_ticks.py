@@ -137,7 +137,7 @@ class RecordedTopic:
         if len(valid) > 1:
             raise BagError(
                 f'{self.path}: {self.topic.name} has unlike messages of stamp {stamp_ns} ns: the '
-                'bag holds two drives, and their ticks cannot be told apart'
+                'bag holds two drives, and their ticks cannot be distinguished'
             )
         return self._decode(valid[0]) if valid else None
 

@@ -1,1 +1,10 @@
-"""Runs of the node graph: processes started, watched, stopped, recorded and compared."""
+"""Runs of the node graph.
+
+batch          `experiments run`: several controllers, then the comparison
+node_graph     one run: start, watch, stop, keep the bag
+processes      programs and nodes as processes
+staging        hidden folders in which runs are recorded
+live_position  position of the car in a growing bag
+domain         reservation of a ROS domain
+interrupt      signals as flags
+"""

@@ -251,8 +251,8 @@ def _median_and_range(runs, name):
 
 def _widest_overshoot(runs, name):
     """Return size and station of the widest overshoot of each run after the second lane change."""
-    after = ([one for one in run.value(name) if one['x_m'] >= AFTER_M] for run in runs)
-    widest = [max(found, key=lambda one: one['amount_m']) for found in after if found]
+    after = ([o for o in run.value(name) if o['x_m'] >= AFTER_M] for run in runs)
+    widest = [max(run, key=lambda overshoot: overshoot['amount_m']) for run in after if run]
     if not widest:
         return 'none'
     amount, x = (summarise([one[key] for one in widest]) for key in ('amount_m', 'x_m'))

@@ -58,7 +58,9 @@ def run(
     chosen = variants.plain_variants(controllers)
     draws = run_spec.draw_runs(runs, seed)
     records = {kph: run_at_speed(runner, chosen, kph, draws, scenario) for kph in speeds_kph}
-    medians = {kph: draws[run_statistics.find_median_run(found)] for kph, found in records.items()}
+    medians = {
+        kph: draws[run_statistics.find_median_run(by_name)] for kph, by_name in records.items()
+    }
     rows = [row for kph in speeds_kph for row in _rows(kph, records[kph])]
     origin = tables.build_provenance(
         command,

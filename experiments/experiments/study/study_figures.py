@@ -127,7 +127,7 @@ def _ablation_figure(rows, clearance):
     grid[0].set_yticks(range(len(names)), names)
     figure.supxlabel('entry speed [km/h]', fontsize=9.5)
     runs = rows[0]['runs']
-    title = f'Ablation, clearance asked for {clearance:g} m, {runs} paired runs per field'
+    title = f'Ablation, requested clearance {clearance:g} m, {runs} paired runs per field'
     figure.suptitle(title, x=0.012, ha='left', fontsize=12, fontweight='bold')
     return figure
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bags.errors import BagError
-from experiments.paper import claims_block
+from experiments.paper import reproduction
 from experiments.study import claims
 from experiments.study.claims import CLAIMS, CONVERGENCE
 
@@ -31,14 +31,14 @@ def claims_file(tmp_path):
 
 
 def test_the_readme_shows_the_claims_as_they_were_generated():
-    _, between, _ = claims_block.split(ROOT / 'README.md')
-    assert between == claims_block.build_block(CLAIMS_FILE)
+    _, between, _ = reproduction.split_at_block(ROOT / 'README.md')
+    assert between == reproduction.build_claims_block(CLAIMS_FILE)
 
 
 def test_reasons_of_undecided_claims_follow_the_table(tmp_path):
     path = tmp_path / 'claims.json'
     path.write_text(json.dumps([{**ROW, 'verdict': 'not decided here (a)'}]))
-    text = claims_block.build_block(path)
+    text = reproduction.build_claims_block(path)
     assert '| not decided here (a) |' in text
     assert text.count('- (') == 1
     assert f'- (a) {claims.REASONS["a"]}' in text
@@ -54,12 +54,12 @@ def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
 
 def test_only_what_stands_between_the_comments_changes(tmp_path, claims_file):
     file = tmp_path / 'page.md'
-    file.write_text(f'before\n{claims_block.BEGIN}\nold\n{claims_block.END}\nafter\n')
-    claims_block.rewrite(file, claims_file)
-    before, between, after = claims_block.split(file)
-    assert before == f'before\n{claims_block.BEGIN}'
-    assert after == f'{claims_block.END}\nafter\n'
-    assert between == claims_block.build_block(claims_file)
+    file.write_text(f'before\n{reproduction.BEGIN}\nold\n{reproduction.END}\nafter\n')
+    reproduction.rewrite_claims_block(file, claims_file)
+    before, between, after = reproduction.split_at_block(file)
+    assert before == f'before\n{reproduction.BEGIN}'
+    assert after == f'{reproduction.END}\nafter\n'
+    assert between == reproduction.build_claims_block(claims_file)
     assert r'| min V2O [m]: mpcc_no_ca -0.04 \| mpcc 0.53 |' in between
     assert '75 km/h, 60 paired runs' in between
 
@@ -68,16 +68,16 @@ def test_only_what_stands_between_the_comments_changes(tmp_path, claims_file):
     'text',
     [
         'nothing',
-        f'{claims_block.BEGIN}',
-        f'{claims_block.END} {claims_block.BEGIN}',
-        2 * claims_block.BEGIN,
+        f'{reproduction.BEGIN}',
+        f'{reproduction.END} {reproduction.BEGIN}',
+        2 * reproduction.BEGIN,
     ],
 )
 def test_a_file_without_the_comments_is_refused(tmp_path, claims_file, text):
     file = tmp_path / 'page.md'
     file.write_text(text)
     with pytest.raises(BagError, match='once each'):
-        claims_block.rewrite(file, claims_file)
+        reproduction.rewrite_claims_block(file, claims_file)
     assert file.read_text() == text
 
 
@@ -86,4 +86,4 @@ def test_a_file_that_holds_no_claims_is_refused(tmp_path, text):
     path = tmp_path / 'claims.json'
     path.write_text(text)
     with pytest.raises(BagError, match='holds no claims'):
-        claims_block.build_block(path)
+        reproduction.build_claims_block(path)
