@@ -118,7 +118,7 @@ check: setup lint
 	  exit $$failed
 
 bench: setup
-	$(BIN)/python bench/solver.py
+	$(BIN)/python bench/solver_comparison.py
 	$(BIN)/python bench/plant.py
 	$(BIN)/python bench/plant_node.py
 	$(BIN)/python bench/recordings.py

@@ -1,4 +1,4 @@
-"""Which machine the figures are of, and a core of its own to work on."""
+"""Description of the machine, its processor times, and pinning to one core."""
 
 import os
 import platform
@@ -17,25 +17,25 @@ IDLE, WAITING, STOLEN, GUESTS = 3, 4, 7, 8  # columns of TIMES
 UNKNOWN = 'not readable'
 
 
-class Spent(NamedTuple):
-    """What became of the time of all processors, since the start or between two looks."""
+class CpuTimes(NamedTuple):
+    """Times of all processors, since the start or between two samples."""
 
-    busy_s: float  # with any process of this machine
-    stolen_s: float  # a virtual machine wanted it and its host gave it to others
+    busy_s: float  # used by processes of this machine
+    stolen_s: float  # requested by this virtual machine, used by others on its host
 
-    def since(self, before: 'Spent') -> 'Spent':
-        """Return what was spent after an earlier look."""
-        return Spent(*(now - then for now, then in zip(self, before)))
+    def since(self, before: 'CpuTimes') -> 'CpuTimes':
+        """Return the times since an earlier sample."""
+        return CpuTimes(*(now - then for now, then in zip(self, before)))
 
 
-def spent() -> Spent | None:
-    """Return how the processors have spent their time, None where Linux does not tell."""
+def cpu_times() -> CpuTimes | None:
+    """Return the times since the start, None where they are not readable."""
     fields = _text(TIMES).partition('\n')[0].split()[1:]
     if len(fields) < GUESTS:
         return None
     seconds = [int(field) / os.sysconf('SC_CLK_TCK') for field in fields[:GUESTS]]
     idle_s = seconds[IDLE] + seconds[WAITING]
-    return Spent(sum(seconds) - idle_s - seconds[STOLEN], seconds[STOLEN])
+    return CpuTimes(sum(seconds) - idle_s - seconds[STOLEN], seconds[STOLEN])
 
 
 def pin() -> str:

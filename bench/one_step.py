@@ -7,13 +7,13 @@ stage 0 at every tick.
 import time
 from typing import NamedTuple
 
-import loops
+import closed_loops
 import numpy as np
-import variants
-from loops import FULL, Loop
+import solver_variants
+from closed_loops import FULL, Loop
 from rich.progress import Progress
-from tables import Sheet, number
-from variants import OWN
+from solver_variants import OWN
+from tables import TextTable, number
 
 from mpcc_controller.parameters import ControllerParams
 from stage_solver import solver
@@ -59,16 +59,16 @@ class Timed:
         return found
 
 
-def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[dict]]:
+def measure(params: ControllerParams, progress: Progress) -> tuple[TextTable, list[dict]]:
     """Return a table and its figures, one per loop; both empty without the own solver."""
     title = 'Closed loops: one step per tick against converged (ms from state to plan)'
     columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
     columns += ('their mean', 'after the command', 'ticks', 'without a plan')
     if OWN not in solver.SOLVERS:
-        return Sheet(title, columns, [], f'There is no solver {OWN!r} in this version.'), []
+        return TextTable(title, columns, [], f'There is no solver {OWN!r} in this version.'), []
     figures = []
     for loop in progress.track(FULL, description='driving with one step per tick'):
-        base = loops.controller_params(loop.controller)
+        base = closed_loops.controller_params(loop.controller)
         drives = {name: driven(loop, base, *scheme) for name, scheme in SCHEMES.items()}
         converged = drives['converged'].cost
         figures.append(
@@ -79,7 +79,7 @@ def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[d
                 'differences': {name: one.cost / converged - 1 for name, one in drives.items()},
             }
         )
-    return Sheet(title, columns, [row for one in figures for row in rows(one)]), figures
+    return TextTable(title, columns, [row for one in figures for row in rows(one)]), figures
 
 
 def rows(one: dict) -> list[tuple[str, ...]]:
@@ -104,13 +104,15 @@ def rows(one: dict) -> list[tuple[str, ...]]:
 
 def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> Drive:
     """Drive a whole loop in a mode of our solver, with other settings of it."""
-    scn = loops.load_scenario(loop.scenario, loop.speed)
-    controller = loops.make_controller(variants.with_mode(params, mode, **settings), scn.friction)
+    scn = closed_loops.load_scenario(loop.scenario, loop.speed)
+    controller = closed_loops.make_controller(
+        solver_variants.with_mode(params, mode, **settings), scn.friction
+    )
     planner = controller.planner
     timed, costs, prepared_s = Timed(planner.first_solver), [], []
     iterations, seconds = [], []
     planner.first_solver = timed
-    for _ in loops.drive(scn, controller):
+    for _ in closed_loops.drive(scn, controller):
         plan, posed = planner.fallback.plan, planner.last_problem
         known = plan is not None
         P = posed.parameters.P[0] if known else None

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-import loops
+import closed_loops
 import numpy as np
-from loops import Loop
+from closed_loops import Loop
 
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
@@ -73,7 +73,8 @@ class Recorder:
 
 
 def record(
-    chosen: Iterable[Loop], params_of: Callable[[str], ControllerParams] = loops.controller_params
+    chosen: Iterable[Loop],
+    params_of: Callable[[str], ControllerParams] = closed_loops.controller_params,
 ) -> Problems:
     """Drive the loops and return their problems; equal loops give equal problems.
 
@@ -83,9 +84,9 @@ def record(
     random = np.random.default_rng(POP_UP_SEED)
     for index, loop in enumerate(chosen):
         names.append(loop.name)
-        params = loops.with_solver(params_of(loop.controller), loops.RECORDING_SOLVER)
-        scn = loops.load_scenario(loop.scenario, loop.speed)
-        controller = loops.make_controller(params, scn.friction)
+        params = closed_loops.with_solver(params_of(loop.controller), closed_loops.RECORDING_SOLVER)
+        scn = closed_loops.load_scenario(loop.scenario, loop.speed)
+        controller = closed_loops.make_controller(params, scn.friction)
         for number, row, pop_up_P in recorded(controller, scn, loop.ticks, random):
             if pop_up_P is not None:
                 pop_ups.append((len(rows), pop_up_P))
@@ -110,7 +111,7 @@ def recorded(controller: Controller, scn, ticks: range, random):
     """Drive and yield (tick, the problem's arrays by name, P with a pop-up obstacle or None)."""
     planner = controller.planner
     recorder = planner.first_solver = Recorder(planner.first_solver)
-    for tick in loops.drive(scn, controller):
+    for tick in closed_loops.drive(scn, controller):
         if tick.number >= ticks.stop:
             break
         (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None

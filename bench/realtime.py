@@ -27,14 +27,14 @@ from bags.evaluation import tick_timing
 from bags.storage import read
 
 TICK_S = 0.05
-LEAST = 0.98  # of the ticks that were asked for: the car is not always as fast as it should be
+MIN_SHARE = 0.98  # of the requested ticks: the car may be a little slower than planned
 SPEED_MPS = 10.0
 RADIUS_M = 80.0
 TURN_M = math.pi / 2 * RADIUS_M  # a quarter of a circle, then one to the other side
 OBSTACLES_M = (100.0, 250.0)
 START_S, MARGIN_M = 60.0, 60.0
 MOST_S = 600.0  # that a scenario may take
-# SCHED_FIFO: who must answer in time before who only has to keep up
+# SCHED_FIFO: nodes with deadlines before nodes that only have to keep up
 FIFO = {'controller': 20, 'plant': 20, 'scenario': 10, 'recorder': 10}
 SCENARIO = """
 schema: 1
@@ -64,23 +64,23 @@ obstacles:
 
 
 class Target(NamedTuple):
-    """One figure, and the most it may be."""
+    """One measured value and its limit."""
 
     name: str
-    found: float | None  # None where the bag does not tell
+    measured: float | None  # None where the bag has no such value
     most: float
 
     @property
-    def verdict(self) -> str:
-        """Say whether it holds."""
-        if self.found is None:
+    def status(self) -> str:
+        """Whether the target is met, as text."""
+        if self.measured is None:
             return 'UNKNOWN'
-        return 'ok' if self.found <= self.most else 'MISSED'
+        return 'ok' if self.measured <= self.most else 'MISSED'
 
     @property
-    def told(self) -> str:
-        """Return what was found as text."""
-        return number(self.found, 3)
+    def text(self) -> str:
+        """The measured value as text."""
+        return number(self.measured, 3)
 
 
 def number(value: float | None, decimals: int) -> str:
@@ -140,7 +140,7 @@ def targets(found: dict) -> list[Target]:
     ]
 
 
-def page(found: dict, judged: list[Target], noted: dict) -> str:
+def page(found: dict, checked: list[Target], noted: dict) -> str:
     """Return the figures as Markdown."""
     names = list(tick_timing.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
@@ -154,11 +154,11 @@ def page(found: dict, judged: list[Target], noted: dict) -> str:
         f'({about});',
         f'settings: {", ".join(noted["settings"]) or "none"}. {ticks["count"]} ticks, '
         f'{ticks["missed"]} missed, {ticks["blind"]} commands without a state.',
-        told_processors(noted['processors']),
+        describe_cpu_times(noted['processors']),
         '',
         '| target | found | at most | |',
         '|---|---|---|---|',
-        *(f'| {t.name} | {t.told} | {t.most:g} | {t.verdict} |' for t in judged),
+        *(f'| {t.name} | {t.text} | {t.most:g} | {t.status} |' for t in checked),
         '',
         f'| ms | {" | ".join(names)} |',
         f'|---|{"---|" * len(names)}',
@@ -170,8 +170,8 @@ def page(found: dict, judged: list[Target], noted: dict) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def told_processors(spent: dict | None) -> str:
-    """Say how busy the machine was, and what its host took of it, meanwhile."""
+def describe_cpu_times(spent: dict | None) -> str:
+    """Return the busy and stolen processor times as a sentence."""
     if spent is None:
         return 'How busy the processors were is not known.'
     return (
@@ -197,27 +197,27 @@ def main() -> int:
         parser.error('--fifo is about a drive, and --bag makes none')
     if options.fifo:
         options.settings = fifo_settings() + options.settings  # what is set by hand counts
-    before = machine.spent()
+    before = machine.cpu_times()
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
-        beside = None if options.bag or not before else machine.spent().since(before)._asdict()
+        beside = None if options.bag or not before else machine.cpu_times().since(before)._asdict()
         found = tick_timing.timing_report(read.load(bag))
     timing.show(found, Console())
-    if found['ticks']['count'] < LEAST * options.ticks and not options.bag:
+    if found['ticks']['count'] < MIN_SHARE * options.ticks and not options.bag:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')
-    judged = targets(found)
-    for target in judged:
-        print(f'{target.name:<30}{target.told:>8}  at most {target.most:g}: {target.verdict}')
+    checked = targets(found)
+    for target in checked:
+        print(f'{target.name:<30}{target.text:>8}  at most {target.most:g}: {target.status}')
     noted = {
         'flag': ' --fifo' if options.fifo else '',
         'settings': options.settings,
         'machine': machine.named(),
         'processors': beside,
     }
-    print(told_processors(beside))
+    print(describe_cpu_times(beside))
     file.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
-    file.with_suffix('.md').write_text(page(found, judged, noted))
-    return 0 if all(target.verdict == 'ok' for target in judged) else 1
+    file.with_suffix('.md').write_text(page(found, checked, noted))
+    return 0 if all(target.status == 'ok' for target in checked) else 1
 
 
 if __name__ == '__main__':

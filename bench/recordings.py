@@ -1,10 +1,11 @@
-"""What bags cost: reading, recording, losses, and how punctually the player sends.
+"""Cost of bags: reading, recording, losses, and how punctually the player sends.
 
     .venv/bin/python bench/recordings.py [--seconds 60] [--messages 1000000] [--only PART]
 
-Every figure is of real nodes over Fast DDS; the messages are those of a ring at the contract's
-rates, and with all four topics of the vehicle at 1 kHz. CPU is processor time of the recorder's
-process, so other load on the machine changes it little; being late and losing messages it does.
+Every figure is of real nodes over Fast DDS; the messages are those of the node graph at the
+contract's rates, or with all four topics of the vehicle at 1 kHz. CPU is the processor time of the
+recorder's process, which other load on the machine changes little; it does change lateness and
+losses.
 """
 
 import argparse
@@ -19,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from graph_messages import NS_PER_MS, START_NS, GraphMessages
 from rich.console import Console
 from rich.table import Table
-from ring_messages import NS_PER_MS, START_NS, RingMessages
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
@@ -39,8 +40,8 @@ PAUSE_S = 0.005  # a quarter of what the controller takes
 
 
 def reading(folder: Path, options) -> dict[str, float]:
-    """Write a minute of a ring with everything at 1 kHz, read it into columns."""
-    messages = RingMessages('lockstep', every_ms=True)
+    """Write a minute of the node graph with everything at 1 kHz, read it into columns."""
+    messages = GraphMessages('lockstep', every_ms=True)
     writer = BagWriter(folder / 'minute', bag_topics(contract.load(), 'lockstep'), {})
     count = 0
     for ms in range(MINUTE_MS):
@@ -72,7 +73,7 @@ class Recording:
         self.out = out
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('ring', context=self.context)
+        self.node = rclpy.create_node('benchmark', context=self.context)
         self.node.declare_parameter('mode', mode)
         publishers = [ros.publisher(self.node, name) for name in contract.load().topics]
         self.senders = [ros.BlockingPublisher(self.node, one) for one in publishers]
@@ -116,7 +117,7 @@ class Recording:
 
 def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:
     """Record on the wall clock."""
-    messages = RingMessages('realtime', every_ms)
+    messages = GraphMessages('realtime', every_ms)
     recorder = Recording(folder / f'realtime{every_ms}', 'realtime', options.domain)
     sent, began = 0, time.monotonic()
     for ms in range(round(options.seconds * 1000)):
@@ -138,8 +139,8 @@ def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:
 
 
 def lockstep(folder: Path, options) -> dict[str, float]:
-    """Record a ring whose controller answers in PAUSE_S; publishers wait when a queue is full."""
-    messages = RingMessages('lockstep', every_ms=True)
+    """Record a node graph whose controller responds in PAUSE_S; publishers wait for full queues."""
+    messages = GraphMessages('lockstep', every_ms=True)
     recorder = Recording(folder / 'lockstep', 'lockstep', options.domain)
     sent, ms, began = 0, 0, time.monotonic()
     while sent < options.messages:

@@ -3,16 +3,16 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+import interleaved_runs
 import numpy as np
 import problems
-import race
+import solver_variants
 import summary
-import variants
-from loops import Loop
-from race import WARM
+from closed_loops import Loop
+from interleaved_runs import WARM
 from rich.progress import Progress
-from tables import Sheet, number
-from variants import Variant
+from solver_variants import Variant
+from tables import TextTable, number
 
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_formulation, ocp
@@ -51,12 +51,12 @@ def sized(params: ControllerParams, size: Size) -> ControllerParams:
     return replace(params, model=model, body=body, surroundings=around)
 
 
-def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[dict]]:
+def measure(params: ControllerParams, progress: Progress) -> tuple[TextTable, list[dict]]:
     """Return a table and its figures: time per tick and iteration by size and solver."""
     chosen = [
         variant
-        for variant in variants.available(params, interpreted=False)
-        if variant.label in (variants.OURS, variants.BASELINE)
+        for variant in solver_variants.available(params, interpreted=False)
+        if variant.label in (solver_variants.OURS, solver_variants.BASELINE)
     ]
     figures = []
     for size in progress.track(sizes(params), description='scaling'):
@@ -73,7 +73,7 @@ def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, list[d
         )
         for one in sorted(figures, key=lambda one: order.index(one['solver']))
     ]
-    return Sheet('Cost of a tick by the size of the problem', columns, rows), figures
+    return TextTable('Cost of a tick by the size of the problem', columns, rows), figures
 
 
 def measured(params: ControllerParams, size: Size, chosen: list[Variant]) -> list[dict]:
@@ -83,20 +83,20 @@ def measured(params: ControllerParams, size: Size, chosen: list[Variant]) -> lis
     problem = ocp.build(
         mpcc_formulation.symbolic_ocp(size.circles, size.obstacles), model.horizon, model.step_s
     )
-    solvers = variants.make(problem, chosen, params)
+    solvers = solver_variants.make_solvers(problem, chosen, params)
     tasks = {
         label: [
             task
-            for task in race.tasks(problem, given, params.fallback, one, len(given.x0))
+            for task in interleaved_runs.tasks(problem, given, params.fallback, one, len(given.x0))
             if task.kind == WARM
         ]
         for label, one in solvers.items()
     }
-    ran = race.run(solvers, tasks, PASSES, lambda: None)
+    ran = interleaved_runs.run(solvers, tasks, PASSES, lambda: None)
     return [figures_of(v.options.name, ran, v.label, size) for v in chosen]
 
 
-def figures_of(name: str, ran: race.Race, label: str, size: Size) -> dict:
+def figures_of(name: str, ran: interleaved_runs.Timings, label: str, size: Size) -> dict:
     """Return the figures of one solver."""
     iterations = np.array([answer.iterations for answer in ran.answers[label]])
     us = np.median(ran.seconds[label], axis=0) * 1e6 / np.maximum(iterations, 1) / size.horizon

@@ -1,4 +1,4 @@
-"""Does a ring that drives for an hour keep growing? Memory, open files, threads, shared memory.
+"""Does a node graph that runs for an hour keep growing? Memory, open files, threads, shared memory.
 
     .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
     .venv/bin/python bench/soak.py --mode realtime --minutes 10

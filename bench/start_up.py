@@ -6,9 +6,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import loops
+import closed_loops
 from rich.progress import Progress
-from tables import Sheet, number
+from tables import TextTable, number
 
 from mpcc_controller.parameters import ControllerParams
 from stage_solver import solver
@@ -17,22 +17,22 @@ CACHE = 'MPCC_CACHE_DIR'
 DRY = 1.0  # friction
 
 
-def measure(params: ControllerParams, progress: Progress) -> tuple[Sheet, dict]:
+def measure(params: ControllerParams, progress: Progress) -> tuple[TextTable, dict]:
     """Return a table and its figures [s] by solver."""
     figures = {}
     for name in progress.track(list(solver.SOLVERS), description='starting up'):
-        chosen = loops.with_solver(params, name)
+        chosen = closed_loops.with_solver(params, name)
         with empty_cache():
             figures[name] = {'cold_s': seconds(chosen), 'cached_s': seconds(chosen)}
     rows = [(name, number(one['cold_s']), number(one['cached_s'])) for name, one in figures.items()]
     columns = ('solver', 'empty cache', 'full cache')
-    return Sheet('Making a controller (s)', columns, rows), figures
+    return TextTable('Making a controller (s)', columns, rows), figures
 
 
 def seconds(params: ControllerParams) -> float:
     """Return how long it takes to make a controller [s]."""
     began = time.perf_counter()
-    loops.make_controller(params, DRY)
+    closed_loops.make_controller(params, DRY)
     return time.perf_counter() - began
 
 

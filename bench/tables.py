@@ -1,4 +1,4 @@
-"""Tables once, for the terminal (rich) and for Markdown alike."""
+"""Text tables for the terminal (rich) and for Markdown."""
 
 from typing import NamedTuple
 
@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 
-class Sheet(NamedTuple):
-    """A table of texts; the first column stands left, the others right."""
+class TextTable(NamedTuple):
+    """A table of texts; the first column is left-aligned, the others right-aligned."""
 
     title: str
     columns: tuple[str, ...]
@@ -16,23 +16,25 @@ class Sheet(NamedTuple):
     note: str = ''
 
 
-def show(console: Console, sheet: Sheet) -> None:
+def show(console: Console, text_table: TextTable) -> None:
     """Print a table."""
-    table = Table(title=sheet.title, title_justify='left', box=box.SIMPLE, caption=sheet.note)
+    table = Table(
+        title=text_table.title, title_justify='left', box=box.SIMPLE, caption=text_table.note
+    )
     table.caption_justify = 'left'
-    for i, name in enumerate(sheet.columns):
+    for i, name in enumerate(text_table.columns):
         table.add_column(name, justify='right' if i else 'left')
-    for row in sheet.rows:
+    for row in text_table.rows:
         table.add_row(*row)
     console.print(table)
 
 
-def markdown(sheet: Sheet) -> str:
+def markdown(text_table: TextTable) -> str:
     """Return a table as Markdown."""
-    rule = ['---'] + ['---:'] * (len(sheet.columns) - 1)
-    lines = [_line(row) for row in (sheet.columns, rule, *sheet.rows)]
-    note = [sheet.note, ''] if sheet.note else []
-    return '\n'.join([f'## {sheet.title}', '', *lines, '', *note])
+    rule = ['---'] + ['---:'] * (len(text_table.columns) - 1)
+    lines = [_line(row) for row in (text_table.columns, rule, *text_table.rows)]
+    note = [text_table.note, ''] if text_table.note else []
+    return '\n'.join([f'## {text_table.title}', '', *lines, '', *note])
 
 
 def _line(cells):

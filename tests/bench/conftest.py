@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import casadi as ca
-import loops
+import closed_loops
 import numpy as np
 import problems
 import pytest
-from loops import Loop
+from closed_loops import Loop
 
 from mpcc_controller.problem import mpcc_formulation, ocp
 from stage_solver.stage_problem import Bounds, StageProblem
@@ -21,7 +21,7 @@ LOOPS = (
 
 def small(name):
     """Return a controller with a short horizon and interpreted functions."""
-    params = loops.controller_params(name)
+    params = closed_loops.controller_params(name)
     model = replace(params.model, horizon=HORIZON)
     return replace(params, model=model, solver=replace(params.solver, compiled=False))
 

@@ -29,10 +29,10 @@ def test_the_kernel_is_named_without_its_builder(monkeypatch):
 
 def test_the_time_of_the_processors_adds_up():
     began = time.monotonic()
-    before, end = machine.spent(), began + 0.3
+    before, end = machine.cpu_times(), began + 0.3
     while time.monotonic() < end:
         pass
-    spent, passed_s = machine.spent().since(before), time.monotonic() - began
+    spent, passed_s = machine.cpu_times().since(before), time.monotonic() - began
     # jiffies of 10 ms, of each processor on its own
     assert 0.0 <= spent.stolen_s <= os.cpu_count() * (passed_s + 0.05)
     assert spent.busy_s + spent.stolen_s >= 0.2
@@ -44,9 +44,9 @@ def test_stolen_time_is_not_busy_time(monkeypatch, tmp_path):
     lines.write_text('cpu  100 20 30 4000 50 6 7 8 9 10\ncpu0 1 2 3\n')
     monkeypatch.setattr(machine, 'TIMES', lines)
     tick_s = 1 / os.sysconf('SC_CLK_TCK')
-    assert machine.spent() == pytest.approx((163 * tick_s, 8 * tick_s))
+    assert machine.cpu_times() == pytest.approx((163 * tick_s, 8 * tick_s))
     lines.write_text('')
-    assert machine.spent() is None
+    assert machine.cpu_times() is None
 
 
 def test_pinning_leaves_one_core(cores):

@@ -1,7 +1,7 @@
 """The recorded problems: the same every time, complete, and what they claim to be."""
 
-import activity
-import loops
+import active_limits
+import closed_loops
 import numpy as np
 import problems
 import pytest
@@ -80,14 +80,14 @@ def test_a_pop_up_changes_nothing_but_the_obstacles(recorded):
 
 
 def test_loops_without_a_tick_for_a_pop_up_are_refused(small):
-    one = loops.FULL[0]._replace(ticks=range(1, 3))
+    one = closed_loops.FULL[0]._replace(ticks=range(1, 3))
     with pytest.raises(ValueError, match='no tick for a pop-up'):
         problems.record([one], small)
 
 
 def test_activity_follows_the_plan_and_its_limits(recorded, problem):
     def found(given):
-        return activity.of(problem, given, 1, 4)
+        return active_limits.find_active(problem, given, 1, 4)
 
     limits = recorded.bounds
     open_wide = {n: np.full_like(v, -np.inf if 'low' in n else np.inf) for n, v in vars_of(limits)}
@@ -98,7 +98,7 @@ def test_activity_follows_the_plan_and_its_limits(recorded, problem):
     shut = {'g_high': np.full_like(limits.g_high, -np.inf)}
     active = found(free._replace(bounds=free.bounds._replace(**shut)))
     assert all(active[kind].all() for kind in ('friction', 'track', 'speed'))
-    assert activity.demanding(active).all()
+    assert active_limits.demanding(active).all()
     steered = free.driven_X.max(axis=(0, 1)) + 1e-4
     held = free.bounds._replace(x_high=np.broadcast_to(steered, limits.x_high.shape))
     active = found(free._replace(bounds=held))
@@ -107,15 +107,15 @@ def test_activity_follows_the_plan_and_its_limits(recorded, problem):
 
 
 def test_another_speed_is_driven_at_that_speed():
-    slow, fast = (loops.load_scenario('double_lane_change', v) for v in (10.0, 20.0))
+    slow, fast = (closed_loops.load_scenario('double_lane_change', v) for v in (10.0, 20.0))
     assert fast.start.speed == 20.0
     np.testing.assert_allclose(slow.reference.t, 2 * fast.reference.t)
     np.testing.assert_array_equal(slow.reference.X, fast.reference.X)
 
 
-@pytest.mark.parametrize('loop', loops.FULL, ids=lambda loop: loop.name)
+@pytest.mark.parametrize('loop', closed_loops.FULL, ids=lambda loop: loop.name)
 def test_every_scenario_of_the_benchmark_is_valid(loop):
-    scn = loops.load_scenario(loop.scenario, loop.speed)
+    scn = closed_loops.load_scenario(loop.scenario, loop.speed)
     if loop.speed is not None:
         assert scn.start.speed == pytest.approx(loop.speed)
     assert scn.text

@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-import report
+import solver_report
+import solver_variants
 import summary
 import tables
-import variants
-from race import COLD, POP_UP, WARM, Answer, Race, Task
-from variants import BASELINE
-from verdict import GOOD, INFEASIBLE, OTHER_MINIMUM, Verdict
+from assessment import GOOD, INFEASIBLE, OTHER_MINIMUM, Assessment
+from interleaved_runs import COLD, POP_UP, WARM, Answer, Task, Timings
+from solver_variants import BASELINE
 
 LIMIT_S = 0.04
 
@@ -20,7 +20,7 @@ def timed(label_seconds):
     kinds = [WARM, WARM, WARM, COLD, POP_UP]
     task = [Task(kind, None, None, None, None) for kind in kinds]
     answer = [Answer(None, i, 'converged') for i in range(5)]
-    return Race(
+    return Timings(
         dict.fromkeys(label_seconds, task),
         dict.fromkeys(label_seconds, answer),
         {label: np.array(seconds) for label, seconds in label_seconds.items()},
@@ -31,9 +31,9 @@ def figures():
     slow = [[0.010, 0.020, 0.040, 0.1, 0.2]] * 3
     # the median over the passes forgets that one pass was disturbed
     fast = [[0.001, 0.002, 0.004, 0.01, 0.02]] * 2 + [[0.9] * 5]
-    verdicts = [Verdict(GOOD, 1e-6, 0.0)] * 4 + [Verdict(OTHER_MINIMUM, 1.0, 0.0)]
+    verdicts = [Assessment(GOOD, 1e-6, 0.0)] * 4 + [Assessment(OTHER_MINIMUM, 1.0, 0.0)]
     ran = timed({'ours': fast, BASELINE: slow})
-    return summary.of(ran, dict.fromkeys(('ours', BASELINE), verdicts), LIMIT_S)
+    return summary.summarize(ran, dict.fromkeys(('ours', BASELINE), verdicts), LIMIT_S)
 
 
 def test_times_are_medians_over_the_passes_and_ratios_those_of_the_figures():
@@ -51,19 +51,19 @@ def test_times_are_medians_over_the_passes_and_ratios_those_of_the_figures():
 
 def test_what_the_baseline_fails_at_does_not_flatter_the_others():
     verdicts = {
-        'ours': [Verdict(GOOD, 0.0, 0.0)] * 5,
-        BASELINE: [Verdict(GOOD, 0.0, 0.0)] * 2 + [Verdict(INFEASIBLE, np.nan, 1.0)] * 3,
+        'ours': [Assessment(GOOD, 0.0, 0.0)] * 5,
+        BASELINE: [Assessment(GOOD, 0.0, 0.0)] * 2 + [Assessment(INFEASIBLE, np.nan, 1.0)] * 3,
     }
     ran = timed({'ours': [[0.001, 0.004, 0.005, 1, 1]], BASELINE: [[0.010, 0.010, 0.900, 1, 1]]})
-    rows = summary.of(ran, verdicts, LIMIT_S)
+    rows = summary.summarize(ran, verdicts, LIMIT_S)
     assert rows['ours']['ratio_to_fatrop']['max'] == pytest.approx(0.4)
     assert rows[BASELINE]['ratio_to_fatrop'] == {'median': 1, 'p99': 1, 'max': 1}
-    nothing = {**verdicts, BASELINE: [Verdict(INFEASIBLE, np.nan, 1.0)] * 5}
-    assert summary.of(ran, nothing, LIMIT_S)['ours']['ratio_to_fatrop'] is None
+    nothing = {**verdicts, BASELINE: [Assessment(INFEASIBLE, np.nan, 1.0)] * 5}
+    assert summary.summarize(ran, nothing, LIMIT_S)['ours']['ratio_to_fatrop'] is None
 
 
 def test_the_json_has_what_was_agreed():
-    text = report.as_json({'cpu': 'a'}, 500, figures(), {'passes': 3})
+    text = solver_report.as_json({'cpu': 'a'}, 500, figures(), {'passes': 3})
     read = json.loads(text)
     assert read['problems'] == 500
     assert set(read['solvers']) == {'ours', BASELINE}
@@ -83,10 +83,10 @@ def test_the_json_has_what_was_agreed():
 
 def test_every_row_of_a_table_has_a_cell_per_column():
     rows = figures()
-    sheets = [report.timing(rows), report.starts(rows)]
-    for sheet in sheets:
-        assert all(len(row) == len(sheet.columns) for row in sheet.rows)
-    text = report.as_markdown({'cpu': 'a'}, '500 problems', sheets, rows)
+    text_tables = [solver_report.timing(rows), solver_report.starts(rows)]
+    for text_table in text_tables:
+        assert all(len(row) == len(text_table.columns) for row in text_table.rows)
+    text = solver_report.as_markdown({'cpu': 'a'}, '500 problems', text_tables, rows)
     assert 'Not in this version: ours_one_step.' in text
     lines = [line for line in text.splitlines() if line.startswith('| ours |')]
     assert lines[0].split(' | ')[1:4] == ['2.00', '3.96', '4.00']
@@ -112,14 +112,14 @@ def test_late_answers_and_slow_problems_are_told():
     assert [one['problem'] for one in slowest] == [2, 1, 0]
     assert slowest[0]['ms'] == pytest.approx([40.0] * 3)
     assert slowest[0]['iterations'] == 2
-    sheet = report.slowest(figures())
-    assert sheet.rows[0] == ('2', '2', '4.00', '4.00', '900', 'converged')
+    text_table = solver_report.slowest(figures())
+    assert text_table.rows[0] == ('2', '2', '4.00', '4.00', '900', 'converged')
 
 
 def test_the_share_of_the_second_solver_is_told():
     ran = timed({'ours': [[0.001] * 5]})
-    helped = ran.answers['ours'][3]._replace(message=f'{variants.SECOND}solved')
+    helped = ran.answers['ours'][3]._replace(message=f'{solver_variants.SECOND}solved')
     ran.answers['ours'][3] = helped
-    row = summary.of(ran, {'ours': [Verdict(GOOD, 0.0, 0.0)] * 5}, LIMIT_S)['ours']
+    row = summary.summarize(ran, {'ours': [Assessment(GOOD, 0.0, 0.0)] * 5}, LIMIT_S)['ours']
     shares = [row[f'{kind}second_share'] for kind in ('', 'cold_', 'pop_up_')]
     assert shares == [0.0, 1.0, 0.0]

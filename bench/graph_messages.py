@@ -1,4 +1,4 @@
-"""The messages of a whole ring as bytes, millisecond by millisecond, for the benchmark of bags."""
+"""The messages of the whole node graph as bytes, for each millisecond, for the bag benchmark."""
 
 import struct
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def _constant():
     return {topic: bytes(serialize_message(message)) for topic, message in made.items()}
 
 
-class RingMessages:
+class GraphMessages:
     """What plant, scenario and controller send, with rising stamps and changing states."""
 
     def __init__(self, mode: str, every_ms: bool):

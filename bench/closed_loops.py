@@ -1,4 +1,4 @@
-"""The closed loops whose problems are solved, and how one is driven. In process, without ROS."""
+"""The closed loops whose problems are solved, and their simulation in process, without ROS."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The solvers that are measured: every one that the project has, under the names of the tables."""
+"""The measured solvers, under their names in the tables."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from stage_solver.stage_problem import Bounds, Plan, StageProblem
 OWN = 'riccati'
 OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'
 NATIVE_FLAGS = ('-O3', '-march=native')  # what our own solver may use, too
-SECOND = 'second solver: '  # begins the message of an answer that is not of the first one
+SECOND = 'second solver: '  # prefix of the message of an answer by the second solver
 # the reference of every cost gap
 REFERENCE = SolverOptions(
     name='ipopt', max_iterations=1000, tolerance=1e-8, time_limit_s=None, compiled=True
@@ -30,11 +30,11 @@ class Variant(NamedTuple):
     flags: tuple[str, ...] = compiled_functions.FLAGS  # of the compiler, for CasADi's functions
 
 
-class Aided:
-    """A StageSolver that asks a second one when the ladder would not drive the first one's plan.
+class WithSecondSolver:
+    """A StageSolver that calls a second one when the fallback would reject the first plan.
 
-    So does the controller: both together have its time limit, and a plan that the second solver
-    found hands no multipliers on.
+    As in the controller: both share its time limit, and the plan of the second solver has no
+    multipliers.
     """
 
     def __init__(self, first: StageSolver, second: StageSolver, params: ControllerParams):
@@ -63,35 +63,35 @@ def with_mode(params: ControllerParams, mode: str, **others) -> ControllerParams
 
 
 def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
-    """Return the variants that this version of the project has, ours first.
-
-    With `interpreted`, CasADi's interpreter instead of compiled functions is measured, too.
-    """
-    rules, made = params.solver, []
+    """Return the available variants, ours first; `interpreted` adds CasADi's interpreter."""
+    rules, variants = params.solver, []
     for name in sorted(solver.SOLVERS, key=lambda name: (name != OWN, name)):
         options = SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled=True)
         if name == OWN:
             one_step = solver_selection.first_solver_options(
                 with_mode(params, 'one_step'), limit_time=False
             )
-            made += [Variant(OURS, options), Variant(ONE_STEP, replace(one_step, compiled=True))]
+            variants += [
+                Variant(OURS, options),
+                Variant(ONE_STEP, replace(one_step, compiled=True)),
+            ]
             continue
-        made.append(Variant(f'{name}_c', options))
+        variants.append(Variant(f'{name}_c', options))
         if f'{name}_c' == BASELINE:
-            made.append(Variant(NATIVE, options, NATIVE_FLAGS))
+            variants.append(Variant(NATIVE, options, NATIVE_FLAGS))
         if interpreted:
-            made.append(Variant(f'{name}_vm', replace(options, compiled=False)))
-    return made
+            variants.append(Variant(f'{name}_vm', replace(options, compiled=False)))
+    return variants
 
 
-def make(
+def make_solvers(
     problem: StageProblem, variants: list[Variant], params: ControllerParams
 ) -> dict[str, StageSolver]:
     """Return a solver per label; compiles what is not in the cache."""
-    return {variant.label: _made(problem, variant, params) for variant in variants}
+    return {variant.label: _make_solver(problem, variant, params) for variant in variants}
 
 
-def _made(problem, variant, params):
+def _make_solver(problem, variant, params):
     if variant.flags != compiled_functions.FLAGS:
         return NlpsolSolver(problem, variant.options, variant.flags)
     made = solver.make_solver(problem, variant.options)
@@ -100,4 +100,4 @@ def _made(problem, variant, params):
     second = solver_selection.make_second_solver(
         with_mode(params, 'converged'), problem, limit_time=True, first=made
     )
-    return made if second is None else Aided(made, second, params)
+    return made if second is None else WithSecondSolver(made, second, params)

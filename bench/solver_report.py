@@ -3,13 +3,13 @@
 import json
 
 import numpy as np
+from assessment import MAX_GAP, MAX_RESIDUAL
 from problems import Problems
-from tables import Sheet, markdown, number, share
-from variants import BASELINE, NATIVE, NATIVE_FLAGS, ONE_STEP, OURS
-from verdict import LARGEST_GAP, LARGEST_RESIDUAL
+from solver_variants import BASELINE, NATIVE, NATIVE_FLAGS, ONE_STEP, OURS
+from tables import TextTable, markdown, number, share
 
 
-def activity(problems: Problems, active: dict[str, np.ndarray], demanding: np.ndarray) -> Sheet:
+def activity(problems: Problems, active: dict[str, np.ndarray], demanding: np.ndarray) -> TextTable:
     """Return how many problems of each loop have which priorities and limits active."""
     rows = []
     for i, name in enumerate([*problems.names, 'all']):
@@ -18,10 +18,10 @@ def activity(problems: Problems, active: dict[str, np.ndarray], demanding: np.nd
         part = demanding[chosen]
         rows.append((str(name), str(chosen.sum()), *counts, f'{part.sum()} ({share(part.mean())})'))
     columns = ('loop', 'problems', *active, 'obstacle, edge or friction')
-    return Sheet('Problems by what is active in their plans', columns, rows)
+    return TextTable('Problems by what is active in their plans', columns, rows)
 
 
-def timing(rows: dict[str, dict]) -> Sheet:
+def timing(rows: dict[str, dict]) -> TextTable:
     """Return the main table."""
     columns = ('solver', 'median', 'p99', 'max', 'iterations', 'good', 'other minima')
     columns += ('max gap', 'max residual', f'/ {BASELINE}: median', 'p99', 'max')
@@ -40,10 +40,10 @@ def timing(rows: dict[str, dict]) -> Sheet:
                 *(number(ratio[key]) if ratio else '-' for key in ('median', 'p99', 'max')),
             )
         )
-    return Sheet('Warm starts (ms)', columns, lines)
+    return TextTable('Warm starts (ms)', columns, lines)
 
 
-def starts(rows: dict[str, dict]) -> Sheet:
+def starts(rows: dict[str, dict]) -> TextTable:
     """Return how cold starts and obstacles that appear ahead go."""
     columns, lines = ['solver'], []
     for kind in ('cold', 'pop-up'):
@@ -57,10 +57,10 @@ def starts(rows: dict[str, dict]) -> Sheet:
             cells += [f'{100 * row[f"{kind}_second_share"]:.1f} %']
         cells += [str(row['pop_up_late'])]
         lines.append(tuple(cells))
-    return Sheet('Cold starts, and obstacles that appear 15 to 40 m ahead (ms)', columns, lines)
+    return TextTable('Cold starts, and obstacles that appear 15 to 40 m ahead (ms)', columns, lines)
 
 
-def slowest(rows: dict[str, dict]) -> Sheet:
+def slowest(rows: dict[str, dict]) -> TextTable:
     """Return the slowest warm starts of our solver: is it the problem or the machine?"""
     columns = ('problem', 'iterations', 'median ms', 'least of the passes', 'most', 'ending')
     lines = [
@@ -72,7 +72,7 @@ def slowest(rows: dict[str, dict]) -> Sheet:
         )
         for one in rows.get(OURS, {'slowest': []})['slowest']
     ]
-    return Sheet(f'The slowest warm starts of {OURS}', columns, lines)
+    return TextTable(f'The slowest warm starts of {OURS}', columns, lines)
 
 
 def as_json(machine: dict, count: int, rows: dict[str, dict], others: dict) -> str:
@@ -81,11 +81,11 @@ def as_json(machine: dict, count: int, rows: dict[str, dict], others: dict) -> s
     return json.dumps(everything, indent=2, allow_nan=False) + '\n'
 
 
-def as_markdown(machine: dict, settings: str, sheets: list[Sheet], labels) -> str:
+def as_markdown(machine: dict, settings: str, text_tables: list[TextTable], labels) -> str:
     """Return bench/solver.md."""
     facts = '\n'.join(f'- {name}: {value}' for name, value in machine.items())
     parts = [f'# Solvers\n\nMade by `make bench`: {settings}.\n\n{facts}\n', _method(labels)]
-    return '\n'.join(parts + [markdown(sheet) for sheet in sheets])
+    return '\n'.join(parts + [markdown(text_table) for text_table in text_tables])
 
 
 def _method(labels):
@@ -105,8 +105,8 @@ def _method(labels):
         '(docs/solver.md); without a plan it converges. Ours ask fatrop in turn when their answer '
         'must not be driven; its time counts as theirs, the share of such solves is in the column '
         '"second". "Late": obstacles answered after more than the 40 ms that both have.\n\n'
-        f'Good: residual of every constraint at most {LARGEST_RESIDUAL:g} (m, rad, kN, ...) and '
-        f'cost within {LARGEST_GAP:g} (relative) of what IPOPT finds with a tolerance of 1e-8 from '
+        f'Good: residual of every constraint at most {MAX_RESIDUAL:g} (m, rad, kN, ...) and '
+        f'cost within {MAX_GAP:g} (relative) of what IPOPT finds with a tolerance of 1e-8 from '
         'the same start. An answer within that of a minimum that IPOPT finds from the answer, '
         'while from the start it finds another one, is at another minimum and counts neither way. '
         'Costs and residuals are evaluated from the stage functions, not taken from the solvers.\n'

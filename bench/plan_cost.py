@@ -1,12 +1,12 @@
-"""What a plan is worth, computed from the stage functions alone: no solver's own word counts."""
+"""Cost and residual of plans, computed from the stage functions, independent of any solver."""
 
 import numpy as np
 
 from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
 
-class Judge:
-    """Judges plans of one problem; its scales make numbers of different units comparable."""
+class PlanCost:
+    """Evaluates plans of one problem; residuals and distances are in its solver units."""
 
     def __init__(self, problem: StageProblem):
         self.problem = problem
@@ -26,18 +26,18 @@ class Judge:
         A plan that is not finite has the residual inf.
         """
         X, U = plan.X, plan.U
-        ahead = self._dynamics(X[:-1].T, U.T, P[:-1].T).full().T
+        predicted = self._dynamics(X[:-1].T, U.T, P[:-1].T).full().T
         g = self._constraints(X[:-1].T, U.T, P[:-1].T).full().T
         h = self.problem.terminal_constraints(X[-1], P[-1]).full().ravel()
         violations = (
             np.abs(X[0] - x0) / self.scale_x,
-            np.abs(X[1:] - ahead) / self.scale_x,
-            _beyond(X[1:], bounds.x_low[1:], bounds.x_high[1:]) / self.scale_x,
-            _beyond(U, bounds.u_low, bounds.u_high) / self.scale_u,
-            _beyond(g, bounds.g_low, bounds.g_high),
-            _beyond(h, bounds.h_low, bounds.h_high),
+            np.abs(X[1:] - predicted) / self.scale_x,
+            _violation(X[1:], bounds.x_low[1:], bounds.x_high[1:]) / self.scale_x,
+            _violation(U, bounds.u_low, bounds.u_high) / self.scale_u,
+            _violation(g, bounds.g_low, bounds.g_high),
+            _violation(h, bounds.h_low, bounds.h_high),
         )
-        # numpy's maximum passes a NaN on, Python's does not
+        # numpy's maximum propagates NaN, Python's does not
         largest = float(np.max([np.max(v, initial=0.0) for v in violations]))
         return largest if np.isfinite(largest) else np.inf
 
@@ -46,5 +46,5 @@ class Judge:
         return float(np.max(np.abs(one.X - other.X) / self.scale_x))
 
 
-def _beyond(values, low, high):
+def _violation(values, low, high):
     return np.maximum(low - values, values - high)

@@ -1,6 +1,6 @@
 """How fast and how good are the solvers, on the problems of closed loops?
 
-    .venv/bin/python bench/solver.py [--quick] [--passes 3] [--interpreted] [--out bench]
+    .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--interpreted] [--out bench]
 
 Writes solver.md and solver.json into the folder --out. --problems FILE keeps the problems, so that
 a run can be repeated on the same ones, by this or another version of the solvers.
@@ -9,23 +9,23 @@ a run can be repeated on the same ones, by this or another version of the solver
 import argparse
 from pathlib import Path
 
-import activity
-import loops
+import active_limits
+import closed_loops
+import interleaved_runs
 import machine
 import one_step
 import problems
-import race
-import report
 import scaling
+import solver_report
+import solver_variants
 import start_up
 import summary
 import tables
-import variants
+from assessment import Assessment, Assessor
 from problems import Problems
 from rich.console import Console
 from rich.progress import Progress
-from variants import Variant
-from verdict import Court, Verdict
+from solver_variants import Variant
 
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_formulation, ocp
@@ -38,89 +38,95 @@ WIDTH = 165  # characters of the tables, also where there is no terminal
 
 def main() -> None:
     """Measure, print the tables, and write them."""
-    arguments = parsed()
+    arguments = parse_arguments()
     console = Console()
     console.width = max(console.width, WIDTH)
     facts = machine.named() | {'runs on': machine.pin()}
     passes = arguments.passes or (QUICK_PASSES if arguments.quick else FULL_PASSES)
-    params = loops.controller_params('mpcc')
+    params = closed_loops.controller_params('mpcc')
     model = params.model
     size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
     problem = ocp.build(mpcc_formulation.symbolic_ocp(*size), model.horizon, model.step_s)
-    chosen = variants.available(params, arguments.interpreted)
+    chosen = solver_variants.available(params, arguments.interpreted)
     with Progress(console=console) as progress:
         given = problems_of(arguments, problem, progress)
-        court = Court(problem)
-        ran = compete(problem, given, params, chosen, passes, progress)
-        rows = summary.of(ran, judged(court, ran, progress), params.solver.fallback_limit_s)
-        active = activity.of(problem, given, *size)
-        demanding = activity.demanding(active)
-        sheets = [
-            report.activity(given, active, demanding),
-            report.timing(rows),
-            report.starts(rows),
-            report.slowest(rows),
+        assessor = Assessor(problem)
+        ran = measure(problem, given, params, chosen, passes, progress)
+        rows = summary.summarize(
+            ran, assess(assessor, ran, progress), params.solver.fallback_limit_s
+        )
+        active = active_limits.find_active(problem, given, *size)
+        demanding = active_limits.demanding(active)
+        text_tables = [
+            solver_report.activity(given, active, demanding),
+            solver_report.timing(rows),
+            solver_report.starts(rows),
+            solver_report.slowest(rows),
         ]
-        for sheet in sheets:
-            tables.show(console, sheet)
+        for text_table in text_tables:
+            tables.show(console, text_table)
         figures = {'passes': passes, 'active_share': float(demanding.mean())}
         if not arguments.quick:
             for part in (scaling, start_up, one_step):
-                sheet, figures[part.__name__] = part.measure(params, progress)
-                sheets.append(sheet)
-                tables.show(console, sheet)
+                text_table, figures[part.__name__] = part.measure(params, progress)
+                text_tables.append(text_table)
+                tables.show(console, text_table)
     settings = f'{len(given.x0)} problems, {passes} passes'
     arguments.out.mkdir(parents=True, exist_ok=True)
-    text = report.as_markdown(facts, settings, sheets, rows)
+    text = solver_report.as_markdown(facts, settings, text_tables, rows)
     (arguments.out / 'solver.md').write_text(text)
-    numbers = report.as_json(facts, len(given.x0), rows, figures)
+    numbers = solver_report.as_json(facts, len(given.x0), rows, figures)
     (arguments.out / 'solver.json').write_text(numbers)
     console.print(f'written: {arguments.out / "solver.md"}, {arguments.out / "solver.json"}')
 
 
-def compete(
+def measure(
     problem: StageProblem,
     given: Problems,
     params: ControllerParams,
     chosen: list[Variant],
     passes: int,
     progress: Progress,
-) -> race.Race:
-    """Make the solvers and their warm starts, then let them race."""
-    solvers = variants.make(problem, progress.track(chosen, description='compiling'), params)
+) -> interleaved_runs.Timings:
+    """Build the solvers and their warm starts, then measure them in turns."""
+    solvers = solver_variants.make_solvers(
+        problem, progress.track(chosen, description='compiling'), params
+    )
     tasks = {
-        label: race.tasks(problem, given, params.fallback, one, COLD_EVERY)
+        label: interleaved_runs.tasks(problem, given, params.fallback, one, COLD_EVERY)
         for label, one in progress.track(solvers.items(), description='making warm starts')
     }
     total = passes * len(next(iter(tasks.values())))
     bar = progress.add_task('solving, the solvers in turn', total=total)
-    return race.run(solvers, tasks, passes, lambda: progress.advance(bar))
+    return interleaved_runs.run(solvers, tasks, passes, lambda: progress.advance(bar))
 
 
 def problems_of(arguments, problem: StageProblem, progress: Progress) -> Problems:
     """Return the problems of the file, or those of the loops, kept where a file is named."""
     if arguments.problems is not None and arguments.problems.exists():
         return problems.load(arguments.problems, problem)
-    driven = loops.QUICK if arguments.quick else loops.FULL
+    driven = closed_loops.QUICK if arguments.quick else closed_loops.FULL
     given = problems.record(progress.track(driven, description='driving'))
     if arguments.problems is not None:
         problems.save(given, arguments.problems)
     return given
 
 
-def judged(court: Court, ran: race.Race, progress: Progress) -> dict[str, list[Verdict]]:
-    """Return the verdict on every answer."""
-    bar = progress.add_task('judging', total=sum(map(len, ran.answers.values())))
-    verdicts = {}
+def assess(
+    assessor: Assessor, ran: interleaved_runs.Timings, progress: Progress
+) -> dict[str, list[Assessment]]:
+    """Return the assessment of every answer."""
+    bar = progress.add_task('assessing', total=sum(map(len, ran.answers.values())))
+    assessments = {}
     for label, answers in ran.answers.items():
-        verdicts[label] = []
+        assessments[label] = []
         for task, answer in zip(ran.tasks[label], answers):
-            verdicts[label].append(court.verdict(task, answer))
+            assessments[label].append(assessor.assess(task, answer))
             progress.advance(bar)
-    return verdicts
+    return assessments
 
 
-def parsed() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     """Return the arguments of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -1,4 +1,4 @@
-"""Which priorities and limits are active in a plan: is a set of problems worth solving?"""
+"""Active priorities and limits of plans: how demanding is a set of problems?"""
 
 import numpy as np
 from problems import Problems
@@ -9,18 +9,20 @@ from mpcc_controller.problem.ocp import Constraints
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from stage_solver.stage_problem import Plan, StageProblem
 
-NEAR = 1e-3  # of the scale of the limit: so near counts as active
+NEAR = 1e-3  # a limit nearer than this share of its scale is active
 FRICTION = ('front', 'rear', 'total')
 DEMANDING = ('obstacle', 'edge', 'friction')
 ACTUATORS = ('delta', 'Fx', 'd_delta', 'd_Fx', 'lambda_b')
 KINDS = (*DEMANDING, 'track', 'speed', 'actuator')
 
 
-def of(problem: StageProblem, problems: Problems, circles: int, obstacles: int) -> dict:
+def find_active(problem: StageProblem, problems: Problems, circles: int, obstacles: int) -> dict:
     """Return a mask (n,) per kind: active at one stage of the driven plan, or more."""
     insight = PlanEvaluator(mpcc_formulation.symbolic_ocp(circles, obstacles))
-    found = [_of_one(problem, insight, problems, k) for k in range(len(problems.x0))]
-    return {kind: np.array([kind in active for active in found]) for kind in KINDS}
+    active_kinds = [
+        _find_active_kinds(problem, insight, problems, k) for k in range(len(problems.x0))
+    ]
+    return {kind: np.array([kind in active for active in active_kinds]) for kind in KINDS}
 
 
 def demanding(active: dict) -> np.ndarray:
@@ -28,7 +30,7 @@ def demanding(active: dict) -> np.ndarray:
     return np.any([active[kind] for kind in DEMANDING], axis=0)
 
 
-def _of_one(problem, insight, problems, k):
+def _find_active_kinds(problem, insight, problems, k):
     plan, P = Plan(problems.driven_X[k], problems.driven_U[k]), problems.P[k]
     terms = insight.evaluate(plan, P).costs
     active = {kind for kind, term in (('obstacle', terms.v2o), ('edge', terms.v2e)) if term.any()}

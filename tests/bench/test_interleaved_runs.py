@@ -1,18 +1,19 @@
-"""The race: own warm starts, fair turns, and the figures made of its times."""
+"""Interleaved runs: warm starts of each solver, equal turns, and the figures of their times."""
 
 import time
 from itertools import pairwise
+from types import SimpleNamespace
 
+import interleaved_runs
 import numpy as np
 import one_step
 import pytest
-import race
 import scaling
+import solver_variants
 import start_up
-import variants
-from loops import Loop
-from race import COLD, FIRST, POP_UP, WARM
-from variants import BASELINE, NATIVE, Variant
+from closed_loops import Loop
+from interleaved_runs import COLD, FIRST, POP_UP, WARM
+from solver_variants import BASELINE, NATIVE, Variant
 
 from stage_solver.solution import FAILED, SOLVED, Solution, SolverOptions
 from stage_solver.solver import make_solver
@@ -45,10 +46,12 @@ class Listed:
 
 @pytest.fixture(scope='module')
 def given(problem, recorded, params):
-    return race.tasks(problem, recorded, params.fallback, make_solver(problem, FATROP), 5)
+    return interleaved_runs.tasks(
+        problem, recorded, params.fallback, make_solver(problem, FATROP), 5
+    )
 
 
-def test_only_the_first_tick_of_a_loop_starts_cold_unasked(given, recorded):
+def test_only_the_first_tick_of_a_loop_has_to_start_cold(given, recorded):
     kinds = [task.kind for task in given]
     assert kinds == [FIRST, *[WARM] * 6] * 2 + [COLD] * 3 + [POP_UP] * 2
     for task, k in zip(given[14:17], (0, 5, 10)):
@@ -59,7 +62,7 @@ def test_only_the_first_tick_of_a_loop_starts_cold_unasked(given, recorded):
 def test_a_warm_start_is_the_solvers_own_plan_moved_on(given, problem, recorded):
     made = make_solver(problem, FATROP)
     for before, after in pairwise(given[2:7]):
-        plan = made.solve(*before[1:]).plan
+        plan = made.solve(*before.arguments).plan
         np.testing.assert_allclose(after.start.U[:-1], plan.U[1:], atol=1e-9)
         assert after.start.multipliers is not None
         np.testing.assert_array_equal(after.start.X[0], after.x0)
@@ -73,18 +76,18 @@ def test_a_pop_up_starts_as_the_tick_it_surprises(given, recorded):
 
 def test_a_solver_that_fails_gets_the_cold_starts_of_the_controller(problem, recorded, params):
     refuses = Refuses()
-    tasks = race.tasks(problem, recorded, params.fallback, refuses, 100)
+    tasks = interleaved_runs.tasks(problem, recorded, params.fallback, refuses, 100)
     assert [task.kind for task in tasks[:7]] == [FIRST, *[WARM] * 6]
     for k, start in enumerate(refuses.starts[:7]):
         np.testing.assert_array_equal(start.X, recorded.cold_X[k])
 
 
-def test_the_solvers_take_turns_on_every_task_and_nobody_always_begins():
+def test_the_solvers_take_turns_on_every_task_and_begin_equally_often():
     calls = []
     solvers = {label: Listed(label, calls) for label in 'abc'}
-    tasks = {label: [(WARM, i) for i in range(4)] for label in 'abc'}
+    tasks = {label: [SimpleNamespace(arguments=(i,)) for i in range(4)] for label in 'abc'}
     ticks = []
-    ran = race.run(solvers, tasks, 2, lambda: ticks.append(1))
+    ran = interleaved_runs.run(solvers, tasks, 2, lambda: ticks.append(1))
     assert [number for number, _ in calls] == [i for i in range(4) for _ in 'abc'] * 2
     rounds = [[label for _, label in calls[i : i + 3]] for i in range(0, 24, 3)]
     assert all(sorted(one) == list('abc') for one in rounds)
@@ -94,9 +97,9 @@ def test_the_solvers_take_turns_on_every_task_and_nobody_always_begins():
 
 
 def test_every_solver_of_the_project_is_measured(params):
-    labels = [variant.label for variant in variants.available(params, interpreted=True)]
+    labels = [variant.label for variant in solver_variants.available(params, interpreted=True)]
     assert {BASELINE, NATIVE, 'ipopt_c', 'fatrop_vm', 'ipopt_vm'} <= set(labels)
-    found = variants.available(params, interpreted=False)
+    found = solver_variants.available(params, interpreted=False)
     labels = [variant.label for variant in found]
     assert labels == ['ours', 'ours_one_step', BASELINE, NATIVE, 'ipopt_c']
 
@@ -111,42 +114,47 @@ class Answers:
         self.limits.append(seconds)
 
     def solve(self, x0, P, bounds, guess):
-        return Solution(guess, 1.0, self.status, 'told', 3, 1e-9, 1e-9, self.solve_s)
+        return Solution(guess, 1.0, self.status, 'text', 3, 1e-9, 1e-9, self.solve_s)
 
 
-def test_a_second_solver_is_asked_after_a_failure_and_its_time_and_iterations_count(given, params):
+def test_a_second_solver_is_called_after_a_failure_and_its_time_and_iterations_count(given, params):
     warm = given[4]
     second = Answers(SOLVED, 0.02)
-    aided = variants.Aided(Answers(FAILED, 0.015), second, params)
-    found = aided.solve(*warm[1:])
+    solver = solver_variants.WithSecondSolver(Answers(FAILED, 0.015), second, params)
+    found = solver.solve(*warm.arguments)
     assert (found.status, found.iterations) == (SOLVED, 6)
     assert found.solve_s == pytest.approx(0.035)
     assert second.limits == [pytest.approx(0.025)]  # of the 40 ms that both have
-    assert found.message == f'{variants.SECOND}told'
+    assert found.message == f'{solver_variants.SECOND}text'
     assert found.plan.multipliers is None  # the next solve starts as the controller would
 
 
-def test_a_second_solver_is_not_asked_while_the_first_one_may_be_driven(given, params):
+def test_a_second_solver_is_not_called_while_the_first_plan_is_acceptable(given, params):
     first, second = Answers(SOLVED, 0.001), Answers(SOLVED, 0.02)
-    found = variants.Aided(first, second, params).solve(*given[4][1:])
-    assert found == first.solve(*given[4][1:])
+    found = solver_variants.WithSecondSolver(first, second, params).solve(*given[4].arguments)
+    assert found == first.solve(*given[4].arguments)
     assert not second.limits
 
 
 def test_one_step_is_one_step_from_a_plan_and_all_of_them_from_none(problem, recorded, params):
-    chosen = variants.available(params, interpreted=False)[:2]
-    assert [one.label for one in chosen] == [variants.OURS, variants.ONE_STEP]
-    made = variants.make(problem, chosen, params)
-    tasks = race.tasks(problem, recorded, params.fallback, made[variants.OURS], 5)
+    chosen = solver_variants.available(params, interpreted=False)[:2]
+    assert [one.label for one in chosen] == [solver_variants.OURS, solver_variants.ONE_STEP]
+    made = solver_variants.make_solvers(problem, chosen, params)
+    tasks = interleaved_runs.tasks(
+        problem, recorded, params.fallback, made[solver_variants.OURS], 5
+    )
     warm = [task for task in tasks if task.kind == WARM]
     iterations = {
-        label: [one.solve(*task[1:]).iterations for task in warm] for label, one in made.items()
+        label: [one.solve(*task.arguments).iterations for task in warm]
+        for label, one in made.items()
     }
-    assert min(iterations[variants.ONE_STEP]) == 1
-    assert np.all(np.less_equal(iterations[variants.ONE_STEP], iterations[variants.OURS]))
-    assert sum(iterations[variants.ONE_STEP]) < 0.9 * sum(iterations[variants.OURS])
+    assert min(iterations[solver_variants.ONE_STEP]) == 1
+    assert np.all(
+        np.less_equal(iterations[solver_variants.ONE_STEP], iterations[solver_variants.OURS])
+    )
+    assert sum(iterations[solver_variants.ONE_STEP]) < 0.9 * sum(iterations[solver_variants.OURS])
     cold = next(task for task in tasks if task.kind == COLD)
-    assert made[variants.ONE_STEP].solve(*cold[1:]).iterations > 1
+    assert made[solver_variants.ONE_STEP].solve(*cold.arguments).iterations > 1
 
 
 def test_scaling_covers_horizons_obstacles_and_circles(params):
@@ -174,7 +182,7 @@ def test_a_size_is_measured_at_that_size(params):
 def test_the_cost_of_a_size_is_per_task_iteration_and_stage():
     seconds = np.array([[1.0, 8.0, 6.0], [3.0, 8.0, 6.0], [2.0, 8.0, 60.0]]) * 1e-3
     answers = [Listed('a', []).solve(iterations) for iterations in (4, 2, 0)]
-    ran = race.Race({'a': []}, {'a': answers}, {'a': seconds})
+    ran = interleaved_runs.Timings({'a': []}, {'a': answers}, {'a': seconds})
     row = scaling.figures_of('ours', ran, 'a', scaling.Size(horizon=10, obstacles=1, circles=1))
     # tasks take 2, 8 and 6 ms in the median: 50, 400 and, without an iteration, 600 us
     assert row['us_per_iteration_and_stage'] == pytest.approx(400.0)

@@ -31,17 +31,22 @@ class Task(NamedTuple):
     bounds: Bounds
     start: Plan
 
+    @property
+    def arguments(self) -> tuple:
+        """The arguments of StageSolver.solve."""
+        return self.x0, self.P, self.bounds, self.start
+
 
 class Answer(NamedTuple):
-    """What a solver makes of a task; its own word on cost and residual is not kept."""
+    """The answer of a solver to a task, without the cost and residual that it reports."""
 
     plan: Plan
     iterations: int
     message: str
 
 
-class Race(NamedTuple):
-    """What came of a race; `seconds` by label, (passes, tasks)."""
+class Timings(NamedTuple):
+    """Tasks, answers and times by label of the solver; `seconds` are (passes, tasks)."""
 
     tasks: dict[str, list[Task]]
     answers: dict[str, list[Answer]]
@@ -72,7 +77,7 @@ def tasks(
 
 def _chain(problem, problems, rules, solver):
     """Solve the problems in their order; what the ladder would drive starts the next one."""
-    made, ladder = [], None
+    tasks, ladder = [], None
     for k, x0 in enumerate(problems.x0):
         if not problems.continues(k):
             ladder = FallbackLogic(rules)
@@ -85,12 +90,12 @@ def _chain(problem, problems, rules, solver):
         P, start = problems.P[k], moved_on
         if not ladder.is_warm:
             P, start = problems.cold_P[k], problems.cold_start(k)
-        elif ladder.failures:  # as the controller does: they led the solver nowhere
+        elif ladder.failures:  # as the controller does after a failure
             start = moved_on._replace(multipliers=None)
         task = Task(kind, x0, P, problems.bounds_of(k), start)
-        ladder.decide(solver.solve(*task[1:]), None, moved_on)
-        made.append(task)
-    return made
+        ladder.decide(solver.solve(*task.arguments), None, moved_on)
+        tasks.append(task)
+    return tasks
 
 
 def run(
@@ -98,7 +103,7 @@ def run(
     given: dict[str, list[Task]],
     passes: int,
     report: Callable[[], None],
-) -> Race:
+) -> Timings:
     """Solve all tasks `passes` times, the solvers in turn; call `report` after every task."""
     count = len(next(iter(given.values())))
     seconds = {label: np.full((passes, count), np.nan) for label in solvers}
@@ -109,10 +114,10 @@ def run(
     try:
         for a_pass in range(passes):
             for j in range(count):
-                # nobody always runs behind the same one, on the caches that this one leaves
+                # no solver always runs after the same one, with the CPU caches of this one
                 order = order[1:] + order[:1]
                 for label in order:
-                    arguments = given[label][j][1:]
+                    arguments = given[label][j].arguments
                     began = time.perf_counter()
                     solution = solvers[label].solve(*arguments)
                     seconds[label][a_pass, j] = time.perf_counter() - began
@@ -121,4 +126,4 @@ def run(
                 report()
     finally:
         gc.enable()
-    return Race(given, answers, seconds)
+    return Timings(given, answers, seconds)
