@@ -4,18 +4,65 @@
 """
 
 import argparse
+from typing import NamedTuple
 
+import numpy as np
+
+from msgs_yaml.types import WHEELS
 from vehicle_plant import integrator, parameters
 from vehicle_plant.manoeuvre import MANOEUVRES
-from vehicle_plant.manoeuvres import procedure, settings, verification
+from vehicle_plant.manoeuvres import procedure, settings
+from vehicle_plant.manoeuvres.procedure import Case, Run
+from vehicle_plant.state import Trajectory
 
+REFERENCE_S = integrator.STEP_S / 10
 STEPS_S = (2 * integrator.STEP_S, integrator.STEP_S)
 MOVING = 0.9  # of the time of a stop: until then no brake has stuck
 
 
+class StepError(NamedTuple):
+    """Greatest differences to the reference over a run, or over several."""
+
+    position: float  # m
+    yaw_rate: float  # rad/s
+    acceleration: float  # m/s^2, of the CoG, either component
+    slip: float  # -, transient slip of any wheel, either component
+
+    def maximum(self, other: 'StepError') -> 'StepError':
+        """Return the greater of each."""
+        return StepError(*map(max, self, other))
+
+
+def step_errors(run: Run, case: Case, steps_s: tuple[float, ...]) -> list[StepError]:
+    """Return the error of each step [s] relative to a step of a tenth of a millisecond."""
+    reference = procedure.drive(run, case, step_s=REFERENCE_S)
+    return [_difference(procedure.drive(run, case, step_s=h), reference) for h in steps_s]
+
+
+def _difference(trajectory: Trajectory, reference: Trajectory) -> StepError:
+    """Compare at the common instants; the reference has every millisecond."""
+    rows = (trajectory.stamp_ns - reference.stamp_ns[0]) // np.diff(reference.stamp_ns[:2])
+
+    def greatest(*names):
+        differences = (trajectory.column(n) - reference.column(n)[rows] for n in names)
+        return max(float(np.abs(difference).max()) for difference in differences)
+
+    return StepError(
+        greatest('planar.X', 'planar.Y'),
+        greatest('planar.r'),
+        greatest('acceleration.ax', 'acceleration.ay'),
+        greatest(*(f'wheels.{w}.{slip}' for w in WHEELS for slip in ('kappa', 'tan_alpha'))),
+    )
+
+
+def convergence_order(coarse: float, fine: float) -> float:
+    """Return the order of convergence of two errors whose steps differ by a factor of two."""
+    return float(np.log2(coarse / fine))
+
+
 def cases(friction: float):
     """Yield the label, the runs and the case of each line of the table."""
-    case = procedure.Case(parameters.load(), friction, settings.load())
+    case = Case(parameters.load(), friction, settings.load())
     for name, manoeuvre in MANOEUVRES.items():
         runs = manoeuvre.runs(case)
         if name == 'straight_braking':
@@ -37,13 +84,12 @@ def main() -> None:
     )
     print('|---|---|---|---|---|---|')
     for label, runs, case in cases(options.friction):
-        both = [verification.step_errors(run, case, STEPS_S) for run in runs]
-        coarse, fine = both[0]
-        for more_coarse, more_fine in both[1:]:
-            coarse, fine = coarse.or_greater(more_coarse), fine.or_greater(more_fine)
-        shown = ' | '.join(f'{value:.1e}' for value in fine)
-        order = verification.convergence_order(coarse.acceleration, fine.acceleration)
-        print(f'| {label} | {shown} | {order:.1f} |', flush=True)
+        (coarse, fine), *others = [step_errors(run, case, STEPS_S) for run in runs]
+        for other_coarse, other_fine in others:
+            coarse, fine = coarse.maximum(other_coarse), fine.maximum(other_fine)
+        values = ' | '.join(f'{value:.1e}' for value in fine)
+        order = convergence_order(coarse.acceleration, fine.acceleration)
+        print(f'| {label} | {values} | {order:.1f} |', flush=True)
 
 
 if __name__ == '__main__':

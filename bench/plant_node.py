@@ -62,25 +62,25 @@ def inside(out: Path) -> int:
     from vehicle_plant import modes_node, plant_node
 
     on_step = modes_node.RealtimeMode.on_step
-    begun, cpu, rings, stamps = [], [], [], []
+    begun, cpu, steppers, stamps = [], [], [], []
 
-    def noted(drive):
+    def noted(mode):
         begun.append(time.monotonic_ns())
         cpu.append(time.process_time())
-        rings[:] = [drive.ring]
-        stamps.append(drive.ring.car.stamp_ns)
-        on_step(drive)
+        steppers[:] = [mode.stepper]
+        stamps.append(mode.stepper.car.stamp_ns)
+        on_step(mode)
 
     modes_node.RealtimeMode.on_step = noted
     exit_code = plant_node.main()
-    (ring,), first_ns = rings, stamps[0]
+    (stepper,), first_ns = steppers, stamps[0]
     found = {
         'begun_ns': begun,
         'cpu_s': cpu[-1] - cpu[0],
-        'missed_steps': ring.missed_steps,
-        'longest_gap': ring.longest_gap,
-        'refused': ring.car.gate.rejected,
-        'driven_ms': (ring.car.stamp_ns - first_ns) / NS_PER_MS,
+        'missed_steps': stepper.missed_steps,
+        'longest_gap': stepper.longest_gap,
+        'refused': stepper.car.gate.rejected,
+        'driven_ms': (stepper.car.stamp_ns - first_ns) / NS_PER_MS,
     }
     out.write_text(json.dumps(found))
     return exit_code

@@ -89,7 +89,7 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
         whys.append(why)
         commands.append(command)
         car.advance(None, late_ms)
-        outcome = end.watch(car.advance(command, TICK_STEPS - late_ms))
+        outcome = end.check(car.advance(command, TICK_STEPS - late_ms))
     refused = car.gate.rejected + sum(controller.gate.rejections.values())
     return Run(np.array(rows), np.array(gaps), whys, commands, refused)
 

@@ -28,12 +28,12 @@ def plant(request):
 
 def begin(bench):
     """Start a run of a plant, which drives once; on the wall clock a command must let it go."""
-    if bench.node.drive.ring is not None:
+    if bench.node.mode.stepper is not None:
         bench.renew()
     nodes.tell_path(bench.node, START_NS)
-    bench.node.drive.begin()
+    bench.node.mode.begin()
     if bench.mode == 'realtime':
-        bench.node.drive.let_go(decode.command(nodes.command(START_NS)))
+        bench.node.mode.start_run(decode.command(nodes.command(START_NS)))
 
 
 @pytest.fixture
@@ -58,32 +58,32 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
     @FUZZ
     @given(batches(topic), st.lists(WITHIN_THE_CONTRACT, min_size=BATCH, max_size=BATCH))
     def told(batch, sound):
-        if plant.node.drive.ring is None or plant.node.drive.ring.outcome:
+        if plant.node.mode.stepper is None or plant.node.mode.stepper.outcome:
             begin(plant)
-        drive = plant.node.drive
+        mode = plant.node.mode
         for message in batch[0]:  # that the plant waits for, but for what is wrong with them
-            sec, nanosec = conversions.split_stamp(drive.ring.car.stamp_ns)
+            sec, nanosec = conversions.split_stamp(mode.stepper.car.stamp_ns)
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
         tell_all(plant, topic, batch, count)
         for delta, Fxf, Fxr in sound:
-            now_ns = drive.ring.car.stamp_ns
+            now_ns = mode.stepper.car.stamp_ns
             message = encode.command(Command(now_ns, delta, 0.0, Fxf, Fxr))
             nodes.tell(plant.node, topic, message)
             count(topic)
         if plant.mode == 'realtime':
-            drive.on_step()
+            mode.on_step()
         for name in ('odometry', 'actuators', 'imu', 'wheels'):
-            now = drive.ring.car.now
+            now = mode.stepper.car.now
             (value,) = now.states() if name == 'odometry' else getattr(now, name)()
             assert np.all(np.isfinite(np.hstack(value)))
         car = plant.node.plant.car
-        refused.append(drive.ring.car.gate.rejected)
+        refused.append(mode.stepper.car.gate.rejected)
         taken.append(len(followed))
-        assert abs(drive.ring.car.actuators.delta) <= car.steering.limit_rad + 1e-9
+        assert abs(mode.stepper.car.actuators.delta) <= car.steering.limit_rad + 1e-9
         while followed:
             one = followed.pop()
             assert np.all(np.isfinite(one))
-            assert one.stamp_ns <= drive.ring.car.stamp_ns
+            assert one.stamp_ns <= mode.stepper.car.stamp_ns
             assert abs(one.delta) <= car.steering.limit_rad + car.gate.steer_tolerance_rad
             for force, axle in ((one.Fxf, car.force.front), (one.Fxr, car.force.rear)):
                 most = car.gate.force_tolerance_n
@@ -107,7 +107,7 @@ def test_the_plant_outlives_every_path_and_starts_on_none_that_is_absurd(plant, 
             tell_all(plant, topic, one, count)
             if plant.node.reference is not kept[-1]:
                 kept.append(plant.node.reference)
-                assert np.isfinite(plant.node.car_at(START_NS).now.rows).all()
+                assert np.isfinite(plant.node.simulator_at(START_NS).now.rows).all()
 
     told()
     assert len(kept) > 1

@@ -180,8 +180,8 @@ def test_more_than_half_as_much_again_as_the_tyres_hold_is_refused(wide, axle, s
 
 
 def test_commands_that_cannot_be_read_count_too(gate):
-    assert gate.refuse('steer is missing') == (False, 'steer is missing')
-    gate.refuse('names are wrong')
+    assert gate.reject('steer is missing') == (False, 'steer is missing')
+    gate.reject('names are wrong')
     check(gate, Fxf=math.nan)
     assert gate.rejections == {'unreadable': 2, 'not_finite': 1}
     assert gate.rejected == 3

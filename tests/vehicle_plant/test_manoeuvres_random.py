@@ -1,11 +1,12 @@
 """No sequence of commands, on no road, makes the car leave physics. bench/plant_random.py: more."""
 
 import numpy as np
+import plant_random
 import pytest
 
 from msgs_yaml.types import WHEELS
 from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import procedure, settings, verification
+from vehicle_plant.manoeuvres import procedure, settings
 from vehicle_plant.state import SetPoints
 
 SEQUENCES, SECONDS = 500, 1.5
@@ -20,7 +21,7 @@ def test_random_commands_never_break_a_bound(case):
     broken = {
         seed: lines
         for seed in range(SEQUENCES)
-        if (lines := verification.drive_random_run(seed, case, SECONDS))
+        if (lines := plant_random.drive_random_run(seed, case, SECONDS))
     }
     assert broken == {}
 
@@ -30,8 +31,8 @@ def test_sequences_reach_the_corners_of_what_can_be_asked(case):
     car = case.plant.car
     frictions, speeds, asked = [], [], set()
     for seed in range(100):
-        run, friction = verification.random_run(seed, case.plant, SECONDS)
-        again, _ = verification.random_run(seed, case.plant, SECONDS)
+        run, friction = plant_random.random_run(seed, case.plant, SECONDS)
+        again, _ = plant_random.random_run(seed, case.plant, SECONDS)
         ticks = np.arange(1, round(SECONDS / procedure.TICK_S) + 1) * procedure.TICK_S
         wanted = [run.law(t, 0.0) for t in ticks]
         assert wanted == [again.law(t, 0.0) for t in ticks]
@@ -52,7 +53,7 @@ def test_full_brakes_at_full_lock_end_at_standstill(case):
     """Every odd sequence brakes with all it has in its second half."""
     car, stood = case.plant.car, 0
     for seed in range(1, 40, 2):
-        run, friction = verification.random_run(seed, case.plant, 4.0)
+        run, friction = plant_random.random_run(seed, case.plant, 4.0)
         if run.speed > 5.0 or friction < 0.5:
             continue
         track = procedure.drive(run, case._replace(friction=friction))
@@ -70,7 +71,7 @@ def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(case, speed):
     drive = case.plant.car.force.rear.drive_n
     run = procedure.Run('throttle', speed, 3.0, lambda t, _: SetPoints(0.0, 0.0, drive))
     track = procedure.drive(run, case._replace(friction=0.1))
-    assert verification.violated_bounds(track, run, 0.1, case.plant) == []
+    assert plant_random.violated_bounds(track, run, 0.1, case.plant) == []
     assert track.column('planar.vx')[-1] > speed
 
 
@@ -86,9 +87,9 @@ def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(case, speed):
     ],
 )
 def test_a_broken_bound_is_named(case, column, value, line):
-    run, friction = verification.random_run(0, case.plant, SECONDS)
+    run, friction = plant_random.random_run(0, case.plant, SECONDS)
     track = procedure.drive(run, case._replace(friction=friction))
-    assert verification.violated_bounds(track, run, friction, case.plant) == []
+    assert plant_random.violated_bounds(track, run, friction, case.plant) == []
     track.column(column)[len(track.rows) // 2] = value
-    (found,) = verification.violated_bounds(track, run, friction, case.plant)
+    (found,) = plant_random.violated_bounds(track, run, friction, case.plant)
     assert found.startswith(line)

@@ -16,7 +16,7 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def ring(params):
+def stepper(params):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
     return RealtimeStepper(car, RunEnd(FAR, car.now))
 
@@ -25,19 +25,19 @@ def coast(stamp_ns, delta=0.0):
     return Command(stamp_ns, delta, 0.0, 0.0, 0.0)
 
 
-def advance(ring, ticks, commanded=True):
+def advance(stepper, ticks, commanded=True):
     for _ in range(ticks):
         if commanded:
-            ring.command(coast(ring.car.stamp_ns))
+            stepper.command(coast(stepper.car.stamp_ns))
         for _ in range(TICK_NS // STEP_NS):
-            ring.advance_to(ring.car.stamp_ns + STEP_NS)
-    return ring.car.stamp_ns
+            stepper.advance_to(stepper.car.stamp_ns + STEP_NS)
+    return stepper.car.stamp_ns
 
 
-def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(ring):
-    monitor = health.Monitor(ring)
+def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(stepper):
+    monitor = health.HealthMonitor(stepper)
     assert monitor.health(START_NS).level == OK
-    found = monitor.health(advance(ring, 10))
+    found = monitor.health(advance(stepper, 10))
     assert (found.name, found.level, found.message) == ('plant', OK, 'running')
     assert found.values['run_began_ns'] == START_NS
     assert found.values['age.command_ms'] == 0.0
@@ -45,85 +45,85 @@ def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(ring):
     assert not found.values['controller_gone']
 
 
-def test_a_command_ages_from_the_instant_at_which_it_is_due(ring):
-    ring.command(coast(START_NS))
-    monitor, levels = health.Monitor(ring), []
+def test_a_command_ages_from_the_instant_at_which_it_is_due(stepper):
+    stepper.command(coast(START_NS))
+    monitor, levels = health.HealthMonitor(stepper), []
     for after_ms in (50, 100, 101, 150, 151):
-        ring.advance_to(START_NS + after_ms * STEP_NS)
-        monitor.health(ring.car.stamp_ns)
-        levels.append(ring.watch.held_level)
+        stepper.advance_to(START_NS + after_ms * STEP_NS)
+        monitor.health(stepper.car.stamp_ns)
+        levels.append(stepper.command_monitor.held_level)
     assert levels == [OK, OK, WARN, WARN, ERROR]
-    assert ring.gone
+    assert stepper.controller_gone
 
 
-def test_silence_is_an_error_that_is_remembered_after_commands_came_again(ring):
-    monitor = health.Monitor(ring)
-    advance(ring, 4)
-    gone = monitor.health(advance(ring, 4, commanded=False))
+def test_silence_is_an_error_that_is_remembered_after_commands_came_again(stepper):
+    monitor = health.HealthMonitor(stepper)
+    advance(stepper, 4)
+    gone = monitor.health(advance(stepper, 4, commanded=False))
     assert (gone.level, gone.message) == (ERROR, 'no command comes, braking straight')
     assert gone.values['age.command_stale'] == 1
-    again = monitor.health(advance(ring, 4))
+    again = monitor.health(advance(stepper, 4))
     assert (again.level, again.values['controller_gone']) == (ERROR, False)
-    assert monitor.health(advance(ring, 45)).level == OK
+    assert monitor.health(advance(stepper, 45)).level == OK
 
 
-def test_a_command_that_is_late_is_a_warning(ring):
-    monitor = health.Monitor(ring)
-    advance(ring, 1)
-    advance(ring, 1, commanded=False)
-    assert monitor.health(ring.car.stamp_ns).level == OK
-    ring.advance_to(ring.car.stamp_ns + STEP_NS)
-    late = monitor.health(ring.car.stamp_ns)
+def test_a_command_that_is_late_is_a_warning(stepper):
+    monitor = health.HealthMonitor(stepper)
+    advance(stepper, 1)
+    advance(stepper, 1, commanded=False)
+    assert monitor.health(stepper.car.stamp_ns).level == OK
+    stepper.advance_to(stepper.car.stamp_ns + STEP_NS)
+    late = monitor.health(stepper.car.stamp_ns)
     assert (late.level, late.message) == (WARN, 'commands come late')
 
 
-def test_a_refusal_is_a_warning_for_two_seconds_and_counted_for_ever(ring):
-    monitor = health.Monitor(ring)
-    ring.command(coast(START_NS, delta=9.0))
-    ring.refuse('breaks the contract')
-    now_ns = advance(ring, 4)
+def test_a_refusal_is_a_warning_for_two_seconds_and_counted_for_ever(stepper):
+    monitor = health.HealthMonitor(stepper)
+    stepper.command(coast(START_NS, delta=9.0))
+    stepper.reject('breaks the contract')
+    now_ns = advance(stepper, 4)
     first = monitor.health(now_ns)
     assert (first.level, first.message) == (WARN, 'commands refused: breaks the contract')
     assert first.values['commands_rejected'] == first.values['age.command_refused'] == 2
-    assert monitor.health(advance(ring, 30)).level == WARN
-    last = monitor.health(advance(ring, 15))
+    assert monitor.health(advance(stepper, 30)).level == WARN
+    last = monitor.health(advance(stepper, 15))
     assert (last.level, last.values['commands_rejected']) == (OK, 2)
 
 
-def test_a_refusal_is_named_beside_steps_that_came_late_after_it(ring):
-    monitor = health.Monitor(ring)
-    ring.command(coast(START_NS))
-    ring.refuse('name is wheel')
-    ring.advance_to(START_NS + STEP_NS)
-    monitor.health(ring.car.stamp_ns)
-    ring.advance_to(START_NS + 5 * STEP_NS)
-    found = monitor.health(ring.car.stamp_ns)
+def test_a_refusal_is_named_beside_steps_that_came_late_after_it(stepper):
+    monitor = health.HealthMonitor(stepper)
+    stepper.command(coast(START_NS))
+    stepper.reject('name is wheel')
+    stepper.advance_to(START_NS + STEP_NS)
+    monitor.health(stepper.car.stamp_ns)
+    stepper.advance_to(START_NS + 5 * STEP_NS)
+    found = monitor.health(stepper.car.stamp_ns)
     late = 'steps came late and were caught up'
     assert (found.level, found.message) == (WARN, f'commands refused: name is wheel; {late}')
 
 
-def test_silence_comes_before_the_refusals_that_led_to_it(ring):
-    monitor = health.Monitor(ring)
-    advance(ring, 1)
+def test_silence_comes_before_the_refusals_that_led_to_it(stepper):
+    monitor = health.HealthMonitor(stepper)
+    advance(stepper, 1)
     for _ in range(4):
-        ring.refuse('name is wheel')
-        advance(ring, 1, commanded=False)
-    found = monitor.health(ring.car.stamp_ns)
+        stepper.reject('name is wheel')
+        advance(stepper, 1, commanded=False)
+    found = monitor.health(stepper.car.stamp_ns)
     silent = 'no command comes, braking straight'
     assert (found.level, found.message) == (ERROR, f'{silent}; commands refused: name is wheel')
 
 
-def test_steps_that_came_late_are_a_warning(ring):
-    monitor = health.Monitor(ring)
-    ring.command(coast(START_NS))
-    ring.advance_to(START_NS + 5 * STEP_NS)
-    found = monitor.health(ring.car.stamp_ns)
+def test_steps_that_came_late_are_a_warning(stepper):
+    monitor = health.HealthMonitor(stepper)
+    stepper.command(coast(START_NS))
+    stepper.advance_to(START_NS + 5 * STEP_NS)
+    found = monitor.health(stepper.car.stamp_ns)
     assert (found.level, found.values['missed_steps']) == (WARN, 4)
 
 
 def test_in_lockstep_there_are_no_ages(params):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
-    found = health.Monitor(LockstepStepper(car, RunEnd(FAR, car.now))).health(START_NS)
+    found = health.HealthMonitor(LockstepStepper(car, RunEnd(FAR, car.now))).health(START_NS)
     assert found.level == OK
     assert not any(key.startswith('age.') or key == 'run_began_ns' for key in found.values)
 
@@ -135,9 +135,9 @@ def test_before_its_run_the_plant_says_what_it_waits_for():
 
 def test_only_an_answer_to_the_start_lets_the_car_go():
     hold = StartHold()
-    hold.sent(START_NS)
+    hold.record(START_NS)
     assert hold.is_answer(coast(START_NS))
     assert not hold.is_answer(coast(START_NS + 1))
     for k in range(1, 101):
-        hold.sent(START_NS + k * STEP_NS)
+        hold.record(START_NS + k * STEP_NS)
     assert not hold.is_answer(coast(START_NS)), 'too long ago'

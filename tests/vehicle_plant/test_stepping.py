@@ -15,7 +15,7 @@ from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
 
 
-def ring(kind, params, stop=FAR, speed=20.0):
+def stepper(kind, params, stop=FAR, speed=20.0):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, speed))
     return kind(car, RunEnd(stop, car.now))
 
@@ -33,37 +33,40 @@ def run(loop, ticks):
 
 
 def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
-    loop = ring(LockstepStepper, params)
-    assert loop.answers(START_NS)
-    assert not loop.answers(START_NS + TICK_NS)
+    loop = stepper(LockstepStepper, params)
+    assert loop.is_due(START_NS)
+    assert not loop.is_due(START_NS + TICK_NS)
     assert len(loop.tick(coast(START_NS)).rows) == TICK_STEPS
-    assert not loop.answers(START_NS)
-    assert loop.answers(START_NS + TICK_NS)
+    assert not loop.is_due(START_NS)
+    assert loop.is_due(START_NS + TICK_NS)
 
 
 def test_finish_line_ends_the_run_at_the_millisecond(params):
-    outcome = run(ring(LockstepStepper, params, replace(FAR, x_m=30.0)), 100)
+    outcome = run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0)), 100)
     assert outcome.exit_code == FINISHED
     assert (outcome.stamp_ns - START_NS) / 1e9 == pytest.approx(30.0 / 19.9, abs=0.02)
 
 
 def test_finish_line_counts_only_in_its_direction_and_once_armed(params):
-    assert run(ring(LockstepStepper, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
     assert (
-        run(ring(LockstepStepper, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60) is None
+        run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
+    )
+    assert (
+        run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60)
+        is None
     )
 
 
 def test_run_fails_when_its_time_is_up(params):
-    outcome = run(ring(LockstepStepper, params, replace(FAR, time_s=1.0)), 100)
+    outcome = run(stepper(LockstepStepper, params, replace(FAR, time_s=1.0)), 100)
     assert outcome.exit_code == FAILED
     assert outcome.stamp_ns == START_NS + 1_000_000_000
 
 
 def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
-    loop = ring(LockstepStepper, params, speed=0.0)
+    loop = stepper(LockstepStepper, params, speed=0.0)
     assert run(loop, 40) is None
-    loop = ring(LockstepStepper, params, speed=2.0)
+    loop = stepper(LockstepStepper, params, speed=2.0)
     for _ in range(80):
         loop.tick(Command(loop.car.stamp_ns, 0.0, 0.0, -4000.0, -2000.0))
         if loop.outcome:
@@ -73,23 +76,23 @@ def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
 
 
 def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
-    loop = ring(LockstepStepper, params)
+    loop = stepper(LockstepStepper, params)
     for _ in range(10):
         loop.tick(Command(loop.car.stamp_ns, 0.03, 0.0, 0.0, 400.0))
     for _ in range(2):
-        loop.tick_alone()
+        loop.tick_without_controller()
     assert loop.car.actuators.delta == pytest.approx(0.03, abs=1e-4)
     assert loop.car.actuators.Fxr == pytest.approx(400.0, abs=2.0)
     while not loop.outcome:
-        loop.tick_alone()
+        loop.tick_without_controller()
     assert loop.outcome.exit_code == CONTROLLER_GONE
     assert abs(loop.car.state.vx) < 0.1
     assert abs(loop.car.actuators.delta) < 1e-4
-    assert not loop.answers(loop.car.stamp_ns)
+    assert not loop.is_due(loop.car.stamp_ns)
 
 
 def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
-    loop = ring(RealtimeStepper, params)
+    loop = stepper(RealtimeStepper, params)
     loop.command(coast(START_NS))
     assert loop.advance_to(START_NS) is None
     assert len(loop.advance_to(START_NS + STEP_NS).rows) == 1
@@ -100,7 +103,7 @@ def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
 
 
 def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
-    late, whole = ring(RealtimeStepper, params), ring(RealtimeStepper, params)
+    late, whole = stepper(RealtimeStepper, params), stepper(RealtimeStepper, params)
     now_ns = START_NS + 130 * STEP_NS
     for loop in (late, whole):
         loop.command(Command(START_NS, 0.02, 0.0, -300.0, -200.0))
@@ -116,7 +119,7 @@ def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
 )
 def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed, code, latest_s):
     """After minutes, as of a process that was stopped."""
-    loop = ring(RealtimeStepper, params, replace(FAR, **changed))
+    loop = stepper(RealtimeStepper, params, replace(FAR, **changed))
     loop.command(coast(START_NS))
     now_ns = START_NS + 600_000 * STEP_NS
     track = loop.advance_to(now_ns)
@@ -128,20 +131,20 @@ def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed,
 
 
 def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
-    loop = ring(RealtimeStepper, params)
+    loop = stepper(RealtimeStepper, params)
     loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
     now = START_NS
     for _ in range(150):
         now += STEP_NS
         loop.advance_to(now)
-    assert not loop.gone
+    assert not loop.controller_gone
     for _ in range(100):
         now += STEP_NS
         loop.advance_to(now)
-    assert loop.gone
+    assert loop.controller_gone
     assert loop.car.actuators.Fxf < -2500
     loop.command(Command(now, 0.0, 0.0, 0.0, 0.0))
-    assert not loop.gone
+    assert not loop.controller_gone
     for _ in range(140):
         now += STEP_NS
         loop.advance_to(now)
@@ -149,18 +152,18 @@ def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
 
 
 def test_realtime_ends_with_its_own_code_when_the_silent_controller_does_not_come_back(params):
-    loop = ring(RealtimeStepper, params, speed=5.0)
+    loop = stepper(RealtimeStepper, params, speed=5.0)
     loop.command(coast(START_NS))
     while not loop.outcome:
         loop.advance_to(loop.car.stamp_ns + 10 * STEP_NS)
         assert loop.car.stamp_ns < START_NS + 10_000_000_000
     assert loop.outcome.exit_code == CONTROLLER_GONE
-    assert loop.gone
+    assert loop.controller_gone
 
 
 def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):
     """It looks every 10 steps; the crossing that it reports is that of the row."""
-    loop = ring(RealtimeStepper, params, replace(FAR, x_m=3.0))
+    loop = stepper(RealtimeStepper, params, replace(FAR, x_m=3.0))
     loop.command(coast(START_NS))
     rows = []
     while not loop.outcome:

@@ -1,7 +1,7 @@
-"""The last check before the servos: what cannot be meant is refused, the last command stands.
+"""The last check before the servos: an implausible command is rejected, the last one stands.
 
-It shares no code with the gate of the controller and does not know its limits: the car's own
-actuators and tyres decide what can be meant.
+It shares no code with the gate of the controller and does not know the controller's limits: the
+car's own actuators and tyres decide which commands are plausible.
 """
 
 import math
@@ -14,7 +14,7 @@ from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import SetPoints
 
 NS_PER_S = 1_000_000_000
-OLDEST_TICKS = 3  # a command is due after one tick and held for two more (see `ring`)
+OLDEST_TICKS = 3  # a command is due after one tick and held for two more (see `stepping`)
 UNREADABLE = 'unreadable'
 
 
@@ -25,8 +25,8 @@ class Verdict(NamedTuple):
     reason: str  # empty when accepted
 
 
-class Objection(NamedTuple):
-    """What is wrong with a command."""
+class Violation(NamedTuple):
+    """A rule that a command breaks."""
 
     code: str  # one word, to count by
     reason: str  # for a person
@@ -36,62 +36,62 @@ ACCEPTED = Verdict(True, '')
 
 
 class Gate:
-    """Accepts commands in time order; counts what it refuses."""
+    """Accepts commands in time order; counts the rejected ones."""
 
     def __init__(self, params: PlantParams, friction: float, last: SetPoints, stamp_ns: int):
         """Start from the set-points that the servos hold at stamp_ns.
 
-        friction: road friction over that of the tyre's test surface.
+        friction: road friction relative to the tyre's test surface.
         """
         self._params, self._car = params, params.car
-        # wheels that lock on a slippery road are physics, not nonsense
+        # locking wheels on a slippery road are plausible
         self._friction = max(friction, 1.0)
         self._last = last
         self._stamp_ns = stamp_ns
-        self.rejections = Counter()  # by the code of the objection
+        self.rejections = Counter()  # by the code of the violation
         self.last_code = self.last_reason = ''
 
     @property
     def rejected(self) -> int:
-        """How many commands were refused."""
+        """The number of rejected commands."""
         return sum(self.rejections.values())
 
     def check(self, command: Command, now_ns: int, tick_ns: int) -> Verdict:
-        """Judge a command that arrives at now_ns; one that passes becomes the last good one.
+        """Check a command that arrives at now_ns; an accepted one becomes the last one.
 
-        Its set-points may differ from the last good ones by what the greatest rates allow in the
-        time since, at least one tick.
+        Its set-points may differ from the last ones by what the greatest rates allow in the time
+        between, at least one tick.
         """
-        objection = next(self._objections(command, now_ns, tick_ns), None)
-        if objection:
-            return self.refuse(objection.reason, objection.code)
+        violation = next(self._violations(command, now_ns, tick_ns), None)
+        if violation:
+            return self.reject(violation.reason, violation.code)
         self._last = SetPoints(command.delta, command.Fxf, command.Fxr)
         self._stamp_ns = command.stamp_ns
         return ACCEPTED
 
-    def refuse(self, reason: str, code: str = UNREADABLE) -> Verdict:
-        """Count a command as refused."""
+    def reject(self, reason: str, code: str = UNREADABLE) -> Verdict:
+        """Count a command as rejected."""
         self.rejections[code] += 1
         self.last_code, self.last_reason = code, reason
         return Verdict(False, reason)
 
-    def _objections(self, command: Command, now_ns: int, tick_ns: int) -> Iterator[Objection]:
+    def _violations(self, command: Command, now_ns: int, tick_ns: int) -> Iterator[Violation]:
         if not all(math.isfinite(value) for value in command):
-            yield Objection('not_finite', 'a value is not finite')
+            yield Violation('not_finite', 'a value is not finite')
         if command.stamp_ns > now_ns:
-            yield Objection('from_future', 'the stamp lies in the future')
+            yield Violation('from_future', 'the stamp lies in the future')
         if command.stamp_ns < self._stamp_ns:
-            yield Objection('out_of_order', 'the stamp is older than that of the last command')
+            yield Violation('out_of_order', 'the stamp is older than that of the last command')
         age_ns = now_ns - command.stamp_ns
         if age_ns > OLDEST_TICKS * tick_ns:
-            yield Objection('too_old', f'the command is {age_ns / NS_PER_S:g} s old')
+            yield Violation('too_old', f'the command is {age_ns / NS_PER_S:g} s old')
         for code, name, value, low, high, unit in self._rules(command, tick_ns):
             if not low <= value <= high:
                 allowed = f'allowed {low:.6g} to {high:.6g}'
-                yield Objection(code, f'{name} is {value:.6g} {unit}, {allowed}')
+                yield Violation(code, f'{name} is {value:.6g} {unit}, {allowed}')
 
     def _rules(self, command, tick_ns):
-        """Return (code, name, value, lowest, highest, unit) of everything that has a limit."""
+        """Yield (code, name, value, lowest, highest, unit) of every limited quantity."""
         p, gate = self._car, self._car.gate
         elapsed_s = max(command.stamp_ns - self._stamp_ns, tick_ns) / NS_PER_S
         steer = p.steering.limit_rad + gate.steer_tolerance_rad
@@ -99,36 +99,37 @@ class Gate:
         yield 'out_of_range', 'steer', command.delta, -steer, steer, 'rad'
         yield 'too_fast', 'steer step', command.delta - self._last.delta, -angle, angle, 'rad'
         grip = axle_friction(command.Fxf + command.Fxr, self._params, self._friction)
-        axles = zip(('front', 'rear'), (command.Fxf, command.Fxr), self._last[1:], grip)
+        forces, last_forces = (command.Fxf, command.Fxr), (self._last.Fxf, self._last.Fxr)
+        axles = zip(('front', 'rear'), forces, last_forces, grip)
         for name, value, last, friction in axles:
             axle, limit = getattr(p.force, name), gate.friction_use * friction
-            spare = gate.force_tolerance_n
-            low, high = -axle.brake_n - spare, axle.drive_n + spare
+            low = -axle.brake_n - gate.force_tolerance_n
+            high = axle.drive_n + gate.force_tolerance_n
             yield 'out_of_range', f'{name}_axle', value, low, high, 'N'
             yield 'too_fast', f'{name}_axle step', value - last, -force, force, 'N'
             yield 'beyond_friction', f'{name}_axle friction', value, -limit, limit, 'N'
 
 
 def axle_friction(Fx: float, params: PlantParams, friction: float) -> tuple[float, float]:
-    """Return the force [N] that the tyres of the front and of the rear axle hold lengthways.
+    """Return the longitudinal friction force [N] of the front and of the rear axle.
 
-    Fx [N]: the force of both axles, which moves load from one to the other; it counts up to the
-    friction of the whole car. The tyre's friction is that of its two coefficients (4.E13).
+    Fx [N]: the force of both axles, which transfers load; it counts up to the friction of the whole
+    car. The tyre's friction is that of its two coefficients (Pacejka 2012, 4.E13).
     """
     body, tyre = params.car.body, params.tyre
     weight, wheelbase = body.mass_kg * body.gravity_mps2, body.cog_to_front_m + body.cog_to_rear_m
-    held = friction * tyre.longitudinal.PDX1 * weight
-    moved = body.cog_height_m * min(max(Fx, -held), held) / wheelbase
-    front = weight * body.cog_to_rear_m / wheelbase - moved
-    rear = weight * body.cog_to_front_m / wheelbase + moved
-    scaling = params.car.scaling
+    most = friction * tyre.longitudinal.PDX1 * weight
+    transfer = body.cog_height_m * min(max(Fx, -most), most) / wheelbase
+    front = weight * body.cog_to_rear_m / wheelbase - transfer
+    rear = weight * body.cog_to_front_m / wheelbase + transfer
+    factors = params.car.scaling
     return tuple(
-        friction * _friction(load / 2, tyre, one) * load
-        for load, one in ((front, scaling.front), (rear, scaling.rear))
+        friction * _peak_friction(load / 2, tyre, scaling) * load
+        for load, scaling in ((front, factors.front), (rear, factors.rear))
     )
 
 
-def _friction(Fz, tyre, scaling):
+def _peak_friction(Fz, tyre, scaling):
     nominal = tyre.reference.FNOMIN * scaling.LFZO
     excess = (Fz - nominal) / nominal
     return (tyre.longitudinal.PDX1 + tyre.longitudinal.PDX2 * excess) * scaling.LMUX

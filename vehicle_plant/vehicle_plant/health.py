@@ -1,4 +1,4 @@
-"""The plant's health in one line and a few numbers: /diagnostics."""
+"""Health of the plant for /diagnostics: level, causes, counters."""
 
 from typing import Any
 
@@ -8,82 +8,82 @@ from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 NODE = 'plant'
 RUNNING = 'running'
-AGED = {WARN: 'commands come late', ERROR: 'no command came for a while, the car braked straight'}
-BEGAN = 'run_began_ns'  # the instant at which the car was let go; the scenario reads it
+AGE_MESSAGES = {
+    WARN: 'commands come late',
+    ERROR: 'no command came for a while, the car braked straight',
+}
+RUN_START_KEY = 'run_began_ns'  # start of the run; the scenario reads it
 
 
-class Cause:
-    """A fault of one level that is held for a while after it was seen (`HeldLevel`)."""
+class HeldFault:
+    """A fault of one level, held for a while after it has ended (`HeldLevel`)."""
 
     def __init__(self, level: int):
         self._level = level
         self._held = HeldLevel()
-        self.held = OK
-        self.message = ''  # of when it was seen last
+        self.level = OK
+        self.message = ''  # of its last occurrence
 
-    def take(self, seen: bool, message: str, now_ns: int) -> None:
-        """Take whether it is there now, and what it says."""
-        if seen:
+    def update(self, is_present: bool, message: str, now_ns: int) -> None:
+        """Take whether the fault is present now, and its message."""
+        if is_present:
             self.message = message
-        self.held = self._held.update(self._level if seen else OK, now_ns)
+        self.level = self._held.update(self._level if is_present else OK, now_ns)
 
 
-class Monitor:
-    """Tells the health of a run: everything that is or was lately wrong.
+class HealthMonitor:
+    """Derives the health of a run: all faults present now or within the last two seconds.
 
-    The heaviest first, within a level refusals before late steps.
+    The most severe fault comes first; within a level rejections come before late steps.
     """
 
-    def __init__(self, ring: LockstepStepper | RealtimeStepper):
-        self._ring = ring
-        self._rejected = self._missed = 0  # when it was told last
-        self._causes = tuple(Cause(level) for level in (ERROR, WARN, WARN))
+    def __init__(self, stepper: LockstepStepper | RealtimeStepper):
+        self._stepper = stepper
+        self._rejected = self._missed = 0  # at the last call
+        self._gone, self._refused, self._late = map(HeldFault, (ERROR, WARN, WARN))
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of a running plant at a stamp."""
-        ring, gate = self._ring, self._ring.car.gate
-        level, message = self._verdict(stamp_ns)
+        stepper, gate = self._stepper, self._stepper.car.gate
+        level, message = self._level_and_message(stamp_ns)
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
             **{f'rejected.{code}': count for code, count in sorted(gate.rejections.items())},
-            'missed_steps': ring.missed_steps,
-            'longest_gap_steps': ring.longest_gap,
-            'controller_gone': ring.gone,
-            **self._ages(stamp_ns),
+            'missed_steps': stepper.missed_steps,
+            'longest_gap_steps': stepper.longest_gap,
+            'controller_gone': stepper.controller_gone,
+            **self._age_values(stamp_ns),
         }
         return Health(stamp_ns, NODE, level, message, values)
 
-    def _verdict(self, stamp_ns):
-        """Return the level, and every cause that is held."""
-        gone, refused, late = self._causes
-        ring, gate = self._ring, self._ring.car.gate
-        gone.take(ring.gone, 'no command comes, braking straight', stamp_ns)
-        refused.take(
-            gate.rejected > self._rejected, f'commands refused: {gate.last_reason}', stamp_ns
-        )
-        late.take(ring.missed_steps > self._missed, 'steps came late and were caught up', stamp_ns)
-        self._rejected, self._missed = gate.rejected, ring.missed_steps
-        aged = self._aged(stamp_ns)
-        held = [(cause.held, cause.message) for cause in self._causes if cause.held != OK]
-        if aged in AGED and gone.held == OK:  # which says the same, and what follows
-            held.append((aged, AGED[aged]))
-        # within a level in the order above
-        held.sort(key=lambda found: -found[0])
-        level = max([aged, *(level for level, _ in held)])
-        return level, '; '.join(message for _, message in held) or RUNNING
+    def _level_and_message(self, stamp_ns):
+        stepper, gate = self._stepper, self._stepper.car.gate
+        refused, late = gate.rejected > self._rejected, stepper.missed_steps > self._missed
+        self._rejected, self._missed = gate.rejected, stepper.missed_steps
+        self._gone.update(stepper.controller_gone, 'no command comes, braking straight', stamp_ns)
+        self._refused.update(refused, f'commands refused: {gate.last_reason}', stamp_ns)
+        self._late.update(late, 'steps came late and were caught up', stamp_ns)
+        faults = [(fault.level, fault.message) for fault in (self._gone, self._refused, self._late)]
+        age_level = self._age_level(stamp_ns)
+        if age_level in AGE_MESSAGES and self._gone.level == OK:  # which implies the age
+            faults.append((age_level, AGE_MESSAGES[age_level]))
+        # a stable sort: within a level in the order above
+        faults = sorted((f for f in faults if f[0] != OK), key=lambda fault: -fault[0])
+        level = max([age_level, *(level for level, _ in faults)])
+        return level, '; '.join(message for _, message in faults) or RUNNING
 
-    def _aged(self, stamp_ns):
-        """Return the level of the last command's age."""
-        if not isinstance(self._ring, RealtimeStepper):
+    def _age_level(self, stamp_ns):
+        if not isinstance(self._stepper, RealtimeStepper):
             return OK
-        self._ring.watch.update(stamp_ns)
-        return self._ring.watch.held_level
+        self._stepper.command_monitor.update(stamp_ns)
+        return self._stepper.command_monitor.held_level
 
-    def _ages(self, stamp_ns) -> dict[str, Any]:
-        if not isinstance(self._ring, RealtimeStepper):
+    def _age_values(self, stamp_ns) -> dict[str, Any]:
+        if not isinstance(self._stepper, RealtimeStepper):
             return {}
-        return {BEGAN: self._ring.began_ns, **self._ring.watch.diagnostics(stamp_ns)}
+        ages = self._stepper.command_monitor.diagnostics(stamp_ns)
+        return {RUN_START_KEY: self._stepper.start_ns, **ages}
 
 
 def waiting(stamp_ns: int, message: str) -> Health:

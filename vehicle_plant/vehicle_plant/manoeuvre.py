@@ -4,8 +4,6 @@ manoeuvre NAME [--car vw_gti.yaml] [--friction F] [--out DIR]
 manoeuvre --list
 
 Cars are files in config/, or paths with a folder.
-
-Every manoeuvre by its name.
 """
 
 import argparse
@@ -30,12 +28,26 @@ from vehicle_plant.manoeuvres import (
 from vehicle_plant.manoeuvres.procedure import Case, Manoeuvre, Number
 
 
+def _manoeuvre(module, about: str) -> Manoeuvre:
+    return Manoeuvre(about, module.runs, module.numbers, module.draw)
+
+
+MANOEUVRES = {
+    'steady_circle': _manoeuvre(steady_circle, 'understeer gradient on a circle, ISO 4138'),
+    'step_steer': _manoeuvre(step_steer, 'rise time and overshoot after a step, ISO 7401'),
+    'sine_sweep': _manoeuvre(sine_sweep, 'frequency response against closed forms, ISO 7401'),
+    'straight_braking': _manoeuvre(straight_braking, 'stopping distance against the closed form'),
+    'turn_braking': _manoeuvre(turn_braking, 'brakes on a circle, steering held, ISO 7975'),
+    'sine_with_dwell': _manoeuvre(sine_with_dwell, 'stability and agility, FMVSS 126'),
+}
+
+
 def perform(name: str, case: Case) -> tuple[dict[str, Number], Figure]:
     """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
     manoeuvre = MANOEUVRES[name]
     runs = manoeuvre.runs(case)
-    tracks = [procedure.drive(run, case) for run in runs]
-    return manoeuvre.numbers(case, runs, tracks), manoeuvre.draw(case, runs, tracks)
+    trajectories = [procedure.drive(run, case) for run in runs]
+    return manoeuvre.numbers(case, runs, trajectories), manoeuvre.draw(case, runs, trajectories)
 
 
 def table(numbers: dict[str, Number]) -> str:
@@ -49,7 +61,7 @@ def table(numbers: dict[str, Number]) -> str:
 
 
 def record(name: str, friction: float, numbers: dict[str, Number]) -> str:
-    """Return the numbers as JSON text; a value that does not exist is null."""
+    """Return the numbers as JSON text; NaN becomes null."""
     values = {
         key: n._asdict() | {'value': n.value if n.value == n.value else None}
         for key, n in numbers.items()
@@ -91,17 +103,3 @@ def main(arguments: list[str] | None = None) -> int:
 
 if __name__ == '__main__':
     sys.exit(main())
-
-
-def _of(module, about: str) -> Manoeuvre:
-    return Manoeuvre(about, module.runs, module.numbers, module.draw)
-
-
-MANOEUVRES = {
-    'steady_circle': _of(steady_circle, 'understeer gradient on a circle, ISO 4138'),
-    'step_steer': _of(step_steer, 'rise time and overshoot after a step, ISO 7401'),
-    'sine_sweep': _of(sine_sweep, 'frequency response against closed forms, ISO 7401'),
-    'straight_braking': _of(straight_braking, 'stopping distance against the closed form'),
-    'turn_braking': _of(turn_braking, 'brakes on a circle, steering held, ISO 7975'),
-    'sine_with_dwell': _of(sine_with_dwell, 'stability and agility, FMVSS 126'),
-}

@@ -1,7 +1,4 @@
-"""How the plant node keeps simulated time: a tick per command.
-
-How the plant node keeps wall time: a step per millisecond.
-"""
+"""Both modes of the plant node: lockstep, a tick per command; realtime, a step per millisecond."""
 
 from rclpy.node import Node
 
@@ -13,8 +10,12 @@ from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
 
-REPEAT_S = 1.0  # the first state, until somebody answers it
-ALONE_S = 0.001  # between ticks without a controller
+REPEAT_S = 1.0  # between two publications of the first state, until a command answers it
+NO_CONTROLLER_S = 0.001  # between ticks without a controller
+HOLD_S = 0.02  # between two states of the car that is held at its start
+SHUTDOWN_S = 0.02  # between the last state and the end
+WAITING_NS = 1_000_000_000  # between two messages about what is missing
+THROTTLE_S = 1.0
 
 
 class LockstepMode:
@@ -23,78 +24,72 @@ class LockstepMode:
     def __init__(self, node: Node):
         self.node = node
         self.clock_pub = ros.publisher(node, '/clock')
-        self.ring = self.monitor = None
-        self.repeating = None
-        self.watch = None  # for a controller that is gone
-        self.asked_again = False
+        self.stepper = self.monitor = None
+        self.repeat_timer = self.silence_timer = None
+        self.has_repeated = False
 
-    def wait(self, told):
-        """Tell nobody else: simulated time has not begun."""
+    def report_waiting(self, message):
+        """Publish nothing: simulated time has not begun."""
 
     def begin(self):
-        """Publish the first state until somebody answers it."""
-        car = self.node.car_at(START_NS)
-        self.ring = LockstepStepper(car, RunEnd(self.node.params.stop, car.now))
-        self.monitor = health.Monitor(self.ring)
-        self.repeat()
-        self.repeating = self.node.every(REPEAT_S, self.repeat)
+        """Publish the first state until a command answers it."""
+        car = self.node.simulator_at(START_NS)
+        self.stepper = LockstepStepper(car, RunEnd(self.node.params.stop, car.now))
+        self.monitor = health.HealthMonitor(self.stepper)
+        self.publish_state()
+        self.repeat_timer = self.node.create_wall_timer(REPEAT_S, self.publish_state)
 
-    def repeat(self):
+    def publish_state(self):
         """Publish the present state."""
-        self.node.send(self.ring.car.now)
-        self.clock_pub.publish(encode.clock(self.ring.car.stamp_ns))
+        self.node.publish(self.stepper.car.now)
+        self.clock_pub.publish(encode.clock(self.stepper.car.stamp_ns))
 
-    def command(self, command):
+    def on_command(self, command):
         """Advance a tick if this is the command for the present instant."""
-        if self.ring and self.ring.answers(command.stamp_ns):
-            self.tick(self.ring.tick(command))
-            self.keep_watch()
+        if self.stepper and self.stepper.is_due(command.stamp_ns):
+            self.publish_tick(self.stepper.tick(command))
+            self.restart_silence_timer()
 
-    def unreadable(self, stamp_ns, reason):
-        """Advance a tick under the last good command."""
-        if self.ring and self.ring.answers(stamp_ns):
-            self.ring.car.gate.refuse(reason)
-            self.tick(self.ring.tick(None))
-            self.keep_watch()
+    def on_unreadable(self, stamp_ns, reason):
+        """Advance a tick under the last valid command."""
+        if self.stepper and self.stepper.is_due(stamp_ns):
+            self.stepper.car.gate.reject(reason)
+            self.publish_tick(self.stepper.tick(None))
+            self.restart_silence_timer()
 
-    def tick(self, track):
-        """Publish a burst and the boundary that it ends at."""
-        self.node.send(track)
-        self.clock_pub.publish(encode.clock(self.ring.car.stamp_ns))
-        self.node.follow_up(self.ring, self.monitor, track)
-        if self.ring.outcome:
-            spin_node.finish(self.node, self.ring.outcome.exit_code)
+    def publish_tick(self, trajectory):
+        """Publish the rows of a tick and the instant at its end."""
+        self.node.publish(trajectory)
+        self.clock_pub.publish(encode.clock(self.stepper.car.stamp_ns))
+        self.node.publish_health(self.stepper, self.monitor, trajectory)
+        if self.stepper.outcome:
+            spin_node.finish(self.node, self.stepper.outcome.exit_code)
 
-    def keep_watch(self):
-        """Wait for the next command anew."""
-        self.asked_again = False
-        if self.watch:
-            self.watch.reset()
+    def restart_silence_timer(self):
+        """Wait for the next command."""
+        self.has_repeated = False
+        if self.silence_timer:
+            self.silence_timer.reset()
             return
-        self.repeating.cancel()
-        self.watch = self.node.every(self.node.params.lockstep_timeout_s / 2, self.on_silence)
+        self.repeat_timer.cancel()
+        timeout_s = self.node.params.lockstep_timeout_s / 2
+        self.silence_timer = self.node.create_wall_timer(timeout_s, self.on_silence)
 
     def on_silence(self):
-        """Ask again: a node that was started again has not heard it; then go on alone."""
-        if not self.asked_again:
-            self.asked_again = True
+        """Repeat the state once, for a controller that was restarted; then go on without it."""
+        if not self.has_repeated:
+            self.has_repeated = True
             self.node.get_logger().warning('no command comes: sending the present state again')
-            self.repeat()
+            self.publish_state()
             return
         self.node.get_logger().error('no command comes: braking straight')
-        self.watch.cancel()
-        self.watch = self.node.every(ALONE_S, self.on_alone)
+        self.silence_timer.cancel()
+        self.silence_timer = self.node.create_wall_timer(NO_CONTROLLER_S, self.on_no_controller)
 
-    def on_alone(self):
+    def on_no_controller(self):
         """Advance a tick without a command."""
-        if self.ring.outcome is None:
-            self.tick(self.ring.tick_alone())
-
-
-HELD_S = 0.02  # between two states of the car that is held at its start
-LEAVE_S = 0.02  # between the last state and the end
-TOLD_NS = 1_000_000_000  # between two words on what is waited for
-THROTTLE_S = 1.0
+        if self.stepper.outcome is None:
+            self.publish_tick(self.stepper.tick_without_controller())
 
 
 class RealtimeMode:
@@ -102,84 +97,83 @@ class RealtimeMode:
 
     def __init__(self, node: Node):
         self.node = node
-        self.ring = self.monitor = None
-        self.timer = None
+        self.stepper = self.monitor = self.timer = None
         self.hold = StartHold()
-        # so that a correction of the system's clock is no jump of the car
+        # a correction of the system's clock must not make the car jump
         self.wall = SteadyClock()
-        self.told_ns = 0
+        self.reported_ns = 0
 
     def now_ns(self) -> int:
         """Return the present wall time, whole steps."""
         return self.wall.now_ns() // STEP_NS * STEP_NS
 
-    def wait(self, told):
-        """Tell once a second what is waited for."""
+    def report_waiting(self, message):
+        """Publish once a second what is missing."""
         now_ns = self.now_ns()
-        if now_ns - self.told_ns >= TOLD_NS:
-            self.told_ns = now_ns
-            self.node.tell(health.waiting(now_ns, told))
+        if now_ns - self.reported_ns >= WAITING_NS:
+            self.reported_ns = now_ns
+            self.node.send_health(health.waiting(now_ns, message))
 
     def begin(self):
         """Hold the car at its start until the first command comes."""
-        # the first steps of all are slow: code and data have to be brought into memory
-        self.node.car_at(self.now_ns()).advance(None, TICK_STEPS)
+        # the first steps of all are slow: code and data are loaded
+        self.node.simulator_at(self.now_ns()).advance(None, TICK_STEPS)
         scheduling.freeze_garbage()
         self.node.get_logger().info('holding the car at its start until a command answers it')
-        self.timer = self.node.every(HELD_S, self.on_held)
+        self.timer = self.node.create_wall_timer(HOLD_S, self.on_hold)
 
-    def on_held(self):
+    def on_hold(self):
         """Publish the state at the start with the present time."""
         now_ns = self.now_ns()
-        self.hold.sent(now_ns)
-        self.node.send(self.node.car_at(now_ns).now)
-        self.wait('waiting for a command that answers the start')
+        self.hold.record(now_ns)
+        self.node.publish(self.node.simulator_at(now_ns).now)
+        self.report_waiting('waiting for a command that answers the start')
 
-    def command(self, command):
-        """Follow a command; the first one that answers the start and passes lets the car go."""
-        if self.ring:
-            self.ring.command(command)
+    def on_command(self, command):
+        """Follow a command; the first accepted answer to the start begins the run."""
+        if self.stepper:
+            self.stepper.command(command)
         elif self.hold.is_answer(command):
-            self.let_go(command)
+            self.start_run(command)
 
-    def let_go(self, command):
+    def start_run(self, command):
         """Begin the run under its first command."""
         now_ns, params = self.now_ns(), self.node.params
-        car = self.node.car_at(now_ns)
-        ring = RealtimeStepper(car, RunEnd(params.stop, car.now), params.command_age_s)
-        ring.command(command._replace(stamp_ns=now_ns))
+        car = self.node.simulator_at(now_ns)
+        stepper = RealtimeStepper(car, RunEnd(params.stop, car.now), params.command_age_s)
+        stepper.command(command._replace(stamp_ns=now_ns))
         if car.gate.rejected:
-            told = f'held at the start: {car.gate.last_reason}'
-            self.node.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            message = f'held at the start: {car.gate.last_reason}'
+            self.node.get_logger().error(message, throttle_duration_sec=THROTTLE_S)
             return
-        self.ring, self.monitor = ring, health.Monitor(ring)
-        self.node.tell(self.monitor.health(now_ns))
+        self.stepper, self.monitor = stepper, health.HealthMonitor(stepper)
+        self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
-        self.timer = self.node.every(STEP_NS / 1e9, self.on_step)
+        self.timer = self.node.create_wall_timer(STEP_NS / 1e9, self.on_step)
 
-    def unreadable(self, _, reason):
-        """Count a command that breaks the contract; the last good one stands."""
-        if self.ring:
-            self.ring.refuse(reason)
+    def on_unreadable(self, _, reason):
+        """Count a command that violates the contract; the last valid one stands."""
+        if self.stepper:
+            self.stepper.reject(reason)
 
     def on_step(self):
-        """Advance by what is due."""
-        if self.ring.outcome:  # a call that was on its way
+        """Advance by all due steps."""
+        if self.stepper.outcome:  # a call that was already queued
             return
-        track = self.ring.advance_to(self.now_ns())
-        if track:
-            self.node.send(track)
-            self.node.follow_up(self.ring, self.monitor, track)
-        if self.ring.outcome:
+        trajectory = self.stepper.advance_to(self.now_ns())
+        if trajectory:
+            self.node.publish(trajectory)
+            self.node.publish_health(self.stepper, self.monitor, trajectory)
+        if self.stepper.outcome:
             self.end()
 
     def end(self):
-        """Leave without a vehicle: a controller that still had one would brake it."""
+        """Withdraw the odometry before shutdown: a controller that still had it would brake."""
         self.node.destroy_timer(self.timer)
         self.node.destroy_publisher(self.node.odometry_pub.publisher)
-        # the executor has to let go of the publisher first, which it does while it spins
-        self.timer = self.node.every(LEAVE_S, self.leave)
+        # the executor has to release the publisher first, which it does while it spins
+        self.timer = self.node.create_wall_timer(SHUTDOWN_S, self.finish)
 
-    def leave(self):
+    def finish(self):
         """End the node."""
-        spin_node.finish(self.node, self.ring.outcome.exit_code)
+        spin_node.finish(self.node, self.stepper.outcome.exit_code)

@@ -1,4 +1,4 @@
-"""The plant on ROS 2: commands in; odometry, actuators, imu, wheels and the clock out."""
+"""ROS node of the plant: commands in; odometry, actuators, imu, wheels and the clock out."""
 
 import sys
 import time
@@ -20,18 +20,18 @@ from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.simulator import STEP_NS, Simulator
 
 COMMAND = '/controller/command'
-LOOK_S = 0.1  # how often the start is tried
+POLL_S = 0.1  # between two checks whether the run can start
 THROTTLE_S = 1.0
 HEALTH_NS = 1_000_000_000
 
 
 class PlantNode(Node):
-    """Publishes what the car does, in both modes; `drive` decides when it does it."""
+    """Publishes the motion of the car; its mode decides when the car advances."""
 
     def __init__(self):
         super().__init__(health.NODE)
         self.wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.at_reference = self._declare_start()
+        self.starts_at_reference = self._declare_start()
         self.params = ros.declare(self, parameters.NodeParams, self._declare_car())
         self.plant = parameters.plant_params(self.params)
         self.patches = road_friction.patches_from_parameters(self.params.patches)
@@ -42,112 +42,115 @@ class PlantNode(Node):
         self.wheels_pub = ros.TemplatePublisher(self, '/vehicle/wheels')
         self.health_pub = ros.publisher(self, '/diagnostics')
         self.reference = None
-        self.waited = ChangeFilter()
-        if self.at_reference:
+        self.waiting_log = ChangeFilter()
+        if self.starts_at_reference:
             ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
-        self.drive = {'lockstep': LockstepMode, 'realtime': RealtimeMode}[ros.mode(self)](self)
+        self.mode = {'lockstep': LockstepMode, 'realtime': RealtimeMode}[ros.mode(self)](self)
         self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
         self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
-        self.refusals = RejectionLog(COMMAND)
-        self.starting = self.every(LOOK_S, self.on_look)
+        self.rejections = RejectionLog(COMMAND)
+        self.start_timer = self.create_wall_timer(POLL_S, self.on_poll)
 
     def _declare_start(self) -> bool:
         choices = parameters.START_FROM.words
-        about = ParameterDescriptor(description=' or '.join(choices), read_only=True)
-        chosen = self.declare_parameter('start.from', choices[0], about).value
-        if chosen not in choices:
-            raise ParameterError(f'start.from is {chosen!r}; allowed {" or ".join(choices)}')
-        return chosen == 'reference'
+        descriptor = ParameterDescriptor(description=' or '.join(choices), read_only=True)
+        value = self.declare_parameter('start.from', choices[0], descriptor).value
+        if value not in choices:
+            raise ParameterError(f'start.from is {value!r}; allowed {" or ".join(choices)}')
+        return value == 'reference'
 
     def _declare_car(self) -> Path:
-        about = ParameterDescriptor(
+        descriptor = ParameterDescriptor(
             description='file of the car: in config/, or a path', read_only=True
         )
-        name = self.declare_parameter('plant_params', parameters.DEFAULT_CAR, about).value
+        name = self.declare_parameter('plant_params', parameters.DEFAULT_CAR, descriptor).value
         return parameters.car_file(name)
 
-    def every(self, seconds, callback):
+    def create_wall_timer(self, seconds, callback):
         """Return a timer on the wall clock."""
         return self.create_timer(seconds, callback, clock=self.wall)
 
     def on_reference(self, raw):
         """Keep the path for the start."""
-        if self.drive.ring:  # repeats: there is a step to take every millisecond
+        if self.mode.stepper:  # repeats: there is a step to take every millisecond
             return
         try:
             self.reference = subscriptions_node.read_reference(raw)
         except DecodeError as error:
-            told = f'/scenario/reference turned down: {error}'
-            self.get_logger().error(told, throttle_duration_sec=THROTTLE_S)
+            text = f'/scenario/reference turned down: {error}'
+            self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
 
-    def on_look(self):
-        """Start once all are there; say who is missing, once per change."""
+    def on_poll(self):
+        """Begin once nothing is missing; log what is missing, once per change."""
         missing = self.missing()
         if missing:
             text = f'waiting for {", ".join(missing)}'
-            if self.waited.has_changed(text):
+            if self.waiting_log.has_changed(text):
                 self.get_logger().info(text)
-            self.drive.wait(text)
+            self.mode.report_waiting(text)
             return
-        self.starting.cancel()
-        self.drive.begin()
+        self.start_timer.cancel()
+        self.mode.begin()
 
     def missing(self) -> list[str]:
-        """Return what the start still waits for."""
+        """Return the topics, publishers and subscribers that the start waits for."""
         checks = (
-            ('/scenario/reference', self.at_reference and self.reference is None),
+            ('/scenario/reference', self.starts_at_reference and self.reference is None),
             (f'a publisher of {COMMAND}', not self.command_sub.get_publisher_count()),
         )
         missing = [what for what, is_missing in checks if is_missing]
         return missing + ros.missing_subscriptions(self, {'/vehicle/odometry': 1})
 
-    def car_at(self, stamp_ns: int) -> Simulator:
-        """Return the car at its start at this time."""
-        at_path = initial_state.start_from_reference(self.reference) if self.at_reference else None
-        start = at_path or initial_state.start_from_parameters(self.params.start)
+    def simulator_at(self, stamp_ns: int) -> Simulator:
+        """Return the car at its start at a stamp."""
+        if self.starts_at_reference:
+            start = initial_state.start_from_reference(self.reference)
+        else:
+            start = initial_state.start_from_parameters(self.params.start)
         return Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
 
     def on_command(self, msg):
-        """Hand a command to the drive; one that breaks the contract counts as refused."""
+        """Pass a command to the mode; log it when it violates the contract or fails the gate."""
         try:
             command = decode.command(msg)
         except DecodeError as error:
-            self.drive.unreadable(conversions.stamp_to_ns(msg.header.stamp), str(error))
-            self.say_refused(UNREADABLE, str(error))
+            self.mode.on_unreadable(conversions.stamp_to_ns(msg.header.stamp), str(error))
+            self.log_rejected(UNREADABLE, str(error))
         else:
-            refused = self.drive.ring.car.gate.rejected if self.drive.ring else 0
-            self.drive.command(command)
-            gate = self.drive.ring.car.gate if self.drive.ring else None
-            if gate and gate.rejected > refused:
-                self.say_refused(gate.last_code, gate.last_reason)
+            rejected = self.mode.stepper.car.gate.rejected if self.mode.stepper else 0
+            self.mode.on_command(command)
+            gate = self.mode.stepper.car.gate if self.mode.stepper else None
+            if gate and gate.rejected > rejected:
+                self.log_rejected(gate.last_code, gate.last_reason)
 
-    def say_refused(self, kind, reason):
-        """Log the first refused command of each kind, then counts."""
-        line = self.refusals.line(kind, reason, time.monotonic_ns())
+    def log_rejected(self, kind, reason):
+        """Log the first rejected command of each kind, then counts."""
+        line = self.rejections.line(kind, reason, time.monotonic_ns())
         if line:
             self.get_logger().warning(line)
 
-    def send(self, track):
-        """Publish every row of a track; on each topic in the order of time."""
-        for state, actuators in zip(track.states(), track.actuators()):
+    def publish(self, trajectory):
+        """Publish every row of a trajectory; on each topic in the order of time."""
+        for state, actuators in zip(trajectory.states(), trajectory.actuators()):
             self.odometry_pub.publish(state)
             self.actuators_pub.publish(actuators)
-        slow = track.where(track.stamp_ns % (self.params.imu_wheels_period_ms * STEP_NS) == 0)
+        period_ns = self.params.imu_wheels_period_ms * STEP_NS
+        slow = trajectory.where(trajectory.stamp_ns % period_ns == 0)
         for imu, wheels in zip(slow.imu(), slow.wheels()):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
 
-    def follow_up(self, ring, monitor, track):
-        """Report health once a second, and how the run ended when it is over."""
-        for stamp_ns in track.stamp_ns[track.stamp_ns % HEALTH_NS == 0].tolist():
-            self.tell(monitor.health(stamp_ns))
-        if ring.outcome:
-            self.tell(monitor.health(ring.car.stamp_ns))
-            self.get_logger().info(ring.outcome.message)
+    def publish_health(self, stepper, monitor, trajectory):
+        """Publish health once a second and at the end of the run; log how the run ended."""
+        for stamp_ns in trajectory.stamp_ns[trajectory.stamp_ns % HEALTH_NS == 0].tolist():
+            self.send_health(monitor.health(stamp_ns))
+        if stepper.outcome:
+            self.send_health(monitor.health(stepper.car.stamp_ns))
+            self.get_logger().info(stepper.outcome.message)
 
-    def tell(self, found):
-        """Publish a health."""
-        self.health_pub.publish(encode.health(self.command_publishers.add_warnings(found)))
+    def send_health(self, status):
+        """Publish a health, with warnings about other publishers of the command."""
+        self.health_pub.publish(encode.health(self.command_publishers.add_warnings(status)))
 
 
 def main() -> int:

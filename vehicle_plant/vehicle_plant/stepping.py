@@ -1,8 +1,8 @@
-"""The plant's side of the ring: when to advance, and what happens when the controller is silent.
+"""When the plant advances, and what happens when the controller is silent. No ROS, no clock.
 
 Lockstep: a burst of 50 steps per command, as long as commands come. Realtime: steps follow the wall
-clock. In both, a silent controller's last command is held for two ticks, then the car brakes
-straight. No ROS, no clock: time is an argument.
+clock. In both, the last command of a silent controller is held for two ticks, then the car brakes
+straight to standstill. Time is an argument.
 """
 
 from collections import deque
@@ -14,121 +14,122 @@ from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
 
 HELD_TICKS = 2
-HELD_STATES = 100  # of the start, that may still be answered: 2 s
 HELD_S = HELD_TICKS * TICK_NS / 1e9
-WATCHED_STEPS = 10  # at once: a look costs as much as two steps
+ANSWERABLE_STATES = 100  # last states of a car held at its start: 2 s
+CHECKED_STEPS = 10  # between two checks of the end of the run, which cost as much as two steps
 
 
 class LockstepStepper:
     """Simulated time: advances a tick when the command for the present instant has come."""
 
+    missed_steps = 0  # none can be missed: time waits
+    longest_gap = 1
+
     def __init__(self, car: Simulator, end: RunEnd):
         self.car = car
         self._end = end
         self._silent_ticks = 0
-        self.gone = False
-        self.missed_steps = 0  # none can be missed: time waits
-        self.longest_gap = 1
+        self.controller_gone = False
         self.outcome: Outcome | None = None
 
-    def answers(self, stamp_ns: int) -> bool:
-        """Return whether a command with this stamp is the one waited for."""
-        return stamp_ns == self.car.stamp_ns and not self.gone and self.outcome is None
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a command with this stamp is the next one."""
+        return stamp_ns == self.car.stamp_ns and not self.controller_gone and self.outcome is None
 
     def tick(self, command: Command | None) -> Trajectory:
-        """Advance 50 ms under a command; None stands for one that could not be read."""
-        track = self.car.advance(command, TICK_STEPS)
-        self.outcome = self._end.watch(track)
-        return track
+        """Advance 50 ms under a command; None stands for an unreadable one."""
+        trajectory = self.car.advance(command, TICK_STEPS)
+        self.outcome = self._end.check(trajectory)
+        return trajectory
 
-    def tick_alone(self) -> Trajectory:
-        """Advance 50 ms without a controller: from now on it counts as gone."""
-        self.gone = True
+    def tick_without_controller(self) -> Trajectory:
+        """Advance 50 ms without a command: from now on the controller counts as gone."""
+        self.controller_gone = True
         if self._silent_ticks == HELD_TICKS:
             self.car.brake_straight()
         self._silent_ticks += 1
-        track = self.car.advance(None, TICK_STEPS)
-        self._end.watch(track)
+        trajectory = self.car.advance(None, TICK_STEPS)
+        self._end.check(trajectory)
         if self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
-        return track
+        return trajectory
 
 
 class StartHold:
-    """Wall time before a run: the car stands at its start until a command answers it."""
+    """Wall time before a run: the car is held at its start until a command answers it."""
 
     def __init__(self):
-        self._sent_ns = deque(maxlen=HELD_STATES)
+        self._published_ns = deque(maxlen=ANSWERABLE_STATES)
 
-    def sent(self, stamp_ns: int) -> None:
-        """Take the stamp under which the start was sent."""
-        self._sent_ns.append(stamp_ns)
+    def record(self, stamp_ns: int) -> None:
+        """Record the stamp of a published start."""
+        self._published_ns.append(stamp_ns)
 
     def is_answer(self, command: Command) -> bool:
-        """Tell whether a command answers one of the last states; a blind one does not."""
-        return command.stamp_ns in self._sent_ns
+        """Return whether a command answers one of the last published states."""
+        return command.stamp_ns in self._published_ns
 
 
 class RealtimeStepper:
     """Wall time: advances by as many steps as are due.
 
-    A command ages from the instant at which it is due, one tick after its stamp; `limit_s` is how
-    long it is held.
+    A command ages from the instant at which it is due, one tick after its stamp; after `limit_s`
+    the car brakes. A controller that returns is followed again.
     """
 
     def __init__(self, car: Simulator, end: RunEnd, limit_s: float = HELD_S):
         self.car = car
-        self.began_ns = car.stamp_ns
-        self.watch = InputMonitor('command', limit_s)
-        self.watch.record(car.stamp_ns + TICK_NS)
+        self.start_ns = car.stamp_ns
+        self.command_monitor = InputMonitor('command', limit_s)
+        self.command_monitor.record(car.stamp_ns + TICK_NS)
         self._end = end
-        self._unwatched: list[Trajectory] = []
-        self.gone = False
+        self._unchecked: list[Trajectory] = []
+        self.controller_gone = False
         self.missed_steps = 0
         self.longest_gap = 1
         self.outcome: Outcome | None = None
 
     def command(self, command: Command) -> None:
-        """Follow a command; a silent controller that speaks again is followed again."""
+        """Follow a command that passes the gate."""
         if self.car.command(command).accepted:
-            self.watch.record(command.stamp_ns + TICK_NS)
-            self.gone = False
+            self.command_monitor.record(command.stamp_ns + TICK_NS)
+            self.controller_gone = False
         else:
-            self.watch.reject(self.car.gate.last_reason)
+            self.command_monitor.reject(self.car.gate.last_reason)
 
-    def refuse(self, reason: str) -> None:
-        """Count a command that could not be read; the last good one stands."""
-        self.car.gate.refuse(reason)
-        self.watch.reject(reason)
+    def reject(self, reason: str) -> None:
+        """Count an unreadable command; the last valid one stands."""
+        self.car.gate.reject(reason)
+        self.command_monitor.reject(reason)
 
     def advance_to(self, now_ns: int) -> Trajectory | None:
         """Advance by all steps that are due at now_ns; None when there are none.
 
-        More than one means that steps came late: they are counted, and caught up here, as far as
-        the run goes: a process that was stopped for minutes finds its car long at rest.
+        More than one means that steps are late: they are counted and caught up here, up to the end
+        of the run at most: after minutes of suspension the car is at rest.
         """
         due = (now_ns - self.car.stamp_ns) // STEP_NS
         if due <= 0 or self.outcome:
             return None
         self.longest_gap = max(self.longest_gap, due)
-        if self.watch.update(now_ns) == ERROR and not self.gone:
-            self.gone = True
+        if self.command_monitor.update(now_ns) == ERROR and not self.controller_gone:
+            self.controller_gone = True
             self.car.brake_straight()
         pieces = []
         while due > 0 and not self.outcome:
             # no ramp of set-points is longer than a tick: such pieces have the bits of the whole
             pieces.append(self.car.advance(None, min(due, TICK_STEPS)))
             due -= TICK_STEPS
-            self._watch(pieces[-1])
-        track = join_trajectories(pieces)
-        self.missed_steps += len(track.rows) - 1
-        return track
+            self._check_end(pieces[-1])
+        trajectory = join_trajectories(pieces)
+        self.missed_steps += len(trajectory.rows) - 1
+        return trajectory
 
-    def _watch(self, track: Trajectory) -> None:
-        self._unwatched.append(track)
-        if sum(len(piece.rows) for piece in self._unwatched) < WATCHED_STEPS:
+    def _check_end(self, piece: Trajectory) -> None:
+        self._unchecked.append(piece)
+        if sum(len(unchecked.rows) for unchecked in self._unchecked) < CHECKED_STEPS:
             return
-        self.outcome = self._end.watch(join_trajectories(self._unwatched))
-        self._unwatched = []
-        if self.gone and self._end.standing:
+        self.outcome = self._end.check(join_trajectories(self._unchecked))
+        self._unchecked = []
+        if self.controller_gone and self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)

@@ -1,6 +1,7 @@
-"""How a manoeuvre is driven: set-points every 50 ms, straight lines between, as by a controller.
+"""Test procedures: how a manoeuvre is driven and evaluated.
 
-Reading numbers off a track. Times in s; x, y are arrays over the rows of the track.
+Set-points come every 50 ms, linear in between, as from the controller. The functions at the end
+evaluate signals: t is time [s], x and y are arrays over the rows of a trajectory.
 """
 
 from collections.abc import Callable
@@ -8,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vehicle_plant import actuators, integrator
+from vehicle_plant import integrator
+from vehicle_plant.actuators import DelayLine, DelaySteps, delay_steps
 from vehicle_plant.car import PlantParams
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.manoeuvres.settings import Settings
@@ -16,17 +18,19 @@ from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
 from vehicle_plant.state import SetPoints, Trajectory
 
 TICK_S = TICK_STEPS * integrator.STEP_S
+LOW, HALF, HIGH = 0.1, 0.5, 0.9  # of the steady state: rise time, response time (ISO 7401)
+MS_PER_S = 1000
 
 
 class Case(NamedTuple):
-    """A car on a road, and what the manoeuvres ask of it."""
+    """A car on a road, and the settings of the manoeuvres."""
 
     plant: PlantParams
-    friction: float  # of the road over that of the tyre's test surface
+    friction: float  # of the road relative to the tyre's test surface
     settings: Settings
 
     def scaled(self, acceleration: float) -> float:
-        """Return an acceleration meant for dry road as this road allows it [m/s^2]."""
+        """Return an acceleration of dry road scaled to this road [m/s^2]."""
         return acceleration * min(self.friction, 1.0)
 
 
@@ -36,7 +40,7 @@ class Run(NamedTuple):
     label: str
     speed: float  # m/s at the start
     seconds: float
-    law: Callable[[float, float], SetPoints]  # (instant they are due [s], vx now [m/s]) -> them
+    law: Callable[[float, float], SetPoints]  # (time at which they are due [s], vx now [m/s])
 
 
 class Number(NamedTuple):
@@ -48,7 +52,7 @@ class Number(NamedTuple):
 
 
 class Manoeuvre(NamedTuple):
-    """A test procedure; tracks come in the order of the runs."""
+    """A test procedure; trajectories are in the order of the runs."""
 
     about: str
     runs: Callable[[Case], tuple[Run, ...]]
@@ -57,11 +61,11 @@ class Manoeuvre(NamedTuple):
 
 
 def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1) -> Trajectory:
-    """Return the track of a run, one row per millisecond, the first at 1 ms.
+    """Return the trajectory of a run, one row per millisecond, the first at 1 ms.
 
     step_s: of the integrator, a whole fraction or multiple of 1 ms that divides 50 ms; a longer
-    one leaves fewer rows. side: -1 mirrors the steer. With 1 ms the track is that of a `Simulator`
-    under the same commands, bit by bit.
+    one leaves fewer rows. side: -1 mirrors the steer. With 1 ms the trajectory is that of a
+    `Simulator` under the same commands, bit by bit.
     """
     p = integrator.parameter_vector(case.plant, case.friction)
     x = rolling_state(case.plant, Start(0.0, 0.0, 0.0, run.speed))
@@ -69,13 +73,13 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
     steps = round(TICK_S / step_s)
     stride = max(round(integrator.STEP_S / step_s), 1)
     done = np.arange(steps + 1)[:, None] / steps
-    late = (round(n * integrator.STEP_S / step_s) for n in actuators.delay_steps(case.plant.car))
-    line = actuators.DelayLine(actuators.DelaySteps(*late), SetPoints(0.0, 0.0, 0.0))
+    delays = (round(n * integrator.STEP_S / step_s) for n in delay_steps(case.plant.car))
+    line = DelayLine(DelaySteps(*delays), SetPoints(0.0, 0.0, 0.0))
     now = np.zeros(len(SetPoints._fields))
     rows = []
     for tick in range(1, round(run.seconds / TICK_S) + 1):
-        wanted = run.law(tick * TICK_S, vx)
-        due = np.array([side * wanted.delta, wanted.Fxf, wanted.Fxr])
+        target = run.law(tick * TICK_S, vx)
+        due = np.array([side * target.delta, target.Fxf, target.Fxr])
         path = np.where(done < 1, now + (due - now) * done, due)
         burst = integrator.advance(x, line.shift(path), p, step_s)
         x, now = burst[-1, : x.size].copy(), due
@@ -86,19 +90,19 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
     return Trajectory(START_NS + every_ns * np.arange(1, len(rows) + 1, dtype=np.int64), rows)
 
 
-def times(track: Trajectory) -> np.ndarray:
+def times(trajectory: Trajectory) -> np.ndarray:
     """Return the time of each row since the start [s]."""
-    return (track.stamp_ns - START_NS) / 1e9
+    return (trajectory.stamp_ns - START_NS) / 1e9
 
 
 def hold_speed(case: Case, speed: float) -> Callable[[float], tuple[float, float]]:
     """Return a law vx -> front and rear axle force [N] that holds a speed.
 
-    Raises ValueError for a car without an engine, when the law is asked.
+    The law raises ValueError for a car without an engine.
     """
     car = case.plant.car
-    needed, gain = driving_resistance(car, speed), case.settings.speed_gain_nspm
-    return lambda vx: split_drive_force(car, needed + gain * (speed - vx))
+    resistance, gain = driving_resistance(car, speed), case.settings.speed_gain_nspm
+    return lambda vx: split_drive_force(car, resistance + gain * (speed - vx))
 
 
 def split_drive_force(car, force: float) -> tuple[float, float]:
@@ -119,8 +123,13 @@ def driving_resistance(car, speed: float) -> float:
     return drag + car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2
 
 
-LOW, HALF, HIGH = 0.1, 0.5, 0.9  # of the steady state: rise time, response time (ISO 7401)
-MS_PER_S = 1000
+def label_axes(axes, y: str, x: str = '', legend: bool = True) -> None:
+    """Label the axes of a panel; draw its grid and legend."""
+    axes.set_ylabel(y)
+    axes.set_xlabel(x)
+    axes.grid()
+    if legend:
+        axes.legend()
 
 
 def first_crossing_time(t: np.ndarray, y: np.ndarray, level: float) -> float:
@@ -146,10 +155,10 @@ def fit_slope(x: np.ndarray, y: np.ndarray, *, low: float, high: float) -> float
 
 
 def phasor(t: np.ndarray, y: np.ndarray, f_hz: float) -> complex:
-    """Return the complex amplitude of exp(2 pi i f t) in y beside a constant and a drift."""
-    middle = t - t.mean()
+    """Return the complex amplitude of exp(2 pi i f t) in y, apart from a constant and a drift."""
+    centred = t - t.mean()
     terms = np.column_stack(
-        [np.cos(2 * np.pi * f_hz * t), np.sin(2 * np.pi * f_hz * t), np.ones_like(t), middle]
+        [np.cos(2 * np.pi * f_hz * t), np.sin(2 * np.pi * f_hz * t), np.ones_like(t), centred]
     )
     (cosine, sine, _, _), *_ = np.linalg.lstsq(terms, y, rcond=None)
     return complex(cosine, -sine)

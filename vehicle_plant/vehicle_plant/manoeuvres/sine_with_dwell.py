@@ -1,7 +1,7 @@
 """Sine with dwell after FMVSS 126 (49 CFR 571.126, S5.2 and S7): lateral stability and agility.
 
 The rule is written for cars with electronic stability control; this car has none, so large
-amplitudes may fail it: the numbers then say from which one on.
+amplitudes may fail it: the numbers include the greatest amplitude that passes.
 """
 
 import numpy as np
@@ -39,85 +39,78 @@ def runs(case: Case) -> tuple[Run, ...]:
     return tuple(Run(f'{a:g}', p.speed_mps, seconds, steering(a)) for a in p.amplitudes)
 
 
-def judged(case: Case, track: Trajectory) -> tuple[float, float, float]:
-    """Return yaw rate left over its peak, early and late, and the lateral displacement [m].
+def criteria(case: Case, trajectory: Trajectory) -> tuple[float, float, float]:
+    """Return the remaining yaw rate over its peak, early and late, and the displacement [m].
 
     The peak is the greatest yaw rate after the steer has changed its sign.
     """
     p = case.settings.sine_with_dwell
-    t = procedure.times(track) - case.settings.settle_s
-    r = track.column('planar.r')
-    turned = 1 / (2 * p.frequency_hz)
+    t = procedure.times(trajectory) - case.settings.settle_s
+    r = trajectory.column('planar.r')
+    reversal = 1 / (2 * p.frequency_hz)
     done = 1 / p.frequency_hz + p.dwell_s
-    peak = r[(t > turned) & (t < done + p.early_s)].min()
-    left = (procedure.value_at(t, r, done + after) / peak for after in (p.early_s, p.late_s))
-    return *left, procedure.value_at(t, track.column('planar.Y'), p.displaced_s)
+    peak = r[(t > reversal) & (t < done + p.early_s)].min()
+    early, late = (procedure.value_at(t, r, done + after) / peak for after in (p.early_s, p.late_s))
+    return early, late, procedure.value_at(t, trajectory.column('planar.Y'), p.displaced_s)
 
 
-def numbers(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> dict[str, Number]:
+def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return the three criteria at each amplitude, and up to which one all are met."""
     p = case.settings.sine_with_dwell
-    result, passed, still = {}, 0.0, True
-    for amplitude, track in zip(p.amplitudes, tracks):
-        early, late, displaced = judged(case, track)
-        enough = amplitude < p.displaced_from or displaced >= p.displacement_m
-        still = still and early <= p.early_ratio and late <= p.late_ratio and enough
-        passed = amplitude if still else passed
-        end = f'at_{amplitude:g}'
+    early_text = f'of its peak, {p.early_s:g} s after steer, <= {p.early_ratio:g}'
+    late_text = f'of its peak, {p.late_s:g} s after steer, <= {p.late_ratio:g}'
+    displacement_text = f'{p.displaced_s:g} s into steer, >= {p.displacement_m:g}'
+    result, passed, all_passed = {}, 0.0, True
+    for amplitude, trajectory in zip(p.amplitudes, trajectories):
+        early, late, displacement = criteria(case, trajectory)
+        is_agile = amplitude < p.displaced_from or displacement >= p.displacement_m
+        is_stable = early <= p.early_ratio and late <= p.late_ratio
+        all_passed = all_passed and is_stable and is_agile
+        passed = amplitude if all_passed else passed
         result |= {
-            f'yaw_rate_left_early_{end}': Number(
-                early, '-', f'of its peak, {p.early_s:g} s after steer, <= {p.early_ratio:g}'
-            ),
-            f'yaw_rate_left_late_{end}': Number(
-                late, '-', f'of its peak, {p.late_s:g} s after steer, <= {p.late_ratio:g}'
-            ),
-            f'displacement_{end}': Number(
-                displaced, 'm', f'{p.displaced_s:g} s into steer, >= {p.displacement_m:g}'
-            ),
+            f'yaw_rate_left_early_at_{amplitude:g}': Number(early, '-', early_text),
+            f'yaw_rate_left_late_at_{amplitude:g}': Number(late, '-', late_text),
+            f'displacement_at_{amplitude:g}': Number(displacement, 'm', displacement_text),
         }
-    unit = float(tracks[0].column('servos.steer.position').max()) / p.amplitudes[0]
+    unit = float(trajectories[0].column('servos.steer.position').max()) / p.amplitudes[0]
     result['unit_steer'] = Number(unit, 'rad', 'road-wheel angle of amplitude 1, as reached')
     result['passed_up_to'] = Number(passed, '-', 'amplitude up to which all criteria are met')
     return result
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
     """Return steer, yaw rate and path of all amplitudes, and the criteria over the amplitude."""
-    p, settle = case.settings.sine_with_dwell, case.settings.settle_s
+    p, settle_s = case.settings.sine_with_dwell, case.settings.settle_s
     figure = Figure(figsize=(12, 7), layout='constrained')
     (steer, ratio), (yaw_rate, path) = figure.subplots(2, 2)
     # from a pale to a dark blue
-    shades = [(0.75 * (1 - s), 0.8 * (1 - s), 1 - 0.4 * s) for s in np.linspace(0, 1, len(tracks))]
-    for run, track, shade in zip(chosen, tracks, shades):
-        t = procedure.times(track) - settle
-        style = {'color': shade, 'label': run.label}
-        steer.plot(t, np.degrees(track.column('servos.steer.position')), **style)
-        yaw_rate.plot(t, np.degrees(track.column('planar.r')), **style)
-        path.plot(track.column('planar.X'), track.column('planar.Y'), **style)
+    shades = np.linspace(0, 1, len(trajectories))
+    for run, trajectory, shade in zip(runs, trajectories, shades):
+        t, column = procedure.times(trajectory) - settle_s, trajectory.column
+        blue = (0.75 * (1 - shade), 0.8 * (1 - shade), 1 - 0.4 * shade)
+        style = {'color': blue, 'label': run.label}
+        steer.plot(t, np.degrees(column('servos.steer.position')), **style)
+        yaw_rate.plot(t, np.degrees(column('planar.r')), **style)
+        path.plot(column('planar.X'), column('planar.Y'), **style)
     done = 1 / p.frequency_hz + p.dwell_s
     for after in (p.early_s, p.late_s):
         yaw_rate.axvline(done + after, color='k', linestyle=':')
-    steer.set_ylabel('road-wheel angle [deg]')
-    yaw_rate.set_ylabel('yaw rate [deg/s]')
-    for axes in (steer, yaw_rate):
-        axes.set_xlabel('time since the beginning of steer [s]')
-    path.set_xlabel('X [m]')
-    path.set_ylabel('Y [m]')
-    steer.legend(title='amplitude', ncols=2, fontsize='small')
-    early, late, displaced = zip(*(judged(case, track) for track in tracks))
+    early, late, displacement = zip(*(criteria(case, each) for each in trajectories))
     curves = (
         (early, p.early_ratio, f'yaw rate left after {p.early_s:g} s'),
         (late, p.late_ratio, f'yaw rate left after {p.late_s:g} s'),
-        (displaced, p.displacement_m, f'displacement after {p.displaced_s:g} s [m]'),
+        (displacement, p.displacement_m, f'displacement after {p.displaced_s:g} s [m]'),
     )
     for number, (y, limit, label) in enumerate(curves):
-        (line,) = ratio.plot(p.amplitudes, y, 'o-', label=label, color=f'C{number}')
-        ratio.axhline(limit, color=line.get_color(), linestyle=':')
-    ratio.set_xlabel(f'amplitude over the steer for {case.scaled(p.unit_ay_mps2):.2f} m/s² [-]')
-    ratio.set_ylabel('of the peak [-], displacement [m]')
-    ratio.legend()
-    for axes in (steer, yaw_rate, path, ratio):
-        axes.grid()
+        ratio.plot(p.amplitudes, y, 'o-', label=label, color=f'C{number}')
+        ratio.axhline(limit, color=f'C{number}', linestyle=':')
+    since = 'time since the beginning of steer [s]'
+    procedure.label_axes(steer, 'road-wheel angle [deg]', since, legend=False)
+    procedure.label_axes(yaw_rate, 'yaw rate [deg/s]', since, legend=False)
+    procedure.label_axes(path, 'Y [m]', 'X [m]', legend=False)
+    unit = f'amplitude over the steer for {case.scaled(p.unit_ay_mps2):.2f} m/s² [-]'
+    procedure.label_axes(ratio, 'of the peak [-], displacement [m]', unit)
+    steer.legend(title='amplitude', ncols=2, fontsize='small')
     figure.suptitle(
         f'Sine with dwell (FMVSS 126) at {p.speed_mps:.1f} m/s, friction {case.friction:g}; '
         'dotted: limits'

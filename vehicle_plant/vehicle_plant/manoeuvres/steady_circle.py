@@ -16,11 +16,11 @@ from vehicle_plant.manoeuvres.linear_single_track import LinearCar
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
 
-SLIDING = 0.98  # of the greatest lateral acceleration so far: it will not come back
+SLIDING = 0.98  # of the greatest lateral acceleration so far: the car slides for good
 
 
 def ramp(case: Case, speed: float) -> Run:
-    """Return the run at any speed [m/s]."""
+    """Return the run at a speed [m/s]."""
     p, settle = case.settings.steady_circle, case.settings.settle_s
     hold = procedure.hold_speed(case, speed)
 
@@ -33,32 +33,32 @@ def ramp(case: Case, speed: float) -> Run:
 
 
 def steer_at(case: Case, speed: float, ay: float) -> float:
-    """Return the road-wheel angle for a lateral acceleration at a speed, off such a run [rad].
+    """Return the road-wheel angle [rad] for a lateral acceleration at a speed, from such a run.
 
     Raises ValueError when the car does not reach it.
     """
-    track = procedure.drive(ramp(case, speed), case)
-    gripping = _gripping(case, track)
-    reached = track.column('acceleration.ay')[gripping]
+    trajectory = procedure.drive(ramp(case, speed), case)
+    gripping = _gripping_rows(case, trajectory)
+    reached = trajectory.column('acceleration.ay')[gripping]
     if reached.max() < ay:
         raise ValueError(f'{reached.max():.2f} m/s^2 at {speed:.1f} m/s, wanted {ay:.2f} m/s^2')
-    steer = track.column('servos.steer.position')[gripping]
+    steer = trajectory.column('servos.steer.position')[gripping]
     return float(np.interp(ay, np.maximum.accumulate(reached), steer))
 
 
-def _gripping(case: Case, track: Trajectory) -> slice:
+def _gripping_rows(case: Case, trajectory: Trajectory) -> slice:
     """Return the rows from the beginning of steer until the car slides or spins."""
     begin = round(case.settings.settle_s * procedure.MS_PER_S)
-    ay = track.column('acceleration.ay')
-    most = np.maximum.accumulate(ay)
+    ay = trajectory.column('acceleration.ay')
+    greatest = np.maximum.accumulate(ay)
     linear = case.scaled(case.settings.steady_circle.fit_to_mps2)
-    sliding = np.flatnonzero((most > linear) & (ay < SLIDING * most))
+    sliding = np.flatnonzero((greatest > linear) & (ay < SLIDING * greatest))
     end = sliding[0] if len(sliding) else len(ay)
     return slice(begin, begin + int(np.argmax(ay[begin:end])) + 1)
 
 
 def runs(case: Case) -> tuple[Run, ...]:
-    """Return the one run."""
+    """Return the only run."""
     return (ramp(case, case.settings.steady_circle.speed_mps),)
 
 
@@ -73,48 +73,39 @@ class Points(NamedTuple):
     phi: np.ndarray  # rad, roll
 
 
-def _points(case: Case, track: Trajectory) -> Points:
-    gripping = _gripping(case, track)
-    vx, vy, r, ay, steer, phi = (
-        track.column(name)[gripping]
-        for name in (
-            'planar.vx',
-            'planar.vy',
-            'planar.r',
-            'acceleration.ay',
-            'servos.steer.position',
-            'ride.phi',
-        )
-    )
+def _points(case: Case, trajectory: Trajectory) -> Points:
+    gripping = trajectory.where(_gripping_rows(case, trajectory))
+    vx, vy, r = (gripping.column(f'planar.{name}') for name in ('vx', 'vy', 'r'))
+    steer, ay = gripping.column('servos.steer.position'), gripping.column('acceleration.ay')
     wheelbase = linear_single_track.linear_car(case.plant, case.friction).wheelbase
-    return Points(ay, steer, steer - wheelbase * r / vx, vx, np.arctan2(vy, vx), phi)
+    extra = steer - wheelbase * r / vx
+    return Points(ay, steer, extra, vx, np.arctan2(vy, vx), gripping.column('ride.phi'))
 
 
 def _closed_forms(car: LinearCar, V: float) -> tuple[float, float]:
     """Return the understeer gradient of the single track and that with roll and load transfer."""
-    still = np.zeros(1)
-    body = linear_single_track.yaw_rate_response(car, V, still, body=True)[0].real
+    static = np.zeros(1)
+    body = linear_single_track.yaw_rate_response(car, V, static, body=True)[0].real
     # r / delta = V / (L + K V^2)
     return car.understeer, 1 / (V * body) - car.wheelbase / V**2
 
 
-def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
+def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return gradients in the linear range and the limit."""
-    (track,), p = tracks, case.settings.steady_circle
+    (trajectory,), p = trajectories, case.settings.steady_circle
     low, high = case.scaled(p.fit_from_mps2), case.scaled(p.fit_to_mps2)
-    points = _points(case, track)
+    points = _points(case, trajectory)
     car = linear_single_track.linear_car(case.plant, case.friction)
-    closed = _closed_forms(car, p.speed_mps)
+    K_closed, K_body = _closed_forms(car, p.speed_mps)
     slope = partial(procedure.fit_slope, points.ay, low=low, high=high)
     K = slope(points.extra)
+    characteristic = float(np.sqrt(car.wheelbase / K)) if K > 0 else np.nan
     gradient = 'rad/(m/s^2)'
     return {
         'understeer_gradient': Number(K, gradient, 'of the plant in the linear range'),
-        'understeer_gradient_single_track': Number(closed[0], gradient, 'm/L (l_r/C_f - l_f/C_r)'),
-        'understeer_gradient_with_body': Number(closed[1], gradient, 'and roll, load transfer'),
-        'characteristic_speed': Number(
-            float(np.sqrt(car.wheelbase / K)) if K > 0 else np.nan, 'm/s', 'sqrt(L / K)'
-        ),
+        'understeer_gradient_single_track': Number(K_closed, gradient, 'm/L (l_r/C_f - l_f/C_r)'),
+        'understeer_gradient_with_body': Number(K_body, gradient, 'and roll, load transfer'),
+        'characteristic_speed': Number(characteristic, 'm/s', 'sqrt(L / K)'),
         'sideslip_gradient': Number(slope(points.beta), gradient, 'at the CoG'),
         'roll_gradient': Number(slope(points.phi), gradient, 'of the body'),
         'greatest_ay': Number(float(points.ay.max()), 'm/s^2', 'lateral acceleration at the limit'),
@@ -122,10 +113,11 @@ def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
     }
 
 
-def draw(case: Case, _, tracks: list[Trajectory]) -> Figure:
+def draw(case: Case, _, trajectories: list[Trajectory]) -> Figure:
     """Return handling diagram, attitude and axle slip."""
-    (track,), p = tracks, case.settings.steady_circle
-    points, gripping = _points(case, track), _gripping(case, track)
+    (trajectory,), p = trajectories, case.settings.steady_circle
+    points = _points(case, trajectory)
+    gripping = trajectory.where(_gripping_rows(case, trajectory))
     ay = points.ay
     car = linear_single_track.linear_car(case.plant, case.friction)
     figure = Figure(figsize=(12, 4), layout='constrained')
@@ -136,18 +128,18 @@ def draw(case: Case, _, tracks: list[Trajectory]) -> Figure:
     K, K_body = _closed_forms(car, p.speed_mps)
     left.plot(line, degrees(K) * line, 'k:', label='linear single track')
     left.plot(line, degrees(K_body) * line, 'k--', label='and roll, load transfer')
-    left.set_ylabel('road-wheel angle [deg]')
     middle.plot(ay, np.degrees(points.phi), label='roll')
     middle.plot(ay, np.degrees(points.beta), label='side slip of the CoG')
-    middle.set_ylabel('angle [deg]')
-    for name, axle in zip(('front', 'rear'), axle_points(track, case.plant)):
-        right.plot(ay, -np.degrees(axle.alpha[gripping]), label=f'{name} axle')
-    right.set_ylabel('slip angle, to the right [deg]')
-    for axes in (left, middle, right):
-        axes.set_xlabel('lateral acceleration [m/s²]')
+    for name, axle in zip(('front', 'rear'), axle_points(gripping, case.plant)):
+        right.plot(ay, -np.degrees(axle.alpha), label=f'{name} axle')
+    labels = {
+        left: 'road-wheel angle [deg]',
+        middle: 'angle [deg]',
+        right: 'slip angle, to the right [deg]',
+    }
+    for axes, label in labels.items():
         axes.axvspan(0, case.scaled(p.fit_to_mps2), alpha=0.1, label='linear range')
-        axes.legend()
-        axes.grid()
+        procedure.label_axes(axes, label, 'lateral acceleration [m/s²]')
     figure.suptitle(
         f'Steady-state circle (ISO 4138) at {p.speed_mps:.1f} m/s, friction {case.friction:g}'
     )

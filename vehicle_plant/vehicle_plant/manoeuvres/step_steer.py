@@ -15,12 +15,12 @@ SIGNALS = {'yaw_rate': 'planar.r', 'ay': 'acceleration.ay'}
 
 
 def runs(case: Case) -> tuple[Run, ...]:
-    """Return the one run; its angle is that of the linear single track."""
+    """Return the only run; its angle is that of the linear single track."""
     p, settle = case.settings.step_steer, case.settings.settle_s
     car = linear_single_track.linear_car(case.plant, case.friction)
     angle = car.steer(case.scaled(p.ay_mps2), p.speed_mps)
-    plant = case.plant.car
-    forces = procedure.split_drive_force(plant, procedure.driving_resistance(plant, p.speed_mps))
+    resistance = procedure.driving_resistance(case.plant.car, p.speed_mps)
+    forces = procedure.split_drive_force(case.plant.car, resistance)
 
     def law(t, vx):
         return SetPoints(angle * min(max((t - settle) / p.rise_s, 0.0), 1.0), *forces)
@@ -34,63 +34,59 @@ def _steady(case: Case, t: np.ndarray, y: np.ndarray) -> float:
     return float(y[t >= begin].mean())
 
 
-def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
+def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return times and overshoots of yaw rate and lateral acceleration."""
-    (track,) = tracks
-    t, steer = procedure.times(track), track.column('servos.steer.position')
+    (trajectory,) = trajectories
+    t, steer = procedure.times(trajectory), trajectory.column('servos.steer.position')
     half = procedure.first_crossing_time(t, steer, procedure.HALF * _steady(case, t, steer))
     result = {}
     for name, column in SIGNALS.items():
-        y = track.column(column)
+        y = trajectory.column(column)
         steady = _steady(case, t, y)
         low, high = (
-            procedure.first_crossing_time(t, y, part * steady)
-            for part in (procedure.LOW, procedure.HIGH)
+            procedure.first_crossing_time(t, y, share * steady)
+            for share in (procedure.LOW, procedure.HIGH)
         )
+        peak = float(t[np.argmax(y)])
         unit = 'rad/s' if name == 'yaw_rate' else 'm/s^2'
         result |= {
             f'{name}_steady': Number(steady, unit, 'mean in the steady state'),
             f'{name}_rise_time': Number(high - low, 's', '10 to 90 % of the steady state'),
             f'{name}_response_time': Number(high - half, 's', 'half the steer to 90 %'),
-            f'{name}_peak_time': Number(float(t[np.argmax(y)]) - half, 's', 'half the steer to it'),
+            f'{name}_peak_time': Number(peak - half, 's', 'half the steer to it'),
             f'{name}_overshoot': Number(float(y.max()) / steady - 1, '-', 'of the steady state'),
         }
     gain = result['yaw_rate_steady'].value / _steady(case, t, steer)
-    vx = _steady(case, t, track.column('planar.vx'))
+    vx = _steady(case, t, trajectory.column('planar.vx'))
     result['yaw_rate_gain'] = Number(gain, '1/s', 'steady yaw rate over road-wheel angle')
     result['steady_speed'] = Number(vx, 'm/s', 'mean in the steady state')
     return result
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
     """Return steer, yaw rate, lateral acceleration and attitude over time."""
-    (track,), settle = tracks, case.settings.settle_s
-    t = procedure.times(track) - settle
+    (trajectory,), settle_s = trajectories, case.settings.settle_s
+    t, column = procedure.times(trajectory) - settle_s, trajectory.column
     figure = Figure(figsize=(10, 7), layout='constrained')
-    panels = figure.subplots(2, 2, sharex=True).ravel()
-    beta = np.arctan2(track.column('planar.vy'), track.column('planar.vx'))
-    curves = (
-        ('road-wheel angle [deg]', np.degrees(track.column('servos.steer.position'))),
-        ('yaw rate [deg/s]', np.degrees(track.column('planar.r'))),
-        ('lateral acceleration [m/s²]', track.column('acceleration.ay')),
-        ('angle [deg]', np.degrees(track.column('ride.phi'))),
-    )
-    for axes, (label, y) in zip(panels, curves):
-        axes.plot(t, y, label='roll' if label.startswith('angle') else 'plant')
-        axes.set_ylabel(label)
-        axes.grid()
-    for axes, (_, y) in zip(panels[1:3], curves[1:3]):
-        steady = _steady(case, t + settle, y)
-        for part in (procedure.LOW, procedure.HIGH, 1):
-            axes.axhline(part * steady, color='k', linestyle=':', linewidth=1)
+    (steer, yaw_rate), (ay, angle) = figure.subplots(2, 2, sharex=True)
+    steer.plot(t, np.degrees(column('servos.steer.position')))
+    for axes, y in ((yaw_rate, np.degrees(column('planar.r'))), (ay, column('acceleration.ay'))):
+        axes.plot(t, y)
+        steady = _steady(case, t + settle_s, y)
+        for share in (procedure.LOW, procedure.HIGH, 1):
+            axes.axhline(share * steady, color='k', linestyle=':', linewidth=1)
         axes.text(t[-1], steady, 'steady', ha='right', va='bottom')
-    panels[-1].plot(t, np.degrees(beta), label='side slip of the CoG')
-    panels[-1].legend()
-    for axes in panels[2:]:
-        axes.set_xlabel('time since the step [s]')
-    panels[0].set_xlim(-settle / 2, t[-1])
+    angle.plot(t, np.degrees(column('ride.phi')), label='roll')
+    beta = np.arctan2(column('planar.vy'), column('planar.vx'))
+    angle.plot(t, np.degrees(beta), label='side slip of the CoG')
+    since = 'time since the step [s]'
+    procedure.label_axes(steer, 'road-wheel angle [deg]', legend=False)
+    procedure.label_axes(yaw_rate, 'yaw rate [deg/s]', legend=False)
+    procedure.label_axes(ay, 'lateral acceleration [m/s²]', since, legend=False)
+    procedure.label_axes(angle, 'angle [deg]', since)
+    steer.set_xlim(-settle_s / 2, t[-1])
     figure.suptitle(
-        f'Step steer (ISO 7401) to {chosen[0].label} at {chosen[0].speed:.1f} m/s, '
+        f'Step steer (ISO 7401) to {runs[0].label} at {runs[0].speed:.1f} m/s, '
         f'friction {case.friction:g}; dotted: 10, 90 and 100 %'
     )
     return figure

@@ -17,7 +17,7 @@ from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
 
 FULL_FROM, FULL_TO = 0.8, 0.1  # of the initial speed
-SETTLED = 0.99  # of the brake force
+FULL_BRAKE_SHARE = 0.99  # of the brake force
 
 
 class ClosedForm(NamedTuple):
@@ -35,9 +35,9 @@ class ClosedForm(NamedTuple):
         """Return the time to standstill [s]."""
         return self.M / np.sqrt(self.F * self.k) * np.arctan(v * np.sqrt(self.k / self.F))
 
-    def speed(self, left):
-        """Return the speed with so much time left to standstill [m/s]."""
-        angle = np.clip(left, 0, None) * np.sqrt(self.F * self.k) / self.M
+    def speed(self, remaining):
+        """Return the speed at a time before standstill [m/s]."""
+        angle = np.clip(remaining, 0, None) * np.sqrt(self.F * self.k) / self.M
         return np.sqrt(self.F / self.k) * np.tan(angle)
 
 
@@ -60,7 +60,7 @@ def closed_form(case: Case) -> ClosedForm:
 
 
 def runs(case: Case) -> tuple[Run, ...]:
-    """Return the one run; it lasts until the car has stood for a while."""
+    """Return the only run; it lasts until the car has stood for a while."""
     p, settle = case.settings.straight_braking, case.settings.settle_s
     forces = brake_forces(case, p.deceleration_mps2, p.front_share)
     hold = procedure.hold_speed(case, p.speed_mps)
@@ -72,29 +72,31 @@ def runs(case: Case) -> tuple[Run, ...]:
     return (Run(f'{case.scaled(p.deceleration_mps2):g} m/s²', p.speed_mps, seconds, law),)
 
 
-def _settled(case: Case, track: Trajectory) -> int:
+def _full_brake_row(case: Case, trajectory: Trajectory) -> int:
     """Return the row from which the brakes are fully on."""
     p = case.settings.straight_braking
     front, rear = brake_forces(case, p.deceleration_mps2, p.front_share)
-    force = track.column('servos.front.position') + track.column('servos.rear.position')
-    return int(np.flatnonzero(force > SETTLED * (front + rear))[-1]) + 1
+    force = trajectory.column('servos.front.position') + trajectory.column('servos.rear.position')
+    return int(np.flatnonzero(force > FULL_BRAKE_SHARE * (front + rear))[-1]) + 1
 
 
-def _stopped(track: Trajectory) -> int:
+def _standstill_row(trajectory: Trajectory) -> int:
     """Return the row at which the car first stands."""
-    return int(np.flatnonzero(track.column('planar.vx') <= 0)[0])
+    return int(np.flatnonzero(trajectory.column('planar.vx') <= 0)[0])
 
 
-def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
+def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return distances of the plant and of the closed form, and the deceleration."""
-    (track,), p, settle = tracks, case.settings.straight_braking, case.settings.settle_s
-    t, X, vx = procedure.times(track), track.column('planar.X'), track.column('planar.vx')
-    begin, full, end = round(settle * procedure.MS_PER_S), _settled(case, track), _stopped(track)
-    form = closed_form(case)
+    (trajectory,), p = trajectories, case.settings.straight_braking
+    settle_s, column = case.settings.settle_s, trajectory.column
+    t, X, vx = procedure.times(trajectory), column('planar.X'), column('planar.vx')
+    begin = round(settle_s * procedure.MS_PER_S)
+    full, end = _full_brake_row(case, trajectory), _standstill_row(trajectory)
     high, low = FULL_FROM * p.speed_mps, FULL_TO * p.speed_mps
-    passed = [float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low)]
-    distance, expected = X[end] - X[full], float(form.distance(vx[full]))
-    last = vx[t > t[-1] - settle]
+    X_high, X_low = (float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low))
+    distance, expected = X[end] - X[full], float(closed_form(case).distance(vx[full]))
+    creep = np.abs(vx[t > t[-1] - settle_s]).max()
+    slip = max(-column(f'wheels.{w}.kappa')[full:end].min() for w in WHEELS)
     return {
         'stopping_distance': Number(float(X[end] - X[begin]), 'm', 'from the brake command'),
         'stopping_time': Number(float(t[end] - t[begin]), 's', 'from the brake command'),
@@ -102,48 +104,39 @@ def numbers(case: Case, _, tracks: list[Trajectory]) -> dict[str, Number]:
         'full_braking_closed_form': Number(expected, 'm', 'M / (2 k) ln(1 + k v^2 / F)'),
         'distance_error': Number(float(distance / expected - 1), '-', 'plant over closed form'),
         'mean_full_deceleration': Number(
-            (high**2 - low**2) / (2 * (passed[1] - passed[0])), 'm/s^2', '80 to 10 % of the speed'
+            (high**2 - low**2) / (2 * (X_low - X_high)), 'm/s^2', '80 to 10 % of the speed'
         ),
-        'creep': Number(float(np.abs(last).max()), 'm/s', 'speed left while standing'),
-        'greatest_slip': Number(
-            float(max(-track.column(f'wheels.{w}.kappa')[full:end].min() for w in WHEELS)),
-            '-',
-            'of any wheel',
-        ),
+        'creep': Number(float(creep), 'm/s', 'speed left while standing'),
+        'greatest_slip': Number(float(slip), '-', 'of any wheel'),
     }
 
 
-def draw(case: Case, chosen: tuple[Run, ...], tracks: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
     """Return speed, deceleration, wheel slip and loads over time."""
-    (track,), settle = tracks, case.settings.settle_s
-    t = procedure.times(track) - settle
-    full = _settled(case, track)
-    form = closed_form(case)
-    vx = track.column('planar.vx')
-    left = float(form.duration(vx[full])) - (t - t[full])
-    closed = form.speed(left)
+    (trajectory,), settle_s = trajectories, case.settings.settle_s
+    column, form = trajectory.column, closed_form(case)
+    t = procedure.times(trajectory) - settle_s
+    full = _full_brake_row(case, trajectory)
+    vx = column('planar.vx')
+    remaining = float(form.duration(vx[full])) - (t - t[full])
+    closed = form.speed(remaining)
     figure = Figure(figsize=(11, 7), layout='constrained')
     (speed, slowing), (slip, load) = figure.subplots(2, 2, sharex=True)
     speed.plot(t, vx, label='plant')
     speed.plot(t[full:], closed[full:], 'k--', label='closed form, full brakes')
-    speed.set_ylabel('speed [m/s]')
-    slowing.plot(t, -track.column('acceleration.ax'), label='plant')
-    moving = (left > 0) & (np.arange(len(t)) >= full)
+    slowing.plot(t, -column('acceleration.ax'), label='plant')
+    moving = (remaining > 0) & (np.arange(len(t)) >= full)
     expected = (form.F + form.k * closed**2) / form.M
     slowing.plot(t[moving], expected[moving], 'k--', label='closed form')
-    slowing.set_ylabel('deceleration [m/s²]')
-    for w in WHEELS[::2]:
-        slip.plot(t, 100 * track.column(f'wheels.{w}.kappa'), label=w)
-        load.plot(t, track.column(f'loads.{w}.Fz') / 1e3, label=w)
-    slip.set_ylabel('longitudinal slip [%]')
-    load.set_ylabel('wheel load [kN]')
-    for axes in (speed, slowing, slip, load):
-        axes.grid()
-        axes.legend()
-    for axes in (slip, load):
-        axes.set_xlabel('time since the brake command [s]')
-    speed.set_xlim(-settle / 2, t[-1])
+    for w in ('fl', 'rl'):
+        slip.plot(t, 100 * column(f'wheels.{w}.kappa'), label=w)
+        load.plot(t, column(f'loads.{w}.Fz') / 1e3, label=w)
+    procedure.label_axes(speed, 'speed [m/s]')
+    procedure.label_axes(slowing, 'deceleration [m/s²]')
+    procedure.label_axes(slip, 'longitudinal slip [%]', 'time since the brake command [s]')
+    procedure.label_axes(load, 'wheel load [kN]', 'time since the brake command [s]')
+    speed.set_xlim(-settle_s / 2, t[-1])
     figure.suptitle(
-        f'Straight braking with {chosen[0].label} without ABS, friction {case.friction:g}'
+        f'Straight braking with {runs[0].label} without ABS, friction {case.friction:g}'
     )
     return figure
