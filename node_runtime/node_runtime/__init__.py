@@ -3,6 +3,8 @@
 Parameters
     parameters          typed parameters with range and unit; parameter files and their `base`
     node_parameters     parameters of a node: file, overrides, what every node declares
+    typed_yaml          YAML as typed values of a schema of dataclasses
+    named_vector        nested named tuples as flat vectors
     scheduling          real-time priority, core, locked memory
 Topics
     ros                 publishers, subscriptions and QoS from the contract

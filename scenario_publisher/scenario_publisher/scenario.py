@@ -11,6 +11,7 @@ import numpy as np
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
+from node_runtime import typed_yaml
 from scenario_publisher import (
     actors,
     friction_patches,
@@ -105,7 +106,7 @@ def parse(text: str, source: str) -> Scenario:
     """Return the scenario of a YAML text; `source` is the file name that errors show."""
     root = scenario_file.parse_yaml(text, source)
     try:
-        file = scenario_file.parse_value(schema.File, root)
+        file = typed_yaml.parse_value(schema.File, root)
     except YamlError as error:
         raise ScenarioError(str(error)) from None
     return _build(file, text, lambda key, what: scenario_file.error_at(root, key, what))

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from node_runtime import parameters
 from node_runtime.parameters import Range
-from scenario_publisher.scenario_file import Pattern
+from node_runtime.typed_yaml import Pattern
 
 # coordinates and speeds: the ranges of topics.yaml
 Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]

@@ -14,8 +14,9 @@ import guided
 
 with guided.instrumented('scenario_publisher', 'msgs_yaml'):
     from msgs_yaml import conformance, encode
+    from node_runtime import typed_yaml
     from node_runtime.parameters import Range
-    from scenario_publisher import scenario, scenario_file, schema
+    from scenario_publisher import scenario, schema
     from scenario_publisher.scenario_file import ScenarioError
 
 FILE = guided.scratch() / 'scenario.yaml'
@@ -71,7 +72,7 @@ def words() -> tuple[str, ...]:
     while left:
         hint = left.pop()
         if dataclasses.is_dataclass(hint):
-            known = scenario_file.field_types(hint)
+            known = typed_yaml.field_types(hint)
             found |= dict.fromkeys(f'{name}: ' for name in known) | dict.fromkeys(known)
             left += known.values()
             continue

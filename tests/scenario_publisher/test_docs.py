@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scenario_publisher import friction_patches, scenario_file, schema
+from node_runtime import typed_yaml
+from scenario_publisher import friction_patches, schema
 
 TEXT = (Path(__file__).parents[2] / 'docs/scenarios.md').read_text()
 ROW = re.compile(r'^\| `([^`]+)` \|[^|]*\| ([^|]*) \|([^|]*)\|$', re.MULTILINE)
@@ -33,8 +34,8 @@ def rows(title):
 
 def keys(cls, prefix=''):
     """Return {dotted key: (what is allowed, default)} of a schema dataclass."""
-    found, given = {}, scenario_file.defaults(cls)
-    for name, hint in scenario_file.field_types(cls).items():
+    found, given = {}, typed_yaml.defaults(cls)
+    for name, hint in typed_yaml.field_types(cls).items():
         found.update(_key(f'{prefix}{name}', hint, given.get(name, '')))
     return found
 
@@ -47,7 +48,7 @@ def _key(key, hint, default):
         return keys(hint, f'{key}.')
     if origin is tuple and inside[-1] is Ellipsis:
         return _list(key, inside[0])
-    return {key: (scenario_file.describe_allowed(hint), default)}
+    return {key: (typed_yaml.describe_allowed(hint), default)}
 
 
 def _list(key, hint):
@@ -55,7 +56,7 @@ def _list(key, hint):
         classes = typing.get_args(hint)
         return {k: v for cls in classes for k, v in keys(cls, f'{key}[].').items()}
     if typing.get_origin(hint) is typing.Annotated:
-        return {key: (scenario_file.describe_allowed(hint), '')}
+        return {key: (typed_yaml.describe_allowed(hint), '')}
     return {key: (None, '')}
 
 

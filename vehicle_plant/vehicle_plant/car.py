@@ -1,6 +1,6 @@
-"""What the car is made of: one frozen dataclass per part, filled from config/, SI units.
+"""Parameters of the car: one frozen dataclass per part, filled from config/, SI units.
 
-What the actuators of a car can do together: what a controller of it must know.
+`actuator_limits` is the summary of the actuators for a controller.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Outline:
-    """The shell: it moves nothing, but it is what touches an obstacle."""
+    """Outline for collisions; without effect on the motion."""
 
     front_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
     rear_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
@@ -69,7 +69,7 @@ class Suspension:
 
 @dataclass(frozen=True)
 class Wheel:
-    """One wheel with its tyre's carcass; all four are alike."""
+    """A wheel with the carcass of its tyre; all four are equal."""
 
     radius_m: Annotated[float, Range(0.1, 1.0, 'm')]
     spin_inertia_kgm2: Annotated[float, Range(0.2, 10.0, 'kg m^2')]
@@ -90,7 +90,7 @@ class Wheel:
 
 @dataclass(frozen=True)
 class BrakeLining:
-    """Elastic stick before a brake slips: how far, and how damped."""
+    """Elastic wind-up and damping of a brake lining before it slips."""
 
     windup_rad: Annotated[float, Range(0.005, 0.2, 'rad')]
     damping_s: Annotated[float, Range(0.0, 0.02, 's')]
@@ -137,7 +137,7 @@ class Tyres:
 
 @dataclass(frozen=True)
 class Gate:
-    """What a command may ask for at most, beyond the actuators' own limits."""
+    """Limits of a plausible command, relative to those of the actuators."""
 
     steer_tolerance_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
     force_tolerance_n: Annotated[float, Range(0.0, 5e3, 'N')]
@@ -148,7 +148,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class SafeStop:
-    """How the plant brakes straight when its controller is gone, at friction 1."""
+    """Brake forces when the controller is gone, at friction 1."""
 
     front_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
     rear_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
@@ -156,7 +156,7 @@ class SafeStop:
 
 @dataclass(frozen=True)
 class Car:
-    """Everything of the car but the tyre's coefficients."""
+    """All parameters of the car except the coefficients of its tyre."""
 
     body: Body
     outline: Outline
@@ -172,14 +172,14 @@ class Car:
 
 @dataclass(frozen=True)
 class PlantParams:
-    """The car and the tyre it stands on."""
+    """The car and its tyre."""
 
     car: Car
     tyre: TyreCoefficients
 
 
 class ActuatorLimits(NamedTuple):
-    """How the car is driven, and the most that its actuators do."""
+    """Driven axle, and the greatest values of the actuators."""
 
     drive_front_share: float  # 0 = rear-wheel drive
     steer_rad: float  # at the road wheel, either way
@@ -190,7 +190,7 @@ class ActuatorLimits(NamedTuple):
 
 
 def actuator_limits(car: Car) -> ActuatorLimits:
-    """Return what the actuators of a car do; one without a drive counts as rear-wheel drive."""
+    """Return the limits of a car's actuators; one without an engine counts as rear-wheel drive."""
     front, rear = car.force.front, car.force.rear
     drive_n = front.drive_n + rear.drive_n
     return ActuatorLimits(

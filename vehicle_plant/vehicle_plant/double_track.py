@@ -1,9 +1,9 @@
-"""The car: time derivative of the state, and what is measured. 42 states, SI, ISO 8855 axes.
+"""Double-track model of the car: time derivative of the state, and outputs. SI, ISO 8855 axes.
 
-Planar motion of the CoG, heave, roll and pitch, four wheels with vertical travel, spin, brake
-lining and transient slips, three servos. The velocity of a contact patch is that of the CoG plus
-yaw, roll, pitch and travel; every tyre force acts on each of these with the same arm, so power is
-conserved. Not modelled: Ackermann and toe geometry, suspension compliance (it is in the tyre's
+42 states: planar motion of the CoG, heave, roll and pitch, four wheels with vertical travel, spin,
+brake lining and transient slips, three servos. The velocity of a contact patch is that of the CoG
+plus yaw, roll, pitch and travel; every tyre force acts on each of these with the same arm, so power
+is conserved. Not modelled: Ackermann and toe geometry, suspension compliance (it is in the tyre's
 LKY, or in compliance_steer_radpn), gyroscopic moments, aligning moments, ABS.
 """
 
@@ -32,42 +32,43 @@ def wheel_corners(p):
     """Return the four corners of a `car.Car`, in the order of WHEELS."""
     body, axles = p.body, p.suspension
     front, rear = body.cog_to_front_m, -body.cog_to_rear_m
-    places = ((axles.front, front), (axles.rear, rear))
-    return tuple(suspension.corner(body, axle, x, side) for axle, x in places for side in (1, -1))
+    ends = ((axles.front, front), (axles.rear, rear))
+    return tuple(suspension.corner(body, axle, x, side) for axle, x in ends for side in (1, -1))
 
 
 def derivative(x: State, u: SetPoints, plant, friction: PerWheel) -> tuple[State, Outputs]:
-    """Return the derivative of the state, as a State, and the readings at this instant.
+    """Return the derivative of the state and the outputs at this instant.
 
-    friction: that of the road under each wheel, over that of the tyre's test surface.
+    plant: `car.PlantParams`; friction: of the road under each wheel, relative to the tyre's test
+    surface.
     """
     p = plant.car
-    at = wheel_corners(p)
-    travels = [suspension.travel(x.ride, w, c) for w, c in zip(x.wheels, at)]
-    velocities = [_contact_velocity(x, c, rate, p.body) for c, (_, rate) in zip(at, travels)]
+    corners = wheel_corners(p)
+    travels = [suspension.travel(x.ride, w, c) for w, c in zip(x.wheels, corners)]
+    velocities = [_contact_velocity(x, c, rate, p.body) for c, (_, rate) in zip(corners, travels)]
     toes = suspension.roll_steer(x.servos.steer.position, x.ride.phi, p.suspension)
     tyres = [
         _tyre(x.ride, w, c, V, toe, mu, plant)
-        for w, c, V, toe, mu in zip(x.wheels, at, velocities, toes, friction)
+        for w, c, V, toe, mu in zip(x.wheels, corners, velocities, toes, friction)
     ]
-    angles = suspension.compliance_steer(toes, [one.force.Fy for one in tyres], p.suspension)
+    angles = suspension.compliance_steer(toes, [t.force.Fy for t in tyres], p.suspension)
 
     axle_forces = (x.servos.front.position,) * 2 + (x.servos.rear.position,) * 2
     loads, wheel_dots, contact_forces = [], [], []
-    for w, one, V, angle, axle_force in zip(x.wheels, tyres, velocities, angles, axle_forces):
-        drive, brake, rolling = wheel.torques(w, axle_force, one.Fz, p.wheel, p.brake)
-        torque = drive + brake + rolling - one.force.Fx * p.wheel.radius_m
+    for w, t, V, angle, axle_force in zip(x.wheels, tyres, velocities, angles, axle_forces):
+        drive, brake, rolling = wheel.torques(w, axle_force, t.Fz, p.wheel, p.brake)
+        torque = drive + brake + rolling - t.force.Fx * p.wheel.radius_m
         m = wheel.contact_motion(*V, angle, w.omega, p.wheel.radius_m)
-        slip_dot = wheel.slip_rate(w, m, one.slope, one.grip, p.wheel)
+        slip_dot = wheel.slip_rate(w, m, t.slope, t.grip, p.wheel)
         wheel_dots.append((torque / p.wheel.spin_inertia_kgm2, slip_dot))
-        loads.append(WheelLoad(drive + brake, one.Fz, *one.force))
-        contact_forces.append(wheel.in_vehicle_axes(one.force, angle))
+        loads.append(WheelLoad(drive + brake, t.Fz, *t.force))
+        contact_forces.append(wheel.in_vehicle_axes(t.force, angle))
 
-    acceleration, planar_dot = _planar(x.planar, contact_forces, at, p.body)
-    body_forces, lifts = _vertical(travels, loads, contact_forces, at)
+    acceleration, planar_dot = _planar(x.planar, contact_forces, corners, p.body)
+    body_forces, lifts = _vertical(travels, loads, contact_forces, corners)
     air = suspension.air_lift(x.planar, p.body)
     vz_dot, p_dot, q_dot = suspension.ride_acceleration(
-        x.ride, body_forces, contact_forces, at, air, p
+        x.ride, body_forces, contact_forces, corners, air, p
     )
     ride_dot = Ride(x.ride.vz, vz_dot, x.ride.p, p_dot, x.ride.q, q_dot)
     wheels_dot = FourWheels(
@@ -76,12 +77,12 @@ def derivative(x: State, u: SetPoints, plant, friction: PerWheel) -> tuple[State
             for w, lift, (spin, slip_dot) in zip(x.wheels, lifts, wheel_dots)
         )
     )
-    readings = Outputs(acceleration, FourLoads(*loads))
-    return State(planar_dot, ride_dot, wheels_dot, _servos(x.servos, u, p)), readings
+    outputs = Outputs(acceleration, FourLoads(*loads))
+    return State(planar_dot, ride_dot, wheels_dot, _servos(x.servos, u, p)), outputs
 
 
 class _Tyre(NamedTuple):
-    """A tyre at work."""
+    """Force and slopes of a tyre at its present slip."""
 
     force: tyre.Force  # wheel axes
     slope: tyre.Stiffness
@@ -90,7 +91,7 @@ class _Tyre(NamedTuple):
 
 
 def _contact_velocity(x: State, c: suspension.Corner, rate, body):
-    """Return the velocity of a contact patch in vehicle axes; rate: of the corner's travel."""
+    """Return the velocity (Vx, Vy) of a contact patch in vehicle axes; rate: of its compression."""
     planar, ride = x.planar, x.ride
     Vx = planar.vx - c.y * planar.r - body.cog_height_m * ride.q + c.pitch_ratio * rate
     Vy = planar.vy + c.x * planar.r + body.cog_height_m * ride.p + c.roll_ratio * rate
@@ -98,7 +99,7 @@ def _contact_velocity(x: State, c: suspension.Corner, rate, body):
 
 
 def _tyre(ride, w: WheelState, c: suspension.Corner, velocity, angle, friction, plant) -> _Tyre:
-    """Return the force of a tyre by its transient slips."""
+    """Return the state of a tyre at its transient slips."""
     p = plant.car
     m = wheel.contact_motion(*velocity, angle, w.omega, p.wheel.radius_m)
     Fz = suspension.tyre_load(w, c, p.wheel)
@@ -118,14 +119,14 @@ def _tyre(ride, w: WheelState, c: suspension.Corner, velocity, angle, friction, 
     return _Tyre(F, slope, Fz, friction * contact.Fz)
 
 
-def _planar(planar: Planar, contact_forces, at, body):
-    """Newton and Euler in the plane; drag acts at the CoG."""
+def _planar(planar: Planar, contact_forces, corners, body):
+    """Return acceleration and state derivative of the planar motion; drag acts at the CoG."""
     drag = body.air_density_kgpm3 / 2 * body.drag_area_m2
     speed = ca.sqrt(planar.vx**2 + planar.vy**2)
     Fx = -drag * speed * planar.vx
     Fy = -drag * speed * planar.vy
     Mz = 0
-    for (fx, fy), c in zip(contact_forces, at):
+    for (fx, fy), c in zip(contact_forces, corners):
         Fx += fx
         Fy += fy
         Mz += c.x * fy - c.y * fx
@@ -142,12 +143,13 @@ def _planar(planar: Planar, contact_forces, at, body):
     return Acceleration(ax, ay), rates
 
 
-def _vertical(travels, loads, contact_forces, at):
+def _vertical(travels, loads, contact_forces, corners):
     """Return the upward force on the body and the acceleration of the wheel, per corner."""
-    opposite = {0: 1, 1: 0, 2: 3, 3: 2}
+    opposite = (1, 0, 3, 2)
     body_forces, lifts = [], []
-    for i, ((here, rate), load, (Fx, Fy), c) in enumerate(zip(travels, loads, contact_forces, at)):
-        F = suspension.spring_force(here, rate, travels[opposite[i]][0], c)
+    for i, (load, (Fx, Fy), c) in enumerate(zip(loads, contact_forces, corners)):
+        compression, rate = travels[i]
+        F = suspension.spring_force(compression, rate, travels[opposite[i]][0], c)
         F += suspension.link_force(Fx, Fy, c)
         body_forces.append(F)
         lifts.append((load.Fz - c.Fz_static - F) / c.axle.unsprung_mass_kg)
@@ -166,7 +168,7 @@ def _servos(servos: Servos, u: SetPoints, p) -> Servos:
 
 
 def project_constraints(x: State, p) -> State:
-    """Return the state after a step, back within what sticks and what stops (p: `Car`)."""
+    """Return the state within its constraints: lining wind-up, mechanical stops (p: `Car`)."""
     return x._replace(
         wheels=FourWheels(*(wheel.limit_windup(w) for w in x.wheels)),
         servos=Servos(

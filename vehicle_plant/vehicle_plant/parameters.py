@@ -1,4 +1,4 @@
-"""The plant as a node, and where its files are: a car with its run, and the tyre it stands on."""
+"""Parameters of the plant node, and the files of cars and tyres."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from vehicle_plant.car import Car, PlantParams
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
-OF_A_CAR, OF_A_TYRE = 'tyre_set', 'reference.FNOMIN'  # a parameter that no other file has
-START_FROM = Choice('reference', 'parameters')  # what start.from may be; the first is the default
+CAR_KEY, TYRE_KEY = 'tyre_set', 'reference.FNOMIN'  # parameters that no other file has
+START_FROM = Choice('reference', 'parameters')  # of start.from; the first is the default
 
 
 @dataclass(frozen=True)
 class StartParams:
-    """Where the car starts, rolling straight ahead."""
+    """Initial pose and speed of the car, which rolls straight ahead."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
-    # it may stand, too
+    # 0: at standstill
     speed_mps: Annotated[float, Range(0.0, parameters.SPEED.high, parameters.SPEED.unit)]
 
 
 @dataclass(frozen=True)
 class StopParams:
-    """When a run ends: a line that is crossed in the direction yaw_rad, or too late."""
+    """End of a run: finish line, crossed in the direction yaw_rad, or time limit."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
@@ -41,7 +41,7 @@ class StopParams:
 
 @dataclass(frozen=True)
 class FrictionPatchParams:
-    """Where the road has another friction: see `road`."""
+    """Areas of another friction, see `road_friction`."""
 
     corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
     friction: Annotated[tuple[float, ...], parameters.ROAD_FRICTION]
@@ -49,7 +49,7 @@ class FrictionPatchParams:
 
 @dataclass(frozen=True)
 class NodeParams:
-    """The plant as a node: config/bmw_545i.yaml."""
+    """Parameters of plant_node: config/bmw_545i.yaml."""
 
     friction: Annotated[float, parameters.ROAD_FRICTION]
     patches: FrictionPatchParams
@@ -72,33 +72,31 @@ def config_file(name: str) -> Path:
 
 def car_file(name: str, named_by: str = 'plant_params') -> Path:
     """Return the path of the car that a parameter or option names. Raises ParameterError."""
-    return node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_CAR)
+    return node_parameters.find_named_config('vehicle_plant', named_by, name, CAR_KEY)
 
 
 def load_tyre(name: str, named_by: str = 'tyre_set') -> TyreCoefficients:
     """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
-    return _tyre(node_parameters.find_named_config('vehicle_plant', named_by, name, OF_A_TYRE))
+    return _tyre(node_parameters.find_named_config('vehicle_plant', named_by, name, TYRE_KEY))
 
 
 def _tyre(path):
-    return (
-        tyre_property_file.load(path)
-        if path.suffix.lower() == '.tir'
-        else parameters.load(TyreCoefficients, path)
-    )
+    if path.suffix.lower() == '.tir':
+        return tyre_property_file.load(path)
+    return parameters.load(TyreCoefficients, path)
 
 
 def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
     """Return the car with the tyre that it names.
 
-    Raises ParameterError; `sources` says by parameter where its value comes from.
+    `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
     path = node_parameters.find_named_config(
-        'vehicle_plant', 'tyre_set', node.tyre_set, OF_A_TYRE, sources
+        'vehicle_plant', 'tyre_set', node.tyre_set, TYRE_KEY, sources
     )
     return PlantParams(node.car, _tyre(path))
 
 
 def load(path: Path | None = None) -> PlantParams:
-    """Read car and tyre, those of config/bmw_545i.yaml unless told otherwise."""
+    """Read car and tyre from a parameter file of the node, by default config/bmw_545i.yaml."""
     return plant_params(parameters.load(NodeParams, path or config_file(DEFAULT_CAR)))

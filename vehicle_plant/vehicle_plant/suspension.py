@@ -1,15 +1,14 @@
-"""Vertical dynamics: a sprung body with heave, roll and pitch on four unsprung masses and tyres.
+"""Suspension: vertical dynamics of body, wheels and tyres; roll and compliance steer.
 
-Springs, dampers and anti-roll bars act between body and wheel. The links carry part of the tyre
-forces past the springs: a wheel's instant centres lie on the lines from its contact patch to the
-roll centre and to the pitch centre (Milliken, Race Car Vehicle Dynamics, ch. 17). The contact patch
-moves with the same ratios, so the links do no work. All forces are differences to standstill.
+A sprung body with heave, roll and pitch stands on four unsprung masses and tyres. Springs, dampers
+and anti-roll bars act between body and wheel. The links carry part of the tyre forces past the
+springs: the instant centres of a wheel lie on the lines from its contact patch to the roll centre
+and to the pitch centre (Milliken, Race Car Vehicle Dynamics, ch. 17). The contact patch moves with
+the same ratios, so the links do no work. All forces are differences to standstill.
 
-Steer angles of the wheels: the rack, and what roll and lateral force add.
-
-Both additions are linear, per axle, and positive where they make the car understeer: a front wheel
+Roll steer and compliance steer are linear, per axle, and positive for understeer: a front wheel
 turns out of the curve, a rear wheel into it. Compliance steer follows the lateral tyre force, which
-lags behind slip by the relaxation length, so it closes no algebraic loop. Angles [rad], left
+lags behind slip by the relaxation length, so there is no algebraic loop. Angles [rad], left
 positive; forces [N].
 """
 
@@ -19,7 +18,7 @@ import casadi as ca
 
 
 class Corner(NamedTuple):
-    """Where a wheel is and how it hangs."""
+    """Position and suspension of a wheel."""
 
     axle: Any  # car.Axle
     x: Any  # m from the CoG, forward
@@ -49,15 +48,18 @@ def corner(body, axle, x, side: int) -> Corner:
 
 def travel(ride, wheel, c: Corner):
     """Return the compression of a corner and its rate [m, m/s]."""
-    at = wheel.z - (ride.z + c.y * ride.phi - c.x * ride.theta)
+    compression = wheel.z - (ride.z + c.y * ride.phi - c.x * ride.theta)
     rate = wheel.vz - (ride.vz + c.y * ride.p - c.x * ride.q)
-    return at, rate
+    return compression, rate
 
 
-def spring_force(here, rate, opposite, c: Corner):
-    """Return the upward force on the body by spring, damper and anti-roll bar [N]."""
+def spring_force(compression, rate, opposite, c: Corner):
+    """Return the upward force on the body by spring, damper and anti-roll bar [N].
+
+    opposite: compression at the other wheel of the axle [m].
+    """
     axle = c.axle
-    elastic = axle.ride_rate_npm * here + axle.antiroll_npm * (here - opposite)
+    elastic = axle.ride_rate_npm * compression + axle.antiroll_npm * (compression - opposite)
     return elastic + axle.damper_rate_nspm * rate
 
 
@@ -67,24 +69,24 @@ def link_force(Fx, Fy, c: Corner):
 
 
 def tyre_load(wheel, c: Corner, p):
-    """Return the load of a tyre [N]; a lifted one carries none."""
+    """Return the vertical load of a tyre [N]; that of a lifted one is zero."""
     spring = p.vertical_stiffness_npm * wheel.z + p.vertical_damping_nspm * wheel.vz
     return ca.fmax(c.Fz_static - spring, 0)
 
 
 def camber(ride, c: Corner):
-    """Return the inclination of a wheel to the road [rad], positive about x."""
+    """Return the camber of a wheel to the road [rad], positive about x."""
     return c.axle.camber_per_roll * ride.phi - c.side * c.axle.static_camber_rad
 
 
 def air_lift(planar, body):
-    """Return the upward force of the air on the body at the front and the rear axle [N]."""
+    """Return the aerodynamic lift of the body at the front and the rear axle [N]."""
     dynamic_pressure = body.air_density_kgpm3 / 2 * (planar.vx**2 + planar.vy**2)
     return dynamic_pressure * body.front_lift_area_m2, dynamic_pressure * body.rear_lift_area_m2
 
 
 def ride_acceleration(ride, body_forces, contact_forces, corners, air, p):
-    """Return vertical, roll and pitch acceleration of the body.
+    """Return vertical [m/s^2], roll and pitch acceleration [rad/s^2] of the body.
 
     body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N];
     air: upward [N] per axle.
@@ -111,21 +113,21 @@ def _axles(suspension):
 
 
 def _at_cog(body, front, rear):
-    """Interpolate between the axles."""
+    """Interpolate a height between the axles."""
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
     return (front * body.cog_to_rear_m + rear * body.cog_to_front_m) / wheelbase
 
 
 def roll_steer(rack: Any, phi: Any, suspension) -> tuple:
-    """Return the angles of rack and roll phi, in the order of WHEELS."""
+    """Return the wheel angles by rack and roll angle phi, in the order of WHEELS."""
     front = rack - suspension.front.roll_steer * phi
     return (front,) * 2 + (suspension.rear.roll_steer * phi,) * 2
 
 
 def compliance_steer(angles: tuple, Fy: list, suspension) -> tuple:
-    """Return the angles that yield to the wheels' lateral forces Fy; both in the order of WHEELS.
+    """Return the angles with compliance to the lateral forces Fy; both in the order of WHEELS.
 
-    Left and right yield alike, to the force of their axle.
+    Left and right turn alike, by the force of their axle.
     """
     fl, fr, rl, rr = angles
     front = suspension.front.compliance_steer_radpn * (Fy[0] + Fy[1])

@@ -13,13 +13,13 @@ from vehicle_plant.tyre_coefficients import TyreCoefficients, TyreScaling
 
 
 class Contact(NamedTuple):
-    """What the tyre feels; the slips are the transient ones where it rolls unsteadily."""
+    """Inputs of the tyre; the slips are the transient ones in unsteady rolling."""
 
     Fz: Any  # N, > 0
     kappa: Any  # -
     tan_alpha: Any  # -, Vy / |Vx|
     gamma: Any  # rad
-    friction: Any  # -, road friction over that of the test surface
+    friction: Any  # -, of the road, relative to the test surface
     pressure: Any  # Pa
 
 
@@ -105,33 +105,34 @@ def _pure_lateral(c, t, s, Ky):
     return D * ca.sin(_magic(Ky / (C * D), C, ca.fmin(E, 1), alpha)) + shift, mu
 
 
-def _loss(B, C, E, x, shift):
-    """Return the cosine weighting of combined slip, 1 at x = 0 (4.E50, 4.E58)."""
+def _weighting(B, C, E, x, shift):
+    """Return the weighting G of combined slip, 1 at x = 0 (4.E50, 4.E58)."""
     return ca.cos(_magic(B, C, E, x + shift)) / ca.cos(_magic(B, C, E, shift))
 
 
-def _similar(c, s):
-    """Return the slips at which the published tyre uses as much of its friction.
+def _similar_slips(c, s):
+    """Return the slips at which the unscaled tyre uses the same share of its friction.
 
     Friction and stiffness scaling move the slip of the peak; by the similarity method (Pacejka
-    2012, 4.2) combined slip moves with it, else a stiff tyre on a wet road leaves its ellipse.
+    2012, 4.2) combined slip moves with it; otherwise a stiff tyre on a wet road would leave its
+    friction ellipse.
     """
     kappa = c.kappa * s.LKX / (s.LMUX * c.friction)
     return kappa, c.tan_alpha * s.LKY / (s.LMUY * c.friction)
 
 
 def force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:
-    """Return the force at combined slip (4.E50, 4.E58), its weighting at the similar slips."""
+    """Return the force at combined slip (4.E50, 4.E58), weighted at the similar slips."""
     slope = stiffness(c, t, s)
     Fx0 = _pure_longitudinal(c, t, s, slope.Kx)
     Fy0, mu_y = _pure_lateral(c, t, s, slope.Ky)
     _, dfz = _load_excess(c, t, s)
     camber = ca.sin(c.gamma)
-    kappa, tan_alpha = _similar(c, s)
+    kappa, tan_alpha = _similar_slips(c, s)
 
     x = t.combined_longitudinal
     B = (x.RBX1 + x.RBX3 * camber**2) * _cos_atan(x.RBX2 * kappa) * s.LXAL
-    Fx = Fx0 * _loss(B, x.RCX1, ca.fmin(x.REX1 + x.REX2 * dfz, 1), tan_alpha, x.RHX1)
+    Fx = Fx0 * _weighting(B, x.RCX1, ca.fmin(x.REX1 + x.REX2 * dfz, 1), tan_alpha, x.RHX1)
 
     y = t.combined_lateral
     B = (y.RBY1 + y.RBY4 * camber**2) * _cos_atan(y.RBY2 * (tan_alpha - y.RBY3)) * s.LYKA
@@ -139,7 +140,7 @@ def force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:
     induced = mu_y * c.Fz * (y.RVY1 + y.RVY2 * dfz + y.RVY3 * camber)
     induced *= _cos_atan(y.RVY4 * tan_alpha) * s.LVYKA
     induced *= ca.sin(y.RVY5 * ca.atan(y.RVY6 * kappa))
-    return Force(Fx, Fy0 * _loss(B, y.RCY1, E, kappa, y.RHY1 + y.RHY2 * dfz) + induced)
+    return Force(Fx, Fy0 * _weighting(B, y.RCY1, E, kappa, y.RHY1 + y.RHY2 * dfz) + induced)
 
 
 def mirrored_force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:

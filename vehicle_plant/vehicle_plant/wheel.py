@@ -2,7 +2,7 @@
 
 Transient slip: sigma kappa' + V kappa = -Vsx, sigma (tan alpha)' + V tan alpha = Vy (Pacejka 2012,
 7.2), sigma = slip stiffness over carcass stiffness. At standstill this is a spring; its damping
-fades in below a low speed (Pacejka 2012, 8.6), and its deflection ends where the tread slides.
+fades in below a low speed (Pacejka 2012, 8.6), and its deflection is limited by tread sliding.
 The brake is an elastic-plastic lining (Prandtl): it sticks, winds up, then slips at its torque.
 """
 
@@ -14,7 +14,7 @@ from vehicle_plant import tyre
 
 
 class ContactMotion(NamedTuple):
-    """Velocity of the contact patch in the wheel's axes, and slip speed."""
+    """Velocity of the contact patch in wheel axes, and slip speed."""
 
     Vx: Any  # m/s
     Vy: Any  # m/s
@@ -22,7 +22,7 @@ class ContactMotion(NamedTuple):
 
 
 def contact_motion(vx, vy, delta, omega, radius) -> ContactMotion:
-    """Turn a contact velocity from vehicle axes into those of a wheel steered by delta."""
+    """Return the contact motion of a wheel steered by delta; vx, vy in vehicle axes."""
     Vx = ca.cos(delta) * vx + ca.sin(delta) * vy
     Vy = -ca.sin(delta) * vx + ca.cos(delta) * vy
     return ContactMotion(Vx, Vy, Vx - omega * radius)
@@ -35,7 +35,7 @@ def in_vehicle_axes(force: tyre.Force, delta):
 
 
 def _moving(m: ContactMotion, p):
-    """Return 0 at standstill, rising smoothly to 1 at the standstill speed."""
+    """Return a factor that rises smoothly from 0 at standstill to 1 at the standstill speed."""
     speed = ca.sqrt(m.Vx**2 + m.Vy**2 + m.Vsx**2)
     return (1 - ca.cos(ca.pi * ca.fmin(speed / p.standstill_speed_mps, 1))) / 2
 
@@ -50,10 +50,10 @@ def slip_rate(wheel, m: ContactMotion, slope: tyre.Stiffness, grip, p):
     greatest = p.standstill_slip + (p.greatest_slip - p.standstill_slip) * _moving(m, p)
     V = ca.sqrt(ca.sqrt(m.Vx**4 + (m.Vsx**4 + m.Vy**4) / greatest**4))
     used = ((slope.Kx * wheel.kappa) ** 2 + (slope.Ky * wheel.tan_alpha) ** 2) / grip**2
-    shorter = 1 / ca.sqrt(1 + used)
-    sigma_x = slope.Kx / p.longitudinal_stiffness_npm * shorter
-    sigma_y = -slope.Ky / p.lateral_stiffness_npm * shorter
-    # a wheel that spins up on ice turns so fast that its lag would leave the integrator's reach
+    shortening = 1 / ca.sqrt(1 + used)
+    sigma_x = slope.Kx / p.longitudinal_stiffness_npm * shortening
+    sigma_y = -slope.Ky / p.lateral_stiffness_npm * shortening
+    # a wheel that spins up on ice turns so fast that its lag would be unstable in the integrator
     shortest = ca.fmax(p.minimum_relaxation_m, V * p.minimum_relaxation_s)
     sigma_x = ca.fmax(sigma_x, shortest)
     sigma_y = ca.fmax(sigma_y, shortest)
@@ -61,7 +61,7 @@ def slip_rate(wheel, m: ContactMotion, slope: tyre.Stiffness, grip, p):
 
 
 def tyre_slip(wheel, m: ContactMotion, slope: tyre.Stiffness, p):
-    """Return kappa and tan(alpha) for the tyre: the transient ones plus the standstill damping."""
+    """Return kappa and tan(alpha) of the tyre: transient slips with the standstill damping."""
     damping = p.standstill_damping_nspm * (1 - _moving(m, p))
     return wheel.kappa - damping * m.Vsx / slope.Kx, wheel.tan_alpha - damping * m.Vy / slope.Ky
 
@@ -85,5 +85,5 @@ def windup_rate(wheel, lining):
 
 
 def limit_windup(wheel):
-    """Return the wheel after its lining has slipped back to the greatest wind-up."""
+    """Return the wheel with the wind-up of its lining within -1 and 1, where the lining slips."""
     return wheel._replace(windup=ca.fmin(ca.fmax(wheel.windup, -1), 1))

@@ -12,11 +12,11 @@ the compliance k (front: against the steer, rear: negative), C(s) = C / (1 + s s
     delta   s^2 m I + s [m (l_f^2 C_f + l_r^2 C_r) + I (C_f + C_r)] / V
                                             + C_f C_r L^2 / V^2 + m (l_r C_r - l_f C_f)
 
-(argument s of C omitted in the denominator). With sigma = 0 it is the classical form. Two things
-of the body add to it: it rolls, which cambers and steers the wheels and moves the contact patches
-sideways, and it shifts load, which unbalances left and right in the thrust of static camber and in
-rolling resistance. `yaw_rate_response` solves this extended linear model where asked to. SI, ISO
-8855 axes. Not in it: drive and brake forces, aerodynamic lift.
+(argument s of C omitted in the denominator). With sigma = 0 it is the classical form. The body adds
+two effects: roll, which cambers and steers the wheels and moves the contact patches sideways, and
+load transfer, which unbalances left and right in the thrust of static camber and in rolling
+resistance. `yaw_rate_response(..., body=True)` solves this extended linear model. SI, ISO 8855
+axes. Not included: drive and brake forces, aerodynamic lift.
 """
 
 from typing import NamedTuple
@@ -37,10 +37,10 @@ class Axle(NamedTuple):
     per_camber: float  # N/rad, lateral force per camber of both wheels
     per_load: float  # -, lateral force per load moved from the right to the left wheel
     sigma: float  # m, relaxation length
-    side: int  # 1 front, -1 rear: which way roll and compliance steer make it understeer
+    side: int  # 1 front, -1 rear: sign of roll and compliance steer for understeer
 
     @property
-    def yielding(self) -> float:
+    def C_effective(self) -> float:
         """Cornering stiffness with compliance steer [N/rad]."""
         return self.C / (1 + self.side * self.corner.axle.compliance_steer_radpn * self.C)
 
@@ -63,7 +63,9 @@ class LinearCar(NamedTuple):
     def understeer(self) -> float:
         """Steer per lateral acceleration beyond that of the circle's radius [rad/(m/s^2)]."""
         f, r = self.front, self.rear
-        return self.mass / self.wheelbase * (-r.corner.x / f.yielding - f.corner.x / r.yielding)
+        return (
+            self.mass / self.wheelbase * (-r.corner.x / f.C_effective - f.corner.x / r.C_effective)
+        )
 
     def steer(self, ay: float, V: float) -> float:
         """Return the steer for a lateral acceleration at a speed [rad]."""
@@ -71,7 +73,7 @@ class LinearCar(NamedTuple):
 
 
 def linear_car(plant: PlantParams, friction: float) -> LinearCar:
-    """Return the car with the slopes of its own tyres."""
+    """Return the linear model of a car, with the slopes of its own tyres."""
     car = plant.car
     left_front, _, left_rear, _ = double_track.wheel_corners(car)
     spin = 2 * car.wheel.spin_inertia_kgm2 / car.wheel.radius_m**2
@@ -85,7 +87,7 @@ def linear_car(plant: PlantParams, friction: float) -> LinearCar:
 
 
 def _axle(plant: PlantParams, friction: float, corner: Corner, scaling) -> Axle:
-    """Differentiate the force of the left tyre; the right one is its mirror image."""
+    """Return the slopes of an axle from the left tyre; the right one is its mirror image."""
     wheel = plant.car.wheel
     Fz, tan_alpha, gamma = (ca.SX.sym(name) for name in ('Fz', 'tan_alpha', 'gamma'))
     contact = tyre.Contact(Fz, 0, tan_alpha, gamma, friction, wheel.pressure_pa)
@@ -95,8 +97,8 @@ def _axle(plant: PlantParams, friction: float, corner: Corner, scaling) -> Axle:
     )
     at_rest = (float(corner.Fz_static), 0.0, -corner.axle.static_camber_rad)
     per_load, per_slip, per_camber = (float(slope) for slope in slopes(*at_rest))
-    still = contact._replace(Fz=at_rest[0], tan_alpha=0.0, gamma=at_rest[-1])
-    sigma = -float(tyre.stiffness(still, plant.tyre, scaling).Ky) / wheel.lateral_stiffness_npm
+    static = contact._replace(Fz=at_rest[0], tan_alpha=0.0, gamma=at_rest[-1])
+    sigma = -float(tyre.stiffness(static, plant.tyre, scaling).Ky) / wheel.lateral_stiffness_npm
     side = 1 if corner.x > 0 else -1
     return Axle(corner, -2 * per_slip, 2 * per_camber, 2 * per_load, sigma, side)
 
@@ -106,7 +108,7 @@ def yaw_rate_response(
 ) -> np.ndarray:
     """Return r / delta [1/s] at each frequency, complex, (n,).
 
-    relaxation: lag of the tyres. body: roll and load transfer with all their effects.
+    relaxation: with the lag of the tyres; body: with roll and load transfer.
     """
     s = 2j * np.pi * np.asarray(f_hz, dtype=float)
     if body:
@@ -114,13 +116,13 @@ def yaw_rate_response(
     m, I_zz, L = car.mass, car.inertia, car.wheelbase
     l_f, l_r = car.front.corner.x, -car.rear.corner.x
     C_f, C_r = (
-        a.yielding / (1 + relaxation * s * a.sigma / V * a.yielding / a.C)
+        a.C_effective / (1 + relaxation * s * a.sigma / V * a.C_effective / a.C)
         for a in (car.front, car.rear)
     )
-    stiff = C_f * C_r * L / V
+    stiffness = C_f * C_r * L / V
     damping = m * (l_f**2 * C_f + l_r**2 * C_r) + I_zz * (C_f + C_r)
-    return (s * m * l_f * C_f + stiff) / (
-        s**2 * m * I_zz + s * damping / V + stiff * L / V + m * (l_r * C_r - l_f * C_f)
+    return (s * m * l_f * C_f + stiffness) / (
+        s**2 * m * I_zz + s * damping / V + stiffness * L / V + m * (l_r * C_r - l_f * C_f)
     )
 
 
@@ -134,8 +136,8 @@ def _with_body(car: LinearCar, V: float, s: np.ndarray, relaxation: bool) -> np.
     """
     p = car.plant.car
     h, tyres = p.body.cog_height_m, p.wheel
-    springs = 2 * (p.suspension.front.unsprung_mass_kg + p.suspension.rear.unsprung_mass_kg)
-    weight = (car.mass - springs) * p.body.gravity_mps2
+    unsprung = 2 * (p.suspension.front.unsprung_mass_kg + p.suspension.rear.unsprung_mass_kg)
+    weight = (car.mass - unsprung) * p.body.gravity_mps2
     axles = (car.front, car.rear)
     L = car.wheelbase
     roll_axis = sum(

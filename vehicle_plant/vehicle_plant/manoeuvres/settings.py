@@ -1,4 +1,4 @@
-"""What the manoeuvres ask for: config/manoeuvres.yaml."""
+"""Settings of the manoeuvres: config/manoeuvres.yaml."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -92,7 +92,7 @@ class SineWithDwell:
 
 @dataclass(frozen=True)
 class Settings:
-    """All manoeuvres."""
+    """Settings of all manoeuvres."""
 
     settle_s: Duration
     speed_gain_nspm: Annotated[float, Range(0.0, 50e3, 'N s/m')]
