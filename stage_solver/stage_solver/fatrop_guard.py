@@ -18,7 +18,7 @@ import casadi as ca
 from stage_solver.stage_functions import StageFunctions
 from stage_solver.stage_problem import StageProblem
 
-# of the sum of all trace(M_k); at most 1.5e5 in the golden bags and all loops of bench/solver_comparison.py
+# of the sum of all trace(M_k); at most 1.5e5 in the golden bags and the loops of the benchmark
 MAX_GROWTH = 1e11
 
 

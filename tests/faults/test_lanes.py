@@ -1,11 +1,11 @@
 """Parallel faults: in processes of their own, one drive on the wall clock at a time."""
 
-import fcntl
 import os
 
 import drive_lock
 import lanes
 import pytest
+from file_locks import is_locked
 
 
 def here(number):
@@ -70,17 +70,12 @@ def test_the_drive_lock_is_exclusive_on_the_wall_clock_and_absent_in_lockstep(
 ):
     monkeypatch.setattr(drive_lock.tempfile, 'gettempdir', lambda: str(tmp_path))
 
-    def is_taken():
+    def has_lock():
         (lock,) = tmp_path.iterdir()
-        with lock.open() as handle:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return True
-        return False
+        return is_locked(lock)
 
     with drive_lock.hold('realtime'):
-        assert is_taken()
+        assert has_lock()
         with drive_lock.hold('lockstep'):
             pass
-    assert not is_taken()
+    assert not has_lock()

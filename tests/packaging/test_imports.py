@@ -1,12 +1,14 @@
-"""Who may import whom: packages and folders depend on each other in one direction only."""
+"""Allowed imports: packages, folders and modules depend on each other in one direction only."""
 
 import ast
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
-# who may import whom, besides itself
+# the packages that each package may import, besides itself
 CONTRACT = {'msgs_yaml', 'node_runtime'}
 ALLOWED = {
     'msgs_yaml': set(),
@@ -45,14 +47,14 @@ MODULES = [path for name in OURS for path in sorted((ROOT / name / name).rglob('
 
 @cache
 def imported(path):
-    """Return every absolute module name that a file imports, wherever in the file."""
-    found = set()
+    """Return every absolute module name that a file imports, anywhere in the file."""
+    names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
+            names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found.update(f'{node.module}.{alias.name}' for alias in node.names)
-    return found
+            names.update(f'{node.module}.{alias.name}' for alias in node.names)
+    return names
 
 
 def tops(path):
@@ -68,9 +70,9 @@ def relative(path):
 
 
 def offences(paths, forbidden):
-    """Return {file: sorted names} of what `forbidden(path)` finds in the imports of each file."""
-    found = {relative(path): sorted(forbidden(path)) for path in paths}
-    return {file: names for file, names in found.items() if names}
+    """Return {file: sorted names} of the imports that `forbidden(path)` returns for each file."""
+    names = {relative(path): sorted(forbidden(path)) for path in paths}
+    return {file: forbidden for file, forbidden in names.items() if forbidden}
 
 
 def test_packages_import_one_way():
@@ -82,33 +84,51 @@ def test_packages_import_one_way():
 
 
 def test_the_plant_takes_the_compiler_alone_from_the_solver():
-    """Model and solver of the controller prove nothing about a plant that shares them."""
+    """A plant that shared model or solver with the controller could not validate them."""
     plant = [path for path in MODULES if package_of(path) == 'vehicle_plant']
-    found = {n for path in plant for n in imported(path) if n.startswith('stage_solver')}
-    assert found == {'stage_solver.compile_cache'}
+    names = {n for path in plant for n in imported(path) if n.startswith('stage_solver')}
+    assert names == {'stage_solver.compile_cache'}
 
 
-def unit_of(path):
-    """Return what may not import in a circle: a folder, at the root of a package each module."""
-    below = path.relative_to(ROOT / package_of(path)).with_suffix('')
-    return below.parts[:2] if len(below.parts) > 2 else below.parts
+def module_of(path):
+    """Return the dotted name of a file; a package has the name of its folder."""
+    parts = path.relative_to(ROOT / package_of(path)).with_suffix('').parts
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
 
 
-def unit_named(name, units):
-    """Return the unit of an imported name, None outside of this project."""
-    parts = tuple(name.split('.'))
-    return next((parts[:n] for n in (2, 1) if parts[:n] in units), None)
+def folder_of(module):
+    """Return the folder of a module: of `package.folder.any.thing` the first two names.
+
+    At the root of a package every module is its own unit.
+    """
+    return '.'.join(module.split('.')[:2])
 
 
-def test_no_two_folders_import_each_other():
-    units = {unit_of(path) for path in MODULES}
-    graph = {unit: set() for unit in units}
+def import_graph(unit):
+    """Return {unit: units that it imports}; `unit` maps the name of a module to its unit."""
+    names = {module_of(path) for path in MODULES}
+    graph = {unit(name): set() for name in names}
     for path in MODULES:
-        graph[unit_of(path)] |= {unit_named(name, units) for name in imported(path)}
-    for unit, others in graph.items():
-        others -= {unit, None}
+        for name in imported(path):
+            while name and name not in names:
+                name = name.rpartition('.')[0]
+            if name and name != module_of(path):
+                graph[unit(module_of(path))].add(unit(name))
+    return {name: others - {name} for name, others in graph.items()}
+
+
+@pytest.mark.parametrize('unit', [str, folder_of], ids=['modules', 'folders'])
+def test_no_import_circles(unit):
+    graph = import_graph(unit)
     # raises CycleError, which names the circle
-    assert len(list(TopologicalSorter(graph).static_order())) == len(units)
+    assert len(list(TopologicalSorter(graph).static_order())) == len(graph)
+
+
+def test_imports_are_absolute():
+    """`imported` sees no others."""
+    for path in MODULES:
+        nodes = ast.walk(ast.parse(path.read_text()))
+        assert not any(isinstance(n, ast.ImportFrom) and n.level for n in nodes), path
 
 
 def test_ros_stays_in_nodes_and_glue():

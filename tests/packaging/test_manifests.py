@@ -4,21 +4,10 @@ import ast
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import pytest
+from installation import PACKAGES, ROOT
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = (
-    'msgs_yaml',
-    'node_runtime',
-    'stage_solver',
-    'scenario_publisher',
-    'mpcc_controller',
-    'vehicle_plant',
-    'bags',
-    'experiments',
-)
 # rosdep keys of modules that do not come with a ROS package; None: there is no key, pip installs it
 ROSDEP_KEYS = {
     'bokeh': 'python3-bokeh-pip',

@@ -16,6 +16,14 @@ from experiments.run import processes
 from msgs_yaml import decode, share
 from node_runtime import ros, shutdown, spin_node
 
+# topics whose messages have numeric columns
+NUMERIC = (
+    '/vehicle/odometry',
+    '/vehicle/actuators',
+    '/vehicle/imu',
+    '/vehicle/wheels',
+    '/controller/command',
+)
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 LINES = 8  # of a log
 NICE = -10  # on the wall clock, where the user may: other processes are not what is tested

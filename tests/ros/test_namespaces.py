@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from node_graph import ROLES, NodeGraph
+from node_graph import NUMERIC, ROLES, NodeGraph
 
 from bags.report.comparison import compare_bags
 from bags.storage import read
@@ -18,13 +18,6 @@ from node_runtime import provenance
 pytestmark = pytest.mark.usefixtures('domain')
 SHORT = {'stop.x_m': 15.0, 'stop.armed_after_m': 1.0}  # about a second of driving
 CARS = {'/car1': {**SHORT, 'start.speed_mps': 15.0}, '/car2': {**SHORT, 'start.speed_mps': 17.0}}
-NUMERIC = (
-    '/vehicle/odometry',
-    '/vehicle/actuators',
-    '/vehicle/imu',
-    '/vehicle/wheels',
-    '/controller/command',
-)
 EQUAL = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles')
 PLANNED = '/controller/prediction'
 

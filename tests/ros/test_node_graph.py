@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from node_graph import NUMERIC
 
 from bags.storage import cdr, read
 from msgs_yaml import conformance, contract
@@ -12,13 +13,6 @@ from msgs_yaml import conformance, contract
 pytestmark = pytest.mark.smoke
 GRAVITY = 9.81
 CONTROLLERS = ('mpcc', 'mpcc_no_ca')
-NUMERIC = (
-    '/vehicle/odometry',
-    '/vehicle/actuators',
-    '/vehicle/imu',
-    '/vehicle/wheels',
-    '/controller/command',
-)
 
 
 def metrics(recorded_runs, controller):

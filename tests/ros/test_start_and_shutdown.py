@@ -1,6 +1,5 @@
 """Nodes that start in any order, and what remains after their shutdown. Real Fast DDS."""
 
-import fcntl
 import itertools
 import os
 import random
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from capabilities import report_missing, require
+from file_locks import is_locked
 from node_graph import ROLES, NodeGraph
 from wait_until import wait_until
 
@@ -79,16 +79,6 @@ def segments(process):
     return {path for path in used if 'port' not in path and not path.endswith('_el')}
 
 
-def free(path):
-    """Return whether a file is not locked."""
-    with path.open() as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-    return True
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path, domain):
     slow = {'plant': {'stop.x_m': 1e4, 'stop.time_s': RUN_TIME.high}}
@@ -109,7 +99,7 @@ def test_a_signal_ends_each_node_and_leaves_nothing(number, tmp_path, domain):
         bag = graph.stop_recording()
     assert len(bag.recordings['/vehicle/odometry'].payloads) > 500
     locks = list(compile_cache.cache_dir().glob('*.lock'))  # other programs may compile just now
-    wait_until(lambda: all(map(free, locks)), END_S, 'a lock on the compile cache is held')
+    wait_until(lambda: not any(map(is_locked, locks)), END_S, 'a lock on the compile cache is held')
     if number != signal.SIGKILL:  # who is killed cannot clear up; who comes later is not harmed
         left = {role: [f for f in files if Path(f).exists()] for role, files in made.items()}
         assert not any(left.values()), left
