@@ -1,7 +1,7 @@
-"""Plays a bag: sends what was recorded, as it came over the wire, when it came over the wire.
+"""Plays a bag: publishes the recorded bytes at the intervals of their log times.
 
-Its topics are those of the bag, in the namespace of the node. While it plays, the keyboard of a
-terminal pauses it (space), steps (s) and ends it (q).
+Its topics are those of the bag, in the namespace of the node. In a terminal the keys pause it
+(space), step (s) and quit (q).
 """
 
 import sys
@@ -33,9 +33,9 @@ from msgs_yaml.conversions import NS_PER_S
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range
 
-DEPTH = 10  # of a publisher about whose history the bag says nothing
+DEPTH = 10  # of a publisher whose history is not in the bag
 PAUSE, STEP, QUIT = ' ', 's', 'q'
-HELP = 'space: pause and go on, s: step, q: quit'
+HELP = 'space: pause and resume, s: step, q: quit'
 NS_PER_MS = 1e6
 
 
@@ -56,40 +56,40 @@ class PlayerParams:
 
 
 class PlayerNode(Node):
-    """Sends from a thread of its own; parameters are served meanwhile."""
+    """Publishes from a thread of its own, so that the node serves its parameters meanwhile."""
 
     def __init__(self):
         super().__init__('player')
         defaults = share.path('bags', 'config', 'player.yaml')
         self.params = ros.declare(self, PlayerParams, defaults)
         self.bag, self.playlist = self._load()
-        self.senders = [self._sender(topic) for topic in self.playlist.topics]
+        self.topic_publishers = [self._publisher(topic) for topic in self.playlist.topics]
         self.keys = SimpleQueue()
         self.keyboard = Keyboard(self.keys.put)
         if self.params.paused and not self.keyboard.attached:
-            raise ParameterError('paused: is true, but there is no keyboard whose key would go on')
+            raise ParameterError('paused: is true, but no keyboard is attached to resume')
         self.thread = Thread(target=self._play_guarded, daemon=True)
         self.thread.start()
 
     def _load(self):
-        given = self.params
-        if not given.bag:
-            raise ParameterError('bag: is not given; it names the bag to play')
-        part = Part(given.start_s, given.duration_s, given.topics)
+        params = self.params
+        if not params.bag:
+            raise ParameterError('bag: is missing; it names the bag to play')
+        part = Part(params.start_s, params.duration_s, params.topics)
         try:
             with warnings.catch_warnings():
-                # said below, as what a node says
+                # logged below
                 warnings.simplefilter('ignore', DamagedBagWarning)
-                bag = read.load(given.bag)
-            made = build_playlist(bag, part, given.clock_hz)
+                bag = read.load(params.bag)
+            playlist = build_playlist(bag, part, params.clock_hz)
         except BagError as error:
             raise ParameterError(f'bag: {error}') from error
         if bag.damage:
             self.get_logger().warning(bag.damage)
-        return bag, made
+        return bag, playlist
 
-    def _sender(self, topic):
-        """Return what sends the messages of a topic, None where its type is not installed."""
+    def _publisher(self, topic):
+        """Return the publisher of a topic, None where its type is not installed."""
         package, _, name = topic.type.split('/')
         try:
             kind = getattr(import_module(f'{package}.msg'), name)
@@ -97,7 +97,8 @@ class PlayerNode(Node):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
         return ros.BlockingPublisher(
-            self, self.create_publisher(kind, ros.relative_name(topic.name), profile(topic.qos))
+            self,
+            self.create_publisher(kind, ros.relative_name(topic.name), to_qos_profile(topic.qos)),
         )
 
     def _play_guarded(self):
@@ -118,7 +119,7 @@ class PlayerNode(Node):
             f'at rate {self.params.rate:g}' + (f'; {HELP}' if self.keyboard.attached else '')
         )
         paused = self.params.paused
-        while self._once(paused) and self.params.loop:
+        while self._play_once(paused) and self.params.loop:
             paused = False
 
     def _wait_for_recorders(self):
@@ -127,26 +128,26 @@ class PlayerNode(Node):
                 return False
         return True
 
-    def _once(self, paused):
-        """Send everything once; return False when told to end."""
-        pace = PlaybackClock(self.params.rate, time.monotonic_ns(), paused)
+    def _play_once(self, paused):
+        """Publish everything once; return False when the user quits."""
+        clock = PlaybackClock(self.params.rate, time.monotonic_ns(), paused)
         late_ns = []
         rows = zip(self.playlist.due_ns.tolist(), self.playlist.topic.tolist())
         for (due_ns, topic), data in zip(rows, self.playlist.payloads):
-            if not self._wait(pace, due_ns):
+            if not self._wait(clock, due_ns):
                 self.get_logger().info(f'ended at {due_ns / NS_PER_S:.3f} s')
                 return False
-            if not pace.paused:
-                late_ns.append(-pace.wait_s(due_ns, time.monotonic_ns()) * NS_PER_S)
-            if self.senders[topic] is not None:
-                self.senders[topic].send(data)
+            if not clock.paused:
+                late_ns.append(-clock.wait_s(due_ns, time.monotonic_ns()) * NS_PER_S)
+            if self.topic_publishers[topic] is not None:
+                self.topic_publishers[topic].send(data)
         self._report(late_ns)
         return True
 
-    def _wait(self, pace, due_ns):
-        """Wait for a moment of the bag and do what keys say; return False to end."""
+    def _wait(self, clock, due_ns):
+        """Wait for a position in the bag and handle keys; return False to quit."""
         while True:
-            wait_s = pace.wait_s(due_ns, time.monotonic_ns())
+            wait_s = clock.wait_s(due_ns, time.monotonic_ns())
             is_due = wait_s is not None and wait_s <= 0.0
             if is_due and self.keys.empty():
                 return True
@@ -154,22 +155,24 @@ class PlayerNode(Node):
             if key == QUIT:
                 return False
             if key == PAUSE:
-                pace.toggle(now_ns)
-                self._say_where(pace, now_ns)
+                clock.toggle(now_ns)
+                self._log_position(clock, now_ns)
             elif key == STEP:
-                pace.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
-                self._say_where(pace, now_ns)
+                clock.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
+                self._log_position(clock, now_ns)
 
     def _pressed(self, wait_s):
-        """The next key, '' for none within a time; None waits for one."""
+        """Return the next key, '' for none within `wait_s`; None waits without limit."""
         try:
             return self.keys.get(timeout=wait_s)
         except Empty:
             return ''
 
-    def _say_where(self, pace, now_ns):
-        where = f'{pace.position_ns(now_ns) / NS_PER_S:.3f} s'
-        self.get_logger().info(f'paused at {where}' if pace.paused else f'going on at {where}')
+    def _log_position(self, clock, now_ns):
+        position = f'{clock.position_ns(now_ns) / NS_PER_S:.3f} s'
+        self.get_logger().info(
+            f'paused at {position}' if clock.paused else f'resumed at {position}'
+        )
 
     def _report(self, late_ns):
         text = f'played {len(self.playlist.payloads)} messages'
@@ -181,29 +184,29 @@ class PlayerNode(Node):
             self.get_logger().warning(self.bag.damage)
 
     def close(self):
-        """Stop sending, give the terminal back."""
-        self.finished = True  # nothing waits for a reader any more
+        """Stop publishing, restore the terminal."""
+        self.finished = True  # do not wait for subscribers any more
         self.keys.put(QUIT)
         self.thread.join()
         self.keyboard.close()
 
 
-def profile(text: str) -> QoSProfile:
-    """Return the QoS profile of a publisher from what a bag says: the first it offered.
+def to_qos_profile(text: str) -> QoSProfile:
+    """Return the QoS profile of a publisher from its text in a bag: the first one offered.
 
-    What the bag does not say is reliable, volatile, the last DEPTH messages.
+    The defaults are reliable, volatile, the last DEPTH messages.
     """
-    (found, *_) = [*parse_qos(text), {}]
-    depth = found.get('depth')
-    made = QoSProfile(
-        history=HistoryPolicy[(found.get('history') or 'keep_last').upper()],
+    (offered, *_) = [*parse_qos(text), {}]
+    depth = offered.get('depth')
+    profile = QoSProfile(
+        history=HistoryPolicy[(offered.get('history') or 'keep_last').upper()],
         depth=depth if isinstance(depth, int) and depth > 0 else DEPTH,
-        reliability=ReliabilityPolicy[(found.get('reliability') or 'reliable').upper()],
-        durability=DurabilityPolicy[(found.get('durability') or 'volatile').upper()],
+        reliability=ReliabilityPolicy[(offered.get('reliability') or 'reliable').upper()],
+        durability=DurabilityPolicy[(offered.get('durability') or 'volatile').upper()],
     )
-    if found.get('deadline_ns'):
-        made.deadline = Duration(nanoseconds=found['deadline_ns'])
-    return made
+    if offered.get('deadline_ns'):
+        profile.deadline = Duration(nanoseconds=offered['deadline_ns'])
+    return profile
 
 
 def main() -> int:

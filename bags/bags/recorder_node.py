@@ -1,9 +1,8 @@
-"""Records every topic of the contract, as it comes over the wire, into a rosbag2 folder.
+"""Records every topic of the contract as raw bytes into a rosbag2 folder.
 
-It hears the topics of its namespace and files them under the names of the contract.
-
-Messages are not handed to callbacks: a callback of rclpy costs about 90 us, asking for raw bytes
-every few milliseconds about 25 us. The middleware notes when each message was sent and received.
+It subscribes to the topics of its namespace and files them under the names of the contract.
+Messages are polled: a callback of rclpy costs about 90 us per message, taking raw bytes every few
+milliseconds about 25 us. The middleware provides the times of sending and receiving.
 """
 
 import json
@@ -35,16 +34,16 @@ from msgs_yaml.conversions import NS_PER_S
 from node_runtime import provenance, ros, spin_node
 from node_runtime.parameters import ParameterError
 
-LARGEST_TAKE = 5000  # messages of one topic in a row, before another topic has its turn
-NAMESPACE = 'namespace'  # in the notes of the run; the bag has the names of the contract
-ANY = 'any'  # the publisher, in the contract, of a topic that several nodes publish
-QUIET_S = 0.05  # at the end: nothing has arrived for so long
+LARGEST_TAKE = 5000  # messages of one topic before the next topic is polled
+NAMESPACE = 'namespace'  # key in the record of the run
+ANY = 'any'  # publisher in the contract of a topic that several nodes publish
+QUIET_S = 0.05  # at the end: no message has arrived for so long
 LONGEST_END_S = 1.0
 MB = 1e6
 
 
 class RecorderNode(Node):
-    """Takes what has arrived, files it, and closes the bag at the end."""
+    """Polls its subscriptions, files the messages, and closes the bag at the end."""
 
     def __init__(self):
         super().__init__('recorder')
@@ -55,19 +54,21 @@ class RecorderNode(Node):
         )
         self.time = SimulatedTime(self.clock_queue.listen)
         self.bag, self.filings = self._open(ros.mode(self))
-        # a node of its own, which no executor knows: nothing but `drain` takes its messages
+        # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
         self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
-        self.heard, self.warned = set(), set()
+        self.received, self.warned = set(), set()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        if ros.mode(self) != LOCKSTEP:  # there a bag does not depend on how fast this machine is
-            self.monitor = RecordingHealth(ros.mode(self))
+        if (
+            ros.mode(self) != LOCKSTEP
+        ):  # in lockstep a bag must not depend on the speed of the machine
+            self.health = RecordingHealth(ros.mode(self))
             self.health_pub = ros.publisher(self, ros.HEALTH)
             period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
-            self.create_timer(period_s, self.tell_health, clock=steady)
+            self.create_timer(period_s, self.publish_health, clock=steady)
         self.next_chunk = time.monotonic() + self.params.chunk_s
         self.stopping, self.exit_code = False, 0
-        # not rclpy's handlers: an interrupt must not tear a record, a second one changes nothing
+        # instead of rclpy's handlers: a signal must not tear a record, a second one has no effect
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._stop)
         self.create_timer(self.params.poll_s, self.poll, clock=steady)
@@ -75,12 +76,12 @@ class RecorderNode(Node):
 
     def _open(self, mode):
         if not self.params.out:
-            raise ParameterError('out: is not given; it names the folder to create for the bag')
+            raise ParameterError('out: is missing; it names the folder to create for the bag')
         topics = bag_topics(contract.load(), mode)
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         try:
-            noted = run_info(self.params.run_info, mode)
-            records = {'run': {**noted, NAMESPACE: self.get_namespace()}}
+            info = run_info(self.params.run_info, mode)
+            records = {'run': {**info, NAMESPACE: self.get_namespace()}}
             bag = BagWriter(self.params.out, topics, records, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
@@ -93,7 +94,7 @@ class RecorderNode(Node):
         return bag, filings
 
     def _subscribe(self, name):
-        """Whatever the publisher offers, and nothing thrown away between two looks."""
+        """Subscribe with the QoS of the publisher, and a queue that drops no message."""
         profile = ros.to_qos_profile(contract.load().topics[name].qos[ros.mode(self)])
         profile.history = HistoryPolicy.KEEP_ALL
         kind = ros.message_type(name)
@@ -105,11 +106,11 @@ class RecorderNode(Node):
         self.stopping = True
 
     def poll(self):
-        """File what has arrived; close a chunk when it is time."""
+        """File the messages that have arrived; close a chunk when it is due."""
         try:
             if self.drain():
-                self.say_what_is_heard()
-                self.warn_of_stamps()
+                self.log_received_topics()
+                self.warn_of_misdated()
             if time.monotonic() >= self.next_chunk:
                 self.bag.flush()
                 self.next_chunk = time.monotonic() + self.params.chunk_s
@@ -130,22 +131,22 @@ class RecorderNode(Node):
                 taken += 1
         return taken
 
-    def counted(self):
-        """Return what is known of the losses of each topic."""
+    def losses(self):
+        """Return the Losses of each topic so far."""
         return {
             name: filing.counter.losses
             for name, filing in zip(contract.load().topics, self.filings)
         }
 
-    def say_what_is_heard(self):
+    def log_received_topics(self):
         """Log each topic once, when its first message is filed."""
-        heard = {name for name, found in self.counted().items() if found.received}
-        if heard > self.heard:
-            self.get_logger().info(f'hears {", ".join(sorted(heard - self.heard))}')
-            self.heard = heard
+        received = {name for name, losses in self.losses().items() if losses.received}
+        if received > self.received:
+            self.get_logger().info(f'hears {", ".join(sorted(received - self.received))}')
+            self.received = received
 
-    def warn_of_stamps(self):
-        """Warn once per topic of a message that is filed under another time than its stamp."""
+    def warn_of_misdated(self):
+        """Warn once per topic of a message whose log time differs from its stamp."""
         for topic, filing in zip(self.inlets, self.filings):
             if filing.misdated and topic not in self.warned:
                 self.warned.add(topic)
@@ -156,13 +157,13 @@ class RecorderNode(Node):
                     'started again, or another program publishes this topic'
                 )
 
-    def tell_health(self):
-        """Publish the health, under the time of the machine."""
+    def publish_health(self):
+        """Publish the health, stamped with the time of the machine."""
         now_ns = self.get_clock().now().nanoseconds
-        self.health_pub.publish(encode.health(self.monitor.health(now_ns, self.counted())))
+        self.health_pub.publish(encode.health(self.health.health(now_ns, self.losses())))
 
     def close(self):
-        """Write what is still under way, complete the bag."""
+        """File the messages still in transit, complete the bag."""
         if self.bag is not None:
             try:
                 self._drain_to_the_end()
@@ -177,7 +178,7 @@ class RecorderNode(Node):
                 self._fail(error)
 
     def destroy_node(self):
-        """Leave the graph with what the node does not own."""
+        """Remove the second node, too."""
         self.inbox.destroy_node()
         super().destroy_node()
 
@@ -191,18 +192,18 @@ class RecorderNode(Node):
 
     def _complete(self):
         left_out = self.time.end(fell_back=bool(self.exit_code))
-        self.warn_of_stamps()
+        self.warn_of_misdated()
         if left_out:
             self.get_logger().warning(
                 f'{left_out} messages are left out whose stamp fell back before {CLOCK} did'
             )
-        counted = self.counted()
-        span = self.bag.close({LOSS_RECORD: loss_record(counted)})
+        losses = self.losses()
+        span = self.bag.close({LOSS_RECORD: loss_record(losses)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
-        for topic, found in counted.items():
-            if found.lost:
+        for topic, counts in losses.items():
+            if counts.lost:
                 self.get_logger().warning(
-                    f'{topic}: {found.lost} messages lost in {found.gaps} places'
+                    f'{topic}: {counts.lost} messages lost in {counts.gaps} places'
                 )
         for topic, filing in zip(self.inlets, self.filings):
             if filing.misdated:
@@ -212,7 +213,7 @@ class RecorderNode(Node):
                 )
 
     def _refuse(self, error):
-        """End with an error; the bag is completed with what it has."""
+        """End with an error; the bag is completed with the messages so far."""
         self.get_logger().fatal(f'{error}; the bag ends there and is complete')
         self.stopping, self.exit_code = True, 1
 
@@ -222,7 +223,7 @@ class RecorderNode(Node):
 
 
 def _arrived(subscription):
-    """Yield what has arrived, as `Filing.put` takes it."""
+    """Yield the messages of a subscription as arguments of `Filing.put`."""
     handle, kind = subscription.handle, subscription.msg_type
     with handle:
         for _ in range(LARGEST_TAKE):
@@ -239,7 +240,7 @@ def _arrived(subscription):
 
 
 def _publishing(topic):
-    """Tell whether the contract names the one publisher of a topic, and if that owns the clock."""
+    """Return whether a topic has a single publisher, and whether that publishes /clock."""
     topics = contract.load().topics
     publisher = topics[topic].publisher
     return {
@@ -249,9 +250,9 @@ def _publishing(topic):
 
 
 def run_info(path: str, mode: str) -> dict[str, str]:
-    """Return the names and values of a JSON file as text; versions, machine, mode for no file.
+    """Return the names and values of a JSON file as text; without a file versions, machine, mode.
 
-    A value that is no text is kept as JSON. Raises ParameterError when it is not a JSON object.
+    Values other than texts are kept as JSON. Raises ParameterError when it is not a JSON object.
     """
     if not path:
         return provenance.describe_environment(mode)

@@ -164,7 +164,7 @@ def _refuse_second_controller(columns, name):
         if np.any(counts > 1):
             stamp_s = stamps[np.argmax(counts)] / NS_PER_S
             raise BagError(
-                f'{name}: {topic} has unlike messages of one stamp ({stamp_s:.3f} s): '
+                f'{name}: {topic} has two different messages of one stamp ({stamp_s:.3f} s): '
                 'two controllers or plants shared a ROS domain, so the run cannot be evaluated'
             )
 

@@ -1,1 +1,9 @@
-"""The interactive report of a comparison: one self-contained HTML file that needs no network."""
+"""Compare runs: table, JSON, CSV, figures and an HTML report that needs no network.
+
+comparison          compare bags, or drives, and write all results
+comparability       refuse runs of different scenarios or plants; provenance of each run
+metrics_table       the metrics as a table and as CSV
+page                report.html, with the claims of the paper
+interactive_panels  its panels as Bokeh figures
+animation           its animation of the manoeuvre
+"""

@@ -1,10 +1,8 @@
-"""The manoeuvre as a film: where every car, plan and obstacle is at each of its frames.
+"""The animation of the manoeuvre: cars, plans and obstacles in each frame, drawn on the road.
 
 Positions are in the frame map [m], angles in rad, times in seconds since the first state of a run.
-The page draws from these numbers; nothing is computed there but a rotation of the outline.
-
-
-The road from above as a Bokeh figure that the page turns into a film."""
+The script of the page only looks up these numbers and rotates the outline.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -61,12 +59,12 @@ def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
 def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
     """Return the predicted horizon of each tick, a row per tick."""
     zero_ns = run.drive.motion.stamp_ns[0]
-    length = max((len(one.X) for one in log.predictions), default=0)
+    length = max((len(plan.X) for plan in log.predictions), default=0)
     x, y = (
-        np.array([_row(getattr(one, axis), length) for one in log.predictions])
+        np.array([_row(getattr(plan, axis), length) for plan in log.predictions])
         for axis in ('X', 'Y')
     )
-    t = np.array([(one.stamp_ns - zero_ns) / NS_PER_S for one in log.predictions])
+    t = np.array([(plan.stamp_ns - zero_ns) / NS_PER_S for plan in log.predictions])
     return _float32_columns({'t': t, 'x': x, 'y': y})
 
 
@@ -76,31 +74,31 @@ def _row(values, length):
 
 
 def obstacle_frames(scene: Scene, start_ns: int, t: np.ndarray) -> dict[str, Any]:
-    """Return where each obstacle is in each frame, a row per frame."""
+    """Return the position of each obstacle in each frame, a row per frame."""
     stamp_ns = start_ns + np.round(t * NS_PER_S).astype(np.int64)
-    where = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
-    x, y = (np.array([one[axis] for one in where]).T for axis in (0, 1))
+    positions = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
+    x, y = (np.array([xy[axis] for xy in positions]).T for axis in (0, 1))
     return _float32_columns({'t': t, 'x': x, 'y': y})
 
 
 def _float32_columns(columns: Mapping[str, np.ndarray]):
-    """Seven digits are more than an eye sees, and half the size."""
+    """Return columns as float32: more digits than visible, half the size."""
     return {key: np.asarray(column, dtype=np.float32) for key, column in columns.items()}
 
 
 class TopView(NamedTuple):
-    """The figure and what sets it in motion, all of it for the script of the page."""
+    """The figure and the data of its animation, for the script of the page."""
 
     plot: figure
-    obstacles: dict[str, Any]  # where each is in each frame
-    places: ColumnDataSource | None  # where each is drawn
+    obstacles: dict[str, Any]  # positions in each frame
+    places: ColumnDataSource | None  # drawn positions
     runs: list[dict[str, Any]]  # of each: name, car, plan; sources drawn: body, circles, horizon
 
 
 def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> TopView:
     """Return the road from above, with the scene of the first run.
 
-    What moves is drawn from sources that the page fills anew for every frame.
+    Everything that moves is drawn from sources that the page updates for every frame.
     """
     low, high = comparison_figures.road_limits(runs)
     height = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))

@@ -1,6 +1,8 @@
-"""Whether runs may be compared: they drove the same scenario with the same plant.
+"""Whether runs are comparable (same scenario, same plant), and the provenance of each run.
 
-Where each run came from: commit, versions, machine, mode, and the parameters that differ."""
+Provenance: commit, versions, machine, mode, and the parameters that differ. All of it is in the
+metadata record `run` of a bag, here `info`.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,7 +11,7 @@ from typing import Any, NamedTuple
 
 from bags.errors import BagError
 
-# how the plant is run and what its files are called; what it drives like is in the other numbers
+# how the plant is run, and names of its files; all other parameters are physical
 NOT_PHYSICAL = (
     'mode',
     'recorders',
@@ -18,30 +20,30 @@ NOT_PHYSICAL = (
     'tyre_set',
     'start.from',
 )
-NAMED = 3  # differences that an error names before it counts the rest
-FORCE = 'their numbers do not compare; --force compares them all the same'
+LISTED = 3  # differences that an error lists before it counts the rest
+FORCE = 'their numbers are not comparable; --force compares them anyway'
 ABSENT = '–'
-# told apart from the parameters of the nodes: paths that differ between any two runs
+# paths of the recorder, which differ between any two runs
 PER_RUN = ('out', 'run_info')
 
 
 def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, str]]) -> None:
     """Raise BagError when a run differs from the first in scenario or plant.
 
-    `infos` are the notes of each run. A run that has noted nothing of the kind is as good as one
-    that drove something else.
+    A run without this information counts as different.
     """
     for path, info in zip(paths[1:], infos[1:]):
         both = f'{paths[0]} and {path}'
         if info.get('scenario_sha256') != infos[0].get('scenario_sha256'):
-            ours, theirs = (one.get('scenario', '?') for one in (infos[0], info))
+            ours, theirs = (run.get('scenario', '?') for run in (infos[0], info))
             differ = f'{ours!r} and {theirs!r}' if ours != theirs else f'two versions of {ours!r}'
-            raise BagError(f'{both} drove unlike scenarios ({differ}): {FORCE}')
-        unlike = plant_differences([infos[0], info])
-        if unlike:
-            named = [f'{name} {_both(values)}' for name, values in list(unlike.items())[:NAMED]]
-            more = [f'and {len(unlike) - NAMED} more'] if len(unlike) > NAMED else []
-            raise BagError(f'{both} drove unlike plants ({", ".join(named + more)}): {FORCE}')
+            raise BagError(f'{both} drove different scenarios ({differ}): {FORCE}')
+        differing = plant_differences([infos[0], info])
+        if differing:
+            first = list(differing.items())[:LISTED]
+            listed = [f'{name} {_both(values)}' for name, values in first]
+            more = [f'and {len(differing) - LISTED} more'] if len(differing) > LISTED else []
+            raise BagError(f'{both} drove different plants ({", ".join(listed + more)}): {FORCE}')
 
 
 def _both(values):
@@ -50,25 +52,25 @@ def _both(values):
 
 def plant_differences(infos: Sequence[Mapping[str, str]]) -> dict[str, list]:
     """Return the physical parameters of the plant that differ: name -> value of each run."""
-    found = [node_parameters(info).get('plant', {}) for info in infos]
-    differ = differences(found)
-    return {name: values for name, values in differ.items() if name not in NOT_PHYSICAL}
+    plants = [node_parameters(info).get('plant', {}) for info in infos]
+    differing = differences(plants)
+    return {name: values for name, values in differing.items() if name not in NOT_PHYSICAL}
 
 
 def node_parameters(info: Mapping[str, str]) -> dict[str, dict]:
-    """Return the parameters that a run noted, by role; empty when it noted none."""
+    """Return the recorded parameters of a run by role of the node; {} without any."""
     return json.loads(info.get('parameters', '{}'))
 
 
-def differences(found: Sequence[Mapping]) -> dict[str, list]:
-    """Return what is not the same in every mapping: key -> value of each, None where absent."""
-    names = sorted({name for one in found for name in one})
-    rows = {name: [one.get(name) for one in found] for name in names}
+def differences(mappings: Sequence[Mapping]) -> dict[str, list]:
+    """Return the entries that are not equal in all mappings: key -> values, None where absent."""
+    names = sorted({name for mapping in mappings for name in mapping})
+    rows = {name: [mapping.get(name) for mapping in mappings] for name in names}
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
 
 
 class ProvenanceRow(NamedTuple):
-    """One fact of every run."""
+    """One entry with its value in every run."""
 
     name: str
     values: list[str]
@@ -77,7 +79,7 @@ class ProvenanceRow(NamedTuple):
 
 def origin_rows(infos: Sequence[Mapping[str, str]]) -> list[ProvenanceRow]:
     """Return mode, commit, scenario, versions and machine of the runs."""
-    found = []
+    origins = []
     for info in infos:
         facts = {
             'mode': info.get('mode'),
@@ -86,18 +88,18 @@ def origin_rows(infos: Sequence[Mapping[str, str]]) -> list[ProvenanceRow]:
             'scenario SHA-256': info.get('scenario_sha256', '')[:12] or None,
         }
         for group in ('versions', 'machine'):
-            noted = json.loads(info.get(group, '{}'))
-            facts |= {name.replace('_', ' '): value for name, value in noted.items()}
-        found.append(facts)
-    return _rows(found)
+            entries = json.loads(info.get(group, '{}'))
+            facts |= {name.replace('_', ' '): value for name, value in entries.items()}
+        origins.append(facts)
+    return _rows(origins)
 
 
 def parameter_rows(infos: Sequence[Mapping[str, str]]) -> dict[str, list[ProvenanceRow]]:
     """Return every parameter of the runs by role of the node, in the order of their names."""
-    noted = [node_parameters(info) for info in infos]
-    roles = sorted({role for one in noted for role in one})
+    runs = [node_parameters(info) for info in infos]
+    roles = sorted({role for run in runs for role in run})
     return {
-        role: [row for row in _rows([one.get(role, {}) for one in noted]) if _is_shown(role, row)]
+        role: [row for row in _rows([run.get(role, {}) for run in runs]) if _is_shown(role, row)]
         for role in roles
     }
 
@@ -106,11 +108,11 @@ def _is_shown(role, row):
     return role != 'recorder' or row.name not in PER_RUN
 
 
-def _rows(found: Sequence[Mapping[str, Any]]):
-    names = dict.fromkeys(name for one in found for name in one)
+def _rows(runs: Sequence[Mapping[str, Any]]):
+    names = dict.fromkeys(name for run in runs for name in run)
     rows = []
     for name in names:
-        values = [one.get(name) for one in found]
+        values = [run.get(name) for run in runs]
         differs = any(value != values[0] for value in values)
         rows.append(ProvenanceRow(name, [_value_text(value) for value in values], differs))
     return rows

@@ -1,4 +1,4 @@
-"""Compare runs offline, from their bags alone: JSON, CSV, a table, figures and a report."""
+"""Compare runs from their bags: comparison.json, CSV, a table, figures and report.html."""
 
 import json
 import os
@@ -28,7 +28,7 @@ NO_FAULTS: Mapping[str, Mapping[str, Any]] = {}
 
 
 class Comparison(NamedTuple):
-    """What came out, and where it was written."""
+    """The metrics, and the files that were written."""
 
     values: dict[str, Any]  # comparison.json
     file: Path
@@ -43,34 +43,34 @@ def compare_bags(
     force: bool = False,
     claims_file: Path | None = None,
 ) -> Comparison:
-    """Compare the bags at `paths` and write what came out into the folder `out`.
+    """Compare the bags at `paths` and write the results into the folder `out`.
 
-    That is comparison.json, comparison.csv, figures/ and report.html. The report also shows the
+    They are comparison.json, comparison.csv, figures/ and report.html. The report also shows the
     claims in `claims_file`, by default a claims.json in `out` where there is one. Raises BagError
-    for bags that cannot be judged, that name the same controller twice, or that drove unlike
-    scenarios or plants (`force` compares them all the same, on the road of the first).
+    for bags that cannot be evaluated, for two runs of one controller, and for runs of different
+    scenarios or plants (`force` compares them anyway, on the road of the first).
     """
     claims_file = claims_file or page.claims_beside(out)
     claimed = page.load_claims(claims_file) if claims_file else []
     with warnings.catch_warnings():
-        # the damage is part of what comes out
+        # the damage is part of the results
         warnings.simplefilter('ignore', DamagedBagWarning)
         loaded = [drop_invalid(read.load(path)) for path in paths]
     if not force:
         check_comparable(paths, [bag.run_info for bag in loaded])
     drives, logs = {}, {}
     for path, bag in zip(paths, loaded):
-        found = drive_from_bag(bag)
-        name = found.facts.controller
+        drive = drive_from_bag(bag)
+        name = drive.facts.controller
         if name in drives:
             raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
-        drives[name] = found
+        drives[name] = drive
         logs[name] = read_controller_log(bag)
-    of_bags = dict(zip(drives, loaded))
-    counts = {name: count_invalid(bag) for name, bag in of_bags.items()}
+    by_name = dict(zip(drives, loaded))
+    invalid = {name: count_invalid(bag) for name, bag in by_name.items()}
     faults = {
-        'damage': {name: bag.damage for name, bag in of_bags.items() if bag.damage},
-        KEY: {name: found[KEY] for name, found in counts.items() if found},
+        'damage': {name: bag.damage for name, bag in by_name.items() if bag.damage},
+        KEY: {name: counts[KEY] for name, counts in invalid.items() if counts},
     }
     return compare_drives(drives, out, faults, logs, claimed)
 
@@ -82,38 +82,38 @@ def compare_drives(
     logs: Mapping[str, ControllerLog] = NO_LOGS,
     claimed: Sequence[Claim] = (),
 ) -> Comparison:
-    """Judge drives by controller name and write what came out into the folder `out`.
+    """Evaluate drives by controller name and write the results into the folder `out`.
 
-    `faults` say by controller what is wrong with a bag: `damage`, up to which place it was read,
-    and `invalid_messages`, what was left out of it. `logs` are what the report shows beyond the
-    drives: a drive without one has neither horizon nor provenance there.
+    `faults` of the bags by controller: `damage`, the position of the first one, and
+    `invalid_messages`, those that were left out. `logs` by controller: without one the report
+    shows neither horizon nor provenance of a drive.
     """
-    drives = {name: drop_nonfinite(one) for name, one in drives.items()}
+    drives = {name: drop_nonfinite(drive) for name, drive in drives.items()}
     scenario = next(iter(drives.values())).facts.scenario
     colours = style.assign_colours(list(drives))
-    runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
-    found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
-    values = {'scenario': scenario, 'runs': found}
-    values |= {kind: dict(found) for kind, found in faults.items() if found}
+    runs = [panels.Run(n, d, compute_series(d), colours[n]) for n, d in drives.items()]
+    by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    values = {'scenario': scenario, 'runs': by_run}
+    values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
     table_file = out / metrics_table.CSV_FILE
-    table_file.write_text(metrics_table.metrics_csv(found))
+    table_file.write_text(metrics_table.metrics_csv(by_run))
     drawn = comparison_figures.write_figures(runs, scenario, out / FIGURES)
     report = page.write_report(page.ReportData(values, runs, logs, claimed), out / page.REPORT_FILE)
     return Comparison(values, file, table_file, drawn, report)
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
-    """Print the table, and where the files are."""
+    """Print the table and the paths of the files."""
     for damage in comparison.values.get('damage', {}).values():
         console.print(damage, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(metrics_table.build_table(comparison.values))
-    for name, found in comparison.values['runs'].items():
-        console.print(f'{name}: {found["verdict"]}', markup=False, highlight=False, soft_wrap=True)
-    for name, found in comparison.values.get(KEY, {}).items():
-        for line in describe_invalid({KEY: found}):
+    for name, run in comparison.values['runs'].items():
+        console.print(f'{name}: {run["verdict"]}', markup=False, highlight=False, soft_wrap=True)
+    for name, invalid in comparison.values.get(KEY, {}).items():
+        for line in describe_invalid({KEY: invalid}):
             line = f'{name}: {line}'
             console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     figure = next(path for path in comparison.figures if path.suffix == '.png')

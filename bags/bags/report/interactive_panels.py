@@ -1,8 +1,7 @@
-"""Fewer samples for the eye: a kilohertz is more than a screen can show, an extreme is not.
+"""The panels of report.html as Bokeh figures: linked axes, hover, a cursor that follows the film.
 
-What the panels of the report show: quantities of one run over time, in the unit of a reader.
-
-The panels as Bokeh figures: linked axes, hover, and a cursor that follows the film."""
+Signals of 1 kHz are decimated so that every extreme stays visible.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -30,7 +29,7 @@ HEIGHT = 260  # CSS pixels
 SQUARE = 330
 FLOOR_M = -100.0  # deeper than circles overlap
 NS = 1e-9
-CURVE = 'curve'  # tag of what the page switches between time and station
+CURVE = 'curve'  # tag of the lines that the page switches between time and station
 CURSOR = 'cursor'
 
 
@@ -38,10 +37,9 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     """Return the indices (k,) of the samples of `values` (n,) to draw, ascending.
 
     The samples are split into `bins` stretches of nearly equal length, and of each the smallest
-    and the largest stay, in their order: so every extreme of the whole is drawn, and a line
-    through what stays covers the same band as the line through everything. The first and the last
-    sample stay, too, and one not-a-number of a stretch that has any, so that gaps stay gaps.
-    At most 3 bins + 2 of n remain; all of them when there are not that many.
+    and the largest are kept: so every extreme is drawn, and the line covers the same band as the
+    line through all samples. The first and the last sample are kept, too, and one not-a-number
+    of a stretch that has any, so that gaps stay gaps. At most 3 bins + 2 indices remain.
     """
     n = len(values)
     if n <= 3 * bins + 2:
@@ -50,10 +48,10 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     lengths = np.diff(bounds)
     # a stretch is a row; the shorter ones repeat their last sample
     rows = bounds[:-1, None] + np.minimum(np.arange(lengths.max()), lengths[:, None] - 1)
-    found = values[rows]
-    missing = np.isnan(found)
-    lowest = np.argmin(np.where(missing, np.inf, found), axis=1)
-    highest = np.argmax(np.where(missing, -np.inf, found), axis=1)
+    stretches = values[rows]
+    missing = np.isnan(stretches)
+    lowest = np.argmin(np.where(missing, np.inf, stretches), axis=1)
+    highest = np.argmax(np.where(missing, -np.inf, stretches), axis=1)
     each = np.arange(bins)
     chosen = [rows[each, lowest], rows[each, highest], [0, n - 1]]
     gaps = missing.any(axis=1)
@@ -64,7 +62,7 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
 class Curve(NamedTuple):
     """One line of a panel."""
 
-    label: str  # what tells it from the other lines of the same run; '' where there is one
+    label: str  # among the lines of the same run; '' for a single line
     dash: str
     stamp_ns: np.ndarray  # (n,)
     values: np.ndarray  # (n,)
@@ -77,7 +75,7 @@ class Panel(NamedTuple):
     title: str
     axis: str  # label of the vertical axis, with its unit
     curves: Callable[[Run, ControllerLog], Iterable[Curve]]
-    # of the facts of a run: the distance below which is unsafe; None where that has no meaning
+    # the safety distance of a run; None where that has no meaning
     unsafe: Callable[[Facts], float] | None = None
 
 
@@ -106,7 +104,7 @@ def _contouring(run, _):
 
 
 def _v2o(run, _):
-    """The nearest obstacle only: near both, the lines of three runs would be a tangle."""
+    """Yield the distance to the nearest obstacle: more lines would not be readable."""
     gaps = list(run.series.v2o.values())
     if gaps:
         nearest = np.fmin.reduce(gaps)
@@ -146,22 +144,22 @@ PANELS = (
 
 
 def plot_panel(
-    one: Panel, runs: Sequence[Run], logs: Mapping[str, ControllerLog], time_axis: Range1d
+    panel: Panel, runs: Sequence[Run], logs: Mapping[str, ControllerLog], time_axis: Range1d
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
     drawn = [
         (run, curve)
         for run in runs
-        for curve in one.curves(run, logs[run.name])
+        for curve in panel.curves(run, logs[run.name])
         if np.isfinite(curve.values).any()
     ]
     if not drawn:
         return None
-    plot = _figure(one.name, one.title, 'time [s]', one.axis, x_range=time_axis)
-    if one.unsafe:
-        _shade(plot, max(one.unsafe(run.drive.facts) for run in runs), drawn)
+    plot = _figure(panel.name, panel.title, 'time [s]', panel.axis, x_range=time_axis)
+    if panel.unsafe:
+        _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), drawn)
     lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
-    where = [('run', '$name'), (one.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
+    where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     hover = HoverTool(
         renderers=lines, tooltips=[*where, ('station', '@station{0.0} m')], mode='vline'
     )
@@ -201,13 +199,13 @@ def plot_gg(runs: Sequence[Run]) -> figure:
 
 
 def tag_run(run: Run, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
-    """Tag what is drawn of a run, so that the page can hide it; return it."""
+    """Tag a glyph with its run, so that the page can hide it; return it."""
     drawn.tags = [f'run:{run.name}', *tags]
     return drawn
 
 
 def line_look(run: Run) -> dict:
-    """Return how the lines of a run look."""
+    """Return colour, width and dash of the lines of a run."""
     dash = 'dashed' if run.name in style.KNOWN_DASHES else 'solid'
     return {'line_color': run.colour, 'line_width': 2, 'line_dash': dash}
 
@@ -230,7 +228,7 @@ def _figure(name, title, x_label, y_label, **ranges):
 
 
 def style_figure(plot: figure) -> figure:
-    """Let the page shine through a figure, and the data stand before everything else."""
+    """Apply the style of the page to a figure: transparent, few lines; return it."""
     plot.background_fill_color = plot.border_fill_color = None
     plot.outline_line_color = None
     plot.title.text_color = style.INK
@@ -263,7 +261,7 @@ def _plot_curve(plot, run, curve):
 
 
 def _shade(plot, safe, drawn):
-    """Shade the unsafe distances, darker where the circles overlap; show what is near."""
+    """Shade the unsafe distances, darker where circles overlap; limit the axis to small ones."""
     low = min([0.0, *(np.nanmin(curve.values) for _, curve in drawn)])
     plot.y_range = DataRange1d(start=float(low) - safe, end=FAR_M)
     areas = ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION))
@@ -277,5 +275,5 @@ def _since(run, stamp_ns):
 
 
 def _short(values):
-    """Seven digits are more than a reader sees, and half the size."""
+    """Return values as float32: more digits than visible, half the size."""
     return np.asarray(values, dtype=np.float32)

@@ -1,6 +1,4 @@
-"""The claims of the paper with their verdicts, as `claims.json` holds them.
-
-Put figures, film, numbers and provenance into one HTML file that needs nothing else."""
+"""Write report.html: figures, animation, metrics, claims and provenance in one HTML file."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -32,14 +30,14 @@ GOOD = {True: 'good', False: 'bad', None: ''}
 
 
 class Claim(NamedTuple):
-    """One claim: what the paper says, what came out here, and why; texts for a person."""
+    """One claim of the paper, our result and its cause; texts for a person."""
 
     claim: str
     paper: str
     ours: str
     verdict: str  # reproduced, partly, not, not decided here
     cause: str
-    reasons: Mapping[str, str] = MappingProxyType({})  # by the letters behind the verdict
+    reasons: Mapping[str, str] = MappingProxyType({})  # by the letters after the verdict
 
 
 TEXTS = tuple(name for name in Claim._fields if name not in Claim._field_defaults)
@@ -54,25 +52,25 @@ def claims_beside(folder: Path) -> Path | None:
 def load_claims(file: Path) -> list[Claim]:
     """Read a list of {claim, paper, ours, verdict, cause}; BagError says what is wrong with it.
 
-    `reasons` may be added: what the letters behind a verdict mean. Further keys are left alone.
+    `reasons` may be added: the meaning of the letters after a verdict. Other keys are ignored.
     """
     try:
-        found = json.loads(file.read_text())
+        claims = json.loads(file.read_text())
     except (OSError, ValueError) as error:
         raise BagError(f'{file}: no claims can be read: {error}') from None
-    if not isinstance(found, list):
-        raise BagError(f'{file}: must be a list of claims, is a {type(found).__name__}')
-    return [_claim(file, k, one) for k, one in enumerate(found)]
+    if not isinstance(claims, list):
+        raise BagError(f'{file}: must be a list of claims, is a {type(claims).__name__}')
+    return [_claim(file, k, claim) for k, claim in enumerate(claims)]
 
 
-def _claim(file, k, one):
-    missing = [key for key in TEXTS if not isinstance(one, dict) or key not in one]
+def _claim(file, k, claim):
+    missing = [key for key in TEXTS if not isinstance(claim, dict) or key not in claim]
     if missing:
         raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
-    reasons = one.get('reasons', {})
-    if not isinstance(reasons, dict) or not all(isinstance(it, str) for it in reasons.values()):
+    reasons = claim.get('reasons', {})
+    if not isinstance(reasons, dict) or not all(isinstance(text, str) for text in reasons.values()):
         raise BagError(f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}')
-    return Claim(*(_claim_text(one[key]) for key in TEXTS), reasons)
+    return Claim(*(_claim_text(claim[key]) for key in TEXTS), reasons)
 
 
 def _claim_text(value: Any):
@@ -82,7 +80,7 @@ def _claim_text(value: Any):
 
 
 class ReportData(NamedTuple):
-    """What the report is made of."""
+    """The contents of the report."""
 
     values: Mapping[str, Any]  # comparison.json
     runs: Sequence[Run]
@@ -90,38 +88,38 @@ class ReportData(NamedTuple):
     claims: Sequence[Claim] = ()
 
 
-def write_report(material: ReportData, file: Path) -> Path:
+def write_report(data: ReportData, file: Path) -> Path:
     """Write the report of a comparison; return `file`."""
-    file.write_text(report_html(material), encoding='utf-8')
+    file.write_text(report_html(data), encoding='utf-8')
     return file
 
 
-def report_html(material: ReportData) -> str:
-    """Return the page: styles, scripts and data are inside, and nothing is fetched."""
-    runs = material.runs
-    logs = {run.name: material.logs.get(run.name, EMPTY_LOG) for run in runs}
+def report_html(data: ReportData) -> str:
+    """Return the page with all styles, scripts and data inside: it loads nothing."""
+    runs = data.runs
+    logs = {run.name: data.logs.get(run.name, EMPTY_LOG) for run in runs}
     infos = [logs[run.name].run_info for run in runs]
     view = animation.build_top_view(runs, logs)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [interactive_panels.plot_panel(one, runs, logs, time_axis) for one in PANELS]
+    panels = [interactive_panels.plot_panel(panel, runs, logs, time_axis) for panel in PANELS]
     panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
     script, divs = _embedded(view, panels)
     return _template().render(
-        scenario=material.values['scenario'],
+        scenario=data.values['scenario'],
         runs=[(run.name, run.colour, run.name in style.KNOWN_DASHES) for run in runs],
-        damage=material.values.get('damage', {}),
-        invalid=material.values.get(KEY, {}),
-        verdicts={name: found['verdict'] for name, found in material.values['runs'].items()},
+        damage=data.values.get('damage', {}),
+        invalid=data.values.get(KEY, {}),
+        verdicts={name: run['verdict'] for name, run in data.values['runs'].items()},
         duration=duration,
         film=divs.pop('film'),
         gg=divs.pop('gg'),
         panels=divs,
-        lines=metrics_table.table_lines(material.values['runs']),
+        lines=metrics_table.table_lines(data.values['runs']),
         paper_note=metrics_table.PAPER_NOTE,
         good=GOOD,
-        claims=material.claims,
-        reasons={key: text for one in material.claims for key, text in one.reasons.items()},
+        claims=data.claims,
+        reasons={key: text for claim in data.claims for key, text in claim.reasons.items()},
         origin=origin_rows(infos),
         parameters=parameter_rows(infos),
         bokeh_js='\n'.join(Resources(mode='inline', components=['bokeh']).js_raw),
@@ -132,9 +130,9 @@ def report_html(material: ReportData) -> str:
 
 
 def _embedded(view, panels):
-    """Return the script that holds every figure, and an element for each by its name."""
+    """Return the script with all figures, and the HTML element of each by name."""
     document = Document()
-    # one walk through all models instead of one per figure
+    # one pass over all models instead of one per figure
     with document.models.freeze():
         for plot in (view.plot, *panels):
             document.add_root(plot)

@@ -1,4 +1,4 @@
-"""Runs of unlike scenarios or plants do not compare."""
+"""Runs of different scenarios or plants are not comparable."""
 
 import json
 
@@ -22,9 +22,9 @@ def test_the_same_car_on_the_same_road_compares_however_it_was_run():
 @pytest.mark.parametrize(
     ('other', 'said'),
     [
-        (info(scenario='t', sha='2'), "unlike scenarios ('s' and 't')"),
+        (info(scenario='t', sha='2'), "different scenarios ('s' and 't')"),
         (info(sha='2'), "two versions of 's'"),
-        (info(friction=0.9), 'unlike plants (friction 1.0 and 0.9)'),
+        (info(friction=0.9), 'different plants (friction 1.0 and 0.9)'),
         ({'scenario': 's', 'scenario_sha256': '1'}, 'car.body.mass_kg 1850.0 and unknown'),
     ],
 )

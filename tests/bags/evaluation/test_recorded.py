@@ -88,7 +88,7 @@ def test_two_rings_in_one_domain_are_not_judged(note, topic):
     made = {name: table(forms[name], stamps[name]) for name in forms}
     made |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
     with pytest.raises(
-        BagError, match=f'{topic} has unlike messages of one stamp.*shared a ROS domain'
+        BagError, match=f'{topic} has two different messages of one stamp.*shared a ROS domain'
     ):
         drive_from_columns(made, note('schema: 1'), 'bag')
 
@@ -102,7 +102,7 @@ def test_a_bag_without_notes_cannot_be_judged(note):
         facts_from_run_info(broken, 'bag')
 
 
-def test_runs_of_unlike_scenarios_do_not_compare(note, make_bag, tmp_path):
+def test_runs_of_different_scenarios_do_not_compare(note, make_bag, tmp_path):
     bags = [make_bag('one', note('schema: 1')), make_bag('other', note('schema: 1 # changed'))]
     with pytest.raises(BagError, match=r"two versions of 'somewhere'.*--force"):
         compare_bags(bags, tmp_path / 'out')

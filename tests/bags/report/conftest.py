@@ -51,11 +51,11 @@ def drives(make_drive):
 
 
 @pytest.fixture(scope='session')
-def accounts(drives):
-    return {name: _account(one, name) for name, one in drives.items()}
+def logs(drives):
+    return {name: _controller_log(one, name) for name, one in drives.items()}
 
 
-def _account(one, name):
+def _controller_log(one, name):
     ticks = one.motion.stamp_ns[:-1:50]
     stages = np.arange(51) * 0.05
     predictions = [
@@ -86,10 +86,10 @@ def runs(drives):
 
 
 @pytest.fixture(scope='session')
-def material(runs, accounts):
+def material(runs, logs):
     found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     claim = Claim('mpcc avoids both', 'yes', '0.5 m', 'reproduced', 'priority < lag')
-    return page.ReportData({'scenario': 'straight', 'runs': found}, runs, accounts, [claim])
+    return page.ReportData({'scenario': 'straight', 'runs': found}, runs, logs, [claim])
 
 
 @pytest.fixture(scope='session')

@@ -31,8 +31,8 @@ def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
     evil = '</script><b onclick="x">&'
     run = material.runs[0]._replace(name=evil)
     values = {'scenario': evil, 'runs': {evil: material.values['runs']['mpcc']}}
-    accounts = {evil: material.accounts['mpcc']._replace(info={'mode': evil})}
-    text = page.report_html(page.ReportData(values, [run], accounts))
+    logs = {evil: material.logs['mpcc']._replace(run_info={'mode': evil})}
+    text = page.report_html(page.ReportData(values, [run], logs))
     assert evil not in text
     assert text.count('</script>') == page.report_html(material).count('</script>')
 
@@ -46,15 +46,15 @@ def test_every_number_of_the_table_stands_in_the_page(material, report):
     assert 'a &lt;fast&gt; one' in text
 
 
-def test_what_differs_between_the_runs_is_marked(accounts, report):
-    rows = parameter_rows([one.info for one in accounts.values()])
+def test_what_differs_between_the_runs_is_marked(logs, report):
+    rows = parameter_rows([log.run_info for log in logs.values()])
     unlike = {role: [row.name for row in found if row.differs] for role, found in rows.items()}
     assert unlike == {'controller': ['weight_of'], 'plant': []}
     assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', report.read_text())
 
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material):
-    text = page.report_html(material._replace(accounts={}, claims=()))
+    text = page.report_html(material._replace(logs={}, claims=()))
     assert 'id="manoeuvre"' in text
     assert 'id="claims"' not in text
     assert 'data-panel="v2o"' in text
@@ -62,7 +62,7 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material):
     assert 'data-panel="friction"' not in text
 
 
-def test_the_film_is_where_the_drive_was(runs, accounts):
+def test_the_film_is_where_the_drive_was(runs, logs):
     t = animation.frame_times(runs)
     assert t[-1] >= runs[0].series.t[-1]
     run = runs[0]
@@ -73,15 +73,15 @@ def test_the_film_is_where_the_drive_was(runs, accounts):
     moving = animation.obstacle_frames(run.drive.scene, run.drive.motion.stamp_ns[0], t)
     assert moving['x'][:, 0] == pytest.approx(60.0)
     assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
-    plans = animation.plan_rows(run, accounts[run.name])
-    assert plans['x'].shape == (len(accounts[run.name].predictions), 26)
+    plans = animation.plan_rows(run, logs[run.name])
+    assert plans['x'].shape == (len(logs[run.name].predictions), 26)
 
 
-def test_panels_carry_their_units(runs, accounts):
+def test_panels_carry_their_units(runs, logs):
     for panel in interactive_panels.PANELS:
         assert '[' in panel.axis or panel.name == 'friction'
         for run in runs:
-            for curve in panel.curves(run, accounts[run.name]):
+            for curve in panel.curves(run, logs[run.name]):
                 assert len(curve.stamp_ns) == len(curve.values), panel.name
 
 

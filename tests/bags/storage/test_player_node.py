@@ -16,7 +16,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from bags import cli
-from bags.player_node import DEPTH, profile
+from bags.player_node import DEPTH, to_qos_profile
 from bags.storage import read
 from bags.storage.rosbag2_metadata import qos_text
 from msgs_yaml import contract
@@ -213,7 +213,7 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
 @pytest.mark.parametrize(
     ('parameters', 'why'),
     [
-        ({}, 'bag: is not given'),
+        ({}, 'bag: is missing'),
         ({'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
         ({'rate': 0.0}, 'rate: is out of range with 0.0'),
         ({'bag': None, 'paused': 'true'}, 'paused: is true, but there is no keyboard'),
@@ -272,7 +272,7 @@ def test_publishers_offer_what_was_recorded(topic, mode):
     text = qos_text(
         wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
     )
-    made, expected = profile(text), ros.to_qos_profile(wanted)
+    made, expected = to_qos_profile(text), ros.to_qos_profile(wanted)
     for name in ('history', 'reliability', 'durability', 'deadline'):
         assert getattr(made, name) == getattr(expected, name)
     if wanted.history == 'keep_last':
@@ -280,12 +280,12 @@ def test_publishers_offer_what_was_recorded(topic, mode):
 
 
 def test_qos_of_older_bags_is_understood_and_of_none_is_plain():
-    older = profile('- history: 2\n  depth: 0\n  reliability: 2\n  durability: 1\n')
+    older = to_qos_profile('- history: 2\n  depth: 0\n  reliability: 2\n  durability: 1\n')
     assert older.history == HistoryPolicy.KEEP_ALL
     assert older.reliability == ReliabilityPolicy.BEST_EFFORT
     assert older.durability == DurabilityPolicy.TRANSIENT_LOCAL
     for nothing in ('', '{broken', '[1, x]', 'text'):
-        plain = profile(nothing)
+        plain = to_qos_profile(nothing)
         assert plain.history == HistoryPolicy.KEEP_LAST
         assert plain.depth == DEPTH
         assert plain.reliability == ReliabilityPolicy.RELIABLE
