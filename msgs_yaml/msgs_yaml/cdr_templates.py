@@ -55,14 +55,14 @@ def _runs(offsets, buffer):
 
     One call for a run is faster than one per number; bytes that are not 0 end a run.
     """
-    runs, begin = [], 0
+    runs, first = [], 0
     for k in range(1, len(offsets) + 1):
         if k < len(offsets) and not any(buffer[offsets[k - 1] + _FLOAT64_BYTES : offsets[k]]):
             continue
-        gaps = [b - a - _FLOAT64_BYTES for a, b in zip(offsets[begin:k], offsets[begin + 1 : k])]
+        gaps = [b - a - _FLOAT64_BYTES for a, b in zip(offsets[first:k], offsets[first + 1 : k])]
         form = struct.Struct('<d' + ''.join(f'{gap}xd' for gap in gaps))
-        runs.append((form.pack_into, offsets[begin], slice(begin, k)))
-        begin = k
+        runs.append((form.pack_into, offsets[first], slice(first, k)))
+        first = k
     return runs
 
 

@@ -115,7 +115,7 @@ def _joint_names(topic) -> Check:
 
 
 def _finite_joints(topic) -> Check:
-    """Check the unused numbers of a JointState too: NaN there breaks plots and viewers."""
+    """Check the unused numbers of a JointState too: NaN in them disturbs plots and viewers."""
 
     def run(message):
         return [

@@ -1,4 +1,4 @@
-"""The contract of every topic, read from topics.yaml; a mistake in it is an error with its line.
+"""The contract of every topic, read from topics.yaml; errors name the line.
 
 The format is described at the top of topics.yaml. No ROS is needed to read it.
 """
@@ -62,7 +62,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Topic:
-    """What a topic is; `rate_hz` and `qos` are keyed by mode, `fields` and `sizes` by path."""
+    """One topic; `rate_hz` and `qos` are keyed by mode, `fields` and `sizes` by path."""
 
     name: str
     meaning: str
@@ -77,12 +77,12 @@ class Topic:
 
     @property
     def on_request(self) -> bool:
-        """Whether nobody sends it unless asked to: then it has no rate in any mode."""
+        """Whether it is published on request only: then its rate is 0 in every mode."""
         return not any(self.rate_hz.values())
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of a JointState in the order in which they stand in the message."""
+        """Names of a JointState in the order of the message."""
         if self.type != JOINT_STATE:
             return ()
         return tuple(dict.fromkeys(field_paths.selector(path) for path in self.fields))

@@ -113,7 +113,7 @@ def obstacles(msg: Any) -> Obstacles:
 
 
 def why(msg: Any) -> Why:
-    """Return the reasons of /controller/why."""
+    """Return the diagnostics of a tick from /controller/why."""
     status = _status('/controller/why', msg)
     return Why(
         conversions.stamp_to_ns(msg.header.stamp), _level(status), status.message, _values(status)
@@ -128,7 +128,7 @@ def health(msg: Any) -> Health:
 
 
 def clock(msg: Any) -> int:
-    """Return the time of /clock in nanoseconds; 0, which says that there is no time, is refused."""
+    """Return the time of /clock in nanoseconds; 0 stands for no time and raises DecodeError."""
     _check('/clock', msg)
     now_ns = conversions.stamp_to_ns(msg.clock)
     if not now_ns:
@@ -146,7 +146,7 @@ def stamp_ns_of(raw: bytes) -> int:
 
 
 def _check(topic: str, msg: Any) -> None:
-    """Raise DecodeError with the first breach of the contract in a message."""
+    """Raise DecodeError with the first violation of the contract in a message."""
     violations = conformance.check(topic, msg)
     if violations:
         raise DecodeError(str(violations[0]))
@@ -186,7 +186,7 @@ def _path(topic, msg):
 
 
 def _status(topic, msg):
-    """Return the one status; its numbers may be absurd: a failed tick must stay readable."""
+    """Return the only status; its numbers are not checked: a failed tick must stay readable."""
     _check_form(topic, msg)
     (status,) = msg.status
     return status
@@ -230,10 +230,10 @@ def _expect(topic, marker, kinds):
 
 
 def _by_id(markers):
-    found = {int(marker.id): marker for marker in markers}
-    if len(found) != len(markers):
+    by_id = {int(marker.id): marker for marker in markers}
+    if len(by_id) != len(markers):
         raise DecodeError(f'{_OBSTACLES}: two markers of one ns have one id; allowed different ids')
-    return found
+    return by_id
 
 
 def _stamp_ns(topic, markers):

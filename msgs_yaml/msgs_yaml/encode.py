@@ -1,4 +1,4 @@
-"""Values to ROS messages. Names, frames and forms are those of topics.yaml; nothing is checked.
+"""Values to ROS messages. Names, frames and forms are those of topics.yaml; values are not checked.
 
 Every function is the inverse of the one of the same name in `decode`.
 """
@@ -31,7 +31,7 @@ from msgs_yaml.types import (
     Why,
 )
 
-# what people see in RViz and Foxglove
+# appearance in RViz and Foxglove
 _EDGE_WIDTH_M = 0.15
 _OBSTACLE_HEIGHT_M = 1.0
 _ARROW_M = (0.15, 0.35)  # shaft and head diameter
@@ -137,8 +137,8 @@ def _joint_state(topic, x):
     joints, fields = contract.load().topics[topic].joints, flat_fields.load(topic)
     n = len(joints)
     numbers = [0.0] * (3 * n)
-    for place, number in zip(fields.places, fields.to_numbers(x)):
-        numbers[place] = number
+    for index, number in zip(fields.joint_indices, fields.to_numbers(x)):
+        numbers[index] = number
     return JointState(
         header=_header(topic, x.stamp_ns),
         name=list(joints),

@@ -52,7 +52,7 @@ def getter(path: str) -> Callable[[Any], list]:
 
 
 def _follow(steps):
-    # one attrgetter for the plain steps up to the next selector: they are what costs time
+    # one attrgetter for the plain steps up to the next selector: they cost the time
     plain = 0
     while plain < len(steps) and steps[plain].selector is None:
         plain += 1

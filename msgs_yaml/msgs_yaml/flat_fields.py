@@ -1,7 +1,7 @@
 """Values of fixed size as flat numbers: which number of a message is which field of its value.
 
-The contract says it: fields with a `column` make the value of their topic. A field of the value is
-one number, four (one per wheel), or a heading (z and w of its quaternion). `encode`, `decode`,
+Fields of the contract with a `column` make the value of their topic. A field of the value is one
+number, four (one per wheel), or a heading (z and w of its quaternion). `encode`, `decode`,
 `cdr_templates` and the tables of `bags` derive from this, so a new number costs a line in
 topics.yaml and one in `types`. No ROS.
 """
@@ -31,7 +31,7 @@ class FlatFields(NamedTuple):
     kind: type  # the named tuple of a value; its first field is `stamp_ns`
     paths: tuple[str, ...]  # of every number in the message
     columns: dict[str, tuple[str, ...]]  # column of a table -> its paths
-    places: tuple[int, ...]  # JointState: indices in position, velocity and effort as one array
+    joint_indices: tuple[int, ...]  # JointState: in position + velocity + effort
     read: Callable[[Any], tuple]  # message -> its numbers, one per path
     split: tuple[Callable, ...]  # field of the value -> its numbers
     join: tuple[tuple[Callable, slice], ...]  # numbers -> field of the value
@@ -66,18 +66,18 @@ def load(topic: str) -> FlatFields:
     if ('stamp_ns', *fields) != kind._fields:
         names = ', '.join(fields)
         raise ContractError(f'{topic}: topics.yaml has the values {names}; {kind.__name__} others')
-    split, join, begin = [], [], 0
+    split, join, first = [], [], 0
     for name, paths in fields.items():
         split_one, join_one = _converters(topic, name, len(paths))
         split.append(split_one)
-        join.append((join_one, slice(begin, begin + len(paths))))
-        begin += len(paths)
+        join.append((join_one, slice(first, first + len(paths))))
+        first += len(paths)
     paths = tuple(path for group in fields.values() for path in group)
     return FlatFields(
         kind,
         paths,
         {column: tuple(group) for column, group in columns.items()},
-        _joint_places(described, paths) if described.joints else (),
+        _joint_indices(described, paths) if described.joints else (),
         _reader(described, paths),
         tuple(split),
         tuple(join),
@@ -95,8 +95,8 @@ def _converters(topic, name, count):
     raise ContractError(f'{topic}: the value {name} has {count} fields; allowed 1 or {len(WHEELS)}')
 
 
-def _joint_places(topic, paths):
-    """Return the index of each path in position, velocity and effort one after the other."""
+def _joint_indices(topic, paths):
+    """Return the index of each path in the concatenation of position, velocity and effort."""
     steps = [step for path in paths for step in field_paths.parse(path)]
     return tuple(
         len(topic.joints) * JOINT_ARRAYS.index(step.attribute) + topic.joints.index(step.selector)
@@ -108,5 +108,5 @@ def _reader(topic, paths):
     """Return the function that reads the numbers of a message."""
     if not topic.joints:
         return attrgetter(*paths)
-    get, choose = attrgetter(*JOINT_ARRAYS), itemgetter(*_joint_places(topic, paths))
+    get, choose = attrgetter(*JOINT_ARRAYS), itemgetter(*_joint_indices(topic, paths))
     return lambda message: choose([number for array in get(message) for number in array])

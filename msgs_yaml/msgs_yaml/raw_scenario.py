@@ -280,7 +280,7 @@ class _Reader:
         begin = self.skip(size)
         encoded = bytes(self._raw[begin : begin + size])
         if encoded[-1:] not in (b'', b'\x00'):
-            raise ValueError(f'the string at byte {begin} has no end')
+            raise ValueError(f'the string at byte {begin} has no closing zero')
         return encoded[:-1].decode()
 
     def boolean(self):

@@ -1,4 +1,4 @@
-"""YAML read strictly: every value knows its file, line and key, so that errors can name them."""
+"""Strict YAML: every value has its file, line and key, so that errors can name them."""
 
 import difflib
 import re
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-# YAML 1.1 reads 1e-6 as a word; ROS and everybody who types it mean a number
+# YAML 1.1 reads 1e-6 as text; ROS reads it as a number
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 
 
@@ -21,7 +21,7 @@ class Item(NamedTuple):
     path: Path
     key: str  # dotted, '' for the root
     node: yaml.Node
-    key_node: yaml.Node | None = None  # where its key stands; None for the root and in lists
+    key_node: yaml.Node | None = None  # None for the root and in lists
 
     @property
     def line(self) -> int:
@@ -29,7 +29,7 @@ class Item(NamedTuple):
         return (self.key_node or self.node).start_mark.line + 1
 
     def error(self, what: str) -> YamlError:
-        """Return the error that says what is wrong with this item."""
+        """Return an error `<file>:<line>: <key>: <what>`."""
         key = f'{self.key}: ' if self.key else ''
         return YamlError(f'{self.path}:{self.line}: {key}{what}')
 
@@ -51,15 +51,15 @@ class Item(NamedTuple):
 
     def members(self, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict:
         """Return the members of a mapping that has exactly these keys."""
-        found = self.items()
-        for name in found:
+        members = self.items()
+        for name in members:
             if name not in required + optional:
                 hint = closest(name, required + optional)
-                raise found[name].error(f'unknown key{hint}')
+                raise members[name].error(f'unknown key{hint}')
         for name in required:
-            if name not in found:
+            if name not in members:
                 raise self.error(f'key {name!r} is missing')
-        return found
+        return members
 
     def elements(self) -> list['Item']:
         """Return the elements of a list."""
@@ -72,7 +72,7 @@ class Item(NamedTuple):
         """Return the plain Python value, mappings as dicts and lists as lists."""
         try:
             return self._value()
-        except RecursionError:  # an alias of what it stands in, or brackets without end
+        except RecursionError:  # an alias of its own parent, or endless brackets
             raise self.error('is nested too deeply') from None
 
     def _value(self):
@@ -85,7 +85,7 @@ class Item(NamedTuple):
         loader = yaml.SafeLoader('')
         try:
             return loader.construct_object(self.node)
-        except yaml.MarkedYAMLError as error:  # a tag of Python's, or of nobody's
+        except yaml.MarkedYAMLError as error:  # a Python or unknown tag
             raise self.error(error.problem) from None
         except (ValueError, LookupError, AttributeError) as error:
             # what PyYAML raises for a tag that does not fit its value

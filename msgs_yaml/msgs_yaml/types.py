@@ -1,6 +1,6 @@
-"""What the nodes tell each other, as plain values: SI units, ISO 8855 axes, the paper's symbols.
+"""The values of every topic as named tuples: SI units, ISO 8855 axes, the paper's symbols.
 
-Every value carries `stamp_ns`, the ROS time it is valid at in nanoseconds. Positions and headings
+Every value has `stamp_ns`, the ROS time at which it is valid [ns]. Positions and headings
 are in the frame `map` (x east, y north, psi counter-clockwise from x); velocities are in the
 vehicle frame `base_link` at the centre of gravity (x forward, y left). Wheels are ordered
 front-left, front-right, rear-left, rear-right (`WHEELS`).
@@ -26,7 +26,7 @@ class VehicleState(NamedTuple):
 
 
 class Actuators(NamedTuple):
-    """Where the actuators really are, behind their lag: /vehicle/actuators."""
+    """State of the actuators, behind their lag: /vehicle/actuators."""
 
     stamp_ns: int
     delta: float  # rad, road-wheel angle
@@ -115,7 +115,7 @@ class Prediction(NamedTuple):
 
 
 class Why(NamedTuple):
-    """Why the controller did what it did: /controller/why.
+    """Diagnostics of a tick, the reasons of its command: /controller/why.
 
     `values` maps names to numbers or short words. Names are fixed in the contract; a group is
     written with a dot, as in `cost.con`, `v2o.1` (obstacle id 1), `time.solve_ms`.
@@ -123,7 +123,7 @@ class Why(NamedTuple):
 
     stamp_ns: int
     level: int  # 0 OK, 1 WARN, 2 ERROR (diagnostic_msgs)
-    message: str  # one line for a person
+    message: str  # one line of text
     values: dict[str, float | int | str | bool]
 
 

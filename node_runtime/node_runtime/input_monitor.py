@@ -98,7 +98,7 @@ class InputMonitor:
         """Return age and limit as text."""
         age_ns, limit_ms = self.age_ns(now_ns), self.limit_ns / NS_PER_MS
         if age_ns is None:
-            return f'{self.name} has never come'
+            return f'{self.name} was never received'
         return f'{self.name} is {age_ns / NS_PER_MS:.0f} ms old, limit {limit_ms:g} ms'
 
     def describe_held(self, now_ns: int) -> str:

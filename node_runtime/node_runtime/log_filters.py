@@ -34,9 +34,9 @@ class RejectionLog:
         self._counts[kind] += 1
         if self._counts[kind] == 1:
             self._counted_ns = self._counted_ns or now_ns
-            return f'{self._topic} turned down ({kind}): {reason}'
+            return f'{self._topic} rejected ({kind}): {reason}'
         if now_ns - self._counted_ns < PERIOD_NS:
             return ''
         self._counted_ns = now_ns
         counts = ', '.join(f'{count} {kind}' for kind, count in sorted(self._counts.items()))
-        return f'{self._topic} turned down so far: {counts}; the last: {reason}'
+        return f'{self._topic} rejected so far: {counts}; the last: {reason}'

@@ -1,7 +1,7 @@
 """Linux scheduling of a real-time process: priority, core affinity, locked memory. No ROS.
 
-All of it is optional, and priority and locked memory need permission: what the system refuses is
-logged, and the node runs without it.
+All of it is optional, and priority and locked memory need permission. Refusals of the
+system are logged, and the node runs without.
 """
 
 import ctypes

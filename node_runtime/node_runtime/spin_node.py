@@ -42,7 +42,7 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
     """Create a node, spin it until it finishes or gets a signal, and return its exit code.
 
     SIGINT and SIGTERM end it after the running callback, with the node's `exit_code`, 0 unless set.
-    Wrong parameters or a broken contract give one log line and EXIT_CONFIGURATION; an error in a
+    Wrong parameters or an invalid contract give one log line and EXIT_CONFIGURATION; an error in a
     callback is printed and gives 1. Then `node.close()` is called, if there is one, without a time
     limit, and the node is destroyed; if the middleware hangs there, the process prints its
     traceback and ends after 4 s with the same exit code. DDS discovery is limited to this machine

@@ -135,7 +135,7 @@ class PublisherMonitor:
         nodes = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos)
         return (
             f'{count} publishers of {self._name(topic)} ({", ".join(nodes)}), 1 expected: '
-            'all of them are heard; a process that was killed counts for 20 s'
+            'the messages of all are used; a process that was killed counts for 20 s'
         )
 
     def _name(self, topic):

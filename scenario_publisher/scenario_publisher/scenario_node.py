@@ -77,7 +77,7 @@ class ScenarioNode(Node):
 
     def log_rejected(self, topic, error):
         """Log why a message is not used."""
-        text = f'{topic} turned down: {error}'
+        text = f'{topic} rejected: {error}'
         self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
 
     def publish(self, stamp_ns):

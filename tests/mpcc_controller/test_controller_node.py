@@ -184,13 +184,13 @@ def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
     assert why.values['rung'] == 'shifted'
     assert why.values['time.publish_ms'] > 0
     assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == unreadable
-    assert 'odometry turned down (unreadable)' in process.text()
+    assert 'odometry rejected (unreadable)' in process.text()
 
     # each topic has a line of its own, however quickly they follow each other
     for topic in ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'):
         ring.pubs[topic].publish(ros.message_type(topic)())
     for topic in ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'):
-        ring.wait_for(lambda topic=topic: f'{topic} turned down (unreadable)' in process.text())
+        ring.wait_for(lambda topic=topic: f'{topic} rejected (unreadable)' in process.text())
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_actuators_that_are_not_finite_are_refused_and_valid_ones_waited_for(rin
         ring.actuators(START, delta)
         ring.obstacles(situation, START)
 
-    ring.wait_for(lambda: 'actuators turned down' in process.text(), begin)
+    ring.wait_for(lambda: 'actuators rejected' in process.text(), begin)
     assert 'waiting for valid ones' in process.text()
     assert process.poll() is None
     assert not ring.heard['/controller/command']

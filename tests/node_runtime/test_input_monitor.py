@@ -21,7 +21,7 @@ def test_an_input_without_a_message_is_stale():
         monitor.level(S) == monitor.held_level == monitor.update(S) == monitor.held_level == STALE
     )
     assert monitor.age_ns(S) is None
-    assert monitor.describe(S) == 'state has never come'
+    assert monitor.describe(S) == 'state was never received'
     assert monitor.diagnostics(S) == {
         'age.state_limit_ms': 100.0,
         'age.state_stale': 0,

@@ -95,7 +95,7 @@ def test_command_that_is_not_finite_is_refused_and_the_last_one_held():
     assert done.exit_code == 0, done.log
     assert done.controller.healths[-1].values['commands_rejected'] == 1
     assert done.controller.healths[-1].level == 1
-    assert done.log.count('/controller/command turned down') == 1
+    assert done.log.count('/controller/command rejected') == 1
 
 
 def test_commands_with_wrong_names_are_logged_once_and_named_by_the_health():
@@ -107,7 +107,7 @@ def test_commands_with_wrong_names_are_logged_once_and_named_by_the_health():
 
     done = run(misnamed, **{'stop.x_m': 25.0})
     assert done.exit_code == 0, done.log
-    assert done.log.count('/controller/command turned down (unreadable)') == 1
+    assert done.log.count('/controller/command rejected (unreadable)') == 1
     assert 'name is 3 long: wheel' in done.log
     assert done.controller.healths[-1].message.startswith('commands refused: /controller/command')
 

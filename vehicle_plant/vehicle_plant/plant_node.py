@@ -77,7 +77,7 @@ class PlantNode(Node):
         try:
             self.reference = subscriptions_node.read_reference(raw)
         except DecodeError as error:
-            text = f'/scenario/reference turned down: {error}'
+            text = f'/scenario/reference rejected: {error}'
             self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
 
     def on_poll(self):
