@@ -1,4 +1,4 @@
-"""No bag, however it is damaged or made up, ends in anything but a BagError; repair loses nothing.
+"""A damaged or artificial bag causes no error but BagError, and repair loses nothing.
 
 By hand: `python tests/fuzz/atheris_bags.py -runs=100000 [corpus]`, see docs/faults.md.
 """
@@ -7,9 +7,9 @@ import shutil
 import warnings
 from pathlib import Path
 
-import guided
+import coverage_guided
 
-with guided.instrumented('bags', 'msgs_yaml'):
+with coverage_guided.instrumented('bags', 'msgs_yaml'):
     from mcap.reader import make_reader
     from mcap_pieces import changed, small_bags
 
@@ -19,19 +19,19 @@ with guided.instrumented('bags', 'msgs_yaml'):
     from bags.storage import read, repair
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
-FOLDER = guided.scratch() / 'bag'
+FOLDER = coverage_guided.scratch() / 'bag'
 
 
 def look(data: bytes) -> None:
     """Read a bag in every way, repair it, and read it again."""
     FOLDER.mkdir()
     try:
-        judge(data)
+        check(data)
     finally:
         shutil.rmtree(FOLDER)
 
 
-def judge(data: bytes) -> None:
+def check(data: bytes) -> None:
     """Do what `look` says, in an empty folder."""
     file = FOLDER / f'{FOLDER.name}_0.mcap'
     file.write_bytes(data)
@@ -49,7 +49,7 @@ def judge(data: bytes) -> None:
 
 
 def attempt(action, *arguments):
-    """Return what an action finds; None when it refuses, which takes a reason."""
+    """Return the result of an action; None for a BagError with a text."""
     try:
         return action(*arguments)
     except BagError as error:
@@ -59,7 +59,7 @@ def attempt(action, *arguments):
 
 
 def use(bag: read.Bag) -> None:
-    """Ask for everything that can be asked of a bag."""
+    """Call every reader of a bag."""
     attempt(summarize_bag, bag)
     attempt(build_playlist, bag)
     for topic in bag.recordings:
@@ -68,7 +68,7 @@ def use(bag: read.Bag) -> None:
 
 
 def compare(before: read.Bag | None, done: repair.Repair, data: bytes) -> None:
-    """What was there is kept, and the file that is there now is whole, for other readers too."""
+    """Assert that nothing is lost and that the repaired file is complete, for other readers too."""
     ((file, kept, *_),) = done.files
     assert (kept or file).read_bytes() == data
     messages = sum(done.messages.values())
@@ -85,4 +85,4 @@ def compare(before: read.Bag | None, done: repair.Repair, data: bytes) -> None:
 
 
 if __name__ == '__main__':
-    guided.run(look, changed, small_bags(read.load(REFERENCE)))
+    coverage_guided.run(look, changed, small_bags(read.load(REFERENCE)))

@@ -1,4 +1,4 @@
-"""No scenario file ends in anything but a ScenarioError; what loads, the node can publish.
+"""A scenario file causes no error but ScenarioError; the node can publish each loaded scenario.
 
 By hand: `python tests/fuzz/atheris_scenarios.py -runs=100000 [corpus]`, see docs/faults.md.
 """
@@ -10,16 +10,16 @@ import typing
 import warnings
 from collections.abc import Iterator
 
-import guided
+import coverage_guided
 
-with guided.instrumented('scenario_publisher', 'msgs_yaml'):
+with coverage_guided.instrumented('scenario_publisher', 'msgs_yaml'):
     from msgs_yaml import conformance, encode
     from node_runtime import typed_yaml
     from node_runtime.parameters import Range
     from scenario_publisher import scenario, schema
     from scenario_publisher.scenario_file import ScenarioError
 
-FILE = guided.scratch() / 'scenario.yaml'
+FILE = coverage_guided.scratch() / 'scenario.yaml'
 COMMENT = re.compile(r'[ \t]*#.*|^\s*\n', re.MULTILINE)
 VALUES = (
     *(
@@ -85,7 +85,7 @@ def words() -> tuple[str, ...]:
 def changed(data: bytes, choose: random.Random) -> bytes:
     """Return a file with some words, lines or numbers replaced."""
     text = data.decode('utf-8', 'ignore')
-    return guided.reworded(text, WORDS, choose).encode()
+    return coverage_guided.mutate_text(text, WORDS, choose).encode()
 
 
 def seeds() -> Iterator[bytes]:
@@ -95,7 +95,7 @@ def seeds() -> Iterator[bytes]:
 
 
 def look(data: bytes) -> None:
-    """Load a file; check what was made of it."""
+    """Load a file and check the scenario."""
     FILE.write_bytes(data)
     try:
         with warnings.catch_warnings():
@@ -109,8 +109,8 @@ def look(data: bytes) -> None:
 
 
 def check(loaded: scenario.Scenario) -> None:
-    """What the node would publish keeps the contract, at every time."""
-    said = {
+    """Assert that the messages of the node obey the contract at every time."""
+    published = {
         '/scenario/reference': [encode.reference(loaded.reference)],
         '/scenario/road_edges': [encode.road_edges(loaded.edges)],
         '/scenario/obstacles': [
@@ -118,11 +118,11 @@ def check(loaded: scenario.Scenario) -> None:
             for t in TIMES
         ],
     }
-    for topic, messages in said.items():
+    for topic, messages in published.items():
         for message in messages:
             assert conformance.check(topic, message) == [], topic
 
 
 WORDS = words()
 if __name__ == '__main__':
-    guided.run(look, changed, seeds())
+    coverage_guided.run(look, changed, seeds())

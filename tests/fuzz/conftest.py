@@ -1,4 +1,4 @@
-"""How much is fuzzed: FUZZ_EXAMPLES per test, a seeded few unless set. See docs/faults.md."""
+"""The amount of fuzzing: FUZZ_EXAMPLES per test, by default a seeded few. See docs/faults.md."""
 
 import os
 from collections import Counter
@@ -14,7 +14,7 @@ settings.register_profile(
     deadline=None,
     derandomize='FUZZ_EXAMPLES' not in os.environ,
     database=None,
-    phases=(Phase.generate,),  # a failure is told at once: to shrink batches takes minutes
+    phases=(Phase.generate,),  # a failure is reported at once: shrinking batches takes minutes
     suppress_health_check=list(HealthCheck),
 )
 READ = 'read or refused by a reader, the plant or the scenario'
@@ -25,7 +25,7 @@ COUNTED = Counter()  # by (test, outcome)
 def count():
     """Return a function that counts inputs of a test by outcome; the sums are printed at the end.
 
-    The outcome of what only a reader or another node than the controller was told is `read`.
+    The outcome of inputs of readers and of nodes other than the controller is READ.
     """
 
     def one(test, inputs=1, outcome=READ):

@@ -1,6 +1,6 @@
 """Small MCAP files without checksums, and changes to one record of such a file, chunks included.
 
-Lengths and checksums are made right again: what is changed reaches the code behind them.
+Lengths and checksums are recomputed, so that a change reaches the code behind their checks.
 """
 
 import random
@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from io import BytesIO
 
-import guided
+import coverage_guided
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
@@ -86,7 +86,7 @@ def changed(data: bytes, choose: random.Random) -> bytes:
 def _several(data, choose):
     records = [(opcode, data[begin:end]) for opcode, begin, end in mcap_scan.records_in_chunk(data)]
     if not records:
-        return guided.scrambled(data, choose)
+        return coverage_guided.mutate_bytes(data, choose)
     at = choose.randrange(len(records))
     how = choose.random()
     if how < 0.8:
@@ -107,37 +107,37 @@ def _record(opcode, body, choose):
     if opcode == Opcode.MESSAGE:
         head = MESSAGE_HEADER.itemsize
         if choose.random() < 0.8:
-            return body[:head] + guided.scrambled(body[head:], choose)
+            return body[:head] + coverage_guided.mutate_bytes(body[head:], choose)
     elif opcode in KINDS and choose.random() < 0.9:
         try:
             record = KINDS[opcode].read(ReadDataStream(BytesIO(body)))
             CHANGES[opcode](record, choose)
         except BROKEN:
-            return guided.scrambled(body, choose)
+            return coverage_guided.mutate_bytes(body, choose)
         built = RecordBuilder()
         record.write(built)
         return built.end()[mcap_scan.RECORD_PREFIX.size :]
-    return guided.scrambled(body, choose)
+    return coverage_guided.mutate_bytes(body, choose)
 
 
 def _schema(record, choose):
     if choose.random() < 0.8:
-        text = guided.reworded(record.data.decode('utf-8', 'ignore'), WORDS, choose)
+        text = coverage_guided.mutate_text(record.data.decode('utf-8', 'ignore'), WORDS, choose)
         record.data = text.encode()
     else:
-        record.name = guided.reworded(record.name, WORDS, choose)
+        record.name = coverage_guided.mutate_text(record.name, WORDS, choose)
 
 
 def _channel(record, choose):
     if choose.random() < 0.2:
-        record.topic = guided.reworded(record.topic, WORDS, choose)
+        record.topic = coverage_guided.mutate_text(record.topic, WORDS, choose)
     else:
         _values(record.metadata, choose)
 
 
 def _values(noted, choose):
     name = choose.choice([*noted, 'offered_qos_profiles'])
-    noted[name] = guided.reworded(noted.get(name, ''), WORDS, choose)
+    noted[name] = coverage_guided.mutate_text(noted.get(name, ''), WORDS, choose)
 
 
 def _chunk(record, choose):

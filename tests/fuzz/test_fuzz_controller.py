@@ -1,14 +1,14 @@
-"""No message ends the controller, and none makes it say something that must not be said.
+"""No message crashes the controller or makes it send an invalid command.
 
-What a message leads to is counted: turned down or never used, answered by a solve, or by a rung of
-the ladder below. Only what a solve answered has been through the whole controller.
+The outcomes of messages are counted: rejected or unused, answered by a solve, or by a lower
+fallback level. Only inputs answered by a solve have passed through the whole controller.
 """
 
-import hostile
-import nodes
+import hostile_messages
+import node_bench
 import pytest
-import scenes
-from answering import FALLBACK, SILENT, SOLVE, Driver, punctual
+import situations
+from controller_driver import FALLBACK, SILENT, SOLVE, Driver, realtime_priority
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 pytestmark = [pytest.mark.ros, pytest.mark.filterwarnings('error::RuntimeWarning')]
 FUZZ = settings.get_profile('fuzz')
 BATCH = 10  # inputs per example
-SCENES = {'lockstep': 8, 'realtime': 40}  # per example
-# of the scenes: others cannot be driven; on the wall clock a busy machine takes the solver's time
-LEAST_SOLVED = {'lockstep': 0.3, 'realtime': 0.1}
+SITUATIONS = {'lockstep': 8, 'realtime': 40}  # per example
+# share of the situations: some are infeasible, and on a busy machine the solver runs out of time
+MIN_SOLVED = {'lockstep': 0.3, 'realtime': 0.1}
 ACTUATORS, ODOMETRY = '/vehicle/actuators', '/vehicle/odometry'
 TOPICS = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles', ACTUATORS, ODOMETRY)
 
@@ -28,41 +28,41 @@ TOPICS = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles', 
     scope='module', params=['lockstep', pytest.param('realtime', marks=pytest.mark.alone)]
 )
 def driver(request):
-    with nodes.running('controller', request.param) as bench, punctual(request.param):
+    with node_bench.running('controller', request.param) as bench, realtime_priority(request.param):
         driver = Driver(bench)
         driver.recover()
         yield driver
 
 
 @pytest.mark.parametrize('topic', TOPICS)
-def test_the_controller_outlives_every_message_and_solves_for_the_next_state(driver, topic, count):
+def test_the_controller_survives_every_message_and_solves_for_the_next_state(driver, topic, count):
     @FUZZ
-    @given(st.lists(hostile.changes(), min_size=BATCH, max_size=BATCH))
-    def told(changes):
+    @given(st.lists(hostile_messages.changes(), min_size=BATCH, max_size=BATCH))
+    def example(changes):
         for change in changes:
-            outcome = tell_hostile(driver, topic, change)
+            outcome = send_hostile(driver, topic, change)
             count(topic, outcome=f'{outcome}, {driver.bench.mode}')
         driver.recover()
 
-    told()
+    example()
 
 
-def tell_hostile(driver, topic, change):
-    """Tell one hostile message among sound ones; return how the state of its tick was answered."""
-    if topic == ACTUATORS:  # nobody asks for them but at a start
+def send_hostile(driver, topic, change):
+    """Send one hostile message among valid ones; return the outcome of its tick."""
+    if topic == ACTUATORS:  # they are used only at a start
         driver.restart()
     stamp_ns = driver.next_tick()
-    message = hostile.changed(nodes.sound(stamp_ns)[topic], change)
+    message = hostile_messages.changed(node_bench.valid_messages(stamp_ns)[topic], change)
     if topic == ODOMETRY:
-        driver.tell_sound(ODOMETRY)
-        driver.tell(topic, message)
+        driver.send_valid(ODOMETRY)
+        driver.send(topic, message)
         answer, used = driver.look(), driver.node.inputs.state == message
         return answer.outcome if used else SILENT
-    driver.tell_sound(*((ACTUATORS, ODOMETRY) if topic == ACTUATORS else (ODOMETRY,)))
+    driver.send_valid(*((ACTUATORS, ODOMETRY) if topic == ACTUATORS else (ODOMETRY,)))
     scene = driver.node.controller.scene
-    driver.tell(topic, message)
+    driver.send(topic, message)
     used = topic == ACTUATORS or driver.node.controller.scene is not scene
-    driver.tell_sound(*(one for one in TOPICS if one != ODOMETRY))
+    driver.send_valid(*(one for one in TOPICS if one != ODOMETRY))
     answer = driver.look()
     return answer.outcome if used else SILENT
 
@@ -72,19 +72,23 @@ def test_every_valid_situation_is_answered_and_enough_of_them_by_a_solve(driver,
 
     @FUZZ
     @given(st.integers(0, 2**32 - 1))
-    def told(seed):
-        for number, scene in enumerate(scenes.scenes(seed, SCENES[driver.bench.mode])):
-            if number % (2 * scenes.TICKS) == 0:  # every other scene begins with a cold solver
+    def example(seed):
+        for number, situation in enumerate(
+            situations.generate_situations(seed, SITUATIONS[driver.bench.mode])
+        ):
+            if (
+                number % (2 * situations.TICKS) == 0
+            ):  # every other situation begins with a cold solver
                 driver.restart()
             stamp_ns = driver.next_tick()
-            driver.tell(ACTUATORS, nodes.sound(stamp_ns)[ACTUATORS])
-            for topic, message in scene.messages(stamp_ns).items():
-                driver.tell(topic, message)
+            driver.send(ACTUATORS, node_bench.valid_messages(stamp_ns)[ACTUATORS])
+            for topic, message in situation.messages(stamp_ns).items():
+                driver.send(topic, message)
             answer = driver.look()
-            assert answer.stamp_ns == stamp_ns, (answer, scene)
+            assert answer.stamp_ns == stamp_ns, (answer, situation)
             tried[answer.outcome] += 1
-            count('scene', outcome=f'{answer.outcome}, {driver.bench.mode}')
+            count('situation', outcome=f'{answer.outcome}, {driver.bench.mode}')
         driver.recover()
 
-    told()
-    assert tried[SOLVE] >= LEAST_SOLVED[driver.bench.mode] * sum(tried.values()), tried
+    example()
+    assert tried[SOLVE] >= MIN_SOLVED[driver.bench.mode] * sum(tried.values()), tried

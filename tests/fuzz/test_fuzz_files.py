@@ -4,7 +4,7 @@ import struct
 import warnings
 from functools import partial
 
-import hostile
+import hostile_messages
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -69,8 +69,8 @@ def edited(text, several):
     return '\n'.join(lines)
 
 
-def complaint(error, use, *given):
-    """Return what the one error says that may come, None when there is none."""
+def error_text(error, use, *given):
+    """Return the text of the one allowed error, None without an error."""
     try:
         use(*given)
     except error as raised:
@@ -88,13 +88,13 @@ def test_every_scenario_is_read_or_refused_with_a_reason(name, count):
 
     @FUZZ
     @given(batch(edits))
-    def tried(several):
+    def example(several):
         for one in several:
-            told = complaint(scenario.ScenarioError, scenario.parse, edited(text, one), 'a.yaml')
-            assert told is None or told.startswith('a.yaml')
+            error = error_text(scenario.ScenarioError, scenario.parse, edited(text, one), 'a.yaml')
+            assert error is None or error.startswith('a.yaml')
             count('scenario')
 
-    tried()
+    example()
 
 
 @pytest.mark.parametrize('name', CONFIGS)
@@ -105,14 +105,14 @@ def test_every_parameter_file_is_read_or_refused_with_a_reason(name, tmp_path, c
 
     @FUZZ
     @given(batch(edits))
-    def tried(several):
+    def example(several):
         for one in several:
             path.write_text(edited(text, one))
-            told = complaint(ParameterError, parameters.load, cls, path)
-            assert told is None or str(path) in told
+            error = error_text(ParameterError, parameters.load, cls, path)
+            assert error is None or str(path) in error
             count('parameter file')
 
-    tried()
+    example()
 
 
 def test_every_contract_is_read_or_refused_with_a_reason(tmp_path, count):
@@ -121,14 +121,14 @@ def test_every_contract_is_read_or_refused_with_a_reason(tmp_path, count):
 
     @FUZZ
     @given(st.lists(edits, min_size=2, max_size=2))
-    def tried(several):
+    def example(several):
         for one in several:
             path.write_text(edited(text, one))
-            told = complaint(YamlError, contract.load, path)
-            assert told is None or str(path) in told
+            error = error_text(YamlError, contract.load, path)
+            assert error is None or str(path) in error
             count('contract')
 
-    tried()
+    example()
 
 
 @pytest.mark.parametrize('name', [name for name in CONFIGS if name != 'car.yaml'])
@@ -139,20 +139,20 @@ def test_every_parameter_given_at_start_is_taken_or_refused_with_a_reason(name, 
 
     @FUZZ
     @given(batch(st.tuples(number, number)))
-    def tried(several):
+    def example(several):
         for place, choice in several:
             chosen = known[place % len(known)]
             given_one = {chosen: SETTINGS[choice % len(SETTINGS)]}
-            told = complaint(ParameterError, node_parameters.resolve, cls, defaults, given_one)
-            if told is None:
+            error = error_text(ParameterError, node_parameters.resolve, cls, defaults, given_one)
+            if error is None:
                 _, declared = node_parameters.resolve(cls, defaults, given_one)
                 (one,) = (one for one in declared if one.name == chosen)
                 parameters.check(one.leaf, one.value, chosen, str)
             else:
-                assert chosen in told
+                assert chosen in error
             count('parameter')
 
-    tried()
+    example()
 
 
 @pytest.fixture(scope='module')
@@ -160,7 +160,8 @@ def bag(tmp_path_factory):
     """Return a folder for bags and the bytes of a sound one."""
     folder = tmp_path_factory.mktemp('bags')
     made, refused = record(
-        folder / 'sound', {name: [ros.serialize(hostile.example(name))] * 3 for name in TOPICS}
+        folder / 'sound',
+        {name: [ros.serialize(hostile_messages.example(name))] * 3 for name in TOPICS},
     )
     assert refused == []
     return folder, made.read_bytes()
@@ -193,7 +194,7 @@ def test_every_damaged_bag_is_read_mended_or_refused_with_a_reason(bag, count):
 
     @FUZZ
     @given(batch(st.tuples(at, lie, st.integers(1, 2 * len(sound)))))
-    def tried(several):
+    def example(several):
         for place, word, keep in several:
             data = bytearray(sound)
             struct.pack_into('<I', data, min(place, len(data) - 4), word)
@@ -202,7 +203,7 @@ def test_every_damaged_bag_is_read_mended_or_refused_with_a_reason(bag, count):
             look(file)
             count('bag')
 
-    tried()
+    example()
 
 
 def look(file):
@@ -210,14 +211,14 @@ def look(file):
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DamagedBagWarning)
         for use in (read.columns, repair.repair_bag):
-            told = complaint(BagError, use, file)
-            assert told is None or str(file) in told
-    if told is None:
+            error = error_text(BagError, use, file)
+            assert error is None or str(file) in error
+    if error is None:
         with warnings.catch_warnings():
             warnings.simplefilter('error', DamagedBagWarning)
             assert repair.repair_bag(file).intact
-            told = complaint(BagError, read.load, file)
-            assert told in (None, f'{file}: the bag holds no message')
+            error = error_text(BagError, read.load, file)
+            assert error in (None, f'{file}: the bag holds no message')
     for left in file.parent.glob('damaged_0.mcap*'):
         left.unlink()
 
@@ -225,12 +226,12 @@ def look(file):
 @pytest.mark.parametrize('topic', TOPICS)
 def test_what_cannot_be_read_is_recorded_all_the_same(topic, tmp_path, count):
     @FEWER
-    @given(batch(hostile.raws(topic), BAG))
-    def tried(raws):
+    @given(batch(hostile_messages.raws(topic), BAG))
+    def example(raws):
         used, refused = record(tmp_path / f'bag{len(list(tmp_path.iterdir()))}', {topic: raws})
         assert (topic, 0) not in refused
         kept = [raw for number, raw in enumerate(raws) if (topic, number) not in refused]
         assert read.load(used).recordings[topic].payloads == kept
         count('recorder', len(raws))
 
-    tried()
+    example()

@@ -1,11 +1,11 @@
-"""No message ends the plant, and no absurd one is followed."""
+"""No message crashes the plant, and it follows no invalid command."""
 
-import nodes
+import node_bench
 import numpy as np
 import pytest
+from batches import BATCH, batches, send_all
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from telling import BATCH, batches, tell_all
 
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.types import Command
@@ -22,7 +22,7 @@ FUZZ = settings.get_profile('fuzz')
 
 @pytest.fixture(params=['lockstep', 'realtime'])
 def plant(request):
-    with nodes.running('plant', request.param) as bench:
+    with node_bench.running('plant', request.param) as bench:
         yield bench
 
 
@@ -30,10 +30,10 @@ def begin(bench):
     """Start a run of a plant, which drives once; on the wall clock a command must let it go."""
     if bench.node.mode.stepper is not None:
         bench.renew()
-    nodes.tell_path(bench.node, START_NS)
+    node_bench.send_path(bench.node, START_NS)
     bench.node.mode.begin()
     if bench.mode == 'realtime':
-        bench.node.mode.start_run(decode.command(nodes.command(START_NS)))
+        bench.node.mode.start_run(decode.command(node_bench.command(START_NS)))
 
 
 @pytest.fixture
@@ -51,24 +51,24 @@ def followed(monkeypatch):
     return passed
 
 
-def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant, followed, count):
+def test_the_plant_survives_every_command_and_follows_no_invalid_one(plant, followed, count):
     topic = '/controller/command'
     taken, refused = [], []  # how many, batch by batch
 
     @FUZZ
     @given(batches(topic), st.lists(WITHIN_THE_CONTRACT, min_size=BATCH, max_size=BATCH))
-    def told(batch, sound):
+    def example(batch, sound):
         if plant.node.mode.stepper is None or plant.node.mode.stepper.outcome:
             begin(plant)
         mode = plant.node.mode
         for message in batch[0]:  # that the plant waits for, but for what is wrong with them
             sec, nanosec = conversions.split_stamp(mode.stepper.car.stamp_ns)
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-        tell_all(plant, topic, batch, count)
+        send_all(plant, topic, batch, count)
         for delta, Fxf, Fxr in sound:
             now_ns = mode.stepper.car.stamp_ns
             message = encode.command(Command(now_ns, delta, 0.0, Fxf, Fxr))
-            nodes.tell(plant.node, topic, message)
+            node_bench.send(plant.node, topic, message)
             count(topic)
         if plant.mode == 'realtime':
             mode.on_step()
@@ -89,25 +89,25 @@ def test_the_plant_outlives_every_command_and_follows_none_that_is_absurd(plant,
                 most = car.gate.force_tolerance_n
                 assert -axle.brake_n - most <= force <= axle.drive_n + most
 
-    told()
+    example()
     assert sum(taken) > 0
     assert max(refused) > 0
 
 
-def test_the_plant_outlives_every_path_and_starts_on_none_that_is_absurd(plant, count):
+def test_the_plant_survives_every_path_and_starts_on_no_invalid_one(plant, count):
     topic = '/scenario/reference'
-    nodes.tell_path(plant.node, START_NS)
+    node_bench.send_path(plant.node, START_NS)
     kept = [plant.node.reference]
 
     @FUZZ
     @given(batches(topic))
-    def told(batch):
+    def example(batch):
         messages, raws = batch
         for one in [([message], []) for message in messages] + [([], [raw]) for raw in raws]:
-            tell_all(plant, topic, one, count)
+            send_all(plant, topic, one, count)
             if plant.node.reference is not kept[-1]:
                 kept.append(plant.node.reference)
                 assert np.isfinite(plant.node.simulator_at(START_NS).now.rows).all()
 
-    told()
+    example()
     assert len(kept) > 1

@@ -1,14 +1,14 @@
-"""No message ends the scenario node, and what it says obeys the contract."""
+"""No message crashes the scenario node, and its messages obey the contract."""
 
 import time
 
-import hostile
-import nodes
+import hostile_messages
+import node_bench
 import pytest
+from batches import BATCH, batches, send_all
 from diagnostic_msgs.msg import KeyValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from telling import BATCH, batches, tell_all
 
 from msgs_yaml import conformance
 from node_runtime import ros
@@ -25,63 +25,63 @@ instants = st.one_of(
 
 @pytest.fixture
 def scenario(request):
-    with nodes.running('scenario', request.param) as bench:
+    with node_bench.running('scenario', request.param) as bench:
         yield bench
 
 
-def plant_began(text):
+def health_of_plant(text):
     """Return the serialised health of a plant that says when its run began."""
-    message = hostile.example(TELEMETRY)
+    message = hostile_messages.example(TELEMETRY)
     message.status[0].values.append(KeyValue(key='run_began_ns', value=text))
     return ros.serialize(message)
 
 
-def heard_after(scenario, speak):
-    """Return what the scenario says when it is made to speak; at least that is to be heard."""
+def messages_after(scenario, speak):
+    """Return the messages of the scenario after `speak()`, at least one."""
     end = time.monotonic() + PATIENCE_S
     while ros.missing_subscriptions(scenario.node, {OBSTACLES: 1}):
-        assert time.monotonic() < end, 'nobody listens'
+        assert time.monotonic() < end, 'no subscription'
         time.sleep(0.01)
     speak()
-    while not (said := scenario.drain()):
-        assert time.monotonic() < end, 'nothing heard'
+    while not (messages := scenario.drain()):
+        assert time.monotonic() < end, 'no message'
         time.sleep(0.001)
-    return said
+    return messages
 
 
-def check(said):
-    for name, message in said:
+def check(messages):
+    for name, message in messages:
         assert conformance.check(name, message) == []
 
 
 @pytest.mark.parametrize('scenario', ['lockstep'], indirect=True)
-def test_the_scenario_outlives_every_clock(scenario, count):
-    (heard,) = scenario.ears()
+def test_the_scenario_survives_every_clock(scenario, count):
+    (heard,) = scenario.subscriptions()
 
     @FUZZ
     @given(batches(heard.topic_name))
-    def told(batch):
-        tell_all(scenario, heard.topic_name, batch, count)
-        sound = hostile.example(heard.topic_name)
-        check(heard_after(scenario, lambda: heard.callback(sound)))
+    def example(batch):
+        send_all(scenario, heard.topic_name, batch, count)
+        sound = hostile_messages.example(heard.topic_name)
+        check(messages_after(scenario, lambda: heard.callback(sound)))
 
-    told()
+    example()
 
 
 @pytest.mark.parametrize('scenario', ['realtime'], indirect=True)
-def test_the_scenario_outlives_all_telemetry(scenario, count):
-    (heard,) = scenario.ears()
+def test_the_scenario_survives_all_telemetry(scenario, count):
+    (heard,) = scenario.subscriptions()
     assert heard.topic_name == TELEMETRY
-    heard.callback(plant_began('1'))  # from now on there is something to say
+    heard.callback(health_of_plant('1'))  # from now on there is something to say
 
     @FUZZ
     @given(batches(TELEMETRY), st.lists(instants, min_size=BATCH, max_size=BATCH))
-    def told(batch, began):
-        tell_all(scenario, TELEMETRY, batch, count)
-        check(heard_after(scenario, scenario.node.on_timer))
+    def example(batch, began):
+        send_all(scenario, TELEMETRY, batch, count)
+        check(messages_after(scenario, scenario.node.on_timer))
         for text in began:
-            heard.callback(plant_began(text))
+            heard.callback(health_of_plant(text))
             count(TELEMETRY)
-            check(heard_after(scenario, scenario.node.on_timer))
+            check(messages_after(scenario, scenario.node.on_timer))
 
-    told()
+    example()

@@ -1,4 +1,4 @@
-"""Each real node alone, made in this process, with somebody who listens to what it says."""
+"""A single real node in this process, with a listener for its messages."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -36,7 +36,7 @@ X = np.linspace(0.0, 900.0, 10)
 
 
 class Inbox:
-    """What a controller takes its actuators from, filled without the middleware."""
+    """The input of actuators of a controller, filled without the middleware."""
 
     topic_name, raw = '/vehicle/actuators', True
 
@@ -45,65 +45,65 @@ class Inbox:
         self.newest, self.look = None, node.advance
 
     def callback(self, raw: bytes) -> None:
-        """Put a message in place of the one before."""
+        """Replace the newest message."""
         self.newest = raw
         self.look()
 
     def take(self) -> bytes | None:
-        """Return what came since the last call."""
+        """Return the message since the last call, None for none."""
         raw, self.newest = self.newest, None
         return raw
 
     def destroy(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there is no subscription."""
 
 
 @dataclass
-class Bench:
-    """A node and what is around it."""
+class NodeBench:
+    """A node under test and its listener."""
 
     name: str
     mode: str
     node: Node
     listener: Node
-    inlets: list
+    outputs: list
 
     def renew(self) -> None:
-        """Put a new node of the same kind in place of this one."""
+        """Replace the node by a new one of the same kind."""
         self.node.destroy_node()
         self.node = NODES[self.name]()
 
-    def ears(self) -> list:
+    def subscriptions(self) -> list:
         """Return the subscriptions of the node to topics of the contract."""
-        return ears(self.node)
+        return subscriptions(self.node)
 
     def drain(self) -> list[Any]:
-        """Return what the node has said since the last call."""
-        said = []
-        for inlet in self.inlets:
-            with inlet.handle:
-                while taken := inlet.handle.take_message(inlet.msg_type, False):
-                    said.append((inlet.topic_name, taken[0]))
-        return said
+        """Return the messages of the node since the last call."""
+        messages = []
+        for output in self.outputs:
+            with output.handle:
+                while taken := output.handle.take_message(output.msg_type, False):
+                    messages.append((output.topic_name, taken[0]))
+        return messages
 
 
 @contextmanager
-def running(name: str, mode: str) -> Iterator[Bench]:
-    """Make a node in a ROS domain of its own, and destroy it in the end."""
+def running(name: str, mode: str) -> Iterator[NodeBench]:
+    """Create a node in a ROS domain of its own; destroy it at the end."""
     with domain.reserved({}) as number:
         rclpy.init(args=['--ros-args', '-p', f'mode:={mode}'], domain_id=number)
         try:
-            yield from _made(name, mode)
+            yield from _create(name, mode)
         finally:
             rclpy.shutdown()
 
 
-def _made(name, mode):
+def _create(name, mode):
     listener = rclpy.create_node('listener', start_parameter_services=False)
     listener.declare_parameter(node_parameters.MODE, mode)
-    said = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
-    inlets = [ros.subscribe(listener, said[name], print)] if name in said else []
-    bench = Bench(name, mode, NODES[name](), listener, inlets)
+    topics = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
+    outputs = [ros.subscribe(listener, topics[name], print)] if name in topics else []
+    bench = NodeBench(name, mode, NODES[name](), listener, outputs)
     if name == 'controller':
         bench.node.inputs.newest_actuators = Inbox(bench.node)
     yield bench
@@ -111,15 +111,15 @@ def _made(name, mode):
     listener.destroy_node()
 
 
-def ears(node: Node) -> list:
-    """Return by what a node hears the topics of the contract."""
+def subscriptions(node: Node) -> list:
+    """Return the subscriptions of a node to topics of the contract."""
     topics = contract.load().topics
-    heard = [one for one in node.subscriptions if one.topic_name in topics]
+    own = [one for one in node.subscriptions if one.topic_name in topics]
     inputs = getattr(node, 'inputs', None)
-    return heard if inputs is None else [*heard, inputs.newest_actuators]
+    return own if inputs is None else [*own, inputs.newest_actuators]
 
 
-def sound(stamp_ns: int) -> dict[str, Any]:
+def valid_messages(stamp_ns: int) -> dict[str, Any]:
     """Return a valid message of every input of a controller by topic, the state last."""
     path = Reference(stamp_ns, X, 0 * X, 0 * X, X / 20.0)
     obstacle = Obstacle(1, 60.0, 3.0, 0.5, 0.0, 0.0)
@@ -133,23 +133,23 @@ def sound(stamp_ns: int) -> dict[str, Any]:
     }
 
 
-def tell_path(node: Node, stamp_ns: int) -> None:
-    """Tell a node a valid path."""
-    tell(node, '/scenario/reference', sound(stamp_ns)['/scenario/reference'])
+def send_path(node: Node, stamp_ns: int) -> None:
+    """Send a node a valid path."""
+    send(node, '/scenario/reference', valid_messages(stamp_ns)['/scenario/reference'])
 
 
-def hearing(node: Node, topic: str) -> Any:
-    """Return by what a node hears a topic."""
-    (heard,) = (one for one in ears(node) if one.topic_name == topic)
-    return heard
+def subscription(node: Node, topic: str) -> Any:
+    """Return the subscription of a node to a topic."""
+    (result,) = (one for one in subscriptions(node) if one.topic_name == topic)
+    return result
 
 
-def tell(node: Node, topic: str, message: Any) -> None:
+def send(node: Node, topic: str, message: Any) -> None:
     """Call the callback of a node's subscription, with bytes where it takes bytes."""
-    heard = hearing(node, topic)
-    heard.callback(ros.serialize(message) if heard.raw else message)
+    receiver = subscription(node, topic)
+    receiver.callback(ros.serialize(message) if receiver.raw else message)
 
 
 def command(stamp_ns: int) -> Any:
-    """Return a sound command."""
+    """Return a valid command."""
     return encode.command(Command(stamp_ns, 0.01, 0.0, -100.0, -50.0))

@@ -1,8 +1,8 @@
-"""Valid but hostile situations for a controller, over the range of the contract and beyond sense.
+"""Valid but extreme situations for a controller, over the whole range of the contract.
 
-A car that drives along its path at an ordinary speed, but for one to three of ASPECTS: those may
-have any value that a sender may send. So it slides, spins, crawls, leaves the road, drives the
-wrong way, stands between and inside of obstacles, on roads that are narrow or bent.
+A car drives along its path at an ordinary speed, except for one to three of ASPECTS with any value
+of the contract: it slides, spins, crawls, leaves the road, drives in the wrong direction, or is
+between or inside of obstacles, on narrow or bent roads.
 """
 
 from collections.abc import Iterator
@@ -20,12 +20,12 @@ ASPECTS = (
 TICKS = 4  # of a scene, in which the car goes on as it moves
 TICK_S = 0.05
 LENGTH_M, SPACING_M = 200.0, 5.0  # of the path
-MOST_SPEED, MOST_SIDE_SPEED, MOST_YAW_RATE = 110.0, 55.0, 9.0  # of the contract: 120, 60, 10
+MAX_SPEED, MAX_SIDE_SPEED, MAX_YAW_RATE = 110.0, 55.0, 9.0  # of the contract: 120, 60, 10
 COUNTS = (0, 1, 2, 4, 5, 12, 150)  # of obstacles; more than 200 with a velocity are refused
 
 
-class Scene(NamedTuple):
-    """What a controller is told at one tick."""
+class Situation(NamedTuple):
+    """The inputs of a controller at one tick."""
 
     path: Reference
     edges: RoadEdges
@@ -42,8 +42,8 @@ class Scene(NamedTuple):
         }
 
 
-def scenes(seed: int, count: int) -> Iterator[Scene]:
-    """Yield `count` scenes, TICKS in a row that follow one another; the same for the same seed."""
+def generate_situations(seed: int, count: int) -> Iterator[Situation]:
+    """Yield `count` situations, TICKS in a row of the same drive; reproducible by the seed."""
     random = np.random.default_rng(seed)
     while count > 0:
         scene = _scene(random)
@@ -60,7 +60,7 @@ def _scene(random):
     at = int(random.integers(0, len(path.X) if 'place' in wild else len(path.X) // 2))
     state = _state(random, wild, path, at)
     obstacles = _obstacles(random, 'obstacles' in wild, path, at, state)
-    return Scene(path, _edges(random, 'edges' in wild, path), obstacles, state)
+    return Situation(path, _edges(random, 'edges' in wild, path), obstacles, state)
 
 
 def _path(random, any_bends, any_speed):
@@ -89,7 +89,7 @@ def _state(random, wild, path, at):
         return random.uniform(-most, most) if aspect in wild else random.normal(0.0, usual)
 
     side, turned = value('place', 0.5, 40.0), value('heading', 0.05, np.pi)
-    speed = random.uniform(0.0, MOST_SPEED) if 'speed' in wild else random.uniform(10.0, 25.0)
+    speed = random.uniform(0.0, MAX_SPEED) if 'speed' in wild else random.uniform(10.0, 25.0)
     sideslip = value('sideslip', 0.02, 1.5)
     psi = path.psi[at] + turned
     return VehicleState(
@@ -98,8 +98,8 @@ def _state(random, wild, path, at):
         path.Y[at] + side * np.cos(path.psi[at]),
         float((psi + np.pi) % (2 * np.pi) - np.pi),
         float(speed * np.cos(sideslip)),
-        float(np.clip(speed * np.sin(sideslip), -MOST_SIDE_SPEED, MOST_SIDE_SPEED)),
-        float(value('yaw rate', 0.1, MOST_YAW_RATE)),
+        float(np.clip(speed * np.sin(sideslip), -MAX_SIDE_SPEED, MAX_SIDE_SPEED)),
+        float(value('yaw rate', 0.1, MAX_YAW_RATE)),
     )
 
 

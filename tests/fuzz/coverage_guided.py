@@ -1,4 +1,4 @@
-"""What the coverage-guided fuzzers share: atheris, limits, a corpus to begin with, new words.
+"""Common parts of the coverage-guided fuzzers: atheris, limits, a seed corpus, mutations.
 
 Atheris is no requirement of the project: it has wheels for some versions of Python only.
 """
@@ -23,7 +23,7 @@ TOKEN = re.compile(r'\s+|[\w.]+|.')
 
 
 def instrumented(*packages: str) -> contextlib.AbstractContextManager:
-    """Import packages in this context, and the fuzzer sees which branches of them an input took."""
+    """Return a context in which imported packages are instrumented for branch coverage."""
     return atheris.instrument_imports(include=list(packages))
 
 
@@ -32,7 +32,7 @@ def run(
     mutate: Callable[[bytes, random.Random], bytes],
     seeds: Iterable[bytes],
 ) -> None:
-    """Give `look` inputs made by `mutate(data, choose)` from what was good before; never returns.
+    """Call `look` with inputs that `mutate(data, choose)` derives from the corpus; never returns.
 
     The command line is libFuzzer's: flags, then folders of inputs, the first of which grows, or
     files to look at once. An input that ends in an exception is kept where the last line says.
@@ -67,12 +67,12 @@ def scratch() -> Path:
     return Path(tempfile.mkdtemp(prefix=prefix, dir=memory if memory.is_dir() else None))
 
 
-def scrambled(data: bytes, choose: random.Random, room: int = 16) -> bytes:
+def mutate_bytes(data: bytes, choose: random.Random, room: int = 16) -> bytes:
     """Return bytes changed by libFuzzer itself, which tries what the program compares them with."""
     return atheris.Mutate(data, len(data) + choose.randrange(1, room))
 
 
-def reworded(text: str, words: Sequence[str], choose: random.Random) -> str:
+def mutate_text(text: str, words: Sequence[str], choose: random.Random) -> str:
     """Return a text with some of its words or lines changed, moved, doubled or left out."""
     for _ in range(choose.choice((1, 1, 1, 2, 4))):
         parts = text.splitlines(keepends=True) if choose.random() < 0.3 else TOKEN.findall(text)

@@ -1,7 +1,7 @@
-"""A controller node driven tick by tick with fresh stamps, and how it answers each state.
+"""A controller node driven tick by tick with fresh stamps, and its response to each state.
 
 The clock of the node, by which it judges the age of its inputs, is set to the instant of each tick:
-inputs are as fresh as in a drive however busy the machine is, and nobody waits for the next tick.
+inputs are as fresh as in a drive however busy the machine is, without waiting for the next tick.
 The time limits of the solvers remain those of the real clock.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import nodes
-from nodes import Bench
+import node_bench
+from node_bench import NodeBench
 
 from mpcc_controller.driving import fallback
 from msgs_yaml import conformance, decode
@@ -29,16 +29,16 @@ OUTCOMES = {
     **dict.fromkeys((fallback.SHIFTED, fallback.BRAKING), FALLBACK),
 }
 LATE_NS = 10**15  # in lockstep: time goes back at each restart
-BACK_NS = 10 * nodes.TICK_NS
+BACK_NS = 10 * node_bench.TICK_NS
 SILENCE_NS = 300_000_000  # without a state: beyond every limit of its age
 ROUNDING = 1e-6  # relative
-# of sound input until a solve answers; on the wall clock a busy machine takes the solver's time
-MOST_RECOVERY_TICKS = {'lockstep': 10, 'realtime': 100}
+# of valid input until a solve answers; on a busy machine the solver may run out of time
+MAX_RECOVERY_TICKS = {'lockstep': 10, 'realtime': 100}
 PRIORITY = 20  # of SCHED_FIFO, where the user may
 
 
 class Clock:
-    """The wall time of a node: begins with the real one, then stands unless it is moved."""
+    """The wall clock of a node: starts at the real time and advances only by `advance`."""
 
     def __init__(self, wall):
         self.instant_ns = wall.now_ns()
@@ -50,7 +50,7 @@ class Clock:
 
 
 @contextmanager
-def punctual(mode: str) -> Iterator[None]:
+def realtime_priority(mode: str) -> Iterator[None]:
     """Give this process real-time priority for a test on the wall clock, where the user may."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     if mode == 'realtime':
@@ -63,20 +63,20 @@ def punctual(mode: str) -> Iterator[None]:
                 os.sched_setscheduler(int(thread.name), *before)
 
 
-class Heard:
-    """A publisher whose messages are also given to somebody who looks at them."""
+class ObservedPublisher:
+    """A publisher that passes its messages to a callback before it publishes them."""
 
-    def __init__(self, publisher, look):
-        self.publisher, self.look = publisher, look
+    def __init__(self, publisher, callback):
+        self.publisher, self.callback = publisher, callback
 
     def publish(self, message) -> None:
-        """Look at a message and publish it."""
-        self.look(message)
+        """Call the callback and publish the message."""
+        self.callback(message)
         self.publisher.publish(message)
 
 
 class Answer(NamedTuple):
-    """How a state was answered."""
+    """The response to a state."""
 
     outcome: str
     reason: str  # rung and reason, as on /controller/why
@@ -87,16 +87,16 @@ UNANSWERED = Answer(SILENT, '', None)
 
 
 class Driver:
-    """Tells a controller node what a ring would, one tick after the other."""
+    """Sends a controller node the inputs of a drive, tick by tick."""
 
-    def __init__(self, bench: Bench):
+    def __init__(self, bench: NodeBench):
         self.bench, self.node = bench, bench.node
         self.realtime = bench.mode == 'realtime'
         self.clock = Clock(self.node.wall)
-        self.node.command_pub = Heard(self.node.command_pub, self.check)
-        self.node.why_pub = Heard(self.node.why_pub, self.on_why)
+        self.node.command_pub = ObservedPublisher(self.node.command_pub, self.check)
+        self.node.why_pub = ObservedPublisher(self.node.why_pub, self.on_why)
         self.answer = UNANSWERED
-        # a controller brakes for a vehicle whose states stop, not where there is none
+        # the controller brakes when the states of an existing publisher stop
         self.vehicle = ros.publisher(bench.listener, '/vehicle/odometry')
         self.stamp_ns = LATE_NS
         self.last: Command | None = None  # that was published, None after a restart
@@ -106,16 +106,16 @@ class Driver:
         """Begin a tick; return its stamp [ns]."""
         if self.realtime:
             now_ns = self.clock.instant_ns
-            self.clock.advance(nodes.TICK_NS - now_ns % nodes.TICK_NS)
+            self.clock.advance(node_bench.TICK_NS - now_ns % node_bench.TICK_NS)
             self.stamp_ns = self.clock.instant_ns
         else:
-            self.stamp_ns += nodes.TICK_NS
+            self.stamp_ns += node_bench.TICK_NS
         return self.stamp_ns
 
     def restart(self) -> None:
         """Make the controller start from the actuators at the next state.
 
-        On the wall clock no state comes for a while, and it brakes blindly; in lockstep time goes
+        On the wall clock there is no state for a while, so that it brakes; in lockstep time goes
         back.
         """
         if self.realtime:
@@ -130,31 +130,31 @@ class Driver:
         self.last = None
         self.reset(actuators)
 
-    def tell(self, topic: str, message) -> None:
+    def send(self, topic: str, message) -> None:
         """Call the callback of a topic with a message or its bytes."""
         raw = message if isinstance(message, bytes) else ros.serialize(message)
-        nodes.hearing(self.node, topic).callback(raw)
+        node_bench.subscription(self.node, topic).callback(raw)
 
-    def tell_sound(self, *but: str) -> None:
-        """Tell every input of the present tick, but for some topics; the state comes last."""
-        for topic, message in nodes.sound(self.stamp_ns).items():
+    def send_valid(self, *but: str) -> None:
+        """Send every input of the present tick except `but`; the state is the last one."""
+        for topic, message in node_bench.valid_messages(self.stamp_ns).items():
             if topic not in but:
-                self.tell(topic, message)
+                self.send(topic, message)
 
     def look(self) -> Answer:
-        """Let the node look at the time; return the last answer since the call before."""
+        """Run the node's periodic check; return the last answer since the previous call."""
         answer, self.answer = self.answer, UNANSWERED
         self.node.on_timer()
         self.bench.drain()
         return answer
 
     def on_why(self, message) -> None:
-        """Note how a state was answered."""
+        """Store the response to a state."""
         why = decode.why(message)
         self.answer = Answer(OUTCOMES[why.values['rung']], why.message, why.stamp_ns)
 
     def check(self, message) -> None:
-        """Assert that a command keeps the contract and the limits of the controller."""
+        """Assert that a command obeys the contract and the limits of the controller."""
         assert conformance.check('/controller/command', message) == []
         new, last, limits = decode.command(message), self.last, self.node.params.limits
         assert all(map(math.isfinite, new[1:])), new
@@ -169,16 +169,16 @@ class Driver:
         self.last = new
 
     def recover(self) -> Answer:
-        """Assert that a solve answers sound input again; return that answer."""
+        """Assert that a solve answers valid input again; return that answer."""
         reasons = []
-        for _ in range(MOST_RECOVERY_TICKS[self.bench.mode]):
+        for _ in range(MAX_RECOVERY_TICKS[self.bench.mode]):
             stamp_ns = self.next_tick()
-            self.tell_sound()
+            self.send_valid()
             answer = self.look()
             if answer.outcome == SOLVE and answer.stamp_ns == stamp_ns:
                 return answer
             reasons.append(answer)
-        raise AssertionError(f'no solve answered {len(reasons)} sound states in a row: {reasons}')
+        raise AssertionError(f'no solve answered {len(reasons)} valid states in a row: {reasons}')
 
 
 def _more(limit):

@@ -1,4 +1,4 @@
-"""Hostile messages: sound ones with something wrong in one or more places."""
+"""Hostile messages: valid messages with errors in one or more fields."""
 
 import array
 import copy
@@ -18,7 +18,15 @@ WHOLE = (0, 1, -1, 2, 3, 255, 2**31 - 1, -(2**31), 2**32 - 1, 10**9)
 WIDTHS = {'uint8': 'B', 'int8': 'b', 'uint32': 'I', 'int32': 'i', 'octet': 'B', 'byte': 'B'}
 TEXTS = ('', 'map', 'base_link', 'x' * 300, 'left', 'velocity', 'nan', '\x01', 'ü', 'steer')
 COUNTS = (0, 1, 2, 3, 17, 401, 5001)
-LIES = (0, 1, 2, 255, 65535, 2**31 - 1, 2**32 - 1)  # for what may be a count of elements
+WRONG_COUNTS = (
+    0,
+    1,
+    2,
+    255,
+    65535,
+    2**31 - 1,
+    2**32 - 1,
+)  # for words that may be counts of elements
 
 
 def example(topic: str) -> Any:
@@ -56,8 +64,8 @@ def places(message: Any) -> list[tuple[Any, str]]:
     return found
 
 
-def harm(message: Any, place: int, choice: int) -> None:
-    """Put something wrong into one place; numbers wrap as their type does."""
+def edit_field(message: Any, place: int, choice: int) -> None:
+    """Set one field to a wrong value; integers wrap as their type does."""
     everywhere = places(message)
     part, name = everywhere[place % len(everywhere)]
     kind = part.get_fields_and_field_types()[name]
@@ -77,27 +85,27 @@ def _wrong(value, kind, choice):
     if isinstance(value, bytes):
         return bytes([choice % 256])
     if isinstance(value, array.array) and choice % 2 and len(value):
-        harmed = array.array(value.typecode, value)
-        harmed[choice % len(value)] = NUMBERS[choice % len(NUMBERS)]
-        return harmed
+        edited = array.array(value.typecode, value)
+        edited[choice % len(value)] = NUMBERS[choice % len(NUMBERS)]
+        return edited
     if hasattr(value, 'dtype'):  # of fixed size
-        harmed = value.copy()
-        harmed[choice % len(harmed)] = NUMBERS[choice % len(NUMBERS)]
-        return harmed
+        edited = value.copy()
+        edited[choice % len(edited)] = NUMBERS[choice % len(NUMBERS)]
+        return edited
     count = COUNTS[choice % len(COUNTS)]
     return (value * (count // max(len(value), 1) + 1))[:count]
 
 
-def bent(raw: bytes, at: int, lie: int, keep: int) -> bytes:
-    """Return serialised bytes with a lie somewhere, cut off after `keep` of them when below."""
+def corrupt_bytes(raw: bytes, at: int, wrong: int, keep: int) -> bytes:
+    """Return serialised bytes with one wrong word, cut off after `keep` bytes."""
     data = bytearray(raw)
     place = 4 + at % max(len(data) - 8, 1) // 4 * 4
-    struct.pack_into('<I', data, place, LIES[lie % len(LIES)])
+    struct.pack_into('<I', data, place, WRONG_COUNTS[wrong % len(WRONG_COUNTS)])
     return bytes(data[: keep % (2 * len(data)) + 1])
 
 
-def harms() -> st.SearchStrategy:
-    """Return a strategy of what to do to a message: (place, choice) pairs."""
+def edits() -> st.SearchStrategy:
+    """Return a strategy of edits of a message: (place, choice) pairs."""
     number = st.integers(0, 9999)
     return st.lists(st.tuples(number, number), min_size=1, max_size=4)
 
@@ -106,43 +114,42 @@ Change = list | tuple | bytes
 
 
 def changes() -> st.SearchStrategy[Change]:
-    """Return a strategy of what to do to any message: see `changed`."""
+    """Return a strategy of changes of any message, see `changed`."""
     number = st.integers(0, 99999)
-    bends = st.tuples(number, number, number)
-    return st.one_of(harms(), bends, st.binary(max_size=64))
+    corruptions = st.tuples(number, number, number)
+    return st.one_of(edits(), corruptions, st.binary(max_size=64))
 
 
 def changed(message: Any, change: Change) -> bytes:
     """Return the bytes of a message after a change; the message itself stays.
 
-    A list names fields and what is put there, a tuple what is bent of the bytes; bytes come instead
-    of the message.
+    A list edits fields, a tuple corrupts the bytes, bytes replace the message.
     """
     if isinstance(change, bytes):
         return change
     if isinstance(change, tuple):
-        return bent(ros.serialize(message), *change)
-    return ros.serialize(_harmed(message, change))
+        return corrupt_bytes(ros.serialize(message), *change)
+    return ros.serialize(_edited(message, change))
 
 
 def messages(topic: str) -> st.SearchStrategy:
     """Return a strategy of hostile messages of a topic."""
-    sound = example(topic)
-    return harms().map(lambda several: _harmed(sound, several))
+    valid = example(topic)
+    return edits().map(lambda field_edits: _edited(valid, field_edits))
 
 
-def _harmed(sound, several):
-    message = copy.deepcopy(sound)
-    for place, choice in several:
-        harm(message, place, choice)
+def _edited(valid, field_edits):
+    message = copy.deepcopy(valid)
+    for place, choice in field_edits:
+        edit_field(message, place, choice)
     return message
 
 
 def raws(topic: str) -> st.SearchStrategy:
-    """Return a strategy of bytes that are nearly a message of a topic, or nothing like it."""
-    sound = ros.serialize(example(topic))
+    """Return a strategy of corrupted messages of a topic and of random bytes."""
+    valid = ros.serialize(example(topic))
     number = st.integers(0, 99999)
-    near = st.tuples(number, number, number).map(lambda given: bent(sound, *given))
+    near = st.tuples(number, number, number).map(lambda given: corrupt_bytes(valid, *given))
     return st.one_of(near, st.binary(max_size=64))
 
 
