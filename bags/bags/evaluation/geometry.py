@@ -1,7 +1,7 @@
-"""Plane geometry of the judge: polylines, circles and a rectangle; metres, radians, numpy only.
+"""Plane geometry: polylines, circles and the outline of the car; metres, radians, numpy only.
 
-Shares nothing with the controller's distances: here a polyline stays a polyline, and the vehicle
-is also judged by its true outline, not only by the circle the controller sees.
+Independent of the distances in the controller: a polyline is not smoothed, and the vehicle is
+evaluated by its true outline, too, not only by its circles.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ BLOCK = 64  # points that are projected at a time
 
 
 class Projection(NamedTuple):
-    """Where points lie along a polyline; every array has one entry per point."""
+    """Points in coordinates along a polyline; every array has one entry per point."""
 
     distance: np.ndarray  # m, from the start of the polyline to the foot
     offset: np.ndarray  # m, from the foot to the point, left of the driving direction positive
@@ -50,22 +50,22 @@ def distance_to_polyline(points, polyline):
 
 
 def offset_from_line(points, polyline):
-    """Return `distance_to_polyline` of a line that goes straight on beyond both of its ends.
+    """Return `distance_to_polyline` of a line that continues straight beyond both of its ends.
 
     There the distance is that from the line of the end segment: a point before the first vertex,
     but beside the line, is as far from it as its lateral offset.
     """
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
-    found = distance_to_polyline(points, polyline)
+    distance = distance_to_polyline(points, polyline)
     for end, inner in ((0, 1), (-1, -2)):
         outwards = polyline[end] - polyline[inner]
         relative = points - polyline[end]
-        nearest = np.abs(np.hypot(*relative.T) - np.abs(found)) <= TIE
+        nearest = np.abs(np.hypot(*relative.T) - np.abs(distance)) <= TIE
         rows = np.flatnonzero(nearest & (relative @ outwards > 0.0))
         forwards = outwards if end else -outwards
         x, y = relative[rows].T
-        found[rows] = (forwards[0] * y - forwards[1] * x) / np.hypot(*forwards)
-    return found
+        distance[rows] = (forwards[0] * y - forwards[1] * x) / np.hypot(*forwards)
+    return distance
 
 
 def _near(points, polyline, along):
@@ -118,21 +118,21 @@ def offset_polyline(line, offset):
 
 
 def project_drive(points, polyline, ahead):
-    """Project a drive on a polyline without ever jumping to another lap or to a crossing branch.
+    """Project a drive on a polyline without jumping to another lap or to a crossing branch.
 
-    `points` (m, 2) are in driving order. Each is looked for within `ahead` [m] behind and before
-    the foot of the one before it; the first one on the whole polyline. Return a Projection.
+    `points` (m, 2) are in driving order. Each is projected on the part of the polyline within
+    `ahead` [m] of the foot of the previous point; the first one on all of it. Return a Projection.
     """
     points = np.asarray(points, dtype=float)
     vertex = arc_length(polyline)
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
-    found = [_feet(points[:1], polyline, vertex, 0, len(vertex) - 1)]
+    parts = [_feet(points[:1], polyline, vertex, 0, len(vertex) - 1)]
     done, size = 1, BLOCK
     while done < len(points):
-        # many points at once: looked for wherever any of them may be, kept while that is where
-        # each of them was to be looked for
+        # many points at once, on all segments that any of them may need; kept while the result is
+        # that of each point on its own part
         block = slice(done, done + size)
-        before = found[-1].distance[-1]
+        before = parts[-1].distance[-1]
         reach = ahead + np.sum(moved[block][1:])
         wide = [int(end) for end in _segments(vertex, before, reach)]
         feet = _feet(points[block], polyline, vertex, *wide)
@@ -141,16 +141,16 @@ def project_drive(points, polyline, ahead):
         sound &= (wide[0] <= first) & (last <= wide[1])
         kept = len(sound) if sound.all() else int(np.argmin(sound))
         if kept:
-            found.append(_Feet(*(column[:kept] for column in feet)))
+            parts.append(_Feet(*(column[:kept] for column in feet)))
         done, size = done + kept, min(BLOCK, max(1, 2 * kept))
     distance, offset = (
-        np.concatenate([getattr(one, k) for one in found]) for k in Projection._fields
+        np.concatenate([getattr(part, k) for part in parts]) for k in Projection._fields
     )
     return Projection(distance, offset)
 
 
 class _Feet(NamedTuple):
-    """Where points are nearest to a polyline."""
+    """The nearest points of a polyline."""
 
     distance: np.ndarray  # m, as in Projection
     offset: np.ndarray  # m, as in Projection

@@ -38,7 +38,9 @@ def compute_series(drive: Drive) -> Series:
     motion, scene, facts = drive.motion, drive.scene, drive.facts
     points = np.column_stack([motion.x, motion.y])
     projection = geometry.project_drive(points, scene.reference, SEARCH_M)
-    positions = [obstacle_position(one, scene, motion.stamp_ns) for one in scene.obstacles]
+    positions = [
+        obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles
+    ]
     speed = np.hypot(motion.vx, motion.vy)
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(

@@ -150,13 +150,13 @@ def _draw_obstacles(plot, scene, facts, still):
     """Ellipses, not circles: the road is drawn wider than it is long."""
     if not scene.obstacles:
         return None
-    radius = np.array([one.radius for one in scene.obstacles])
+    radius = np.array([obstacle.radius for obstacle in scene.obstacles])
     touch = radius + facts.vehicle_radius
     source = ColumnDataSource(
         {
             'x': still['x'][0],
             'y': still['y'][0],
-            'id': [str(one.id) for one in scene.obstacles],
+            'id': [str(obstacle.id) for obstacle in scene.obstacles],
             'body': 2.0 * radius,
             'touch': 2.0 * touch,
             'unsafe': 2.0 * (touch + facts.safe_obstacle),

@@ -43,36 +43,36 @@ def table_lines(runs: Mapping[str, Mapping[str, Any]]) -> list[Line]:
 
 
 def _lines(metric, runs) -> Iterator[Line]:
-    values = [found[metric.name] for found in runs.values()]
+    values = [run[metric.name] for run in runs.values()]
     if metric.optional and all(value is None for value in values):
         return
     if not any(isinstance(value, Mapping) for value in values):
-        cells = [_cell(metric, found[metric.name], found) for found in runs.values()]
+        cells = [_cell(metric, run[metric.name], run) for run in runs.values()]
         yield Line(metric.title, metric.unit, cells, '')
         return
     for key in dict.fromkeys(key for value in values for key in value):
         paper = f'{metric.paper[key]:.{metric.decimals}f}' if key in metric.paper else ''
-        cells = [_cell(metric, found[metric.name].get(key), found) for found in runs.values()]
+        cells = [_cell(metric, run[metric.name].get(key), run) for run in runs.values()]
         yield Line(metric.title.format(metric.labels.get(key, key)), metric.unit, cells, paper)
 
 
-def _cell(metric: Metric, value, found) -> Cell:
+def _cell(metric: Metric, value, run) -> Cell:
     if value is None:
         return Cell(ABSENT)
     if isinstance(value, bool):
         good = value == metric.good_when
         # a good value is green only in a run that is sound; a bad one is red in every run
-        text = metric.yes.format(**found) if value else 'no'
-        return Cell(text, None if good and not is_sound(found) else good)
+        text = metric.yes.format(**run) if value else 'no'
+        return Cell(text, None if good and not is_sound(run) else good)
     if isinstance(value, list):
         texts = [f'{item["amount_m"]:.2f} at {item["x_m"]:.0f}' for item in value]
         return Cell('\n'.join(texts) or 'none')
     return Cell(f'{value:.{metric.decimals}f}')
 
 
-def is_sound(found: Mapping[str, Any]) -> bool:
+def is_sound(run: Mapping[str, Any]) -> bool:
     """Return whether a run stayed on the road and under control: otherwise nothing is green."""
-    return not (found.get('lost') or found.get('left_road'))
+    return not (run.get('lost') or run.get('left_road'))
 
 
 def build_table(comparison: Mapping[str, Any]) -> Table:
@@ -109,7 +109,7 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     Rows are named by their path in comparison.json, as in `min_v2o_per_obstacle_m.1` or
     `overshoots.0.x_m`; what a run does not have is an empty cell.
     """
-    columns = {name: dict(_flat(found)) for name, found in runs.items()}
+    columns = {name: dict(_flat(run)) for name, run in runs.items()}
     rows = dict.fromkeys(row for column in columns.values() for row in column)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')

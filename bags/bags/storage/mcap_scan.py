@@ -130,14 +130,14 @@ def _check_section_crc(data, position, opcode, body, length):
 
 def _next_chunk(data, position):
     """Return (begin, end, contents) of the first compressed chunk with a valid CRC, or None."""
-    for found in CODEC.finditer(data, position):
-        begin = found.start() - CODEC_AT
-        if begin < position or found.end() + SIZE.size > len(data):
+    for match in CODEC.finditer(data, position):
+        begin = match.start() - CODEC_AT
+        if begin < position or match.end() + SIZE.size > len(data):
             continue
         # its length is written twice; where they differ, the CRC decides
         ends = (
             begin + RECORD_PREFIX.size + RECORD_PREFIX.unpack_from(data, begin)[1],
-            found.end() + SIZE.size + SIZE.unpack_from(data, found.end())[0],
+            match.end() + SIZE.size + SIZE.unpack_from(data, match.end())[0],
         )
         for end in dict.fromkeys(ends):
             try:

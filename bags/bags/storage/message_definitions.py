@@ -79,15 +79,15 @@ def _expand(package, name, seen):
 
 def _dependencies(text, package):
     """Sorted 'package/Name' of every type used that is no primitive."""
-    found = set()
+    dependencies = set()
     for line in text.splitlines():
         code = line.partition('#')[0].split()
         if not code:
             continue
         base = re.split(r'<=|\[', code[0])[0]
         if base not in PRIMITIVES:
-            found.add(base if '/' in base else f'{package}/{base}')
-    return sorted(found)
+            dependencies.add(base if '/' in base else f'{package}/{base}')
+    return sorted(dependencies)
 
 
 @lru_cache(maxsize=64)
@@ -140,15 +140,15 @@ def _fields(text, package):
     fields = []
     for line in text.splitlines():
         code = line.partition('#')[0].strip()
-        found = FIELD.match(code)
-        if code and not found:
+        match = FIELD.match(code)
+        if code and not match:
             raise BagError(f'{line!r} is no field of a message')
         # a constant has the form of a field and then '='
-        if not code or code[found.end() :].lstrip().startswith('='):
+        if not code or code[match.end() :].lstrip().startswith('='):
             continue
-        base = found['base']
+        base = match['base']
         if base not in PRIMITIVES:
             base = '/'.join(split_type(base)) if '/' in base else f'{package}/{base}'
-        fixed = found['length'] if found['length'] and not found['bound'] else None
-        fields.append(Field(found['name'], base, found['array'] is not None, fixed and int(fixed)))
+        fixed = match['length'] if match['length'] and not match['bound'] else None
+        fields.append(Field(match['name'], base, match['array'] is not None, fixed and int(fixed)))
     return tuple(fields) or (FILLER,)

@@ -84,22 +84,24 @@ def repair_bag(path: Path | str) -> Repair:
     )
 
 
-def _repair_file(file, found, described):
+def _repair_file(file, contents, described):
     kept = None
-    if not found.indexed or found.damage:
-        kept = _replace(file, found, described)
-    times = found.log_ns if len(found.log_ns) else np.zeros(1, dtype=np.int64)
-    counts = Counter(found.topics[channel].name for channel in found.channel.tolist())
-    span = Span(len(found.payloads), int(times.min()), int(times.max()))
-    return FileRepair(file, kept, found.damage, FileFacts(file.name, span, counts), found.nameless)
+    if not contents.indexed or contents.damage:
+        kept = _replace(file, contents, described)
+    times = contents.log_ns if len(contents.log_ns) else np.zeros(1, dtype=np.int64)
+    counts = Counter(contents.topics[channel].name for channel in contents.channel.tolist())
+    span = Span(len(contents.payloads), int(times.min()), int(times.max()))
+    return FileRepair(
+        file, kept, contents.damage, FileFacts(file.name, span, counts), contents.nameless
+    )
 
 
-def _replace(file, found, described):
+def _replace(file, contents, described):
     """Replace a file by its rebuilt version; return the path of the damaged one."""
     draft = file.with_name(file.name + DRAFT)
     try:
         draft.unlink(missing_ok=True)
-        _write(draft, file.name, found, described)
+        _write(draft, file.name, contents, described)
         kept = _unused(file.with_name(file.name + KEPT))
         _second_name(file, kept)
         os.replace(draft, file)
@@ -109,11 +111,11 @@ def _replace(file, found, described):
     return kept
 
 
-def _write(draft, name, found: Contents, described):
-    index = {channel: i for i, channel in enumerate(found.topics)}
-    records = {key: values for key, values in found.records.items() if key != 'rosbag2'}
-    new = McapFile(draft, list(found.topics.values()) or described, records, name)
-    for channel, sequence, log_ns, publish_ns, data in found.messages:
+def _write(draft, name, contents: Contents, described):
+    index = {channel: i for i, channel in enumerate(contents.topics)}
+    records = {key: values for key, values in contents.records.items() if key != 'rosbag2'}
+    new = McapFile(draft, list(contents.topics.values()) or described, records, name)
+    for channel, sequence, log_ns, publish_ns, data in contents.messages:
         new.write(index[channel], log_ns, publish_ns, data, sequence)
     new.close({})
 

@@ -167,8 +167,8 @@ def _ahead(state, distance):
     return state.X + distance * np.cos(state.psi), state.Y + distance * np.sin(state.psi)
 
 
-def _mix(one, other, share):
-    return one + share * (other - one)
+def _mix(colour, other, share):
+    return colour + share * (other - colour)
 
 
 def _rgba(hex_colour: str, opacity=1.0):
