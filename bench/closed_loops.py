@@ -108,6 +108,6 @@ def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
 
 
 def make_controller(params: ControllerParams, friction: float) -> Controller:
-    """Return a controller of the car that its parameters name; it knows the road's friction."""
+    """Return a controller of its parameters' car; its model has the road's friction."""
     params = replace(params, model=replace(params.model, friction=friction))
     return Controller(params, car_file.load(params))

@@ -77,8 +77,8 @@ def _compiler():
     if command is None:
         return 'none'
     shown = [*command.split(), '--version']
-    done = subprocess.run(shown, capture_output=True, text=True, check=False, timeout=60)
-    return (done.stdout.splitlines() or [UNKNOWN])[0]
+    result = subprocess.run(shown, capture_output=True, text=True, check=False, timeout=60)
+    return (result.stdout.splitlines() or [UNKNOWN])[0]
 
 
 def _text(path):

@@ -78,7 +78,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--ticks', type=int, default=20000)
     parser.add_argument('--scenario', default='double_lane_change')
-    parser.add_argument('--solver', default='', help='fatrop, ipopt or riccati; default: as told')
+    parser.add_argument(
+        '--solver', default='', help='fatrop, ipopt or riccati; default: from the file'
+    )
     arguments = parser.parse_args()
     bare = memory().now
     scn, plant = scenario.load(arguments.scenario), plant_parameters.load()

@@ -121,7 +121,7 @@ def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> D
         iterations += timed.iterations
         seconds += timed.seconds
         prepared_s.append(controller.prepare())
-        timed.iterations, timed.seconds = [], []  # those of the preparation are told apart
+        timed.iterations, timed.seconds = [], []  # those of the preparation are counted separately
     more, ms = np.array(iterations) > 1, 1e3 * np.array(seconds)
     return Drive(
         cost=float(np.nansum(costs)),

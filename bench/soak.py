@@ -180,8 +180,8 @@ def watch(running, looks, drive, look_s, seconds):
     while running['plant'].code is None:
         began = time.thread_time()
         processes.check_running([one for role, one in running.items() if role != 'plant'])
-        said = running['controller'].log.read_text(errors='replace')
-        for role, process in running.items() if said.count(STARTED) >= drive else ():
+        output = running['controller'].log.read_text(errors='replace')
+        for role, process in running.items() if output.count(STARTED) >= drive else ():
             found = look(process.popen.pid)
             looks[role] += [found] if found else []
         if time.monotonic() > deadline:

@@ -50,9 +50,9 @@ def test_stolen_time_is_not_busy_time(monkeypatch, tmp_path):
 
 
 def test_pinning_leaves_one_core(cores):
-    said = machine.pin()
+    core = machine.pin()
     assert os.sched_getaffinity(0) == {max(cores)}
-    assert said == f'core {max(cores)}'
+    assert core == f'core {max(cores)}'
 
 
 def test_a_machine_that_does_not_pin_says_so(monkeypatch):

@@ -60,22 +60,22 @@ def test_what_grows_while_it_starts_is_none():
 @pytest.mark.parametrize('minutes', ['601', '0', 'nan'])
 def test_a_soak_that_cannot_be_driven_is_refused(minutes):
     command = [sys.executable, BENCH / 'soak.py', '--minutes', minutes]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert '0.1 to 600' in done.stderr
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert '0.1 to 600' in result.stderr
 
 
 @pytest.mark.usefixtures('dds')
 def test_a_short_drive_does_not_make_the_nodes_grow():
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, BENCH / 'soak.py', '--minutes', '0.4'],
         capture_output=True,
         text=True,
         timeout=200,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert 'nothing grew' in done.stdout
-    looks = [int(line.split()[1]) for line in done.stdout.splitlines()[1:5]]
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert 'nothing grew' in result.stdout
+    looks = [int(line.split()[1]) for line in result.stdout.splitlines()[1:5]]
     # a faster machine drives and looks faster: 95 looks on an idle one, 165 on a busy one
     assert min(looks) >= 50, 'a tenth of the run is five looks: fewer do not make a median'
 

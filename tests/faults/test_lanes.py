@@ -38,13 +38,13 @@ def test_lanes_are_parallel_processes(tmp_path):
 
 @pytest.mark.parametrize('count', [1, 2])
 def test_items_added_to_the_queue_meanwhile_are_processed_too(count):
-    queue, done = [(1,)], []
+    queue, processed = [(1,)], []
     with lanes.Lanes(count) as pool:
         for (number,), _ in pool.results(here, queue):
-            done.append(number)
+            processed.append(number)
             if number < 3:
                 queue.append((number + 1,))
-    assert done == [1, 2, 3]
+    assert processed == [1, 2, 3]
 
 
 @pytest.mark.parametrize('count', [1, 2])

@@ -44,10 +44,10 @@ def lost_s(processor, priority, program=OCCUPY):
     with stalls.Stalls() as measured:
         since_ns = time.time_ns()
         command = [sys.executable, '-c', program, str(processor), str(priority)]
-        done = subprocess.run(command, capture_output=True, text=True)
+        result = subprocess.run(command, capture_output=True, text=True)
         time.sleep(5 * stalls.TURN_S)
-    assert done.returncode == 0, done.stderr
-    return measured.lost_s(since_ns), float(done.stdout)
+    assert result.returncode == 0, result.stderr
+    return measured.lost_s(since_ns), float(result.stdout)
 
 
 @pytest.mark.alone

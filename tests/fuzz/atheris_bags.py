@@ -42,10 +42,10 @@ def check(data: bytes) -> None:
         before = attempt(read.load, FOLDER)
         if before is not None:
             use(before)
-        done = attempt(repair.repair_bag, FOLDER)
-        if done is not None:
-            assert repair.describe_repair(done)
-            compare(before, done, data)
+        repaired = attempt(repair.repair_bag, FOLDER)
+        if repaired is not None:
+            assert repair.describe_repair(repaired)
+            compare(before, repaired, data)
 
 
 def attempt(action, *arguments):
@@ -67,11 +67,11 @@ def use(bag: read.Bag) -> None:
         attempt(read.values, bag, topic)
 
 
-def compare(before: read.Bag | None, done: repair.Repair, data: bytes) -> None:
+def compare(before: read.Bag | None, repaired: repair.Repair, data: bytes) -> None:
     """Assert that nothing is lost and that the repaired file is complete, for other readers too."""
-    ((file, kept, *_),) = done.files
+    ((file, kept, *_),) = repaired.files
     assert (kept or file).read_bytes() == data
-    messages = sum(done.messages.values())
+    messages = sum(repaired.messages.values())
     after = attempt(read.load, FOLDER)
     if after is not None:
         assert after.damage is None

@@ -25,9 +25,9 @@ def seed(variable: str) -> int:
             timeout=30,
         ).stdout.strip()
     except (OSError, subprocess.SubprocessError) as error:
-        said = (getattr(error, 'stderr', None) or str(error)).strip()
+        output = (getattr(error, 'stderr', None) or str(error)).strip()
         warnings.warn(
-            f'the seed is 0, whatever the commit; git: {said}; another seed with {variable}=N',
+            f'the seed is 0, whatever the commit; git: {output}; another seed with {variable}=N',
             stacklevel=2,
         )
         return 0

@@ -19,7 +19,7 @@ def sources(tmp_path_factory):
 
 @pytest.fixture(scope='session')
 def empty(tmp_path_factory):
-    """An interpreter that knows none of our packages."""
+    """Return an interpreter without any of our packages."""
     return make_environment(tmp_path_factory.mktemp('empty') / 'venv')
 
 

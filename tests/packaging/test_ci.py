@@ -1,4 +1,4 @@
-"""The script of the continuous integration: the browser is there, or everybody is told."""
+"""The script of the continuous integration installs a browser or warns that it is missing."""
 
 import shutil
 import subprocess
@@ -32,8 +32,8 @@ def machine(tmp_path):
             program.chmod(0o755)
         given = {'PATH': str(tmp_path), 'TMPDIR': str(tmp_path), **dict(environment)}
         command = [tmp_path / 'bash', ROOT / '.ci' / 'run']
-        done = subprocess.run(command, env=given, capture_output=True, text=True, timeout=60)
-        return done.returncode, done.stdout + done.stderr
+        result = subprocess.run(command, env=given, capture_output=True, text=True, timeout=60)
+        return result.returncode, result.stdout + result.stderr
 
     return run
 
@@ -47,24 +47,24 @@ def test_a_browser_that_was_installed_is_required(machine):
 
 
 def test_an_installation_that_fails_is_shown_and_the_checks_go_on(machine):
-    code, said = machine(apt_get=BROKEN_APT)
-    assert (code, WITHOUT_BROWSER in said) == (7, True)
-    assert 'Chromium could not be installed (exit code 100)' in said
-    assert '  | E: no mirror answers' in said
+    code, output = machine(apt_get=BROKEN_APT)
+    assert (code, WITHOUT_BROWSER in output) == (7, True)
+    assert 'Chromium could not be installed (exit code 100)' in output
+    assert '  | E: no mirror answers' in output
 
 
 def test_a_machine_that_cannot_install_says_why_and_goes_on(machine):
-    code, said = machine()
-    assert (code, WITHOUT_BROWSER in said) == (7, True)
-    assert '  | there is no apt-get' in said
+    code, output = machine()
+    assert (code, WITHOUT_BROWSER in output) == (7, True)
+    assert '  | there is no apt-get' in output
 
 
 def test_a_user_who_may_not_install_is_told_and_the_checks_go_on(machine):
-    code, said = machine(apt_get=SOUND_APT, id='#!/bin/sh\necho 1000\n')
-    assert (code, WITHOUT_BROWSER in said) == (7, True)
-    assert '  | only root can install it' in said
+    code, output = machine(apt_get=SOUND_APT, id='#!/bin/sh\necho 1000\n')
+    assert (code, WITHOUT_BROWSER in output) == (7, True)
+    assert '  | only root can install it' in output
 
 
 def test_a_machine_that_cannot_have_something_may_be_exempted(machine):
-    _, said = machine(chromium=MAKE, environment={'REQUIRE_MOUNTS': '0'})
-    assert said == 'make check require=all chromium=no mounts=0\n'
+    _, output = machine(chromium=MAKE, environment={'REQUIRE_MOUNTS': '0'})
+    assert output == 'make check require=all chromium=no mounts=0\n'

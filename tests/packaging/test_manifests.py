@@ -55,10 +55,10 @@ def test_the_manifest_names_what_is_imported_and_nothing_else(package):
 @pytest.mark.parametrize('package', PACKAGES)
 def test_the_manifest_says_which_imports_have_no_key(package):
     text = (ROOT / package / 'package.xml').read_text()
-    said = ''.join(re.findall('<!--(.*?)-->', text, re.S))
+    comments = ''.join(re.findall('<!--(.*?)-->', text, re.S))
     without_key = {module for module in imports(package) if ROSDEP_KEYS.get(module, '') is None}
     for module in without_key:
-        assert re.search(rf'\b{DISTRIBUTIONS.get(module, module)}\b', said), module
+        assert re.search(rf'\b{DISTRIBUTIONS.get(module, module)}\b', comments), module
 
 
 def test_what_pip_installs_for_want_of_a_key_is_in_the_installation_for_ubuntu():

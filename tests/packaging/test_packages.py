@@ -42,14 +42,14 @@ def find_executable(prefixes, package, name):
 
 def prints_its_module(executable, environment, domain):
     """Ask the executable where its code lies: an unknown option makes argparse or rclpy answer."""
-    done = subprocess.run(
+    result = subprocess.run(
         [executable, '--ros-args', '-p', 'no_such_parameter:=1'],
         env={**environment, 'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
         text=True,
         timeout=60,
     )
-    return done.returncode, done.stdout + done.stderr
+    return result.returncode, result.stdout + result.stderr
 
 
 @pytest.mark.slow
@@ -71,9 +71,9 @@ def test_an_installed_node_refuses_an_unknown_parameter_by_name(colcon, domain, 
     environment = colcon if name == 'colcon' else dict(os.environ)
     prefixes = colcon['AMENT_PREFIX_PATH'].split(os.pathsep) if name == 'colcon' else [sys.prefix]
     executable = find_executable(prefixes, 'scenario_publisher', 'scenario_node')
-    code, said = prints_its_module(executable, environment, domain)
+    code, output = prints_its_module(executable, environment, domain)
     assert code != 0
-    assert 'no_such_parameter' in said
+    assert 'no_such_parameter' in output
 
 
 @pytest.mark.slow

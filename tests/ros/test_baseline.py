@@ -14,14 +14,14 @@ pytestmark = pytest.mark.usefixtures('dds')
 
 def said_by(program, *arguments):
     """Call `bags` or `experiments` as a user would; return what it printed."""
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, '-m', f'{program}.cli', *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=240,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
 
 
 def test_the_baseline_drives_the_double_lane_change_through_its_own_node(recorded_runs):

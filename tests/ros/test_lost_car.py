@@ -22,20 +22,20 @@ def test_a_car_that_spins_is_a_result(tmp_path):
     file.write_text(yaml.safe_dump(document))
     # the controller believes that the road is dry
     arguments = ('run', file, '--out', tmp_path, '--set', 'plant.friction=0.3')
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, '-m', 'experiments.cli', *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=SECONDS,
     )
     folder = tmp_path / 'too_fast'
-    assert (folder / 'comparison.json').is_file(), done.stdout + done.stderr
+    assert (folder / 'comparison.json').is_file(), result.stdout + result.stderr
     found = json.loads((folder / 'comparison.json').read_text())
     run = found['runs']['mpcc']
     assert (run['lost'], run['lost_how']) == (True, 'spun')
     assert f'spun at {run["lost_at_m"]:.0f} m' in run['verdict']
-    assert f'mpcc: {run["verdict"]}' in done.stdout
-    assert done.returncode == (0 if run['completed'] else 1)
+    assert f'mpcc: {run["verdict"]}' in result.stdout
+    assert result.returncode == (0 if run['completed'] else 1)
     bag = read.load(folder / 'mpcc')
     # backwards, and every message is within the contract
     assert read.columns(bag)['/vehicle/odometry'].vx_mps.min() < -20.0

@@ -26,16 +26,16 @@ def bag(tmp_path_factory):
     command += ['--mode', 'realtime', '--out', out, '--set', 'plant.stop.time_s=4.0']
     # a command that comes late because other processes have the machine does not stop the car
     command += ['--set', 'plant.command_age_s=1.0']
-    done = subprocess.run(
+    result = subprocess.run(
         command,
         capture_output=True,
         text=True,
         timeout=SECONDS,
     )
-    said = done.stdout + done.stderr
+    output = result.stdout + result.stderr
     # it is cut short before the finish line, and says so; nothing else may end it
-    assert done.returncode == 1, said
-    assert 'finish line not reached within 4 s' in said, said
+    assert result.returncode == 1, output
+    assert 'finish line not reached within 4 s' in output, output
     return read.load(out / 'double_lane_change' / 'mpcc')
 
 

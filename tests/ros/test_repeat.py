@@ -28,20 +28,20 @@ def repeat(folder, failing):
 
 
 def test_the_logs_of_every_failure_of_every_series_are_kept(tmp_path):
-    done = repeat(tmp_path, failing='tests/ros')
+    result = repeat(tmp_path, failing='tests/ros')
     logs = {log.name: log.read_text() for log in tmp_path.glob('repeat.*/*.log')}
     assert sorted(logs) == ['node_graph.1.log', 'node_graph.2.log', 'others.1.log']
     assert '--ignore' in logs['others.1.log']
     assert all('--ignore' not in logs[name] for name in ('node_graph.1.log', 'node_graph.2.log'))
-    assert '0 of 2 passed' in done.stdout
-    assert str(next(tmp_path.glob('repeat.*'))) in done.stdout
-    assert done.returncode == 1
+    assert '0 of 2 passed' in result.stdout
+    assert str(next(tmp_path.glob('repeat.*'))) in result.stdout
+    assert result.returncode == 1
 
 
 @pytest.mark.parametrize(('failing', 'code', 'kept'), [('--ignore', 1, 1), ('nothing', 0, 0)])
 def test_what_passed_leaves_nothing(tmp_path, failing, code, kept):
-    done = repeat(tmp_path, failing)
-    assert done.returncode == code
-    assert '2 of 2 passed' in done.stdout
+    result = repeat(tmp_path, failing)
+    assert result.returncode == code
+    assert '2 of 2 passed' in result.stdout
     assert len(list(tmp_path.glob('repeat.*/*'))) == kept
     assert len(list(tmp_path.glob('repeat.*'))) == kept

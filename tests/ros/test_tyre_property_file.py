@@ -21,8 +21,8 @@ def test_bags_run_drives_with_a_property_file_and_notes_its_coefficients(tmp_pat
     command = [sys.executable, '-m', 'experiments.cli', 'run', 'straight', '--out', 'runs']
     for setting in ('tyre_set=./my.tir', 'stop.x_m=15.0', 'stop.armed_after_m=1.0'):
         command += ['--set', f'plant.{setting}']
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)
-    assert done.returncode == 0, done.stdout + done.stderr
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)
+    assert result.returncode == 0, result.stdout + result.stderr
     bag = read.load(tmp_path / 'runs/straight/mpcc')
     noted = json.loads(bag.run_info['parameters'])['plant']
     assert noted['tyre_set'] == './my.tir'

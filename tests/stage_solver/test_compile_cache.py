@@ -1,4 +1,4 @@
-"""C code is compiled once for all processes; without a compiler the loss is said."""
+"""C code is compiled once for all processes; without a compiler one warning names the loss."""
 
 import ctypes
 import os
@@ -83,7 +83,7 @@ def test_processes_that_start_together_get_one_library(cache):
 
 
 @needs_compiler
-def test_a_source_with_a_mistake_shows_what_the_compiler_says(cache):
+def test_an_invalid_source_raises_with_the_output_of_the_compiler(cache):
     with pytest.raises(compile_cache.CompileError, match=r'(?s)refuses broken.*error:'):
         compile_cache.compile_library('int main( {', 'broken', ())
     assert not list(cache.glob('*.so'))
@@ -98,7 +98,7 @@ def test_without_a_compiler_there_is_no_library(monkeypatch):
     assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) is None
 
 
-def test_what_is_lost_without_a_compiler_is_said_once():
+def test_the_missing_compiler_is_warned_of_once():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         for _ in range(3):
@@ -107,7 +107,7 @@ def test_what_is_lost_without_a_compiler_is_said_once():
     assert 'no C compiler found: the test runs ten times slower' in str(caught[0].message)
 
 
-def test_the_cache_is_where_the_environment_says(monkeypatch, tmp_path):
+def test_the_environment_sets_the_folder_of_the_cache(monkeypatch, tmp_path):
     monkeypatch.delenv('MPCC_CACHE_DIR')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
     assert compile_cache.cache_dir() == tmp_path / 'xdg/mpcc'

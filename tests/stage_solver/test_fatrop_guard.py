@@ -38,8 +38,8 @@ def growth(problem):
     stage, last = stage_functions.make_stage(problem), stage_functions.make_last_stage(problem)
     _, J = stage.jacobian.map(HORIZON)(np.ones((2, HORIZON)), np.zeros((1, HORIZON)))
     _, j_last = last.jacobian(1.0, 0.0)
-    found = fatrop_guard.growth(problem, stage, last, ca.MX(J), ca.MX(j_last))
-    return float(ca.evalf(found))
+    expression = fatrop_guard.growth(problem, stage, last, ca.MX(J), ca.MX(j_last))
+    return float(ca.evalf(expression))
 
 
 @pytest.mark.parametrize(

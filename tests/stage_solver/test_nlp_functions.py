@@ -88,7 +88,7 @@ def test_slope_of_the_lagrangian_is_gradient_plus_multiplied_jacobian(point, fun
     assert np.allclose(flat(g), flat(functions['nlp_g'](v, p)), atol=1e-14)
 
 
-def test_fatrop_is_told_no_curvature_where_the_cost_counts_for_nothing(slalom, point):
+def test_the_hessian_of_fatrop_is_zero_where_the_cost_has_no_weight(slalom, point):
     _, _, P, v, lam_g = point
     fatrop, ipopt = (nlp_functions.build(slalom.problem, s)['nlp_hess_l'] for s in SOLVERS)
     slope, none = fatrop(v, P.ravel(), 0.0, lam_g)

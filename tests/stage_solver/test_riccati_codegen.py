@@ -82,8 +82,8 @@ def test_value_of_a_branch_not_taken_is_not_seen():
     function = ca.Function('stage', [x, p], [ca.if_else(a > 0, ca.log(a), 7)], ['x', 'p'], ['y'])
     X = np.ones((3, STAGES))
     X[0, ::2] = -1.0
-    found = compiled_function(function)(x=X, p=np.zeros((2, STAGES)))
-    assert np.array_equal(found[0][0, ::2], np.full(STAGES // 2, 7.0))
+    values = compiled_function(function)(x=X, p=np.zeros((2, STAGES)))
+    assert np.array_equal(values[0][0, ::2], np.full(STAGES // 2, 7.0))
 
 
 @pytest.mark.parametrize('kind', [riccati_codegen.make_stage, riccati_codegen.make_last_stage])
@@ -92,10 +92,10 @@ def test_stage_functions_and_derivatives_are_those_of_casadi(tight_slalom, kind)
         rng = np.random.default_rng(4)
         sizes = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
         inputs = {n: rng.uniform(-1, 1, (size, STAGES)) for n, size in sizes.items()}
-        found = compiled_function(function)(**inputs)
+        values = compiled_function(function)(**inputs)
         for k in range(STAGES):
             at_k = function.call([inputs[n][:, k] for n in function.name_in()])
-            for mine, reference in zip(found, at_k):
+            for mine, reference in zip(values, at_k):
                 assert np.allclose(mine[:, k], reference.nz[:].full().ravel(), 1e-12, 1e-13)
 
 

@@ -14,20 +14,20 @@ from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
 from stage_solver.stage_problem import Plan, ProblemError, shift
 
 
-def test_infeasible_problem_is_said_to_be_so_and_leaves_no_trace(tight_slalom, riccati):
+def test_an_infeasible_problem_is_reported_and_changes_no_later_solve(tight_slalom, riccati):
     own = riccati(tight_slalom.problem)
     before = own.solve(*tight_slalom.numbers)
     far = tight_slalom.bounds._replace(h_low=np.array([90.0]), h_high=np.array([91.0]))
-    found = own.solve(tight_slalom.x0, tight_slalom.P, far, tight_slalom.guess)
-    assert (found.status, found.message) == (FAILED, INFEASIBLE)
-    assert found.primal_residual > 1.0
-    assert np.isfinite(found.plan.X).all()
+    solution = own.solve(tight_slalom.x0, tight_slalom.P, far, tight_slalom.guess)
+    assert (solution.status, solution.message) == (FAILED, INFEASIBLE)
+    assert solution.primal_residual > 1.0
+    assert np.isfinite(solution.plan.X).all()
     after = own.solve(*tight_slalom.numbers)
     assert np.array_equal(after.plan.X, before.plan.X)
 
 
 @pytest.mark.parametrize('what', ['x0', 'P', 'X', 'U', 'limit'])
-def test_numbers_that_are_none_are_refused_by_name(tight_slalom, riccati, what):
+def test_values_that_are_not_finite_are_refused_by_name(tight_slalom, riccati, what):
     x0, P, bounds, guess = (
         tight_slalom.x0.copy(),
         tight_slalom.P.copy(),
@@ -36,20 +36,20 @@ def test_numbers_that_are_none_are_refused_by_name(tight_slalom, riccati, what):
     )
     targets = {'x0': x0, 'P': P[3], 'X': guess.X[3], 'U': guess.U[3], 'limit': bounds.u_low[3]}
     targets[what][1] = np.nan
-    found = riccati(tight_slalom.problem).solve(x0, P, bounds, guess)
-    assert found.status == FAILED
-    assert found.iterations == 0
+    solution = riccati(tight_slalom.problem).solve(x0, P, bounds, guess)
+    assert solution.status == FAILED
+    assert solution.iterations == 0
     expected = {'x0': 'initial state', 'P': 'parameters', 'X': 'guess', 'U': 'guess', 'limit': 'no'}
-    assert expected[what] in found.message
+    assert expected[what] in solution.message
 
 
 def test_crossed_limits_are_refused(tight_slalom, riccati):
     crossed = tight_slalom.bounds._replace(u_high=tight_slalom.bounds.u_low - 1)
-    found = riccati(tight_slalom.problem).solve(
+    solution = riccati(tight_slalom.problem).solve(
         tight_slalom.x0, tight_slalom.P, crossed, tight_slalom.guess
     )
-    assert found.status == FAILED
-    assert 'no value of u' in found.message
+    assert solution.status == FAILED
+    assert 'no value of u' in solution.message
 
 
 def test_function_without_value_at_the_guess_is_a_failure(scaled_linear_quadratic, riccati):
@@ -57,9 +57,9 @@ def test_function_without_value_at_the_guess_is_a_failure(scaled_linear_quadrati
     x, u, p = ca.SX.sym('x', 3), ca.SX.sym('u', 2), ca.SX.sym('p', 0)
     rooted = ca.Function('l', [x, u, p], [ca.sqrt(x[0] - 5) + ca.sumsqr(u)])
     problem = dataclasses.replace(case.problem, name='rooted', stage_cost=rooted)
-    found = riccati(problem).solve(*case.numbers)
-    assert found.status == FAILED
-    assert np.array_equal(found.plan.U, case.guess.U)
+    solution = riccati(problem).solve(*case.numbers)
+    assert solution.status == FAILED
+    assert np.array_equal(solution.plan.U, case.guess.U)
 
 
 def test_shape_that_does_not_fit_is_an_error(tight_slalom, riccati):
@@ -75,8 +75,12 @@ def test_iteration_limit_returns_the_best_iterate(tight_slalom, riccati):
         for n in (1, 3, 6)
     ]
     assert left[0] >= left[1] >= left[2]
-    found = riccati(tight_slalom.problem, max_iterations=3).solve(*tight_slalom.numbers)
-    assert (found.status, found.message, found.iterations) == (STOPPED_EARLY, ITERATION_LIMIT, 3)
+    solution = riccati(tight_slalom.problem, max_iterations=3).solve(*tight_slalom.numbers)
+    assert (solution.status, solution.message, solution.iterations) == (
+        STOPPED_EARLY,
+        ITERATION_LIMIT,
+        3,
+    )
 
 
 def test_time_limit_ends_a_long_search(tight_slalom, riccati):
@@ -89,13 +93,13 @@ def test_time_limit_ends_a_long_search(tight_slalom, riccati):
     most = 0
     for _ in range(20):  # what else the machine does may take the whole time of a solve
         began = time.thread_time()
-        found = limited.solve(*numbers)
+        solution = limited.solve(*numbers)
         assert time.thread_time() - began < 0.05
-        assert (found.status, found.message) == (STOPPED_EARLY, TIME_LIMIT)
-        assert found.iterations < free.iterations
-        assert np.isfinite(found.plan.X).all()
-        assert found.primal_residual > 0
-        most = max(most, found.iterations)
+        assert (solution.status, solution.message) == (STOPPED_EARLY, TIME_LIMIT)
+        assert solution.iterations < free.iterations
+        assert np.isfinite(solution.plan.X).all()
+        assert solution.primal_residual > 0
+        most = max(most, solution.iterations)
     assert most > 0
 
 
@@ -107,38 +111,38 @@ def test_equal_solves_are_equal_bit_by_bit(tight_slalom, riccati):
         first.plan.X[1], tight_slalom.P, tight_slalom.bounds, shifted
     )  # must leave nothing behind
     again, elsewhere = one.solve(*tight_slalom.numbers), other.solve(*tight_slalom.numbers)
-    for found in (again, elsewhere):
-        assert found.cost == first.cost
-        assert np.array_equal(found.plan.X, first.plan.X)
-        assert np.array_equal(found.plan.U, first.plan.U)
-        for a, b in zip(found.plan.multipliers, first.plan.multipliers):
+    for solution in (again, elsewhere):
+        assert solution.cost == first.cost
+        assert np.array_equal(solution.plan.X, first.plan.X)
+        assert np.array_equal(solution.plan.U, first.plan.U)
+        for a, b in zip(solution.plan.multipliers, first.plan.multipliers):
             assert np.array_equal(a, b)
 
 
 def test_instances_in_threads_do_not_disturb_each_other(tight_slalom, riccati):
     alone = riccati(tight_slalom.problem).solve(*tight_slalom.numbers)
-    found = []
+    solution = []
 
     def work():
         own = riccati(tight_slalom.problem)
-        found.extend(own.solve(*tight_slalom.numbers).plan.U for _ in range(30))
+        solution.extend(own.solve(*tight_slalom.numbers).plan.U for _ in range(30))
 
     threads = [threading.Thread(target=work) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 90
-    assert all(np.array_equal(U, alone.plan.U) for U in found)
+    assert len(solution) == 90
+    assert all(np.array_equal(U, alone.plan.U) for U in solution)
 
 
 def test_width_of_the_vectors_decides_nothing(tight_slalom, riccati, monkeypatch):
     costs = []
     for width in (2, 4, 8):
         monkeypatch.setattr(riccati_solver, 'lanes', lambda width=width: width)
-        found = riccati(tight_slalom.problem).solve(*tight_slalom.numbers)
-        assert found.status == SOLVED
-        costs.append(found.cost)
+        solution = riccati(tight_slalom.problem).solve(*tight_slalom.numbers)
+        assert solution.status == SOLVED
+        costs.append(solution.cost)
     assert np.ptp(costs) < 1e-7 * costs[0]
 
 

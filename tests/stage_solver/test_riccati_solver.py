@@ -28,14 +28,14 @@ def test_one_newton_step_solves_a_linear_quadratic_problem(
     scaled_linear_quadratic, riccati, horizon
 ):
     case = scaled_linear_quadratic(horizon)
-    found = riccati(case.problem).solve(*case.numbers)
+    solution = riccati(case.problem).solve(*case.numbers)
     X, U, cost = by_hand(matrices_of(case.problem), case.x0, horizon)
-    assert found.status == SOLVED
-    assert found.iterations == 2  # the step, and one that finds nothing left to do
-    assert np.allclose(found.plan.X, X, atol=1e-10)
-    assert np.allclose(found.plan.U, U, atol=1e-10)
-    assert found.cost == pytest.approx(cost, rel=1e-12)
-    assert found.dual_residual < 1e-10
+    assert solution.status == SOLVED
+    assert solution.iterations == 2  # the step, and one that finds nothing left to do
+    assert np.allclose(solution.plan.X, X, atol=1e-10)
+    assert np.allclose(solution.plan.U, U, atol=1e-10)
+    assert solution.cost == pytest.approx(cost, rel=1e-12)
+    assert solution.dual_residual < 1e-10
 
 
 def matrices_of(problem):
@@ -117,14 +117,14 @@ def test_primal_warm_start_alone_is_taken_as_a_cold_one(tight_slalom, riccati):
 
 def test_receding_horizon_stays_warm(tight_slalom, riccati):
     own = riccati(tight_slalom.problem, tolerance=1e-6)
-    found = own.solve(*tight_slalom.numbers)
+    solution = own.solve(*tight_slalom.numbers)
     steps = []
     for _ in range(12):
-        x0 = found.plan.X[1]
-        guess = shift(found.plan, tight_slalom.problem.dynamics, tight_slalom.P[-1])
-        found = own.solve(x0, tight_slalom.P, tight_slalom.bounds, guess)
-        assert found.status == SOLVED
-        steps.append(found.iterations)
+        x0 = solution.plan.X[1]
+        guess = shift(solution.plan, tight_slalom.problem.dynamics, tight_slalom.P[-1])
+        solution = own.solve(x0, tight_slalom.P, tight_slalom.bounds, guess)
+        assert solution.status == SOLVED
+        steps.append(solution.iterations)
     assert np.median(steps) <= 8
 
 
@@ -135,10 +135,10 @@ def test_warm_start_on_the_wrong_bounds_is_left_for_a_cold_one(tight_slalom, ric
         x_high=tight_slalom.bounds.x_high - np.array([0, 0, 0, 1.5])
     )
     x0 = tight_slalom.x0 - np.array([0, 0, 0, 1.2])
-    found = own.solve(x0, tight_slalom.P, slower, plan)
+    solution = own.solve(x0, tight_slalom.P, slower, plan)
     reference = ipopt(tight_slalom.problem).solve(x0, tight_slalom.P, slower, tight_slalom.guess)
-    assert found.status == SOLVED
-    assert found.cost == pytest.approx(reference.cost, rel=1e-5)
+    assert solution.status == SOLVED
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-5)
 
 
 def test_useless_multipliers_do_no_harm(tight_slalom, riccati):
@@ -148,19 +148,19 @@ def test_useless_multipliers_do_no_harm(tight_slalom, riccati):
         broken = type(cold.plan.multipliers)(
             *(np.full_like(part, value) for part in cold.plan.multipliers)
         )
-        found = own.solve(
+        solution = own.solve(
             *tight_slalom.numbers[:3], tight_slalom.guess._replace(multipliers=broken)
         )
-        assert found.status == SOLVED
-        assert found.cost == pytest.approx(cold.cost, rel=1e-6)
+        assert solution.status == SOLVED
+        assert solution.cost == pytest.approx(cold.cost, rel=1e-6)
 
 
 def test_guess_that_breaks_dynamics_and_limits_is_repaired(tight_slalom, riccati):
     rng = np.random.default_rng(11)
     X = tight_slalom.guess.X + 0.3 * rng.standard_normal(tight_slalom.guess.X.shape)
     guess = Plan(X, 20 * rng.standard_normal(tight_slalom.guess.U.shape))
-    found = riccati(tight_slalom.problem).solve(*tight_slalom.numbers[:3], guess)
-    assert found.status == SOLVED
+    solution = riccati(tight_slalom.problem).solve(*tight_slalom.numbers[:3], guess)
+    assert solution.status == SOLVED
 
 
 def test_input_held_by_equal_limits_does_not_move(tight_slalom, riccati):
@@ -168,8 +168,8 @@ def test_input_held_by_equal_limits_does_not_move(tight_slalom, riccati):
         u_low=tight_slalom.bounds.u_low.copy(), u_high=tight_slalom.bounds.u_high.copy()
     )
     held.u_low[:, 0] = held.u_high[:, 0] = 0.25
-    found = riccati(tight_slalom.problem).solve(
+    solution = riccati(tight_slalom.problem).solve(
         tight_slalom.x0, tight_slalom.P, held, tight_slalom.guess
     )
-    assert found.status == SOLVED
-    assert np.allclose(found.plan.U[:, 0], 0.25, atol=4e-6)
+    assert solution.status == SOLVED
+    assert np.allclose(solution.plan.U[:, 0], 0.25, atol=4e-6)

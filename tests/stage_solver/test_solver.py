@@ -44,14 +44,14 @@ def condensed(case):
 @each_solver
 def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadratic, options):
     case, matrices = linear_quadratic()
-    found = make_solver(case.problem, options(name)).solve(*case.numbers)
+    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
     X, U, cost = riccati(matrices, case.x0, case.problem.horizon)
-    assert found.status == SOLVED
-    assert np.allclose(found.plan.X, X, atol=1e-8)
-    assert np.allclose(found.plan.U, U, atol=1e-8)
-    assert found.cost == pytest.approx(cost, abs=1e-9)
-    assert found.primal_residual < 1e-9
-    assert found.dual_residual < 1e-8
+    assert solution.status == SOLVED
+    assert np.allclose(solution.plan.X, X, atol=1e-8)
+    assert np.allclose(solution.plan.U, U, atol=1e-8)
+    assert solution.cost == pytest.approx(cost, abs=1e-9)
+    assert solution.primal_residual < 1e-9
+    assert solution.dual_residual < 1e-8
 
 
 @each_solver
@@ -68,14 +68,14 @@ def test_scaling_changes_nothing_but_the_units_inside(name, linear_quadratic, op
 @each_solver
 def test_bounded_forces_match_bounded_least_squares(name, double_integrator, options):
     case = double_integrator
-    found = make_solver(case.problem, options(name)).solve(*case.numbers)
+    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
     M, b = condensed(case)
     reference = optimize.lsq_linear(M, b, bounds=(-1.0, 0.7), method='bvls', tol=1e-12)
     assert reference.active_mask.any()
-    assert found.status == SOLVED
-    assert np.allclose(found.plan.U[:, 0], reference.x, atol=1e-6)
-    # the first state costs too, and is nobody's choice
-    assert found.cost == pytest.approx(2 * reference.cost + case.x0 @ case.x0, rel=1e-7)
+    assert solution.status == SOLVED
+    assert np.allclose(solution.plan.U[:, 0], reference.x, atol=1e-6)
+    # the first state is fixed and has a cost too
+    assert solution.cost == pytest.approx(2 * reference.cost + case.x0 @ case.x0, rel=1e-7)
 
 
 @each_solver
@@ -84,7 +84,7 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
     x_low = case.bounds.x_low.copy()
     x_low[:, 1] = -0.8
     bounds = case.bounds._replace(x_low=x_low)
-    found = make_solver(case.problem, options(name)).solve(case.x0, case.P, bounds, case.guess)
+    solution = make_solver(case.problem, options(name)).solve(case.x0, case.P, bounds, case.guess)
     M, b = condensed(case)
     speed = optimize.LinearConstraint(np.tril(np.full((15, 15), 0.2)), -0.8 - case.x0[1])
     reference = optimize.minimize(
@@ -96,13 +96,13 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
         method='SLSQP',
         options={'ftol': 1e-12, 'maxiter': 500},
     )
-    assert found.plan.X[:, 1].min() == pytest.approx(-0.8, abs=1e-6)
-    assert np.allclose(found.plan.U[:, 0], reference.x, atol=1e-4)
-    assert found.cost == pytest.approx(reference.fun + case.x0 @ case.x0, rel=1e-7)
+    assert solution.plan.X[:, 1].min() == pytest.approx(-0.8, abs=1e-6)
+    assert np.allclose(solution.plan.U[:, 0], reference.x, atol=1e-4)
+    assert solution.cost == pytest.approx(reference.fun + case.x0 @ case.x0, rel=1e-7)
 
 
 @pytest.mark.parametrize('name', ['riccati', 'fatrop'])
-def test_every_solver_finds_the_way_of_ipopt_past_the_disc(name, slalom, options):
+def test_every_solver_finds_the_plan_of_ipopt_past_the_disc(name, slalom, options):
     a, b = (make_solver(slalom.problem, options(n)).solve(*slalom.numbers) for n in (name, 'ipopt'))
     assert a.status == b.status == SOLVED
     assert np.allclose(a.plan.X, b.plan.X, atol=1e-6)

@@ -1,4 +1,4 @@
-"""What a solver hands back when it may not, or cannot, finish; it says so in its status alone."""
+"""Solves that are stopped by a limit or cannot succeed: status, residuals, no output."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from stage_solver.solver import make_solver
 
 
 @each_solver
-def test_iteration_limit_hands_back_the_iterate_with_honest_residuals(name, slalom, options):
+def test_the_iteration_limit_returns_the_iterate_with_its_residuals(name, slalom, options):
     early = make_solver(slalom.problem, options(name, max_iterations=3)).solve(*slalom.numbers)
     assert (early.status, early.message) == (STOPPED_EARLY, 'iteration limit')
     assert early.iterations == 3
@@ -35,8 +35,8 @@ def stopped_in_the_middle(name, problem, numbers, options):
     """
     whole = make_solver(problem, options(name)).solve(*numbers)
     limit_s = whole.solve_s / 4
-    found = make_solver(problem, options(name, time_limit_s=limit_s)).solve(*numbers)
-    return (found, limit_s) if found.iterations < whole.iterations / 2 else None
+    solution = make_solver(problem, options(name, time_limit_s=limit_s)).solve(*numbers)
+    return (solution, limit_s) if solution.iterations < whole.iterations / 2 else None
 
 
 def stopped_by_time(*case):
@@ -46,11 +46,11 @@ def stopped_by_time(*case):
 
 @each_solver
 def test_time_limit_ends_a_solve_in_the_middle(name, slalom, options):
-    found, limit_s = stopped_by_time(name, slalom.problem, slalom.numbers, options)
-    assert (found.status, found.message) == (STOPPED_EARLY, 'time limit')
-    assert found.solve_s > limit_s
-    assert np.isfinite(found.plan.X).all()
-    assert found.dual_residual > 1e-6
+    solution, limit_s = stopped_by_time(name, slalom.problem, slalom.numbers, options)
+    assert (solution.status, solution.message) == (STOPPED_EARLY, 'time limit')
+    assert solution.solve_s > limit_s
+    assert np.isfinite(solution.plan.X).all()
+    assert solution.dual_residual > 1e-6
 
 
 def test_fatrop_is_as_good_as_new_after_every_missed_deadline(slalom, options):
@@ -91,34 +91,34 @@ def test_time_limit_that_is_kept_changes_nothing(name, slalom, options):
 
 
 def unreachable(case):
-    """Ask the mass to be somewhere it cannot get to with its force."""
+    """Return bounds with a final position that the force cannot reach."""
     x_low = case.bounds.x_low.copy()
     x_low[-1, 0] = 100.0
     return case.bounds._replace(x_low=x_low)
 
 
 @each_solver
-def test_impossible_task_is_a_failure_not_an_exception(name, double_integrator, options):
+def test_an_infeasible_problem_is_a_failure_not_an_exception(name, double_integrator, options):
     case = double_integrator
     own = make_solver(case.problem, options(name, tolerance=1e-8))
-    found = own.solve(case.x0, case.P, unreachable(case), case.guess)
-    assert found.status == FAILED
-    assert found.message in ('locally infeasible', 'line search failed')
-    assert found.primal_residual > 1.0
+    solution = own.solve(case.x0, case.P, unreachable(case), case.guess)
+    assert solution.status == FAILED
+    assert solution.message in ('locally infeasible', 'line search failed')
+    assert solution.primal_residual > 1.0
     assert own.solve(*case.numbers).status == SOLVED
 
 
 @each_solver
-def test_time_limit_ends_an_impossible_task_too(name, double_integrator, options):
+def test_the_time_limit_ends_an_infeasible_problem_too(name, double_integrator, options):
     case = double_integrator
     numbers = case.x0, case.P, unreachable(case), case.guess
-    found, _ = stopped_by_time(name, case.problem, numbers, options)
-    assert (found.status, found.message) == (STOPPED_EARLY, 'time limit')
-    assert found.primal_residual > 1.0
+    solution, _ = stopped_by_time(name, case.problem, numbers, options)
+    assert (solution.status, solution.message) == (STOPPED_EARLY, 'time limit')
+    assert solution.primal_residual > 1.0
 
 
 @each_solver
-def test_solvers_say_nothing_on_the_terminal(name, slalom, double_integrator, options, capfd):
+def test_solvers_print_nothing(name, slalom, double_integrator, options, capfd):
     make_solver(slalom.problem, options(name, time_limit_s=60.0)).solve(*slalom.numbers)
     make_solver(slalom.problem, options(name, time_limit_s=0.001)).solve(*slalom.numbers)
     case = double_integrator

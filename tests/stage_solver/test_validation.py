@@ -1,4 +1,4 @@
-"""Numbers, shapes and names that make no sense are refused by name."""
+"""Invalid values, shapes and solver names are refused by name."""
 
 import numpy as np
 import pytest
@@ -11,28 +11,34 @@ from stage_solver.stage_problem import Plan, ProblemError
 
 @each_solver
 @pytest.mark.parametrize(
-    ('spoil', 'message'),
+    ('change', 'message'),
     [
         (lambda c: c._replace(x0=c.x0 * np.nan), 'initial state is not finite: X = nan'),
-        (lambda c: c._replace(P=spoilt(c.P, (4, 2))), 'parameters is not finite: r_disc = nan'),
-        (lambda c: c._replace(guess=Plan(spoilt(c.guess.X, (7, 1)), c.guess.U)), 'guess .*: Y = '),
-        (lambda c: c._replace(guess=Plan(c.guess.X, spoilt(c.guess.U, (2, 0)))), 'guess .*: push'),
+        (lambda c: c._replace(P=with_nan(c.P, (4, 2))), 'parameters is not finite: r_disc = nan'),
+        (
+            lambda c: c._replace(guess=Plan(with_nan(c.guess.X, (7, 1)), c.guess.U)),
+            'guess .*: Y = ',
+        ),
+        (
+            lambda c: c._replace(guess=Plan(c.guess.X, with_nan(c.guess.U, (2, 0)))),
+            'guess .*: push',
+        ),
         (lambda c: crossed(c, 5, 3.0), r'no value of u\[5, 0\] lies in \[3.0, 2.0\]'),
         (lambda c: crossed(c, 5, np.nan), r'no value of u\[5, 0\] lies in \[nan, 2.0\]'),
     ],
     ids=['x0', 'P', 'guess of states', 'guess of inputs', 'crossed limits', 'limit not a number'],
 )
-def test_numbers_that_make_no_sense_are_refused_by_name(name, spoil, message, slalom, options):
-    case = spoil(slalom)
-    found = make_solver(case.problem, options(name)).solve(*case.numbers)
-    assert found.status == FAILED
-    assert found.iterations == 0
-    assert not np.isfinite(found.primal_residual)
+def test_invalid_values_are_refused_by_name(name, change, message, slalom, options):
+    case = change(slalom)
+    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
+    assert solution.status == FAILED
+    assert solution.iterations == 0
+    assert not np.isfinite(solution.primal_residual)
     with pytest.raises(AssertionError, match=message):
-        raise AssertionError(found.message)
+        raise AssertionError(solution.message)
 
 
-def spoilt(array, at):
+def with_nan(array, at):
     array = array.copy()
     array[at] = np.nan
     return array
@@ -45,7 +51,7 @@ def crossed(case, stage, low):
 
 
 @each_solver
-def test_a_wrong_shape_is_the_callers_mistake(name, slalom, options):
+def test_a_wrong_shape_raises_with_its_name(name, slalom, options):
     own = make_solver(slalom.problem, options(name))
     with pytest.raises(ProblemError, match=r'P has shape \(30, 4\); \(31, 4\) is needed'):
         own.solve(slalom.x0, slalom.P[:-1], slalom.bounds, slalom.guess)

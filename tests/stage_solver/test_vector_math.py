@@ -70,12 +70,12 @@ def test_unusual_numbers_give_what_the_c_library_gives(vector, name):
     x = np.array([0.0, np.inf, -np.inf, np.nan, -1.0, 1e9, -3e15, 5e-324, 1e-310, 710.0, -746.0])
     with np.errstate(all='ignore'):
         expected = EXACT[name](x)
-    found = vector(name, x)
-    assert np.array_equal(np.isnan(found), np.isnan(expected))
+    solution = vector(name, x)
+    assert np.array_equal(np.isnan(solution), np.isnan(expected))
     ordinary = np.isfinite(expected)
-    assert np.array_equal(found[~ordinary], expected[~ordinary], equal_nan=True)
+    assert np.array_equal(solution[~ordinary], expected[~ordinary], equal_nan=True)
     # a denormal result keeps its absolute precision only
-    assert np.allclose(found[ordinary], expected[ordinary], rtol=1e-15, atol=2e-323)
+    assert np.allclose(solution[ordinary], expected[ordinary], rtol=1e-15, atol=2e-323)
 
 
 @pytest.mark.parametrize('name', NAMES)
