@@ -1,4 +1,4 @@
-"""A process that drives one draw after the other, for those who must not hang or die with it."""
+"""A process that simulates one draw after the other: it may hang or crash without harm."""
 
 import json
 import queue
@@ -14,7 +14,7 @@ LIMIT_S = 240.0
 
 
 class Driver:
-    """Drives the draws of a series. A process that hangs or dies is a finding, and is replaced."""
+    """Simulates the draws of a series; a process that hangs or crashes gives a finding."""
 
     def __init__(self, seed: int):
         self.seed = seed
@@ -22,7 +22,7 @@ class Driver:
         self._lines = None
 
     def drive(self, index: int) -> dict[str, Any]:
-        """Return what `drive_draws.check` says of a draw, or that it never said anything."""
+        """Return the result of `drive_draws.check` for a draw, or a finding without a result."""
         if self._process is None:
             self._start()
         self._process.stdin.write(f'{index}\n')

@@ -1,11 +1,11 @@
-"""Drive scenarios that were drawn at random, and check every drive: a program and its parts.
+"""Simulate scenarios drawn at random and check every run: a program and its parts.
 
     python tests/closed_loop/drive_draws.py --seed 7 --draws 1000 --workers 2
     python tests/closed_loop/drive_draws.py --seed 7 --only 417 --keep DIR
 
-The first drives 1,000 of them and prints what came out; the second drives one of them again and
-writes its scenario and its report into DIR. Without either it drives the numbers that it reads
-from its input, one line of JSON each: so it is used by test_random_scenarios.
+The first simulates 1,000 of them and prints a summary; the second repeats one of them and writes
+its scenario and report into DIR. Without either it simulates the draw numbers that it reads from
+its input, and prints one line of JSON each: so it is used by test_random_scenarios.
 """
 
 import argparse
@@ -24,11 +24,11 @@ from typing import Any
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
-import independent_verdict
+import independent_evaluation
 import numpy as np
 import random_scenarios
 from draw_driver import Driver
-from independent_verdict import Body, Motion
+from independent_evaluation import Body, Motion
 from random_scenarios import Draw
 
 from bags.evaluation import metrics
@@ -42,8 +42,8 @@ from vehicle_plant.state import SetPoints
 
 TICK_S = 0.05
 GRAVITY = 9.81
-NEAREST = 1e-3  # m: two judges of one number
-# m and deg; of the outline each judge looks at points of its own
+NEAREST = 1e-3  # m, between two evaluations of one number
+# m and deg; each evaluation samples the outline at points of its own
 NEAR = {'beyond_edge_m': 0.1, 'peak_sideslip_deg': 0.01}
 VERDICTS = ('completed', 'collided', 'left_road', 'lost', 'spun')
 ROUNDING = 1e-6  # relative, of a command on its limit
@@ -65,53 +65,53 @@ ENCODE_ROWS = {
 
 
 def check(seed: int, index: int, keep: Path | None = None) -> dict[str, Any]:
-    """Drive one draw and return `index`, `findings` (a list of texts) and figures of the drive."""
+    """Simulate one draw; return `index`, `findings` (a list of texts) and numbers of the run."""
     began = time.process_time()
     result = {'index': index, 'controller': None, 'findings': []}
     try:
-        one = random_scenarios.draw(seed, index)
-        result['controller'] = one.controller
+        draw = random_scenarios.draw(seed, index)
+        result['controller'] = draw.controller
         with tempfile.TemporaryDirectory() as folder:
-            place = keep or Path(folder)
-            file = place / f'draw_{index}.yaml'
-            file.write_text(one.text)
-            result |= _driven(one, file, place if keep or not index % REPORT_EVERY else None)
+            out = keep or Path(folder)
+            file = out / f'draw_{index}.yaml'
+            file.write_text(draw.text)
+            result |= _simulate(draw, file, out if keep or not index % REPORT_EVERY else None)
     except Exception:
         result['findings'] = [traceback.format_exc()]
     return result | {'cpu_s': round(time.process_time() - began, 3)}
 
 
-def _driven(one: Draw, file: Path, report: Path | None) -> dict[str, Any]:
-    setup = simulation.prepare(str(file), one.controller)
+def _simulate(draw: Draw, file: Path, report: Path | None) -> dict[str, Any]:
+    setup = simulation.prepare(str(file), draw.controller)
     scn = setup.scn
-    scn = scn._replace(start=one.start or scn.start, stop=scn.stop._replace(time=one.time_s))
+    scn = scn._replace(start=draw.start or scn.start, stop=scn.stop._replace(time=draw.time_s))
     setup = setup._replace(scn=scn)
     params, plant = setup.params, setup.plant
     columns = simulation.run(setup)
     drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
-    found = metrics.compute_metrics(drive)
-    json.dumps(found, allow_nan=False)
+    values = metrics.compute_metrics(drive)
+    json.dumps(values, allow_nan=False)
     if report:
         written = compare_drives({setup.controller: drive}, report / 'report')
         json.loads(written.file.read_text(), parse_constant=_refuse_constant)
-    judged = _judged(scn, columns['/vehicle/odometry'], params, plant)
+    second = _evaluate(scn, columns['/vehicle/odometry'], params, plant)
     findings = [
         *_finite(columns),
         *_commands(columns, params, setup.vehicle),
         *_plant_gate(columns['/controller/command'], plant, setup.friction),
         *_contract(columns),
-        *_verdicts(judged, found, params),
+        *_compare_evaluations(second, values, params),
     ]
-    whys = [one.values for one in columns['/controller/why'].values]
+    whys = [report.values for report in columns['/controller/why'].values]
     return {
         'findings': findings,
         'ticks': len(whys),
-        'beyond_schema': one.start is not None,
+        'beyond_schema': draw.start is not None,
         'rejections': max(why.get('gate.rejections', 0) for why in whys),
         'reasons': dict(collections.Counter(f'{why["rung"]}: {why["reason"]}' for why in whys)),
-        'unsure': [key for key in VERDICTS if getattr(judged, key) is None],
+        'unsure': [key for key in VERDICTS if getattr(second, key) is None],
         **{
-            key: found.get(key)
+            key: values.get(key)
             for key in ('completed', 'collided', 'left_road', 'lost', 'fallbacks')
         },
     }
@@ -121,7 +121,7 @@ def _refuse_constant(word):
     raise ValueError(f'comparison.json holds {word}')
 
 
-def _judged(scn, odometry, params, plant):
+def _evaluate(scn, odometry, params, plant):
     car = plant.car
     body = Body(
         car.body.cog_to_front_m + car.outline.front_overhang_m,
@@ -132,7 +132,7 @@ def _judged(scn, odometry, params, plant):
     )
     o = odometry
     motion = Motion(o.stamp_ns, o.x_m, o.y_m, o.yaw_rad, o.vx_mps, o.vy_mps)
-    return independent_verdict.judge(scn, motion, body)
+    return independent_evaluation.evaluate(scn, motion, body)
 
 
 def _finite(columns):
@@ -145,7 +145,7 @@ def _finite(columns):
 
 
 def _commands(columns, params, vehicle):
-    """Say which limits of the controller's parameters the commands break."""
+    """Yield the limits of the controller's parameters that the commands violate."""
     command = columns['/controller/command']
     limits, car = params.limits, vehicle.car
     force = command.front_x_n + command.rear_x_n
@@ -176,20 +176,20 @@ def _commands(columns, params, vehicle):
 
 
 def _plant_gate(command, plant, friction):
-    """Say which commands the plant refuses."""
+    """Yield the commands that the plant rejects."""
     gate = Gate(plant, friction, SetPoints(0.0, 0.0, 0.0), int(command.stamp_ns[0]))
     for k, row in enumerate(zip(*command)):
         stamp_ns, _, delta, d_delta, front, rear = row
-        told = Command(int(stamp_ns), delta, d_delta, front, rear)
-        verdict = gate.check(told, told.stamp_ns, round(TICK_S * 1e9))
+        sent = Command(int(stamp_ns), delta, d_delta, front, rear)
+        verdict = gate.check(sent, sent.stamp_ns, round(TICK_S * 1e9))
         if not verdict.accepted:
             yield f'command {k}: refused by the plant: {verdict.reason}'
 
 
 def _contract(columns):
-    """Say which fields the contract of the topics refuses, with the first message that breaks it.
+    """Yield the fields that violate the contract of the topics, with the first such message.
 
-    Of tables the rows count in which a column is least or largest.
+    Of tables the rows with the minimum or maximum of a column are checked.
     """
     breaches = {}
     for topic, value in _messages(columns):
@@ -209,62 +209,64 @@ def _messages(columns):
             yield topic, encoded(form(int(stamps[k]), *row))
 
 
-def _verdicts(judged, found, params):
-    """Say where the two judges disagree."""
-    pairs = [('min_outline_gap_m', judged.outline, found['min_outline_gap_m'])]
+def _compare_evaluations(second, values, params):
+    """Yield the differences between the metrics and the independent evaluation."""
+    pairs = [('min_outline_gap_m', second.outline, values['min_outline_gap_m'])]
     pairs += [
-        (f'min_v2o_per_obstacle_m.{number}', gap, found['min_v2o_per_obstacle_m'].get(str(number)))
-        for number, gap in judged.v2o.items()
+        (f'min_v2o_per_obstacle_m.{number}', gap, values['min_v2o_per_obstacle_m'].get(str(number)))
+        for number, gap in second.v2o.items()
     ]
     pairs += [
-        (f'min_v2e_per_edge_m.{side}', gap, found['min_v2e_per_edge_m'][side])
-        for side, gap in judged.v2e.items()
+        (f'min_v2e_per_edge_m.{side}', gap, values['min_v2e_per_edge_m'][side])
+        for side, gap in second.v2e.items()
     ]
-    least = min((gap for gap in judged.v2o.values() if gap is not None), default=None)
-    pairs += [('min_v2o_m', least, found['min_v2o_m'])]
-    pairs += [('min_v2e_m', min(judged.v2e.values()), found['min_v2e_m'])]
-    pairs += [('peak_sideslip_deg', judged.sideslip, found['peak_sideslip_deg'])]
-    if judged.left_road:
-        pairs += [('beyond_edge_m', judged.beyond, found['beyond_edge_m'])]
-    for name, mine, theirs in pairs:
-        if (mine is None) != (theirs is None) or (
-            mine is not None and abs(mine - theirs) > NEAR.get(name, NEAREST)
+    least = min((gap for gap in second.v2o.values() if gap is not None), default=None)
+    pairs += [('min_v2o_m', least, values['min_v2o_m'])]
+    pairs += [('min_v2e_m', min(second.v2e.values()), values['min_v2e_m'])]
+    pairs += [('peak_sideslip_deg', second.sideslip, values['peak_sideslip_deg'])]
+    if second.left_road:
+        pairs += [('beyond_edge_m', second.beyond, values['beyond_edge_m'])]
+    for name, own, other in pairs:
+        if (own is None) != (other is None) or (
+            own is not None and abs(own - other) > NEAR.get(name, NEAREST)
         ):
-            yield f'{name} is {theirs}, the second judge says {mine}'
-    said = {**found, 'spun': found['lost_how'] == 'spun'}
+            yield f'{name} is {other}, the independent evaluation has {own}'
+    verdicts = {**values, 'spun': values['lost_how'] == 'spun'}
     for name in VERDICTS:
-        mine = getattr(judged, name)
-        if mine is not None and said[name] is not mine:
-            yield f'{name} is {said[name]}, the second judge says {mine}'
-    gaps = [(least, params.safety.obstacle_m), (min(judged.v2e.values()), params.safety.edge_m)]
+        own = getattr(second, name)
+        if own is not None and verdicts[name] is not own:
+            yield f'{name} is {verdicts[name]}, the independent evaluation has {own}'
+    gaps = [(least, params.safety.obstacle_m), (min(second.v2e.values()), params.safety.edge_m)]
     gaps = [gap - safe for gap, safe in gaps if gap is not None]
-    if abs(min(gaps)) > NEAREST and found['entered_unsafe_area'] is not (min(gaps) < 0.0):
-        yield f'entered_unsafe_area is {found["entered_unsafe_area"]}, the gap is {min(gaps)}'
+    if abs(min(gaps)) > NEAREST and values['entered_unsafe_area'] is not (min(gaps) < 0.0):
+        yield f'entered_unsafe_area is {values["entered_unsafe_area"]}, the gap is {min(gaps)}'
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the program and return its exit code: 1 when anything was found."""
+    """Run the program and return its exit code: 1 with findings."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seed', type=int, required=True)
-    parser.add_argument('--draws', type=int, help='drive the draws from 0 to this, and sum up')
-    parser.add_argument('--only', type=int, help='drive this draw')
+    parser.add_argument(
+        '--draws', type=int, help='simulate the draws from 0 to this, and summarise'
+    )
+    parser.add_argument('--only', type=int, help='simulate this draw')
     parser.add_argument('--keep', type=Path, help='a folder for its scenario and report')
     parser.add_argument('--workers', type=int, default=1)
-    given = parser.parse_args(arguments)
-    if given.only is not None:
-        if given.keep:
-            given.keep.mkdir(parents=True, exist_ok=True)
-        result = check(given.seed, given.only, given.keep)
+    args = parser.parse_args(arguments)
+    if args.only is not None:
+        if args.keep:
+            args.keep.mkdir(parents=True, exist_ok=True)
+        result = check(args.seed, args.only, args.keep)
         print(json.dumps(result, indent=2).replace('\\n', '\n'))
         return bool(result['findings'])
-    if given.draws is None:
-        _serve(given.seed)
+    if args.draws is None:
+        _serve(args.seed)
         return 0
-    return _series(given.seed, given.draws, given.workers)
+    return _series(args.seed, args.draws, args.workers)
 
 
 def _serve(seed):
-    # what a library prints must not stand between the answers
+    # output of libraries must not mix with the answers
     answers = os.fdopen(os.dup(sys.stdout.fileno()), 'w')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     for line in sys.stdin:
@@ -286,10 +288,10 @@ def _series(seed, draws, workers):
 
     with ThreadPoolExecutor(workers) as pool:
         for future in as_completed([pool.submit(driven, k) for k in range(draws)]):
-            one = future.result()
-            results.append(one)
-            for text in one['findings']:
-                print(f'draw {one["index"]} ({one.get("controller")}): {text}', flush=True)
+            result = future.result()
+            results.append(result)
+            for text in result['findings']:
+                print(f'draw {result["index"]} ({result.get("controller")}): {text}', flush=True)
     for _ in range(workers):
         drivers.get().end()
     minutes = (time.monotonic() - began) / 60.0
@@ -302,7 +304,7 @@ def _series(seed, draws, workers):
         count = sum(bool(one[key]) for one in driven)
         print(f'{key}: {count} ({100.0 * count / max(1, len(driven)):.1f} %)')
     unsure = collections.Counter(key for one in driven for key in one['unsure'])
-    print(f'no verdict of the second judge: {dict(unsure)}')
+    print(f'undecided in the independent evaluation: {dict(unsure)}')
     reasons = collections.Counter()
     for one in driven:
         reasons.update(one['reasons'])

@@ -21,7 +21,7 @@ def test_the_same_run_twice_is_the_same_to_the_last_bit(simulated):
             assert same, f'{topic}: {name}'
 
 
-def test_but_for_its_times_the_controller_gives_the_same_reasons(simulated):
+def test_the_reports_of_the_controller_are_the_same_except_for_times(simulated):
     first, _ = simulated.drive(DOUBLE, 'mpcc')
     second = simulated.fresh(DOUBLE, 'mpcc')
 

@@ -9,9 +9,9 @@ from bags.storage import read
 from bags.storage.columns import Values
 
 SCENARIO = 'double_lane_change'
-# friction patches go another way to the plant than everything else
+# friction patches reach the plant by another path than everything else
 SCENARIOS = (SCENARIO, 'split_mu')
-# recorded with a new stamp each time they are repeated, told once in process
+# recorded with a new stamp at each repetition, sent once in process
 REPEATED = ('/scenario/reference', '/scenario/road_edges')
 
 
@@ -27,28 +27,28 @@ def bags(recorded_runs, tmp_path_factory):
 
 
 @pytest.mark.parametrize('name', SCENARIOS)
-def test_over_ros_and_in_process_the_ring_computes_the_same_bits(simulated, bags, name):
-    made, _ = simulated.drive(name, 'mpcc')
+def test_over_ros_and_in_process_the_bits_are_the_same(simulated, bags, name):
+    computed, _ = simulated.drive(name, 'mpcc')
     recorded_ = read.columns(bags[name])
-    for topic in made.keys() - set(REPEATED):
-        for column, one in made[topic]._asdict().items():
-            if not (isinstance(made[topic], Values) and column == 'values'):
+    for topic in computed.keys() - set(REPEATED):
+        for column, one in computed[topic]._asdict().items():
+            if not (isinstance(computed[topic], Values) and column == 'values'):
                 other = getattr(recorded_[topic], column)
                 assert np.array_equal(one, other), f'{topic}: {column}'
-    assert made['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
+    assert computed['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
 
 
-def test_over_ros_and_in_process_the_judge_is_told_the_same_facts(simulated, bags):
+def test_over_ros_and_in_process_the_facts_of_the_drive_are_the_same(simulated, bags):
     _, driven = simulated.drive(SCENARIO, 'mpcc')
     assert drive_from_bag(bags[SCENARIO]).facts == driven.facts
 
 
-def test_a_slippery_patch_is_felt_by_the_wheels_on_it(simulated):
-    made, _ = simulated.drive('split_mu', 'mpcc')
+def test_a_slippery_patch_acts_on_the_wheels_on_it(simulated):
+    computed, _ = simulated.drive('split_mu', 'mpcc')
     left, right = 0, 1
-    kappa = made['/vehicle/wheels'].slip[:, 2:]
-    force = made['/vehicle/wheels'].force_x_n[:, 2:]
-    x = np.interp(made['/vehicle/wheels'].t_s, *made['/vehicle/odometry'][1:3])
+    kappa = computed['/vehicle/wheels'].slip[:, 2:]
+    force = computed['/vehicle/wheels'].force_x_n[:, 2:]
+    x = np.interp(computed['/vehicle/wheels'].t_s, *computed['/vehicle/odometry'][1:3])
     slope = np.mean(force[(x > 50) & (x < 80)], axis=0) / np.mean(
         kappa[(x > 50) & (x < 80)], axis=0
     )

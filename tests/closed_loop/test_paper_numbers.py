@@ -11,7 +11,7 @@ PAPER = Path(__file__).parents[2] / 'paper'
 
 
 @pytest.mark.parametrize('controller', operating_point.CONTROLLERS)
-def test_a_controller_comes_to_its_tracked_numbers(controller):
+def test_a_controller_reproduces_its_tracked_numbers(controller):
     known = operating_point.read(PAPER)[controller]
     assert set(known) == set(operating_point.TOLERANCES)
     found = operating_point.simulate(controller)

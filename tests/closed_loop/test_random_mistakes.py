@@ -1,7 +1,6 @@
-"""A scenario that was drawn, with a value that may not be: one clear error, never a traceback.
+"""A random scenario with an invalid value gives one clear error, never a traceback.
 
-Of one series: what a new one finds is no fault of the change that is tested. RANDOM_SEED chooses
-another one.
+The series is fixed, so that a failure is due to the change under test; RANDOM_SEED chooses another.
 """
 
 import copy
@@ -9,7 +8,7 @@ import math
 import os
 import re
 
-import independent_verdict
+import independent_evaluation
 import numpy as np
 import pytest
 import random_scenarios
@@ -59,22 +58,22 @@ UNSUITABLE = (math.nan, math.inf, -math.inf, 'fast', True, None, [1.0], {'m': 1.
 
 
 def numbers(value, key=''):
-    """Return the dotted key of every number, by what it is called without indices."""
+    """Return the dotted keys of all numbers, grouped by the key without indices."""
     found = {}
     parts = value.items() if isinstance(value, dict) else enumerate(value)
     for name, part in parts:
         inner = f'{key}[{name}]' if isinstance(value, list) else f'{key}.{name}'.strip('.')
         if isinstance(part, dict | list):
-            for called, keys in numbers(part, inner).items():
-                found.setdefault(called, []).extend(keys)
+            for kind, keys in numbers(part, inner).items():
+                found.setdefault(kind, []).extend(keys)
         elif isinstance(part, float):
             found.setdefault(re.sub(r'\[\d+\]', '', inner), []).append(inner)
     return found
 
 
-def allowed(called):
-    parent = '.'.join(called.split('.')[-2:])
-    return RANGES[parent if parent in RANGES else called.split('.')[-1]]
+def allowed(kind):
+    parent = '.'.join(kind.split('.')[-2:])
+    return RANGES[parent if parent in RANGES else kind.split('.')[-1]]
 
 
 def outside(rng, low, high):
@@ -96,19 +95,21 @@ def test_a_value_out_of_range_is_refused_with_its_key_and_what_is_allowed(index)
     document = loaded(random_scenarios.draw(SEED, index).text)
     keys = numbers(document)
     for _ in range(MISTAKES):
-        called = str(rng.choice(sorted(keys)))
-        key = str(rng.choice(keys[called]))
-        low, high = allowed(called)
+        kind = str(rng.choice(sorted(keys)))
+        key = str(rng.choice(keys[kind]))
+        low, high = allowed(kind)
         wrong = copy.deepcopy(document)
         new = outside(rng, low, high)
         if rng.random() < 0.3:
             new = UNSUITABLE[rng.integers(len(UNSUITABLE))]
         put(wrong, key, new)
-        told = refusal(wrong)
-        assert told, f'{key} = {new} is accepted (seed {SEED}, index {index})'
-        assert re.match(rf'drawn\.yaml:\d+: {re.escape(key)}[:.\[]', told), f'{key} = {new}: {told}'
+        error = refusal(wrong)
+        assert error, f'{key} = {new} is accepted (seed {SEED}, index {index})'
+        assert re.match(rf'drawn\.yaml:\d+: {re.escape(key)}[:.\[]', error), (
+            f'{key} = {new}: {error}'
+        )
         if isinstance(new, float):
-            assert f'allowed {low:g} to {high:g}' in told, f'{key} = {new}: {told}'
+            assert f'allowed {low:g} to {high:g}' in error, f'{key} = {new}: {error}'
 
 
 def loaded(text):
@@ -135,15 +136,15 @@ def test_a_start_off_the_road_or_across_it_is_refused():
         scn, document = scenario.parse(one.text, 'drawn.yaml'), loaded(one.text)
         names = ('x_m', 'y_m', 'yaw_rad', 'speed_mps')
         document['start'] = dict(zip(names, map(float, one.start)))
-        told = refusal(document)
+        error = refusal(document)
         point = np.array([[one.start.X, one.start.Y]])
-        left = -float(independent_verdict.left_of(point, scn.edges.left)[0])
-        right = float(independent_verdict.left_of(point, scn.edges.right)[0])
+        left = -float(independent_evaluation.left_of(point, scn.edges.left)[0])
+        right = float(independent_evaluation.left_of(point, scn.edges.right)[0])
         near = np.argmin(np.hypot(*(point.T - [scn.reference.X, scn.reference.Y])))
         turned = abs(math.remainder(one.start.psi - scn.reference.psi[near], math.tau))
         if min(left, right) < -0.1 or turned > math.pi / 2 + 0.1:
             refused += 1
-            assert told, f'accepted (seed {SEED}, index {index})'
-        if told:
-            assert re.match(r'drawn\.yaml:\d+: (start|stop|obstacles)\b.*; allowed', told), told
+            assert error, f'accepted (seed {SEED}, index {index})'
+        if error:
+            assert re.match(r'drawn\.yaml:\d+: (start|stop|obstacles)\b.*; allowed', error), error
     assert refused

@@ -1,7 +1,7 @@
-"""Whatever scenario is drawn: no traceback, no hang, sound commands, and the right verdict.
+"""Random scenarios: no traceback, no hang, valid commands, and the right verdict.
 
-60 draws are driven, of one series: what a new one finds is no fault of the change that is tested. A
-failure tells the seed and the number of every draw with a finding. Another series, or a longer one:
+60 draws of a fixed series, so that a failure is due to the change under test. A failure names the
+seed and the number of every draw with a finding. Another series, or a longer one:
 
     RANDOM_SEED=7 RANDOM_SCENARIOS=1000 python -m pytest tests/closed_loop/test_random_scenarios.py
 
@@ -18,8 +18,8 @@ from draw_driver import LIMIT_S, Driver
 
 DRAWS = int(os.environ.get('RANDOM_SCENARIOS', '60'))
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
-# share of drives of which the second judge may give no verdict, as they end near the finish line:
-# about 0.1 of them, and 0.25 of 60 is beyond what chance makes of that
+# share of runs that the independent evaluation may leave undecided, since they end near the finish
+# line: about 0.1 of them, and 0.25 of 60 is improbable
 UNSURE = 0.25
 
 
@@ -32,7 +32,7 @@ def driver():
 
 @pytest.mark.slow
 @pytest.mark.timeout(10.0 * LIMIT_S)
-def test_random_scenarios_are_driven_and_judged(driver):
+def test_random_scenarios_have_no_findings(driver):
     results = [driver.drive(index) for index in range(DRAWS)]
     findings = [
         f'drive_draws.py --seed {SEED} --only {index}: {finding}'
@@ -40,6 +40,6 @@ def test_random_scenarios_are_driven_and_judged(driver):
         for finding in result['findings']
     ]
     assert not findings, '\n'.join(findings)
-    # a judge without a verdict finds nothing: this must stay rare
+    # an undecided evaluation finds nothing: this must stay rare
     unsure = [index for index, result in enumerate(results) if result['unsure']]
-    assert len(unsure) <= UNSURE * DRAWS, f'seed {SEED}: no second verdict on draws {unsure}'
+    assert len(unsure) <= UNSURE * DRAWS, f'seed {SEED}: undecided draws {unsure}'

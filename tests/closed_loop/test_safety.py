@@ -137,7 +137,7 @@ def test_braking_straight_instead_would_have_hit_something(fails_at, monkeypatch
 
 
 @pytest.mark.parametrize('late_ms', [10, 20])
-def test_knowing_how_late_its_commands_are_makes_a_late_controller_better(parts, late_ms):
+def test_delay_compensation_improves_a_late_controller(parts, late_ms):
     scn, params, vehicle, plant = parts
     solver = dataclasses.replace(params.solver, time_limit_s=10.0, fallback_limit_s=10.0)
     runs = {}

@@ -7,7 +7,7 @@ from bags.errors import BagError
 from experiments import simulation
 
 
-def test_a_drive_without_settings_is_the_run_of_the_files(simulated):
+def test_a_simulation_without_settings_uses_the_files(simulated):
     _, recorded = simulated.drive('double_lane_change', 'mpcc')
     again = simulation.drive(simulation.prepare('double_lane_change', 'mpcc'))
     assert np.array_equal(again.motion.x, recorded.motion.x)
@@ -45,13 +45,13 @@ def test_a_setting_that_does_not_exist_is_named(role):
     ],
     ids=lambda setting: next(iter(setting)),
 )
-def test_a_setting_of_the_plant_that_would_not_be_followed_is_refused(setting):
+def test_a_setting_of_the_plant_without_effect_is_refused(setting):
     (name,) = setting
     with pytest.raises(BagError, match=rf'plant\.{name} has no effect .*friction, tyre_set.*car\.'):
         simulation.prepare('double_lane_change', 'mpcc', {'plant': setting})
 
 
-def test_settings_of_the_car_and_its_tyre_are_followed():
+def test_settings_of_the_car_and_its_tyre_take_effect():
     heavy = simulation.prepare(
         'double_lane_change',
         'mpcc',

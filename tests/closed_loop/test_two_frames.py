@@ -41,9 +41,9 @@ def distances(simulated, controller, states, inside, rules=None):
     reach, bearing = RADIUS - inside, STATION / RADIUS
     one = scenario.obstacles_at(scn, 0.0, 0).items[0]
     spot = one._replace(X=reach * np.sin(bearing), Y=RADIUS - reach * np.cos(bearing))
-    told = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
+    obstacles = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
     path = reference_path.build(ring_values.reference_as_received(scn.reference))
-    scene = Scene(path, road_edges.build(scn.edges), told)
+    scene = Scene(path, road_edges.build(scn.edges), obstacles)
     form = formulation.make(params, stage_parameters.car(params, vehicle))
     plan = form.to_local(Plan(states, np.zeros((len(states) - 1, 4))), path)
     numbers = form.stage_parameters(scene, states)

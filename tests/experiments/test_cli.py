@@ -8,7 +8,7 @@ from experiments import cli
 from experiments.commands import run
 
 
-def test_the_commands_of_the_interface_exist(capsys):
+def test_every_command_has_a_help_text(capsys):
     assert {'run', 'replay-check', 'resolve', 'study'} <= set(cli.COMMANDS)
     for command in cli.COMMANDS:
         with pytest.raises(SystemExit) as ended:

@@ -1,4 +1,4 @@
-"""What a scenario may say, every node takes: friction, speed, time at the ends of their ranges."""
+"""Every node accepts the range of a scenario: friction, speed and time at their bounds."""
 
 import pytest
 import yaml
@@ -32,19 +32,19 @@ def test_the_ends_of_a_range_are_taken_by_controller_and_plant(end, controller, 
     source.write_text(yaml.safe_dump(document))
     facts = inputs.load_facts(str(source))
     chosen = node_config.find_controller(controller)
-    ring = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, {})
-    read = inputs.check_parameters(ring)
+    nodes = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, {})
+    read = inputs.check_parameters(nodes)
     assert read['controller'][0].model.friction == facts.friction == read['plant'][0].friction
     assert read['plant'][0].start.speed_mps == facts.start['speed_mps']
     assert read['plant'][0].stop.time_s == facts.stop['time_s']
 
 
 @pytest.mark.parametrize('time_s', [0.4, 601.0])
-def test_a_time_that_no_scenario_may_say_is_refused_by_the_plant(time_s, tmp_path):
+def test_a_time_out_of_the_range_of_scenarios_is_refused_by_the_plant(time_s, tmp_path):
     facts = inputs.load_facts('straight')
     settings = {'plant': {'stop.time_s': time_s}}
     chosen = node_config.find_controller('mpcc')
-    ring = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
+    nodes = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
     allowed = rf'{RUN_TIME.low:g} to {RUN_TIME.high:g} s'
     with pytest.raises(BagError, match=rf'--set plant\.stop\.time_s: stop\.time_s: .*{allowed}'):
-        inputs.check_parameters(ring)
+        inputs.check_parameters(nodes)

@@ -1,4 +1,4 @@
-"""What is told before a run: speeds at which the controller stops, an axle that is not driven."""
+"""Warnings before a run: speeds at which the controller stops, an axle that is not driven."""
 
 import pytest
 import yaml
@@ -10,104 +10,104 @@ from scenario_publisher import scenario
 
 
 @pytest.fixture
-def told(tmp_path):
-    """Return told(scenario changes, settings): the warnings about a run of mpcc."""
+def find_warnings(tmp_path):
+    """Return find_warnings(scenario changes, settings): the warnings about a run of mpcc."""
 
-    def told(changes, settings=None):
+    def find_warnings(changes, settings=None):
         document = yaml.safe_load(scenario.load('straight').text) | changes
         (tmp_path / 'own.yaml').write_text(yaml.safe_dump(document))
         facts = inputs.load_facts(str(tmp_path / 'own.yaml'))
         chosen = node_config.find_controller('mpcc')
-        ring = node_config.build_nodes(
+        nodes = node_config.build_nodes(
             facts, chosen, 'lockstep', tmp_path, tmp_path, settings or {}
         )
-        return inputs.find_warnings(facts, inputs.check_parameters(ring))
+        return inputs.find_warnings(facts, inputs.check_parameters(nodes))
 
-    return told
+    return find_warnings
 
 
-def test_nothing_is_said_where_all_suits(told):
-    assert told({}) == []
-    assert told({'start': {'progress_m': 0.0, 'speed_mps': 7.3}}) == []
-    assert told({'speed': {'constant_mps': 7.6}}) == []
+def test_inputs_that_match_give_no_warning(find_warnings):
+    assert find_warnings({}) == []
+    assert find_warnings({'start': {'progress_m': 0.0, 'speed_mps': 7.3}}) == []
+    assert find_warnings({'speed': {'constant_mps': 7.6}}) == []
 
 
 @pytest.mark.parametrize(
-    ('start', 'desired', 'said'),
+    ('start', 'desired', 'expected'),
     [
         (7.0, 15.0, 'the car starts at 7 m/s (start.speed_mps), at or just above the'),
         (15.0, 7.0, 'the scenario asks for 7 m/s (speed.constant_mps), at or just above the'),
         (15.0, 7.4, 'the scenario asks for 7.4 m/s (speed.constant_mps), at or just above the'),
     ],
 )
-def test_the_least_speed_itself_is_warned_of(told, start, desired, said):
+def test_the_least_speed_itself_gives_a_warning(find_warnings, start, desired, expected):
     changes = {'start': {'progress_m': 0.0, 'speed_mps': start}}
-    (warning,) = told(changes | {'speed': {'constant_mps': desired}})
-    assert warning.startswith(said)
+    (warning,) = find_warnings(changes | {'speed': {'constant_mps': desired}})
+    assert warning.startswith(expected)
     assert 'so the car may ' in warning
     assert 'limits.least_speed_mps of 7 m/s' in warning
 
 
-def test_a_start_that_is_set_is_looked_at_in_place_of_the_scenarios(told):
-    (warning,) = told({}, {'plant': {'start.speed_mps': 5.0}})
+def test_a_start_speed_that_is_set_is_checked_instead_of_the_scenarios(find_warnings):
+    (warning,) = find_warnings({}, {'plant': {'start.speed_mps': 5.0}})
     assert 'starts at 5 m/s (plant.start.speed_mps), below' in warning
     slow = {'start': {'progress_m': 0.0, 'speed_mps': 5.0}}
-    assert told(slow, {'plant': {'start.speed_mps': 15.0}}) == []
+    assert find_warnings(slow, {'plant': {'start.speed_mps': 15.0}}) == []
 
 
-def test_a_start_below_the_least_speed_is_named_with_key_value_and_limit(told):
-    (warning,) = told({'start': {'progress_m': 0.0, 'speed_mps': 5.0}})
+def test_a_start_below_the_least_speed_is_named_with_key_value_and_limit(find_warnings):
+    (warning,) = find_warnings({'start': {'progress_m': 0.0, 'speed_mps': 5.0}})
     assert 'starts at 5 m/s (start.speed_mps)' in warning
     assert 'limits.least_speed_mps of 7 m/s' in warning
     assert 'does not pull away' in warning
 
 
-def test_it_is_the_least_speed_of_the_controller_that_counts(told):
+def test_the_least_speed_of_the_controller_decides(find_warnings):
     slow = {'start': {'progress_m': 0.0, 'speed_mps': 5.0}}
-    assert told(slow, {'controller': {'limits.least_speed_mps': 4.0}}) == []
+    assert find_warnings(slow, {'controller': {'limits.least_speed_mps': 4.0}}) == []
 
 
-def test_desired_speeds_below_the_least_one_are_named_by_the_lowest(told):
-    (warning,) = told({'speed': {'constant_mps': 6.5}})
+def test_desired_speeds_below_the_least_one_are_named_by_the_lowest(find_warnings):
+    (warning,) = find_warnings({'speed': {'constant_mps': 6.5}})
     assert 'asks for 6.5 m/s (speed.constant_mps), below' in warning
     start = {'progress_m': 0.0, 'speed_mps': 15.0}
     table = {'stations_m': [0.0, 30.0, 50.0], 'speeds_mps': [15.0, 6.0, 5.5]}
-    (warning,) = told({'speed': table, 'start': start})
+    (warning,) = find_warnings({'speed': table, 'start': start})
     assert 'asks for 5.5 m/s (speed.speeds_mps[2] and 1 more)' in warning
 
 
-def test_a_plant_with_another_driven_axle_is_named_until_the_controller_knows(told, tmp_path):
+def test_another_driven_axle_of_the_plant_gives_a_warning_until_the_controller_has_it(
+    find_warnings, tmp_path
+):
     gti = {'plant': {'plant_params': 'vw_gti.yaml'}}
-    (warning,) = told({}, gti)
+    (warning,) = find_warnings({}, gti)
     assert '0% of the drive is at the front axle (car_file car.yaml)' in warning
     assert 'the plant has 100% there' in warning
-    assert told({}, gti | {'controller': {'model.drive_front_share': 1.0}}) == []
+    assert find_warnings({}, gti | {'controller': {'model.drive_front_share': 1.0}}) == []
     text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
     mine = tmp_path / 'my_car.yaml'
     mine.write_text(text.replace('drive_front_share: 0.0', 'drive_front_share: 1.0'))
-    assert told({}, gti | {'controller': {'car_file': str(mine)}}) == []
-    (warning,) = told(
+    assert find_warnings({}, gti | {'controller': {'car_file': str(mine)}}) == []
+    (warning,) = find_warnings(
         {}, gti | {'controller': {'car_file': str(mine), 'model.drive_front_share': 0.5}}
     )
     assert '50% of the drive is at the front axle (model.drive_front_share)' in warning
 
 
-def test_limits_of_a_file_that_the_car_does_not_reach_are_named_with_what_is_in_force(
-    told, tmp_path
-):
+def test_limits_beyond_the_car_are_named_with_the_values_in_force(find_warnings, tmp_path):
     text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
     text = text.replace('steer_rate_radps: 0.8', 'steer_rate_radps: 0.349')
     weak = tmp_path / 'weak.yaml'
     weak.write_text(text.replace('drive_n: 7000.0', 'drive_n: 4000.0'))
-    (warning,) = told({}, {'controller': {'car_file': str(weak)}})
+    (warning,) = find_warnings({}, {'controller': {'car_file': str(weak)}})
     assert warning == (
         f'the controller may ask for more than the car of car_file {weak} can do; cut: '
         'limits.steer_rate_radps from 0.524 to 0.349, limits.drive_n from 6000 to 4000'
     )
 
 
-def test_a_limit_that_is_set_beyond_the_car_is_refused(told):
-    assert told({}, {'controller': {'limits.steer_rate_radps': 0.8}}) == []
-    said = r'^--set controller\.limits\.steer_rate_radps: .* is 0\.81; allowed up to 0\.8, '
-    with pytest.raises(BagError, match=said):
-        told({}, {'controller': {'limits.steer_rate_radps': 0.81}})
+def test_a_limit_that_is_set_beyond_the_car_is_refused(find_warnings):
+    assert find_warnings({}, {'controller': {'limits.steer_rate_radps': 0.8}}) == []
+    expected = r'^--set controller\.limits\.steer_rate_radps: .* is 0\.81; allowed up to 0\.8, '
+    with pytest.raises(BagError, match=expected):
+        find_warnings({}, {'controller': {'limits.steer_rate_radps': 0.81}})

@@ -52,7 +52,7 @@ def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
         assert row['reasons'] == claims.find_reasons([row['verdict']])
 
 
-def test_only_what_stands_between_the_comments_changes(tmp_path, claims_file):
+def test_only_the_text_between_the_comments_changes(tmp_path, claims_file):
     file = tmp_path / 'page.md'
     file.write_text(f'before\n{reproduction.BEGIN}\nold\n{reproduction.END}\nafter\n')
     reproduction.rewrite_claims_block(file, claims_file)

@@ -1,6 +1,6 @@
 """`experiments paper`: what is driven where, in which order, and what must agree.
 
-The drives in process and through the node graph are tested elsewhere; here both come out as told.
+The runs in process and through the node graph are tested elsewhere; here both are replaced.
 """
 
 import io
@@ -64,7 +64,9 @@ def paper(monkeypatch, tmp_path, make_record):
     return made
 
 
-def test_the_tuned_controllers_play_and_the_median_run_goes_through_the_graph(paper, tmp_path):
+def test_the_tuned_controllers_are_compared_and_the_node_graph_repeats_the_median_run(
+    paper, tmp_path
+):
     made, drives, through, _ = paper()
     assert [spec.controller for spec in through.chosen] == [
         'mpcc_no_ca_tuned',
@@ -82,7 +84,7 @@ def test_the_tuned_controllers_play_and_the_median_run_goes_through_the_graph(pa
     assert noted['command'] == 'experiments paper --quick'
 
 
-def test_a_node_graph_that_drives_otherwise_is_an_error_that_names_the_number(paper):
+def test_a_deviation_of_the_node_graph_is_an_error_that_names_the_number(paper):
     with pytest.raises(BagError, match=r'min_v2o_per_obstacle_m\.1 is 0\.6000, tracked 0\.5300'):
         paper(min_v2o_per_obstacle_m={'1': 0.6, '2': 0.57})
 
@@ -90,12 +92,12 @@ def test_a_node_graph_that_drives_otherwise_is_an_error_that_names_the_number(pa
 def test_the_screen_shows_every_claim_with_its_brackets(paper):
     made, _, _, console = paper()
     reproduction.show(made, console)
-    said = ' '.join(console.file.getvalue().split())
-    assert '4/4 experiment 1' in said
-    assert said.count('paper ') >= len(made.rows)
+    text = ' '.join(console.file.getvalue().split())
+    assert '4/4 experiment 1' in text
+    assert text.count('paper ') >= len(made.rows)
     assert '[' in made.rows[0]['interval']
-    assert made.rows[0]['interval'].split()[-1] in said
-    assert 'sheet.png' in said
+    assert made.rows[0]['interval'].split()[-1] in text
+    assert 'sheet.png' in text
     for row in made.rows:
         for key, reason in row['reasons'].items():
-            assert f'({key}) {reason}' in said
+            assert f'({key}) {reason}' in text

@@ -36,7 +36,7 @@ def test_a_command_may_differ_by_a_millionth_of_its_unit():
     assert differing(check.pair_commands(one, one._replace(delta=np.nan))) == ['command.delta']
 
 
-def test_of_the_reasons_all_is_compared_but_times():
+def test_all_values_of_a_report_are_compared_except_times():
     one = why(rung='solved', **{'cost.con': 20.0, 'time.solve_ms': 1.0})
     assert differing(check.pair_reports(one, why(**one.values | {'time.solve_ms': 9.0}))) == []
     assert differing(check.pair_reports(one, why(**one.values | {'rung': 'braking'}))) == ['rung']
@@ -67,13 +67,13 @@ def timed_by(bag, mode):
     return bag._replace(records=bag.records | {'run': bag.run_info | {'mode': mode}})
 
 
-def test_told_by_the_wall_clock_the_same_is_answered(golden):
+def test_a_replay_by_the_wall_clock_gives_the_same_answers(golden):
     report = check.check(timed_by(golden('mpcc'), 'realtime'), {})
     assert not report.failures
     assert report.repeatable == len(report.ticks)
 
 
-def test_a_tick_that_the_clock_decided_proves_nothing_nor_do_those_after_it(golden):
+def test_a_tick_decided_by_the_clock_and_those_after_it_are_no_failures(golden):
     bag = golden('mpcc')
     ticks = recorded_ticks.read_ticks(bag)
     one = ticks[60]
@@ -87,7 +87,7 @@ def test_a_tick_that_the_clock_decided_proves_nothing_nor_do_those_after_it(gold
     assert 'time limit' in compared[60].gap
 
 
-def test_a_lost_command_is_a_gap_and_the_replay_goes_on_from_its_own_answer(golden):
+def test_a_lost_command_is_a_gap_and_the_replay_continues_from_its_own_answer(golden):
     bag = golden('mpcc')
     ticks = recorded_ticks.read_ticks(bag)
     ticks[30] = ticks[30]._replace(
@@ -111,7 +111,7 @@ def without(bag, topic, row, mode='lockstep'):
 
 
 @pytest.mark.parametrize('topic', [recorded_ticks.STATE, recorded_ticks.OBSTACLES])
-def test_in_lockstep_a_lost_message_that_was_answered_is_named(golden, topic):
+def test_in_lockstep_a_lost_input_is_an_error_that_names_it(golden, topic):
     with pytest.raises(BagError, match=f'{topic} has no message of stamp'):
         recorded_ticks.read_ticks(without(golden('mpcc'), topic, 40))
 
@@ -154,7 +154,7 @@ def with_report(bag, row, payload):
     )
 
 
-def said(bag, row, **values):
+def changed_report(bag, row, **values):
     """Return a report of a bag as bytes, which says something else under some keys."""
     one = RecordedTopic(bag, recorded_ticks.WHY).value(row)
     return ros.serialize(encode.why(one._replace(values=one.values | values)))
@@ -162,24 +162,26 @@ def said(bag, row, **values):
 
 @pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
 @pytest.mark.parametrize('time', ['n/a', math.nan, math.inf, -math.inf, 1e300, -1e12, 1e12])
-def test_a_time_that_no_tick_takes_counts_as_none(golden, mode, time):
+def test_an_impossible_duration_counts_as_zero(golden, mode, time):
     bag = timed_by(golden('mpcc'), mode)
     times = dict.fromkeys(('time.lead_ms', 'time.prepare_ms', 'time.solve_ms'), time)
-    found = recorded_ticks.read_ticks(with_report(bag, 20, said(bag, 20, **times)), 22)
+    found = recorded_ticks.read_ticks(with_report(bag, 20, changed_report(bag, 20, **times)), 22)
     assert len(found) == 22
     assert found[20].inputs.acts_ns == found[20].stamp_ns
     assert found[20].inputs.state == recorded_ticks.read_ticks(bag, 22)[20].inputs.state
 
 
 @pytest.mark.parametrize('reason', [12, 0.5, True])
-def test_a_report_whose_reason_is_no_word_is_that_of_no_tick(golden, reason):
+def test_a_report_whose_reason_is_no_text_belongs_to_no_tick(golden, reason):
     bag = timed_by(golden('mpcc'), 'realtime')
-    found = recorded_ticks.read_ticks(with_report(bag, 20, said(bag, 20, reason=reason)), 40)
+    found = recorded_ticks.read_ticks(
+        with_report(bag, 20, changed_report(bag, 20, reason=reason)), 40
+    )
     expected = recorded_ticks.read_ticks(bag, 41)
     assert [one.why for one in found] == [one.why for one in (*expected[:20], *expected[21:])]
 
 
-def test_two_drives_in_one_bag_are_not_mixed_up(golden):
+def test_two_drives_in_one_bag_are_refused(golden):
     bag, other = golden('mpcc'), golden('frenet').recordings[recorded_ticks.STATE]
     one = bag.recordings[recorded_ticks.STATE]
     columns = (np.concatenate([a, b]) for a, b in zip(one[1:4], other[1:4]))
@@ -222,7 +224,7 @@ def test_a_controller_that_was_started_again_begins_at_the_actuators(golden):
 def told_late(bag, reasons):
     """Return the ticks of a bag whose controller had found an input too old at some of them.
 
-    What it then answered is asked of a controller that is told so.
+    The answers come from a controller with these faults.
     """
     recorded, ticks = (
         replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'),
@@ -254,7 +256,7 @@ def test_a_tick_that_braked_because_of_an_old_input_is_repeated(golden):
     assert not any(one.differing for one in compared)
 
 
-def test_after_braking_blindly_a_controller_begins_at_the_actuators(golden, monkeypatch):
+def test_after_braking_without_a_state_a_controller_begins_at_the_actuators(golden, monkeypatch):
     bag = golden('mpcc')
     value = RecordedTopic.value
 
@@ -271,7 +273,7 @@ def test_after_braking_blindly_a_controller_begins_at_the_actuators(golden, monk
     assert [k for k, one in enumerate(inputs) if one.actuators] == [0, 22]
 
 
-def test_notes_without_parameters_are_refused(golden):
+def test_run_information_without_parameters_is_refused(golden):
     with pytest.raises(BagError, match='does not say the parameters'):
         replayed_controller.from_run_info({}, {}, 'mpcc')
 
@@ -297,15 +299,15 @@ def test_a_parameter_of_the_car_that_the_run_lacks_is_an_error(golden):
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'expected'),
     [
         ('plant.friction=0.5', 'only parameters of the controller'),
         ('controller.tolerances.lag_m', r'must be \[controller\.\]parameter=value'),
         ('weights.lag=0', r'experiments resolve.*controller\.tolerances'),
     ],
 )
-def test_a_setting_of_another_form_is_refused(text, said):
-    with pytest.raises(BagError, match=said):
+def test_a_setting_of_another_form_is_refused(text, expected):
+    with pytest.raises(BagError, match=expected):
         set_option.parse_controller_settings([text])
 
 
@@ -317,7 +319,7 @@ def test_a_parameter_of_the_controller_needs_no_node_before_it():
     }
 
 
-def test_a_misspelt_setting_is_answered_with_the_closest_parameter(golden):
+def test_a_misspelt_setting_is_refused_with_the_closest_parameter(golden):
     with pytest.raises(BagError, match=r"^--set: solver\.nmae: .* did you mean 'solver\.name'\?"):
         replayed_controller.recorded_params(
             golden('mpcc').run_info, {'solver.nmae': 'ipopt'}, 'mpcc'

@@ -27,7 +27,7 @@ def test_a_golden_recording_is_answered_as_it_was_recorded(golden, name):
 
 @compiler
 @pytest.mark.parametrize('parameter', ['lag_m', 'steer_rate_radps'])
-def test_a_weight_that_is_one_percent_larger_is_found_out(golden, parameter):
+def test_a_weight_that_is_one_percent_larger_is_detected(golden, parameter):
     noted = json.loads(golden('mpcc').run_info['parameters'])['controller']
     tolerance = noted[f'tolerances.{parameter}'] / 1.01**0.5
     report = check.check(golden('mpcc'), {f'tolerances.{parameter}': tolerance})
@@ -45,14 +45,14 @@ def test_the_command_shows_the_first_tick_that_differs_and_fails(capsys, monkeyp
     assert cli.main(['replay-check', bag, bag]) == 0
     assert capsys.readouterr().out.count('the same in 162 ticks') == 2
     assert cli.main(['replay-check', bag, '--set', 'controller.tolerances.lag_m=0.4975']) == 1
-    told = capsys.readouterr().out
-    assert 'first in tick 0 at 0.00 s' in told
-    assert 'weight.lag' in told
-    assert max(map(len, told.splitlines()[1:])) <= 80
+    text = capsys.readouterr().out
+    assert 'first in tick 0 at 0.00 s' in text
+    assert 'weight.lag' in text
+    assert max(map(len, text.splitlines()[1:])) <= 80
 
 
 @pytest.mark.parametrize('name', CONTROLLERS)
-def test_a_golden_recording_is_small_complete_and_says_nothing_of_where_it_was_made(golden, name):
+def test_a_golden_recording_is_small_complete_and_free_of_local_paths(golden, name):
     files = list((GOLDEN / name).iterdir())
     assert sum(file.stat().st_size for file in files) < goldens.LARGEST_BYTES
     bag = golden(name)

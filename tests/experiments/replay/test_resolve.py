@@ -46,14 +46,14 @@ def test_solved_again_a_tick_gives_its_command_and_its_cost(ask, name, tick):
     answer = ask(name, tick)
     assert answer.is_same
     assert answer.chain == 0
-    said = answer.tick.why.values
-    assert answer.solved.iterations == said['solver.iterations']
+    recorded = answer.tick.why.values
+    assert answer.solved.iterations == recorded['solver.iterations']
     for term, value in answer.solved.terms.items():
-        assert value == pytest.approx(said[f'cost.{term}'], rel=1e-6, abs=1e-9)
+        assert value == pytest.approx(recorded[f'cost.{term}'], rel=1e-6, abs=1e-9)
     for one in answer.solved.distances:
         kind, _, which = one.name.rpartition(' ')
         least = f'v2o.{which}.least' if kind == 'obstacle' else f'v2e.{one.name[:-5]}.least'
-        assert np.min(one.D) == pytest.approx(said[least], abs=1e-6)
+        assert np.min(one.D) == pytest.approx(recorded[least], abs=1e-6)
 
 
 def test_a_weight_that_is_switched_off_costs_nothing_and_changes_the_plan(ask):
@@ -78,7 +78,7 @@ def test_half_a_tolerance_is_four_times_the_weight(ask):
     assert by_parameter.command == pytest.approx(by_factor.command, rel=1e-9)
 
 
-def test_the_tick_can_be_put_to_the_other_formulation(ask):
+def test_a_tick_can_be_solved_with_the_other_formulation(ask):
     frenet = {
         'formulation.name': 'frenet',
         'formulation.distance': 'path',
@@ -89,7 +89,7 @@ def test_the_tick_can_be_put_to_the_other_formulation(ask):
     assert set(answer.changed.terms) - set(answer.solved.terms) == {'e', 'dpsi'}
 
 
-def test_a_plan_that_must_not_be_driven_is_said_to_be_none(ask):
+def test_a_plan_that_is_rejected_is_reported_as_infeasible(ask):
     hurried = {
         'solver.max_iterations': 1,
         'solver.fallback': 'none',
@@ -100,7 +100,7 @@ def test_a_plan_that_must_not_be_driven_is_said_to_be_none(ask):
     assert answer.changed.status == 'plan_not_feasible: iteration limit'
 
 
-def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
+def test_the_second_solver_is_used_when_the_first_one_fails(golden, problem):
     class Broken:
         def solve(self, *problem):
             raise ValueError('broken')
@@ -116,7 +116,7 @@ def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
 
 
 @pytest.mark.parametrize(
-    ('changes', 'said'),
+    ('changes', 'expected'),
     [
         (
             {'factors': {'lagg': 0.0}},
@@ -126,8 +126,8 @@ def test_where_the_first_solver_fails_the_second_one_is_asked(golden, problem):
         ({'parameters': {'model.horizon': 40}}, 'cannot be changed in one tick'),
     ],
 )
-def test_what_cannot_be_asked_is_said(ask, changes, said):
-    with pytest.raises(BagError, match=said):
+def test_an_impossible_change_is_refused_with_the_reason(ask, changes, expected):
+    with pytest.raises(BagError, match=expected):
         ask('mpcc', **changes)
 
 
@@ -145,7 +145,7 @@ def test_a_tick_without_a_solve_is_refused(golden):
         tick_problem.pose(replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'), blind)
 
 
-def test_by_the_envelope_theorem_the_cost_answers_to_a_weight_as_its_term_is_large(problem):
+def test_the_sensitivity_of_the_cost_to_a_weight_equals_its_term(problem):
     found = resolve.find_sensitivities(problem)
     assert {one.weight for one in found} == set(problem.weights)
     large = [one for one in found if one.cost > 1e-3]
@@ -154,7 +154,7 @@ def test_by_the_envelope_theorem_the_cost_answers_to_a_weight_as_its_term_is_lar
         assert one.cost_difference == pytest.approx(one.cost, rel=1e-5)
 
 
-def test_the_sensitivity_of_the_distance_foretells_what_a_weight_does(problem):
+def test_the_sensitivity_of_the_distance_predicts_the_effect_of_a_weight(problem):
     before = problem.solve().least_v2o
     by_weight = {one.weight: one.v2o for one in resolve.find_sensitivities(problem)}
     assert by_weight['v2o'] > 0 > by_weight['con']
@@ -169,7 +169,7 @@ def test_a_weight_of_zero_is_not_varied(problem):
     ]
 
 
-def test_a_limit_in_force_is_found_at_the_stages_where_the_plan_touches_it(ask):
+def test_a_limit_is_active_at_the_stages_where_the_plan_touches_it(ask):
     answer = ask('mpcc', parameters={'limits.steer_rate_radps': 0.2})
     assert not answer.solved.active
     rate = answer.changed.inputs['d_delta']
@@ -195,7 +195,7 @@ def test_limits_are_grouped_by_stage_and_side():
     assert found == [('lower', 4, 4, 4.0, 4), ('upper', 1, 2, 3.0, 2), ('upper', 5, 5, 5.0, 5)]
 
 
-def test_a_limit_that_does_not_exist_is_never_in_force():
+def test_an_infinite_limit_is_never_active():
     still = np.zeros((3, 1))
     group = tick_problem.LimitGroup(
         ('X',), still, still - np.inf, still + np.inf, still + 1, np.ones(1)
@@ -214,10 +214,10 @@ def test_the_command_prints_tables_that_fit_and_draws_the_horizon(tmp_path, caps
     changes = ['--set', 'weights.lag=0', '--set', 'controller.limits.steer_rate_radps=0.2']
     asked = ['resolve', str(GOLDEN / 'mpcc'), '--tick', str(BUSY), *changes, '--sensitivities']
     assert cli.main([*asked, '--out', str(tmp_path)]) == 0
-    told = capsys.readouterr().out
-    assert 'the command is the recorded one' in told
-    assert 'changed: lower limit of d_delta' in told
-    assert '…' not in told
-    assert max(map(len, told.splitlines()[:-1])) <= 80
+    text = capsys.readouterr().out
+    assert 'the command is the recorded one' in text
+    assert 'changed: lower limit of d_delta' in text
+    assert '…' not in text
+    assert max(map(len, text.splitlines()[:-1])) <= 80
     for suffix in ('png', 'svg'):
         assert (tmp_path / f'mpcc_tick_{BUSY}.{suffix}').stat().st_size > 20_000

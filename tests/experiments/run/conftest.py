@@ -1,14 +1,14 @@
-"""A ring of shell programs where the nodes are looked for, and folders that do not move."""
+"""Shell programs in place of the nodes, and folders that cannot be moved."""
 
 from pathlib import Path
 
 import pytest
-from shell_ring import NODES
+from shell_nodes import NODES
 
 
 @pytest.fixture
 def prefix(tmp_path, monkeypatch):
-    """Return replace(node, script) for a ring of shell programs that ends well."""
+    """Return replace(node, script) for shell programs that complete a run."""
 
     def replace(node, script):
         program = tmp_path / 'prefix/lib' / node

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from shell_ring import AWAIT_RECORDER, NODES, RECORD, WAIT
+from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT
 
 from bags import cli
 from bags.storage import read
@@ -65,7 +65,7 @@ def launched(tmp_path):
 
 @pytest.fixture
 def shell(tmp_path, prefix):
-    """Return replace(node, script) for a ring of shell programs that launch finds, too."""
+    """Return replace(node, script) for shell programs that launch finds, too."""
     index = tmp_path / 'prefix/share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
     for node in NODES:
@@ -179,7 +179,7 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
 
 
 @pytest.mark.parametrize(
-    ('wrong', 'said'),
+    ('wrong', 'text'),
     [
         ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
@@ -187,15 +187,13 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
     ],
 )
 def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(
-    tmp_path, shell, launched, wrong, said
+    tmp_path, shell, launched, wrong, text
 ):
     assert launched(**wrong).wait(PATIENCE_S) == 1
-    assert re.search(said, output(tmp_path)), output(tmp_path)
+    assert re.search(text, output(tmp_path)), output(tmp_path)
 
 
-def test_scenario_and_controller_that_do_not_suit_each_other_are_warned_of(
-    tmp_path, shell, launched
-):
+def test_a_mismatch_of_scenario_and_controller_gives_a_warning(tmp_path, shell, launched):
     slow = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
     slow, changed = re.subn('constant_mps: [0-9.]+', 'constant_mps: 1.0', slow)
     assert changed == 1
@@ -217,8 +215,8 @@ def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, la
     shell('bags/markers_node', WAIT)
     shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{3%/*}}/run_info.json"\n')
     assert launched(controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
-    said = output(tmp_path)
-    assert r'\"safety.obstacle_m\": 0.1' in said
-    assert 'OPENBLAS_NUM_THREADS=1' in said
-    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in said
+    text = output(tmp_path)
+    assert r'\"safety.obstacle_m\": 0.1' in text
+    assert 'OPENBLAS_NUM_THREADS=1' in text
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in text
     assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()

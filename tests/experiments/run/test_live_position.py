@@ -32,7 +32,7 @@ def drive(tmp_path):
     bag.close()
 
 
-def test_each_look_tells_where_the_car_was_when_the_last_chunk_was_closed(drive):
+def test_each_poll_gives_the_position_at_the_end_of_the_last_chunk(drive):
     record, folder = drive
     reader = PositionReader(folder, REFERENCE)
     assert reader.poll() is None
@@ -44,7 +44,7 @@ def test_each_look_tells_where_the_car_was_when_the_last_chunk_was_closed(drive)
     assert reader.poll() == pytest.approx(LivePosition(t=2.0, station=40.0, speed=20.0))
 
 
-def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
+def test_a_state_that_breaks_the_contract_is_ignored(tmp_path):
     topics = message_filing.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'bag', topics, {})
@@ -61,7 +61,7 @@ def test_a_state_beyond_the_contract_is_not_shown_and_ends_nothing(tmp_path):
 
 
 @pytest.mark.parametrize('size', [0, 3, 30, 150])
-def test_a_torn_state_is_not_shown_and_ends_nothing(tmp_path, size):
+def test_a_torn_state_is_ignored(tmp_path, size):
     topics = message_filing.bag_topics(contract.load(), 'lockstep')
     index = [topic.name for topic in topics].index('/vehicle/odometry')
     bag = BagWriter(tmp_path / 'torn', topics, {})
@@ -75,11 +75,11 @@ def test_a_torn_state_is_not_shown_and_ends_nothing(tmp_path, size):
     bag.close()
 
 
-def test_a_bag_that_is_not_there_yet_is_waited_for(tmp_path):
+def test_a_bag_that_does_not_exist_yet_gives_no_position(tmp_path):
     assert PositionReader(tmp_path / 'later', REFERENCE).poll() is None
 
 
-def test_half_a_chunk_is_left_for_the_next_look(drive, tmp_path):
+def test_half_a_chunk_is_left_for_the_next_poll(drive, tmp_path):
     record, folder = drive
     record(0, 501)
     record(501, 1001)

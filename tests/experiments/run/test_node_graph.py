@@ -3,13 +3,14 @@
 The nodes are small shell programs where a test needs them to fail in a certain way.
 """
 
+import os
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
-from shell_ring import AWAIT_RECORDER, NODES, WAIT, left_over
+from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
 
 from experiments.configuration import node_config
 from experiments.progress import RunProgress
@@ -59,7 +60,7 @@ def hidden(folder):
     return [path.name for path in folder.iterdir() if path.name.startswith('.')]
 
 
-def test_a_run_that_ends_well_is_kept_with_what_the_nodes_said(tmp_path, drive, old_bag):
+def test_a_completed_run_is_kept_with_the_logs_of_the_nodes(tmp_path, drive, old_bag):
     outcome = drive()
     assert outcome == node_graph.RunOutcome('mpcc', True, 'finish line crossed', old_bag)
     assert (old_bag / 'metadata.yaml').read_text() == ''
@@ -70,7 +71,7 @@ def test_a_run_that_ends_well_is_kept_with_what_the_nodes_said(tmp_path, drive, 
 
 
 @pytest.mark.parametrize('code', [2, 3])
-def test_a_run_that_is_not_completed_is_kept_and_says_so(drive, prefix, code):
+def test_a_run_that_is_not_completed_is_kept_and_reported(drive, prefix, code):
     prefix('vehicle_plant/plant_node', f'echo the car stands still; sleep 0.2; exit {code}\n')
     outcome = drive()
     assert outcome.completed is False
@@ -79,7 +80,7 @@ def test_a_run_that_is_not_completed_is_kept_and_says_so(drive, prefix, code):
 
 
 @pytest.mark.parametrize('node', NODES)
-def test_a_node_that_dies_is_named_with_its_last_words(tmp_path, drive, prefix, old_bag, node):
+def test_a_node_that_dies_is_named_with_its_last_output(tmp_path, drive, prefix, old_bag, node):
     prefix(node, 'echo getting ready; echo "cannot go on: no road" >&2; exit 9\n')
     outcome = drive()
     assert outcome.completed is False
@@ -129,8 +130,8 @@ def test_a_node_that_dies_leaves_a_closed_recording(tmp_path, drive, prefix):
 def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(
     tmp_path, drive, prefix
 ):
-    said = "No space left on device; 'bags repair $out' makes a complete bag of it"
-    prefix('bags/recorder_node', f'{RECORD_TORN}echo "{said}"\nexit 1\n')
+    hint = "No space left on device; 'bags repair $out' makes a complete bag of it"
+    prefix('bags/recorder_node', f'{RECORD_TORN}echo "{hint}"\nexit 1\n')
     prefix('vehicle_plant/plant_node', WAIT)
     outcome = drive()
     recording = tmp_path / 'runs/mpcc.failed/mpcc'
@@ -205,7 +206,7 @@ def test_a_run_that_cannot_be_moved_at_all_says_where_it_was_left(
     assert (old_bag / 'metadata.yaml').read_text() == 'old'
 
 
-def test_a_run_for_which_no_folder_can_be_made_is_an_outcome_too(drive, monkeypatch):
+def test_a_run_without_a_folder_is_an_outcome_too(drive, monkeypatch):
     def full(*how, **named):
         raise OSError(28, 'No space left on device')
 
@@ -278,3 +279,11 @@ def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, pre
     controller = (bag / 'logs/controller_node.log').read_text()
     assert 'circle_radius_m' in controller
     assert 'model.friction: 0.8' in controller
+
+
+def test_on_the_wall_clock_plant_and_controller_have_a_core_each(monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {3, 5, 7})
+    assert node_graph._cores('realtime') == {'plant': {3}, 'controller': {5}}
+    assert node_graph._cores('lockstep') == {}
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {3})
+    assert node_graph._cores('realtime') == {}

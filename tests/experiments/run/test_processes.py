@@ -19,7 +19,7 @@ ENDS_ON_SIGINT = 'trap "exit 0" INT; echo ready; while :; do sleep 0.05; done'
 
 @pytest.fixture
 def shell(tmp_path):
-    """Return start(script): a shell that has said something, killed when the test ends."""
+    """Return start(script): a shell that has written something, killed when the test ends."""
     started = []
 
     def start(script, **options):
@@ -36,7 +36,7 @@ def shell(tmp_path):
         processes.kill(process)
 
 
-def test_a_program_that_obeys_ends_with_its_own_code(shell):
+def test_a_program_that_obeys_sigint_ends_with_its_own_code(shell):
     process = shell(ENDS_ON_SIGINT)
     processes.stop([process], patience_s=10.0)
     assert process.code == 0
@@ -64,17 +64,17 @@ def test_a_kill_reaches_what_the_program_started(shell):
     wait_until(lambda: not os.path.exists(f'/proc/{child}'), 30.0, 'the child goes on')
 
 
-def test_an_early_end_is_an_error_with_the_last_words(shell):
+def test_an_early_end_is_an_error_with_the_last_output(shell):
     alive, dead = shell(ENDS_ON_SIGINT), shell('seq 40; echo no road >&2; exit 7')
     dead.popen.wait(10)
     processes.check_running([alive])
     with pytest.raises(processes.ProcessError) as caught:
         processes.check_running([alive, dead])
-    said = str(caught.value)
-    assert 'node ended early with exit code 7' in said
-    assert '| no road' in said
-    assert '| 40' in said
-    assert '| 10\n' not in said
+    text = str(caught.value)
+    assert 'node ended early with exit code 7' in text
+    assert '| no road' in text
+    assert '| 40' in text
+    assert '| 10\n' not in text
 
 
 def test_a_crash_is_named_by_its_signal(shell):
@@ -83,7 +83,7 @@ def test_a_crash_is_named_by_its_signal(shell):
     assert 'by SIGSEGV without any output' in processes.exit_report(process)
 
 
-def test_what_a_node_said_before_it_was_held_is_what_it_said_last(tmp_path):
+def test_the_last_line_of_a_blocked_node_is_the_one_before_the_report(tmp_path):
     log = tmp_path / 'held.log'
     held = "import time\nfrom node_runtime import shutdown\nprint('over')\n"
     held += 'with shutdown.exit_after(0.5, 3):\n    time.sleep(60)'
@@ -93,7 +93,7 @@ def test_what_a_node_said_before_it_was_held_is_what_it_said_last(tmp_path):
     assert processes.last_line(log) == 'over'
 
 
-def test_the_last_line_is_the_last_whole_one(tmp_path):
+def test_the_last_line_is_the_last_complete_one(tmp_path):
     log = tmp_path / 'log'
     for text, last in (('', ''), ('half', ''), ('a\nb\nhalf', 'b'), ('x' * 5000 + '\nb\n\n', 'b')):
         log.write_text(text)
@@ -118,7 +118,7 @@ def test_a_node_is_found_as_ros2_run_finds_it(tmp_path, monkeypatch):
     assert share.node_command('pkg', 'node') == [str(program)]
 
 
-def test_an_ignored_sigint_is_not_handed_on(tmp_path):
+def test_an_ignored_sigint_is_not_inherited(tmp_path):
     script = (
         'import os, pathlib, signal, sys\n'
         'from experiments.run import processes\n'

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from shell_ring import AWAIT_RECORDER, WAIT, left_over
+from shell_nodes import AWAIT_RECORDER, WAIT, left_over
 from wait_until import wait_until
 
 from bags.storage import read
@@ -27,7 +27,7 @@ def started(folder, process):
 
 @pytest.fixture
 def command(tmp_path, prefix):
-    """Return the started `experiments run` of a ring that would never end."""
+    """Return the started `experiments run` of nodes that would never end."""
     prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}echo driving\n{WAIT}')
     process = subprocess.Popen(
         [*RUN, '--out', tmp_path / 'runs'],
@@ -51,10 +51,10 @@ def test_a_signal_at_the_command_leaves_no_process_and_keeps_the_recording(
     # the impatient press twice
     time.sleep(0.1)
     command.send_signal(number)
-    _, said = command.communicate(timeout=30)
+    _, stderr = command.communicate(timeout=30)
     assert command.returncode == code
     kept = tmp_path / 'runs/straight/mpcc.interrupted'
-    assert said == f'interrupted: every node was stopped; kept: {os.path.relpath(kept)}\n'
+    assert stderr == f'interrupted: every node was stopped; kept: {os.path.relpath(kept)}\n'
     assert (kept / 'metadata.yaml').is_file()
     assert left_over(tmp_path) == []
     assert list((tmp_path / 'runs/straight').iterdir()) == [kept]
@@ -121,15 +121,15 @@ def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
         recording = 'runs/straight/.mpcc_no_ca.*/logs/recording'
         wait_until(lambda: list(tmp_path.glob(recording)), 60.0, 'the second run records nothing')
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, stderr = process.communicate(timeout=30)
     finally:
         process.kill()
     kept = 'runs/straight/mpcc, runs/straight/mpcc_no_ca.interrupted'
-    assert said == f'interrupted: every node was stopped; kept: {kept}\n'
+    assert stderr == f'interrupted: every node was stopped; kept: {kept}\n'
     assert left_over(tmp_path) == []
 
 
-def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it_left(
+def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_the_remains(
     tmp_path, command
 ):
     wait_until(lambda: len(left_over(tmp_path)) >= 4, 60.0, 'not every node was started')
@@ -137,8 +137,8 @@ def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_what_it
     command.communicate(timeout=10)
     wait_until(lambda: not left_over(tmp_path), 30.0, lambda: f'left: {left_over(tmp_path)}')
     (left,) = (tmp_path / 'runs/straight').iterdir()
-    (said,) = staging.recover(tmp_path / 'runs/straight')
-    assert str(left / 'mpcc') in said
+    (line,) = staging.recover(tmp_path / 'runs/straight')
+    assert str(left / 'mpcc') in line
 
 
 def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
@@ -155,7 +155,7 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
     assert left_over(tmp_path) == []
 
 
-def test_without_a_compiler_one_warning_says_what_is_lost(tmp_path, prefix):
+def test_without_a_compiler_one_warning_names_the_consequence(tmp_path, prefix):
     prefix('mpcc_controller/controller_node', 'exit 4\n')
     done = subprocess.run(
         [*RUN, '--out', tmp_path / 'runs'],
@@ -193,9 +193,7 @@ def terminate(command):
     ('end', 'code', 'kept'),
     [(kill_the_controller, 1, 'mpcc.failed/mpcc'), (terminate, 143, 'mpcc.interrupted')],
 )
-def test_a_real_drive_that_is_ended_leaves_a_closed_bag_with_what_was_driven(
-    tmp_path, end, code, kept
-):
+def test_a_real_run_that_is_ended_leaves_a_closed_bag_with_its_recording(tmp_path, end, code, kept):
     folder = tmp_path / 'double_lane_change'
     command = subprocess.Popen(
         [sys.executable, '-m', 'experiments.cli', 'run', 'double_lane_change', '--out', tmp_path],
@@ -209,11 +207,11 @@ def test_a_real_drive_that_is_ended_leaves_a_closed_bag_with_what_was_driven(
             assert command.poll() is None, command.stderr.read()
             time.sleep(0.05)
         end(command)
-        _, said = command.communicate(timeout=120)
+        _, stderr = command.communicate(timeout=120)
     finally:
         command.kill()
-    assert command.returncode == code, said
-    assert kept in said
+    assert command.returncode == code, stderr
+    assert kept in stderr
     bag = read.load(folder / kept)
     assert (folder / kept / 'metadata.yaml').is_file()
     assert bag.damage is None

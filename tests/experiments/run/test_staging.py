@@ -45,31 +45,31 @@ def kill_at_rename(staged, monkeypatch, number):
 @pytest.mark.parametrize('number', [1, 2, 3])
 def test_a_kill_while_a_bag_is_replaced_loses_neither(tmp_path, staged, monkeypatch, number):
     kill_at_rename(staged, monkeypatch, number)
-    said = staging.recover(tmp_path)
+    text = staging.recover(tmp_path)
     assert (staged.final / 'metadata.yaml').read_text() == 'old'
     assert (staged.bag / 'metadata.yaml').read_text() == 'new'
-    assert any(str(staged.bag) in line for line in said)
-    assert any('put back' in line for line in said) == (number == 3)
+    assert any(str(staged.bag) in line for line in text)
+    assert any('put back' in line for line in text) == (number == 3)
 
 
 @pytest.mark.parametrize('refused', ['bag', 'final'])
 def test_a_bag_that_cannot_be_put_in_its_place_is_left_whole_with_the_older_one(
     staged, refuse_moves, refused
 ):
-    (staged.logs / 'plant_node.log').write_text('said')
+    (staged.logs / 'plant_node.log').write_text('text')
     refuse_moves(lambda path: path == getattr(staged, refused))
     for _ in range(2):
         with pytest.raises(PermissionError):
             staged.keep()
         assert (staged.final / 'metadata.yaml').read_text() == 'old'
         assert (staged.bag / 'metadata.yaml').read_text() == 'new'
-        assert (staged.logs / 'plant_node.log').read_text() == 'said'
+        assert (staged.logs / 'plant_node.log').read_text() == 'text'
     folder = staged.keep_failed()
     assert (folder / 'mpcc/metadata.yaml').read_text() == 'new'
     assert (staged.final / 'metadata.yaml').read_text() == 'old'
 
 
-def test_a_folder_that_cannot_be_made_whole_is_not_left_behind(tmp_path, monkeypatch):
+def test_an_incomplete_staging_folder_is_removed(tmp_path, monkeypatch):
     def full(path, *how, **named):
         raise OSError(28, 'No space left on device')
 
@@ -90,19 +90,19 @@ def test_a_run_in_progress_is_left_alone(tmp_path, staged):
     ('file', 'advice'),
     [('metadata.yaml', 'is whole'), ('mpcc_0.mcap', 'bags repair'), (None, 'no bag')],
 )
-def test_what_a_killed_run_left_is_named_with_what_to_do(tmp_path, file, advice):
+def test_the_remains_of_a_killed_run_are_named_with_advice(tmp_path, file, advice):
     left = tmp_path / '.mpcc.abc'
     (left / 'logs').mkdir(parents=True)
     (left / staging.MARKER_FILE).touch()
     if file:
         (left / 'mpcc').mkdir()
         (left / 'mpcc' / file).write_text('')
-    (said,) = staging.recover(tmp_path)
-    assert str(left) in said
-    assert advice in said
+    (text,) = staging.recover(tmp_path)
+    assert str(left) in text
+    assert advice in text
 
 
-def test_what_was_replaced_already_is_removed(tmp_path):
+def test_a_bag_that_was_replaced_already_is_removed(tmp_path):
     (tmp_path / 'mpcc').mkdir()
     (tmp_path / '.mpcc.abc/replaced/mpcc').mkdir(parents=True)
     (tmp_path / '.mpcc.abc' / staging.MARKER_FILE).touch()
@@ -111,7 +111,7 @@ def test_what_was_replaced_already_is_removed(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['.cache.d', '.mpcc.backup'])
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path, name):
+def test_a_foreign_folder_is_left_alone(tmp_path, name):
     file = tmp_path / name / 'replaced' / 'mpcc'
     file.parent.mkdir(parents=True)
     file.write_text('precious')

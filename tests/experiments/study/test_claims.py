@@ -17,7 +17,7 @@ def alike(make_record):
 
 
 @pytest.mark.parametrize(
-    ('strict', 'loose', 'said'),
+    ('strict', 'loose', 'text'),
     [
         (60, 60, 'reproduced'),
         (54, 60, 'reproduced'),
@@ -28,16 +28,16 @@ def alike(make_record):
         (0, 0, 'not'),
     ],
 )
-def test_a_verdict_needs_the_whole_interval(strict, loose, said):
+def test_a_verdict_needs_the_whole_interval(strict, loose, text):
     shares = (run_statistics.share_of_counts(holds, 60) for holds in (strict, loose))
-    assert claims.decide(*shares) == said
+    assert claims.decide(*shares) == text
 
 
 def test_an_undecided_claim_names_its_reasons_whatever_the_rules_give():
     assert claims.verdict('', 'partly') == 'partly'
-    told = claims.verdict('ab', 'reproduced')
-    assert told == 'not decided here (a, b)'
-    assert list(claims.find_reasons([told, 'not'])) == ['a', 'b']
+    verdict = claims.verdict('ab', 'reproduced')
+    assert verdict == 'not decided here (a, b)'
+    assert list(claims.find_reasons([verdict, 'not'])) == ['a', 'b']
     assert claims.find_reasons(['reproduced', 'partly', 'not']) == {}
 
 
@@ -87,7 +87,7 @@ def test_the_paper_itself_would_be_reproduced(alike, make_record):
     assert [claim.key for claim in CLAIMS if not claim.strict.holds(runs)] == []
 
 
-def test_of_equal_drives_no_difference_is_claimed(alike):
+def test_equal_runs_fulfil_no_claim_of_a_difference(alike):
     compared = [one for one in CLAIMS if one.switched == 'frenet']
     assert len(compared) >= 8
     assert not [
@@ -95,7 +95,7 @@ def test_of_equal_drives_no_difference_is_claimed(alike):
     ]
 
 
-def test_who_never_brakes_does_not_brake_earlier(alike, make_record):
+def test_a_controller_that_never_brakes_does_not_brake_earlier(alike, make_record):
     claim = BY_KEY['brakes_earlier']
     braking = make_record(brake_onset_at_m=30.0)
     assert claim.strict.holds(alike(mpcc=braking))
@@ -115,29 +115,29 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     rows['frenet'] = [sliding] * 20
     rows['path no-lag step heading'] = [sliding] * 20
     draws = [alike(mpcc=stable, frenet=sliding)] * 20
-    said, data = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
-    assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in said
-    assert ', in some: frame of the distances (2/20)' in said
-    assert 'lag error' not in said
-    assert 'alone undoes it in most runs: ' in said
-    assert 'size back (20/20)' in said
+    text, data = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
+    assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in text
+    assert ', in some: frame of the distances (2/20)' in text
+    assert 'lag error' not in text
+    assert 'alone undoes it in most runs: ' in text
+    assert 'size back (20/20)' in text
     found = {one['factor']: one for one in data}
     assert found['frame of the distances']['gained'] == [1, 2]
     assert found['states back to the map']['lost'] == []
 
 
-def test_without_a_switch_that_does_it_that_is_said(alike, make_record):
+def test_no_switch_as_cause_is_reported(alike, make_record):
     rows = {
         row: [make_record()] * 5
         for switch in variants.SWITCHES
         for row in (switch.before, switch.after)
     }
-    said, _ = claim_evaluation.find_cause(BY_KEY['sideslip'], [alike()] * 5, rows, claims.PARTLY)
-    assert said == 'no switch alone brings it about'
+    text, _ = claim_evaluation.find_cause(BY_KEY['sideslip'], [alike()] * 5, rows, claims.PARTLY)
+    assert text == 'no switch alone brings it about'
 
 
 @pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
-def test_nothing_is_told_to_bring_about_what_does_not_hold(claim, alike, make_record):
+def test_a_rejected_claim_gets_no_cause(claim, alike, make_record):
     rows = {
         row: [make_record()] * 20
         for switch in variants.SWITCHES
@@ -156,17 +156,17 @@ def test_nothing_is_told_to_bring_about_what_does_not_hold(claim, alike, make_re
         iterations_mean=9.0,
     )
     rows['no priority'] = [turned] * 20
-    said, _ = claim_evaluation.find_cause(claim, [alike()] * 20, rows, claims.NOT)
-    assert 'brings it about' not in said
-    assert 'makes it fail' not in said
-    assert 'undoes it' not in said
+    text, _ = claim_evaluation.find_cause(claim, [alike()] * 20, rows, claims.NOT)
+    assert 'brings it about' not in text
+    assert 'makes it fail' not in text
+    assert 'undoes it' not in text
     if claim.switched:
-        assert said.startswith(f'direction only ({claim.loose.text}): ')
+        assert text.startswith(f'direction only ({claim.loose.text}): ')
     if claim.key == 'sideslip':
-        assert said.endswith('alone would bring it about in most runs: priority at all (20/20)')
+        assert text.endswith('alone would bring it about in most runs: priority at all (20/20)')
 
 
-def test_inside_a_curve_the_overestimation_grows_with_curvature_everywhere_outside_not():
+def test_overestimation_grows_with_curvature_everywhere_inside_a_curve_but_not_outside():
     found = claim_evaluation.overestimation_by_side()
     assert found['inside']['grows'] == found['inside']['of']
     assert 0 < found['outside']['grows'] < found['outside']['of']

@@ -6,7 +6,7 @@ from experiments.study import code_version
 from node_runtime import provenance
 
 
-def test_what_drives_solves_and_judges_belongs_to_the_version():
+def test_modules_that_simulate_solve_and_evaluate_belong_to_the_version():
     assert set(code_version.modules()) >= {
         'experiments.simulation',
         'mpcc_controller.driving.controller',

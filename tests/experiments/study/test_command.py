@@ -50,40 +50,40 @@ def test_every_claim_of_the_paper_has_a_verdict_an_interval_and_a_cause(judged):
         assert row['verdict'] == row['rule_outcome'] or row['verdict'].startswith('not decided')
         assert row['ours']
         assert row['cause']
-    said = {row['key']: row['rule_outcome'] for row in rows}
-    assert said['mpcc_safe'] == said['both_avoid'] == 'reproduced'
-    assert said['sideslip'] == said['no_ca_collides'] == said['convergence'] == 'not'
+    outcomes = {row['key']: row['rule_outcome'] for row in rows}
+    assert outcomes['mpcc_safe'] == outcomes['both_avoid'] == 'reproduced'
+    assert outcomes['sideslip'] == outcomes['no_ca_collides'] == outcomes['convergence'] == 'not'
     by_key = {row['key']: row for row in rows}
     assert set(by_key['mpcc_safe']['elsewhere']) == {'70 km/h', '80 km/h'}
     assert len(by_key['sideslip']['cause_data']) == len(SWITCHES)
 
 
-def test_the_table_that_people_read_is_made_from_the_list(judged):
+def test_the_markdown_table_is_generated_from_the_list(judged):
     (file,) = (path for path in judged.files if path.name == 'claims.md')
     assert claim_evaluation.claims_table(judged.rows) == judged.markdown
     assert judged.markdown in file.read_text()
 
 
-def test_the_files_name_the_command_that_made_them_and_who_was_driven(make_record, tmp_path):
+def test_the_files_name_their_command_and_controllers(make_record, tmp_path):
     roles = {name: f'{name}_tuned' for name in CONTROLLERS}
     claim_evaluation.run(Alike(make_record), tmp_path, 2, roles=roles, command='experiments paper')
-    said = json.loads((tmp_path / 'claims_provenance.json').read_text())
-    assert said['command'] == 'experiments paper'
-    assert said['roles'] == roles
-    assert said['cause_runs'] == 2
+    origin = json.loads((tmp_path / 'claims_provenance.json').read_text())
+    assert origin['command'] == 'experiments paper'
+    assert origin['roles'] == roles
+    assert origin['cause_runs'] == 2
     last = (tmp_path / 'claims.md').read_text().splitlines()[-1]
     assert last.startswith(
         '`experiments paper` with mpcc = mpcc_tuned, mpcc_no_ca = mpcc_no_ca_tuned'
     )
 
 
-def test_where_a_controller_lay_on_a_machine_is_not_told():
+def test_the_folder_of_a_controller_is_not_recorded():
     driven = {'mpcc': 'mpcc', 'mine': '/home/somebody/mine.yaml'}
     found = tables.build_provenance('experiments study limit', 'double_lane_change', 1, driven)
     assert found['roles'] == {'mpcc': 'mpcc', 'mine': 'mine.yaml'}
 
 
-def test_a_number_that_most_runs_do_not_have_is_told_as_range_and_count(make_record):
+def test_a_number_that_most_runs_do_not_have_is_shown_as_range_and_count(make_record):
     some, none = make_record(brake_onset_at_m=36.0), make_record()
     draws = [{'mpcc': none, 'frenet': one} for one in (some, none, none)]
     shown = [Shown(role, 'brake_onset_at_m') for role in ('mpcc', 'frenet')]

@@ -63,7 +63,7 @@ def test_19_of_20_are_enough_and_18_are_not(make_record, failures, holds):
     assert limit.probe_speed(Some(make_record, 0.0), VARIANT, 70.0, draws()).holds is holds
 
 
-def test_the_rows_that_are_asked_for_are_driven_and_no_others(make_record, tmp_path):
+def test_only_the_requested_rows_are_simulated(make_record, tmp_path):
     rows = ['frenet no heading', 'mpcc']
     run_part('limit', Cliff(make_record, 75.0), tmp_path, runs=2, row=[*rows, 'mpcc'])
     document = json.loads((tmp_path / 'limit.json').read_text())
@@ -78,7 +78,7 @@ def test_the_rows_that_are_asked_for_are_driven_and_no_others(make_record, tmp_p
 
 
 @pytest.mark.parametrize(('quick', 'switched'), [(False, True), (True, False)])
-def test_every_switched_factor_has_its_limit_and_says_what_is_switched(
+def test_every_switched_factor_has_its_limit_and_its_settings_in_the_provenance(
     make_record, tmp_path, quick, switched
 ):
     drives = Cliff(make_record, 75.0)

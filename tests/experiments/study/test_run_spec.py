@@ -32,6 +32,6 @@ def test_draws_fill_their_ranges_evenly():
 
 
 @pytest.mark.parametrize('runs', [0, -1, run_spec.MAX_RUNS + 1])
-def test_a_number_of_runs_that_cannot_be_made_is_refused_with_the_range(runs):
+def test_a_number_of_runs_out_of_range_is_refused_with_the_range(runs):
     with pytest.raises(BagError, match='from 1 to 10000'):
         run_spec.draw_runs(runs)

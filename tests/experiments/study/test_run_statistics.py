@@ -8,7 +8,7 @@ from experiments.study import run_statistics
 
 
 @pytest.mark.parametrize(('holds', 'runs'), [(0, 60), (57, 60), (60, 60), (1, 2)])
-def test_the_interval_is_wilsons(holds, runs):
+def test_the_interval_is_the_wilson_interval(holds, runs):
     found = run_statistics.share([True] * holds + [False] * (runs - holds))
     z, p = 1.959963984540054, holds / runs
     middle = (p + z**2 / (2 * runs)) / (1 + z**2 / runs)
@@ -18,13 +18,13 @@ def test_the_interval_is_wilsons(holds, runs):
     assert found.share == p
 
 
-def test_a_missing_value_is_later_than_any():
+def test_a_missing_value_ranks_above_all_others():
     assert run_statistics.summarise([3.0, None, 1.0]) == (3.0, 1.0, 3.0, 2)
     assert run_statistics.summarise([3.0, None, None]) == (None, 3.0, 3.0, 1)
     assert run_statistics.summarise([None, None]) == (None, None, None, 0)
 
 
-def test_the_median_run_is_in_the_middle_of_every_judged_metric(make_record):
+def test_the_median_run_is_in_the_middle_of_every_metric(make_record):
     def runs(values):
         return [
             make_record(**dict.fromkeys(run_statistics.MEDIAN_METRICS, value)) for value in values

@@ -18,9 +18,9 @@ def specs(*numbers, variant=MPCC):
     return [run_spec.build_spec(variant, 75.0, draws[n - 1], variants.SCENARIO) for n in numbers]
 
 
-def test_a_drive_is_that_of_the_closed_loop_and_is_made_once(tmp_path):
+def test_a_run_equals_the_simulation_and_is_cached(tmp_path):
     seen = []
-    with runner.Runner(2, lambda *said: seen.append(said), tmp_path) as runs:
+    with runner.Runner(2, lambda *text: seen.append(text), tmp_path) as runs:
         first, second = runs.run(specs(1, 2), 'two')
         assert runs.simulated == 2
         assert runs.run(specs(2, 1, 2), 'again') == [second, first, second]
@@ -35,7 +35,7 @@ def test_a_drive_is_that_of_the_closed_loop_and_is_made_once(tmp_path):
     assert first.value('min_v2o_per_obstacle_m.1') == wanted['min_v2o_per_obstacle_m']['1']
 
 
-def test_what_was_driven_is_read_and_only_the_rest_is_driven(tmp_path):
+def test_only_missing_runs_are_simulated(tmp_path):
     kept = {'metrics': {'min_v2o_m': 1.25}, 'solver': {}}
     chosen = specs(1, 2)
     for one in chosen:
@@ -45,7 +45,7 @@ def test_what_was_driven_is_read_and_only_the_rest_is_driven(tmp_path):
         assert runs.simulated == 0
 
 
-def test_the_draw_reaches_speed_grip_and_tolerance_but_not_the_belief():
+def test_the_draw_changes_speed_grip_and_tolerance_but_not_the_assumed_friction():
     (one,) = specs(3)
     setup = run_spec.prepare(one)
     draw = run_spec.draw_runs(3)[2]
@@ -67,18 +67,18 @@ def test_the_draw_reaches_speed_grip_and_tolerance_but_not_the_belief():
     ],
     ids=lambda changed: next(iter(changed)),
 )
-def test_the_key_knows_everything_that_decides_a_drive(changed):
+def test_the_cache_key_depends_on_everything_that_decides_a_run(changed):
     one = run_spec.RunSpec(variants.SCENARIO, 'mpcc', (), 75.0, 1.0, 1e-6)
     assert run_spec.cache_key(one) != run_spec.cache_key(one._replace(**changed))
 
 
-def test_a_setting_that_changes_nothing_is_the_same_drive():
+def test_a_setting_that_changes_nothing_has_the_same_cache_key():
     one = run_spec.RunSpec(variants.SCENARIO, 'mpcc', (), 75.0, 1.0, 1e-6)
     assert run_spec.cache_key(one) == run_spec.cache_key(
         one._replace(settings=(('safety.obstacle_m', 0.5),))
     )
 
 
-def test_jobs_have_to_be_some():
+def test_the_number_of_jobs_must_be_positive():
     with pytest.raises(BagError, match='at least 1'):
         runner.Runner(-1)

@@ -42,7 +42,7 @@ def test_a_switch_changes_its_factor_only(rows, switch):
     assert {name for name in before if before[name] != after[name]} == FACTORS[switch.factor]
 
 
-def test_the_base_of_the_ablation_is_the_mpcc_and_is_driven_once(rows):
+def test_the_base_of_the_ablation_is_the_mpcc_and_is_simulated_once(rows):
     base, plain = rows[variants.BASE], variants.plain_variants(['mpcc'])[0]
     keys = {
         run_spec.cache_key(run_spec.build_spec(one, 75.0, DRAW, variants.SCENARIO))
@@ -57,7 +57,7 @@ def test_a_row_at_a_share_of_the_priority_has_that_share(rows):
         assert part[name] == variants.EQUAL_PENALTY * full[name]
 
 
-def test_who_plays_no_role_is_a_further_row(tmp_path):
+def test_a_controller_without_a_role_is_a_further_row(tmp_path):
     files = [tmp_path / 'mpcc.yaml', tmp_path / 'frenet_tuned.yaml']
     for file in files:
         file.write_text('')
@@ -73,6 +73,6 @@ def test_who_plays_no_role_is_a_further_row(tmp_path):
         variants.further_variants(roles, [files[0], files[0]])
 
 
-def test_a_role_that_nobody_plays_is_named():
+def test_an_unknown_role_is_named():
     with pytest.raises(BagError, match='mpc_c'):
         variants.role_variants({'mpc_c': 'mpcc'})

@@ -15,7 +15,7 @@ def test_a_metre_per_second_counts_as_much_as_three_degrees():
     assert problem.cost([SAFE, SAFE._replace(velocity_rms_mps=3.0)]) == pytest.approx(3.0)
 
 
-def test_the_worst_drive_decides_about_safety():
+def test_the_violations_are_those_of_the_worst_run():
     near = SAFE._replace(missing_v2o_m=0.2)
     lost = SAFE._replace(contouring_rms_m=0.5)
     found = problem.violations([SAFE, near, lost], tracking_m=0.3)
@@ -23,7 +23,7 @@ def test_the_worst_drive_decides_about_safety():
     assert problem.violations([SAFE], tracking_m=0.3) == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_a_steady_drive_is_scored_by_hand(make_drive):
+def test_the_score_of_a_steady_run_equals_a_hand_calculation(make_drive):
     # 20 m/s and 2 m/s to the side, 21 m/s desired; 0.1 m off the path, edges 3 m from it
     found = problem.score(make_drive(y=0.1, vy=2.0), 21.0)
     assert found.velocity_rms_mps == pytest.approx(1.0)
@@ -32,12 +32,12 @@ def test_a_steady_drive_is_scored_by_hand(make_drive):
     assert found.contouring_rms_m == pytest.approx(0.1)
 
 
-def test_what_is_missing_of_a_safety_distance_is_counted(make_drive):
+def test_a_violated_safety_distance_counts_by_its_amount(make_drive):
     # the circle of 1.1 m at y = 1.6 m is 0.3 m from the edge at 3 m, 0.5 m are safe
     assert problem.score(make_drive(y=1.6), 20.0).missing_v2e_m == pytest.approx(0.2)
 
 
-def test_a_drive_that_stops_half_way_is_not_completed(make_drive):
+def test_a_run_that_stops_half_way_is_not_completed(make_drive):
     assert problem.score(make_drive(metres=40.0), 20.0).not_completed == 1.0
 
 

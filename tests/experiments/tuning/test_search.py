@@ -37,7 +37,7 @@ def whole(tmp_path_factory):
         return folder, search.run(PLAN, folder, pool, ignore, ignore)
 
 
-def test_an_interrupted_search_goes_on_as_if_it_had_not_been(whole, tmp_path):
+def test_an_interrupted_search_continues_with_the_same_trials(whole, tmp_path):
     def stop(trial):
         raise KeyboardInterrupt
 
@@ -51,7 +51,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(whole, tmp_path):
     assert len(seen) == 3
 
 
-def test_both_stages_begin_with_what_is_known(whole):
+def test_the_stages_begin_with_the_untuned_weights_and_the_best_of_stage_1(whole):
     trials = whole[1]
     first, second = (next(t for t in trials if t.stage == stage) for stage in (1, 2))
     assert first.weights['tolerances.contouring_m'] == 0.5
@@ -60,13 +60,13 @@ def test_both_stages_begin_with_what_is_known(whole):
     assert second.scores == best.scores
 
 
-def test_another_plan_does_not_go_on_with_this_search(whole):
+def test_a_search_of_another_plan_is_refused(whole):
     folder, _ = whole
     with WorkerPool(1) as pool, pytest.raises(BagError, match='other settings'):
         search.run(PLAN._replace(seed=4), folder, pool, ignore, ignore)
 
 
-def test_a_safe_trial_is_better_than_a_cheap_one(whole):
+def test_a_feasible_trial_is_better_than_a_cheap_one(whole):
     safe = whole[1][0]
     cheap = safe._replace(
         violations=(0.1, 0.0, 0.0, 0.0),
@@ -76,7 +76,7 @@ def test_a_safe_trial_is_better_than_a_cheap_one(whole):
     assert search.find_best([cheap, safe]) is safe
 
 
-def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
+def test_controller_files_are_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
     folder, trials = whole
     found = tune.write(PLAN, trials, folder, tmp_path, ['mpcc_no_ca'])
     assert [path.name for path in found.files] == ['mpcc_tuned.yaml', 'mpcc_no_ca_tuned.yaml']
@@ -90,7 +90,7 @@ def test_what_came_out_is_written_for_the_tuned_controller_and_its_sibling(whole
     assert all(path.stat().st_size > 10_000 for path in found.figures)
 
 
-def test_an_infeasible_untuned_controller_is_said_to_be_one(whole, tmp_path, monkeypatch):
+def test_an_infeasible_untuned_controller_is_reported_as_infeasible(whole, tmp_path, monkeypatch):
     monkeypatch.setenv('COLUMNS', '100')
     _, trials = whole
     broken = trials[0]._replace(violations=(0.19, 0.0, 1.0, 0.15))
@@ -99,10 +99,10 @@ def test_an_infeasible_untuned_controller_is_said_to_be_one(whole, tmp_path, mon
     shown = io.StringIO()
     found = tune.Result(summary, [tmp_path], [tmp_path])
     tune.show(found, Console(file=shown))
-    told = shown.getvalue()
+    text = shown.getvalue()
     assert (
         'untuned: infeasible, min V2O 0.31 m < 0.5 m, not completed, '
-        'path tracked to 0.45 m > 0.3 m' in told
+        'path tracked to 0.45 m > 0.3 m' in text
     )
     assert 'infeasible' in tune._cost_note([broken, *trials[1:]]).partition('->')[0]
     feasible = tune.Result(tune.summarise(PLAN, trials, ''), [tmp_path], [tmp_path])

@@ -1,4 +1,4 @@
-"""A ring of small shell programs, which fail in whatever way a test needs."""
+"""Small shell programs in place of the nodes, which fail in the way that a test needs."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ NODES = {
 
 
 def left_over(folder):
-    """Return the running processes that were told to log below a folder."""
+    """Return the running processes that log below a folder."""
     wanted = f'ROS_LOG_DIR={folder}'.encode()
     found = []
     for process in Path('/proc').glob('[0-9]*'):

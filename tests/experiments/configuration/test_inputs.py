@@ -1,7 +1,6 @@
-"""Which parameters reach which node, and what is refused before anything starts."""
+"""The parameters of every node, and the inputs that are refused before any node starts."""
 
 import os
-import socket
 import subprocess
 import sys
 
@@ -13,7 +12,6 @@ from tyre_files import property_file
 from bags.errors import BagError
 from experiments import cli
 from experiments.configuration import inputs, node_config, set_option
-from experiments.run import domain, node_graph
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters
 
@@ -26,57 +24,59 @@ def facts():
 
 
 @pytest.fixture
-def ring(facts, tmp_path):
-    """Return ring(settings): the nodes of the double lane change."""
+def nodes_of(facts, tmp_path):
+    """Return nodes_of(settings): the nodes of the double lane change."""
 
-    def ring(*settings):
+    def nodes_of(*settings):
         overrides = set_option.parse_overrides(list(settings))
         chosen = node_config.find_controller('mpcc')
         places = (tmp_path / 'bag', tmp_path / 'notes')
-        made = node_config.build_nodes(facts, chosen, 'realtime', *places, overrides)
-        return {node.role: node for node in made}
+        nodes = node_config.build_nodes(facts, chosen, 'realtime', *places, overrides)
+        return {node.role: node for node in nodes}
 
-    return ring
+    return nodes_of
 
 
-def noted(nodes):
+def recorded_parameters(nodes):
     read = inputs.check_parameters(nodes)
     return node_config.collect_parameters(nodes, inputs.file_values(read))
 
 
-def test_everybody_is_told_the_mode(ring):
-    assert {node.parameters['mode'] for node in ring().values()} == {'realtime'}
+def test_every_node_gets_the_mode(nodes_of):
+    assert {node.parameters['mode'] for node in nodes_of().values()} == {'realtime'}
 
 
-def test_the_plant_starts_and_stops_where_the_scenario_says(ring, facts):
-    told = ring()['plant'].parameters
-    assert told['start.from'] == 'parameters'
-    assert told['start.speed_mps'] == 20.8
-    assert not [name for name in told if name.startswith('patches')]
-    assert told['stop.x_m'] == pytest.approx(164.4, abs=0.1)
+def test_the_plant_starts_and_stops_where_the_scenario_says(nodes_of, facts):
+    values = nodes_of()['plant'].parameters
+    assert values['start.from'] == 'parameters'
+    assert values['start.speed_mps'] == 20.8
+    assert not [name for name in values if name.startswith('patches')]
+    assert values['stop.x_m'] == pytest.approx(164.4, abs=0.1)
     assert facts.length_m == pytest.approx(165.0, abs=0.5)
 
 
-def test_what_is_set_by_hand_wins_and_is_noted(ring):
-    made = ring('plant.friction=0.7', 'controller.solver.name=ipopt', 'plant.start.speed_mps=19')
-    assert made['plant'].parameters['friction'] == 0.7
-    notes = noted(made.values())
-    assert notes['plant']['friction'] == 0.7
-    assert notes['plant']['start.speed_mps'] == 19
-    assert notes['controller']['solver.name'] == 'ipopt'
+def test_a_setting_wins_and_is_recorded(nodes_of):
+    nodes = nodes_of(
+        'plant.friction=0.7', 'controller.solver.name=ipopt', 'plant.start.speed_mps=19'
+    )
+    assert nodes['plant'].parameters['friction'] == 0.7
+    recorded = recorded_parameters(nodes.values())
+    assert recorded['plant']['friction'] == 0.7
+    assert recorded['plant']['start.speed_mps'] == 19
+    assert recorded['controller']['solver.name'] == 'ipopt'
 
 
-def test_the_notes_hold_every_parameter_of_every_node_and_of_the_files_they_name(ring):
-    notes = noted(ring().values())
-    assert list(notes) == list(node_config.ROLES)
-    assert notes['controller']['tyre.front_friction'] > 0.0
-    assert notes['controller']['priorities.obstacle'] > 0.0
-    assert notes['plant']['car.body.mass_kg'] > 0.0
-    assert notes['recorder']['chunk_s'] > 0.0
+def test_every_parameter_of_every_node_and_named_file_is_recorded(nodes_of):
+    recorded = recorded_parameters(nodes_of().values())
+    assert list(recorded) == list(node_config.ROLES)
+    assert recorded['controller']['tyre.front_friction'] > 0.0
+    assert recorded['controller']['priorities.obstacle'] > 0.0
+    assert recorded['plant']['car.body.mass_kg'] > 0.0
+    assert recorded['recorder']['chunk_s'] > 0.0
 
 
-def test_parameters_are_written_as_ros_reads_them(ring, tmp_path):
-    node = ring()['plant']
+def test_parameters_are_written_as_ros_reads_them(nodes_of, tmp_path):
+    node = nodes_of()['plant']
     written = node_config.write_parameter_file(node, tmp_path)
     assert written == tmp_path / 'plant.yaml'
     read = yaml.safe_load(written.read_text())
@@ -84,7 +84,7 @@ def test_parameters_are_written_as_ros_reads_them(ring, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'expected'),
     [
         ('solver.name=ipopt', "did you mean 'controller.solver.name'?"),
         ('solver.nmae=ipopt', "did you mean 'controller.solver.name'?"),
@@ -93,14 +93,14 @@ def test_parameters_are_written_as_ros_reads_them(ring, tmp_path):
         ('weights.lag=0', 'controller.tolerances'),
     ],
 )
-def test_a_setting_that_is_refused_says_what_may_be_meant(text, said):
+def test_a_refused_setting_suggests_the_closest_parameter(text, expected):
     with pytest.raises(BagError) as refused:
         set_option.parse_overrides([text])
     assert str(refused.value).startswith(f'--set {text}: ')
-    assert said in str(refused.value)
+    assert expected in str(refused.value)
 
 
-def test_what_every_node_has_may_be_set_of_every_node():
+def test_common_parameters_can_be_set_on_every_node():
     assert set_option.parse_overrides(
         ['recorder.realtime.priority=5', 'scenario.mode=realtime']
     ) == {
@@ -141,51 +141,51 @@ def test_two_controllers_of_one_name_are_refused(tmp_path):
     assert node_config.find_controllers(['mpcc', 'mpcc', str(mpcc.config)]) == [mpcc]
 
 
-def test_a_number_is_read_as_ros_reads_it(ring):
-    assert ring('plant.friction=1e-1')['plant'].parameters['friction'] == 0.1
-    assert ring("plant.tyre_set='1e-1'")['plant'].parameters['tyre_set'] == '1e-1'
+def test_a_number_is_read_as_ros_reads_it(nodes_of):
+    assert nodes_of('plant.friction=1e-1')['plant'].parameters['friction'] == 0.1
+    assert nodes_of("plant.tyre_set='1e-1'")['plant'].parameters['tyre_set'] == '1e-1'
 
 
-def test_a_controller_file_with_few_keys_is_noted_with_the_defaults_of_the_node(facts, tmp_path):
+def test_a_controller_file_with_few_keys_is_recorded_with_the_defaults_of_the_node(facts, tmp_path):
     own = tmp_path / 'brave.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
     places = (tmp_path / 'bag', tmp_path / 'notes')
     chosen = node_config.find_controller(str(own))
-    made = node_config.build_nodes(facts, chosen, 'lockstep', *places, {})
-    notes = noted(made)['controller']
-    assert notes['safety.obstacle_m'] == 0.1
-    assert notes['safety.edge_m'] == 0.5
-    assert notes['tyre.front_friction'] > 0.0
-    inputs.check_parameters(made)
+    nodes = node_config.build_nodes(facts, chosen, 'lockstep', *places, {})
+    recorded = recorded_parameters(nodes)['controller']
+    assert recorded['safety.obstacle_m'] == 0.1
+    assert recorded['safety.edge_m'] == 0.5
+    assert recorded['tyre.front_friction'] > 0.0
+    inputs.check_parameters(nodes)
 
 
 def test_a_value_of_the_scenario_that_a_node_refuses_is_cited_with_file_and_key(facts, tmp_path):
     mpcc = node_config.find_controller('mpcc')
     odd = facts._replace(friction=0.01, source='ice.yaml')
-    made = node_config.build_nodes(odd, mpcc, 'lockstep', tmp_path, tmp_path, {})
-    for node, name in ((made[2], r'model\.friction'), (made[3], 'friction')):
+    nodes = node_config.build_nodes(odd, mpcc, 'lockstep', tmp_path, tmp_path, {})
+    for node, name in ((nodes[2], r'model\.friction'), (nodes[3], 'friction')):
         with pytest.raises(
             BagError, match=rf'scenario ice\.yaml: friction: {name}: .* 0.05 to 1.5'
         ):
             inputs.check_parameters([node])
     far = facts._replace(start={**facts.start, 'x_m': 1e9}, source='ice.yaml')
-    made = node_config.build_nodes(far, mpcc, 'lockstep', tmp_path, tmp_path, {})
+    nodes = node_config.build_nodes(far, mpcc, 'lockstep', tmp_path, tmp_path, {})
     with pytest.raises(BagError, match=r'scenario ice\.yaml: start: start\.x_m: '):
-        inputs.check_parameters(made)
+        inputs.check_parameters(nodes)
 
 
-def test_what_is_set_or_written_in_a_controller_file_is_cited_as_such(facts, tmp_path):
+def test_the_source_of_a_refused_value_is_cited(facts, tmp_path):
     own = tmp_path / 'own.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: -1.0\n')
-    for chosen, settings, said in (
+    for chosen, settings, expected in (
         (str(own), {}, r'own\.yaml:4: safety\.obstacle_m: '),
         ('mpcc', {'controller': {'model.friction': 9.0}}, r'--set controller\.model\.friction: '),
     ):
-        made = node_config.build_nodes(
+        nodes = node_config.build_nodes(
             facts, node_config.find_controller(chosen), 'lockstep', tmp_path, tmp_path, settings
         )
-        with pytest.raises(BagError, match=said):
-            inputs.check_parameters(made)
+        with pytest.raises(BagError, match=expected):
+            inputs.check_parameters(nodes)
 
 
 @pytest.mark.parametrize('folder', ['.', 'sub/..', '{here}'])
@@ -201,13 +201,13 @@ def test_files_of_the_working_directory_are_named_by_a_path(facts, folder, tmp_p
         name = f'my_{role}.yaml'
         (tmp_path / name).write_text(text.replace('mass_kg: 1850.0', 'mass_kg: 1234.0'))
         settings[role] = {parameter: f'{folder.format(here=tmp_path)}/{name}'}
-    made = node_config.build_nodes(
+    nodes = node_config.build_nodes(
         facts, node_config.find_controller('mpcc'), 'lockstep', tmp_path, tmp_path, settings
     )
-    read = inputs.check_parameters(made)
+    read = inputs.check_parameters(nodes)
     assert read['controller'][1].car.mass_kg == read['plant'][1].car.body.mass_kg == 1234.0
-    notes = noted(made)
-    assert notes['controller']['car.mass_kg'] == notes['plant']['car.body.mass_kg'] == 1234.0
+    recorded = recorded_parameters(nodes)
+    assert recorded['controller']['car.mass_kg'] == recorded['plant']['car.body.mass_kg'] == 1234.0
 
 
 @pytest.mark.parametrize(
@@ -218,32 +218,32 @@ def test_files_of_the_working_directory_are_named_by_a_path(facts, folder, tmp_p
         ('controller.car_file', 'car.yaml'),
     ],
 )
-def test_a_file_that_is_not_there_is_refused_with_its_parameter_and_those_there_are(
-    ring, setting, known
-):
-    made = ring(f'{setting}=nosuch.yaml').values()
+def test_a_missing_file_is_refused_with_its_parameter_and_the_known_files(nodes_of, setting, known):
+    nodes = nodes_of(f'{setting}=nosuch.yaml').values()
     name = setting.partition('.')[2]
-    said = rf'--set {setting}: {name}: .* config/nosuch\.yaml; it has {known}; '
-    with pytest.raises(BagError, match=said):
-        inputs.check_parameters(made)
+    expected = rf'--set {setting}: {name}: .* config/nosuch\.yaml; it has {known}; '
+    with pytest.raises(BagError, match=expected):
+        inputs.check_parameters(nodes)
 
 
 @pytest.mark.parametrize('suffix', ['.tir', '.TIR'])
-def test_a_tyre_property_file_is_noted_as_the_tyre_that_the_plant_reads(ring, suffix, tmp_path):
+def test_a_tyre_property_file_is_recorded_as_the_tyre_that_the_plant_reads(
+    nodes_of, suffix, tmp_path
+):
     own = tmp_path / f'own{suffix}'
     own.write_text(property_file('tyre_book.yaml'))
-    made = ring(f'plant.tyre_set={own}').values()
-    notes = noted(made)['plant']
-    assert notes['tyre_set'] == str(own)
+    nodes = nodes_of(f'plant.tyre_set={own}').values()
+    recorded = recorded_parameters(nodes)['plant']
+    assert recorded['tyre_set'] == str(own)
     tyre = parameters.read_file(
         node_parameters.find_config('vehicle_plant', 'tyre_book.yaml')
     ).values
-    assert {name: notes[name] for name in tyre} == tyre
-    assert notes['car.body.mass_kg'] > 0.0
+    assert {name: recorded[name] for name in tyre} == tyre
+    assert recorded['car.body.mass_kg'] > 0.0
 
 
 @pytest.mark.parametrize(
-    ('settings', 'said'),
+    ('settings', 'expected'),
     [
         (['--set', 'plant.friction=1e-1x'], 'friction: must be a number'),
         (['--set', 'plant.frictoin=1'], "did you mean 'friction'"),
@@ -282,8 +282,8 @@ def test_a_tyre_property_file_is_noted_as_the_tyre_that_the_plant_reads(ring, su
         (['--out', '/proc/runs'], '--out /proc/runs: cannot create the folder'),
     ],
 )
-def test_what_no_node_would_start_with_is_one_line_before_anything_starts(
-    settings, said, tmp_path, monkeypatch, capsys
+def test_an_input_that_a_node_would_refuse_is_one_line_before_any_node_starts(
+    settings, expected, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'broken.yaml').write_text('/**: [1')
@@ -294,7 +294,7 @@ def test_what_no_node_would_start_with_is_one_line_before_anything_starts(
     assert 'Errno' not in shown.err
     assert shown.err.startswith('error: ')
     assert shown.err.count('\n') == 1
-    assert said in shown.err
+    assert expected in shown.err
 
 
 def test_a_folder_without_permission_to_write_is_refused(tmp_path, monkeypatch, capsys):
@@ -315,8 +315,8 @@ def test_a_folder_below_one_that_may_not_be_entered_is_refused_with_its_option(t
         [*ORDINARY_USER, *command], capture_output=True, text=True, timeout=60, cwd=tmp_path
     )
     assert done.returncode == 1
-    said = f'error: --out {out}: cannot create the folder {out}/straight: Permission denied\n'
-    assert done.stderr == said
+    expected = f'error: --out {out}: cannot create the folder {out}/straight: Permission denied\n'
+    assert done.stderr == expected
 
 
 @pytest.mark.parametrize(
@@ -330,7 +330,7 @@ def test_a_folder_below_one_that_may_not_be_entered_is_refused_with_its_option(t
         (['straight', '--set', 'plant.nonsense=1'], SLOW),
     ],
 )
-def test_a_mistake_is_answered_without_loading_what_takes_seconds(mistake, slow):
+def test_a_mistake_is_reported_without_slow_imports(mistake, slow):
     script = (
         'import sys\n'
         'from experiments import cli\n'
@@ -353,57 +353,3 @@ def test_a_time_limit_is_a_time(limit, capsys):
 def test_a_scenario_that_does_not_exist_is_refused_with_those_that_do():
     with pytest.raises(BagError, match='double_lane_change'):
         inputs.load_facts('double_lane')
-
-
-def test_two_runs_never_share_a_domain():
-    with domain.reserved({}) as one, domain.reserved({}) as other:
-        assert one != other
-        assert {one, other} <= set(range(1, domain.LAST + 1))
-
-
-def test_a_domain_that_somebody_listens_in_is_not_taken(monkeypatch):
-    with domain.reserved({}) as free:
-        monkeypatch.setattr(os, 'getpid', lambda: free - 1)  # where the search begins
-    with domain.reserved({}) as number:
-        assert number == free
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(('', 7400 + 250 * free + 10))
-        with domain.reserved({}) as number:
-            assert number != free
-
-
-def test_a_domain_that_is_given_is_kept():
-    with domain.reserved({'ROS_DOMAIN_ID': '157'}) as number:
-        assert number == 157
-
-
-def test_in_a_given_domain_somebody_may_look_on():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as viewer:
-        viewer.bind(('', 7400 + 250 * 157 + 10))
-        with domain.reserved({'ROS_DOMAIN_ID': '157'}) as number:
-            assert number == 157
-
-
-def test_a_given_domain_in_which_another_run_is_is_refused():
-    given = {'ROS_DOMAIN_ID': '157'}
-    with (
-        domain.reserved(given),
-        pytest.raises(BagError, match='ROS_DOMAIN_ID=157'),
-        domain.reserved(given),
-    ):
-        pass
-
-
-@pytest.mark.parametrize('given', ['abc', '-1', '233', '1.5'])
-def test_a_domain_is_a_number_that_has_ports(given):
-    wanted = 'from 0 to 232'
-    with pytest.raises(BagError, match=wanted), domain.reserved({'ROS_DOMAIN_ID': given}):
-        pass
-
-
-def test_on_the_wall_clock_plant_and_controller_have_a_core_each(monkeypatch):
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {3, 5, 7})
-    assert node_graph._cores('realtime') == {'plant': {3}, 'controller': {5}}
-    assert node_graph._cores('lockstep') == {}
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {3})
-    assert node_graph._cores('realtime') == {}

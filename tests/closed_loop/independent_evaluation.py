@@ -1,7 +1,7 @@
-"""A second judge of a drive: brute-force plane geometry that shares no code with `bags.evaluation`.
+"""An independent evaluation of a run: brute-force plane geometry, no code of `bags.evaluation`.
 
-It knows the scenario as it was written and the columns of the drive, and looks at every sample.
-Metres, seconds, radians, frame map. Where a rounding decides, it gives no verdict (None).
+Its input are the scenario file and the columns of the run; it evaluates every sample. Metres,
+seconds, radians, frame map. Where rounding decides, the result is undecided (None).
 """
 
 from typing import NamedTuple
@@ -11,15 +11,15 @@ import numpy as np
 from scenario_publisher.scenario import Scenario
 
 MESSAGE_NS = 50_000_000  # obstacles are published once per tick, and carried on in between
-SPACING = 0.25  # m between the points that stand for the outline
+SPACING = 0.25  # m between the points that sample the outline
 OUTLINE_EVERY = 10  # samples, for the outline against the edges
-TOUCH = 0.02  # m, nearer to contact than this there is no verdict
-CROSSED = 0.08  # m likewise for the outline beyond an edge, of which only points are looked at
+TOUCH = 0.02  # m, nearer to contact than this the result is undecided
+CROSSED = 0.08  # m likewise for the outline beyond an edge, which is evaluated at points only
 ANGLE = 0.1  # deg likewise for the sideslip angle
-MOVING = 3.0  # m/s, at lower speeds the sideslip angle means nothing
+MOVING = 3.0  # m/s, at lower speeds the sideslip angle has no meaning
 LOST_DEG, SPUN_DEG = 30.0, 90.0  # of sideslip
 REACHED = 0.5  # m likewise for the finish line
-CHUNK = 200  # points that are looked at at once
+CHUNK = 200  # points per evaluation
 
 
 class Body(NamedTuple):
@@ -43,8 +43,8 @@ class Motion(NamedTuple):
     vy: np.ndarray
 
 
-class Judgement(NamedTuple):
-    """What the second judge says; None where it gives no verdict, or there is no such number."""
+class Evaluation(NamedTuple):
+    """The result; None where it is undecided, or the number does not exist."""
 
     v2o: dict[int, float | None]  # m, least distance of the circles to each obstacle
     v2e: dict[str, float]  # m, least distance of the circles to each edge
@@ -58,20 +58,20 @@ class Judgement(NamedTuple):
     completed: bool | None
 
 
-def judge(scn: Scenario, motion: Motion, body: Body) -> Judgement:
-    """Return the judgement of a drive through a scenario."""
+def evaluate(scn: Scenario, motion: Motion, body: Body) -> Evaluation:
+    """Return the evaluation of a run of a scenario."""
     begin_ns = int(motion.stamp_ns[0])
     circles, outline = {}, None
     for actor in scn.actors:
-        there, x, y = _obstacle(actor, motion.stamp_ns - begin_ns)
+        present, x, y = _obstacle(actor, motion.stamp_ns - begin_ns)
         number, radius = actor.obstacle.id, actor.obstacle.r_obs
         circles[number] = None
-        if not there.any():
+        if not present.any():
             continue
-        here = Motion(*(column[there] for column in motion))
-        gaps = [np.hypot(*(c - [x, y])) for c in _circles(here, body)]
+        while_present = Motion(*(column[present] for column in motion))
+        gaps = [np.hypot(*(c - [x, y])) for c in _circles(while_present, body)]
         circles[number] = float(np.min(gaps)) - radius - body.radius
-        gap = float(np.min(_to_rectangle(here, body, x, y))) - radius
+        gap = float(np.min(_to_rectangle(while_present, body, x, y))) - radius
         outline = gap if outline is None else min(gap, outline)
     edges = {
         side: min(
@@ -83,36 +83,36 @@ def judge(scn: Scenario, motion: Motion, body: Body) -> Judgement:
     beyond = _beyond(scn, motion, body)
     slip = _sideslip(motion)
     near = [gap for gap in (*circles.values(), outline) if gap is not None]
-    return Judgement(
+    return Evaluation(
         circles,
         edges,
         outline,
         beyond,
         slip,
-        collided=_sure(min(near, default=np.inf), TOUCH),
-        left_road=_sure(-beyond, CROSSED),
-        lost=_sure(LOST_DEG - (slip or 0.0), ANGLE),
-        spun=_sure(SPUN_DEG - (slip or 0.0), ANGLE),
+        collided=_decide(min(near, default=np.inf), TOUCH),
+        left_road=_decide(-beyond, CROSSED),
+        lost=_decide(LOST_DEG - (slip or 0.0), ANGLE),
+        spun=_decide(SPUN_DEG - (slip or 0.0), ANGLE),
         completed=_completed(scn, motion),
     )
 
 
-def _sure(gap, band):
+def _decide(gap, band):
     return None if abs(gap) < band else bool(gap < 0.0)
 
 
 def _sides(scn):
-    """Return name, sign of the road's side as `left_of` tells it, and points of each edge."""
+    """Return name, sign of the road's side in `left_of`, and points of each edge."""
     return ('left', -1.0, scn.edges.left), ('right', 1.0, scn.edges.right)
 
 
 def _obstacle(actor, since_ns):
-    """Return when an obstacle is published, and where it is then; x and y only where it is."""
-    told = since_ns // MESSAGE_NS * MESSAGE_NS / 1e9
-    there = (actor.appears <= told) & (told < actor.disappears)
-    age = since_ns[there] / 1e9 - actor.appears
+    """Return whether an obstacle is present at each sample, and its position where it is."""
+    message_s = since_ns // MESSAGE_NS * MESSAGE_NS / 1e9
+    present = (actor.appears <= message_s) & (message_s < actor.disappears)
+    age = since_ns[present] / 1e9 - actor.appears
     o = actor.obstacle
-    return there, o.X + o.vX * age, o.Y + o.vY * age
+    return present, o.X + o.vX * age, o.Y + o.vY * age
 
 
 def _circles(motion, body):
@@ -153,14 +153,14 @@ def _dot(a, b):
 def left_of(points: np.ndarray, line: np.ndarray, endless: bool = False) -> np.ndarray:
     """Return how far (m,) points (m, 2) lie to the left of a polyline (n, 2); right is negative.
 
-    The nearest place of the whole line counts. The side is told by the normal there, at a corner
-    by the mean of the normals of both segments. An `endless` line goes straight on at both ends.
+    The nearest point of the whole line counts. The normal there decides the side, at a corner the
+    mean of the normals of both segments. An `endless` line continues straight at both ends.
     """
     tail, along = line[:-1], np.diff(line, axis=0)
     length = np.hypot(*along.T)
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / length[:, None]
     corner = np.vstack([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
-    found = []
+    distances = []
     for begin in range(0, len(points), CHUNK):
         some = points[begin : begin + CHUNK]
         # segments that can be nearest to one of them: not farther than the nearest vertex
@@ -183,8 +183,8 @@ def left_of(points: np.ndarray, line: np.ndarray, endless: bool = False) -> np.n
         if endless:
             ends = (k == 0) & (q <= 0.0) | (k == len(tail) - 1) & (q >= 1.0)
             away = np.where(ends, np.abs(side), away)
-        found.append(np.copysign(away, side))
-    return np.concatenate(found)
+        distances.append(np.copysign(away, side))
+    return np.concatenate(distances)
 
 
 def _sideslip(motion):
@@ -211,7 +211,7 @@ def _beyond(scn, motion, body):
 
 
 def _completed(scn, motion):
-    """Tell whether the centre surely crossed the finish line on the road, or surely did not.
+    """Return whether the centre crossed the finish line on the road; None where undecided.
 
     On a road that passes the finish line several times only those crossings count that come
     after the least distance to be travelled.
@@ -223,9 +223,9 @@ def _completed(scn, motion):
     aside = relative @ [-direction[1], direction[0]]
     steps = np.hypot(np.diff(motion.X), np.diff(motion.Y))
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    place = np.array([[stop.X, stop.Y]])
-    left = abs(float(left_of(place, scn.edges.left)[0]))
-    right = abs(float(left_of(place, scn.edges.right)[0]))
+    finish = np.array([[stop.X, stop.Y]])
+    left = abs(float(left_of(finish, scn.edges.left)[0]))
+    right = abs(float(left_of(finish, scn.edges.right)[0]))
     on_road = (aside < left - TOUCH) & (aside > TOUCH - right)
     sides = (ahead[:-1] < 0.0) & (ahead[1:] >= 0.0)
     late = travelled[1:] > stop.armed_after + REACHED
@@ -234,11 +234,11 @@ def _completed(scn, motion):
     if not np.any((ahead[:-1] < REACHED) & (ahead[1:] >= -REACHED)):
         return False  # never near the line or beyond it, from behind
     if np.any((np.abs(ahead) < REACHED) & on_road & (travelled > stop.armed_after)):
-        return None  # so near the line on the road that the way of measuring it decides
+        return None  # so near the line that the method of measuring decides
     if np.ptp(scn.reference.psi) > 1.9 * np.pi:
-        return None  # laps: a place has no single distance along them
+        return None  # laps: a point has several distances along them
     path = np.column_stack([scn.reference.X, scn.reference.Y])
-    goal = _length_to(path, place[0])
+    goal = _length_to(path, finish[0])
     points = np.column_stack([motion.X, motion.Y])[::OUTLINE_EVERY]
     reached = max(_length_to(path, point) for point in points)
     return False if reached < goal - REACHED else None
