@@ -50,7 +50,7 @@ class RecorderNode(Node):
         defaults = share.path('bags', 'config', 'recorder.yaml')
         self.params = ros.declare(self, RecorderParams, defaults)
         self.clock_queue = ClockQueue(
-            lambda: _arrived(self.inlets[CLOCK]), lambda stamp_ns: self.time.hear(stamp_ns)
+            lambda: _arrived(self.inlets[CLOCK]), lambda stamp_ns: self.time.advance(stamp_ns)
         )
         self.time = SimulatedTime(self.clock_queue.listen)
         self.bag, self.filings = self._open(ros.mode(self))
@@ -127,7 +127,7 @@ class RecorderNode(Node):
         for (topic, subscription), filing in zip(self.inlets.items(), self.filings):
             arrived = self.clock_queue.take() if topic == CLOCK else _arrived(subscription)
             for message in arrived:
-                filing.put(*message)
+                filing.file(*message)
                 taken += 1
         return taken
 
@@ -223,7 +223,7 @@ class RecorderNode(Node):
 
 
 def _arrived(subscription):
-    """Yield the messages of a subscription as arguments of `Filing.put`."""
+    """Yield the messages of a subscription as arguments of `Filing.file`."""
     handle, kind = subscription.handle, subscription.msg_type
     with handle:
         for _ in range(LARGEST_TAKE):

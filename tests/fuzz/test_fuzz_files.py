@@ -179,7 +179,7 @@ def record(folder, messages):
         filing = Filing(topic, 'lockstep', write, time=time)
         for sequence, data in enumerate(messages.get(topic.name, [])):
             try:
-                filing.put(data, 1, 2, sequence)
+                filing.file(data, 1, 2, sequence)
             except ClockError:
                 refused.append((topic.name, sequence))
     time.end()

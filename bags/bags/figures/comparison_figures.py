@@ -25,7 +25,7 @@ MARGIN_M = 1.0
 STILL_MPS = 0.05
 
 
-def trajectories(ax, runs):
+def draw_trajectories(ax, runs):
     """Draw the scene of the first run and the trajectories of all."""
     scene = runs[0].drive.scene
     _edges(ax, scene)
@@ -159,18 +159,18 @@ def _discs(ax, centre, radius, facts, pale):
     )
 
 
-MIDDLE_ROW = (panels.v2e, panels.v2o, panels.velocity)
-LAST_ROW = (panels.sideslip, panels.steer, panels.force, panels.gg)
-WITH_AREAS = {trajectories, panels.v2e, panels.v2o}
+MIDDLE_ROW = (panels.draw_v2e, panels.draw_v2o, panels.draw_velocity)
+LAST_ROW = (panels.draw_sideslip, panels.draw_steer, panels.draw_force, panels.draw_gg)
+WITH_AREAS = {draw_trajectories, panels.draw_v2e, panels.draw_v2o}
 NAMES = {
-    trajectories: 'trajectories',
-    panels.v2e: 'v2e',
-    panels.v2o: 'v2o',
-    panels.velocity: 'velocity',
-    panels.sideslip: 'sideslip',
-    panels.steer: 'road_wheel_angle',
-    panels.force: 'longitudinal_force',
-    panels.gg: 'gg',
+    draw_trajectories: 'trajectories',
+    panels.draw_v2e: 'v2e',
+    panels.draw_v2o: 'v2o',
+    panels.draw_velocity: 'velocity',
+    panels.draw_sideslip: 'sideslip',
+    panels.draw_steer: 'road_wheel_angle',
+    panels.draw_force: 'longitudinal_force',
+    panels.draw_gg: 'gg',
 }
 
 
@@ -189,20 +189,20 @@ def _sheet(runs, title):
     figure = Figure(figsize=(SHEET_WIDTH, top + 8.6), layout='constrained')
     figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
     grid = figure.add_gridspec(3, 12, height_ratios=[top, 3.3, 3.3])
-    trajectories(figure.add_subplot(grid[0, :]), runs)
+    draw_trajectories(figure.add_subplot(grid[0, :]), runs)
     for row, drawn in ((1, MIDDLE_ROW), (2, LAST_ROW)):
         width = 12 // len(drawn)
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
     style.letter_panels(figure)
     figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
-    _legend(figure, runs, (trajectories, panels.v2e))
+    _legend(figure, runs, (draw_trajectories, panels.draw_v2e))
     return figure
 
 
 def _single(panel, runs):
     size = PANEL_SIZE
-    if panel is trajectories:
+    if panel is draw_trajectories:
         size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
     figure = Figure(figsize=size, layout='constrained')
     panel(figure.add_subplot(), runs)
@@ -213,7 +213,7 @@ def _single(panel, runs):
 def _legend(figure, runs, drawn):
     """Put a legend of the runs, and of the marks in the panels, above them."""
     keys = [Line2D([], [], label=run.name, lw=2.4, **run.line) for run in runs]
-    if trajectories in drawn:
+    if draw_trajectories in drawn:
         look = {'color': style.REFERENCE, 'lw': 1.0, 'ls': (0, (6, 3))}
         keys.append(Line2D([], [], label='coarse path', **look))
     if not WITH_AREAS.isdisjoint(drawn):

@@ -104,8 +104,8 @@ class Run(NamedTuple):
         return {'color': self.colour, 'linestyle': style.line_style(self.name)}
 
 
-def v2e(ax, runs):
-    """Distance between the vehicle circle and each road edge (D_V2E)."""
+def draw_v2e(ax, runs):
+    """Draw the distance between the vehicle circle and each road edge (D_V2E)."""
     for run in runs:
         for side, shade in (('right', 1.0), ('left', 0.45)):
             gap = run.series.v2e[side]
@@ -118,8 +118,8 @@ def v2e(ax, runs):
     ax.set(ylabel='$D_{V2E}$ [m]', title='Vehicle-to-edge distance')
 
 
-def v2o(ax, runs):
-    """Distance between the vehicle circle and each obstacle (D_V2O)."""
+def draw_v2o(ax, runs):
+    """Draw the distance between the vehicle circle and each obstacle (D_V2O)."""
     near = False
     for run in runs:
         for gap in run.series.v2o.values():
@@ -137,8 +137,8 @@ def v2o(ax, runs):
     ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
 
 
-def velocity(ax, runs):
-    """Longitudinal velocity."""
+def draw_velocity(ax, runs):
+    """Draw the longitudinal velocity."""
     for run in runs:
         _curve(ax, run, run.drive.motion.vx)
     low, high = ax.get_ylim()
@@ -148,8 +148,8 @@ def velocity(ax, runs):
     ax.set(ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
 
 
-def sideslip(ax, runs):
-    """Sideslip angle at the centre of gravity."""
+def draw_sideslip(ax, runs):
+    """Draw the sideslip angle at the centre of gravity."""
     for run in runs:
         angle = np.degrees(run.series.sideslip)
         _curve(ax, run, angle)
@@ -159,8 +159,8 @@ def sideslip(ax, runs):
     ax.set(ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
 
 
-def steer(ax, runs):
-    """Road-wheel angle behind the actuator."""
+def draw_steer(ax, runs):
+    """Draw the road-wheel angle after the actuator."""
     for run in runs:
         inputs = run.drive.inputs
         station = _station_at(run, inputs.stamp_ns[::EVERY])
@@ -169,8 +169,8 @@ def steer(ax, runs):
     ax.set(ylabel='$\\delta$ [deg]', title='Road-wheel angle')
 
 
-def force(ax, runs):
-    """Longitudinal force of both axles behind the actuator."""
+def draw_force(ax, runs):
+    """Draw the longitudinal force of both axles after the actuator."""
     for run in runs:
         inputs = run.drive.inputs
         station = _station_at(run, inputs.stamp_ns[::EVERY])
@@ -180,8 +180,8 @@ def force(ax, runs):
     ax.set(ylabel='$F_x$ [kN], braking negative', title='Longitudinal force input')
 
 
-def gg(ax, runs):
-    """Accelerations at the centre of gravity within the friction circle."""
+def draw_gg(ax, runs):
+    """Draw the accelerations at the centre of gravity within the friction circle."""
     measured = [run.drive.accelerations for run in runs]
     for run, acc in zip(runs, measured):
         ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 1.0, 'alpha': 0.85})

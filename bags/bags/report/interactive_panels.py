@@ -173,8 +173,8 @@ def plot_panel(
 def plot_gg(runs: Sequence[Run]) -> figure:
     """Return the accelerations at the centre of gravity within the friction circle."""
     radius = GRAVITY * max(run.drive.facts.friction for run in runs)
-    measured = np.concatenate([(*run.drive.accelerations[1:],) for run in runs], axis=1)
-    reach = 1.08 * max(radius, float(np.abs(measured).max(initial=0.0)))
+    measured = [run.drive.accelerations for run in runs]
+    reach = 1.08 * max(radius, *(np.abs([*a.ax, *a.ay]).max(initial=0.0) for a in measured))
     ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
     plot = _figure('gg', 'G-G diagram', 'a_y [m/s²], left positive', 'a_x [m/s²]', **ranges)
     plot.sizing_mode, plot.width, plot.height = 'fixed', SQUARE, SQUARE

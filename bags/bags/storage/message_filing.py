@@ -50,7 +50,7 @@ class SimulatedTime:
     """The last time on /clock, and the messages that wait for the next one."""
 
     def __init__(self, listen: Callable[[], None] = lambda: None):
-        """`listen` calls `hear` for every message that has arrived on /clock."""
+        """`listen` calls `advance` for every message that has arrived on /clock."""
         self.now_ns: int | None = None  # None before the first /clock
         self._listen = listen
         self._waiting: list[Callable[[], None]] = []
@@ -62,7 +62,7 @@ class SimulatedTime:
         """Whether messages wait for the first /clock."""
         return self.now_ns is None and self._is_awaited
 
-    def hear(self, stamp_ns: int) -> None:
+    def advance(self, stamp_ns: int) -> None:
         """Advance to a time on /clock; the time never decreases."""
         self.now_ns = max(stamp_ns, self.now_ns or 0)
 
@@ -73,14 +73,14 @@ class SimulatedTime:
         self._listen()  # messages are taken topic by topic: a later /clock may have arrived
         return stamp_ns > self.now_ns + AHEAD_NS
 
-    def wait(self, file: Callable[[], None]) -> None:
+    def defer(self, file: Callable[[], None]) -> None:
         """File a message at the next /clock."""
         self._waiting.append(file)
         if self.is_awaited and len(self._waiting) > LARGEST_WAIT:
             self._is_awaited = False
             self.release()
 
-    def wait_until(self, stamp_ns: int, file: Callable[[], None]) -> None:
+    def defer_until(self, stamp_ns: int, file: Callable[[], None]) -> None:
         """File a message when /clock has come near its stamp, or at the end of the recording."""
         self._ahead.append((stamp_ns, file))
         if len(self._ahead) > LARGEST_AHEAD:
@@ -120,10 +120,10 @@ class ClockQueue:
     """Messages of /clock in the order of arrival, also those whose time was read before."""
 
     def __init__(
-        self, arrived: Callable[[], Iterable[tuple[bytes, Any]]], hear: Callable[[int], None]
+        self, arrived: Callable[[], Iterable[tuple[bytes, Any]]], advance: Callable[[int], None]
     ):
         """`arrived` takes messages from the middleware: the bytes come first in each."""
-        self._arrived, self._hear = arrived, hear
+        self._arrived, self._advance = arrived, advance
         self._queue = deque()
 
     def listen(self) -> None:
@@ -131,7 +131,7 @@ class ClockQueue:
         for message in self._arrived():
             self._queue.append(message)
             with suppress(DecodeError):
-                self._hear(stamp_ns_of(message[0]))
+                self._advance(stamp_ns_of(message[0]))
 
     def take(self) -> Iterator[tuple[bytes, Any]]:
         """Yield the messages; `listen` may be called between two of them."""
@@ -194,7 +194,7 @@ class Filing:
         self._last_log_ns = 0  # in lockstep never beyond /clock
         self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
 
-    def put(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
+    def file(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
         """File one message under its stamp (lockstep) or its time of arrival (realtime).
 
         `source_ns` and `sequence` are the publisher's, 0 and None where the middleware gives none.
@@ -219,10 +219,10 @@ class Filing:
         self.counter.add(sequence)
         file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
         if self._must_wait(stamp_ns):
-            self._time.wait(file)
+            self._time.defer(file)
         elif stamp_ns is not None and (self._follows(stamp_ns) or self._time.is_ahead(stamp_ns)):
             self._ahead_ns.append(stamp_ns)
-            self._time.wait_until(stamp_ns, partial(self._file_reached, stamp_ns, file))
+            self._time.defer_until(stamp_ns, partial(self._file_reached, stamp_ns, file))
         else:
             file()
 
@@ -252,7 +252,7 @@ class Filing:
         """Advance the time to a stamp of /clock."""
         if stamp_ns is not None:
             self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
-            self._time.hear(stamp_ns)
+            self._time.advance(stamp_ns)
             self._time.release()
 
     def _file_stamped(self, stamp_ns, data, source_ns, sequence):

@@ -21,7 +21,7 @@ def enlarged(make_drive):
         scene = make_drive().scene._replace(obstacles=obstacles)
         one = make_drive(scene=scene)
         ax = comparison_figures.Figure().add_subplot()
-        panels.v2o(ax, [panels.Run('mpcc', one, compute_series(one), '#0072B2')])
+        panels.draw_v2o(ax, [panels.Run('mpcc', one, compute_series(one), '#0072B2')])
         return ax.child_axes
 
     return of

@@ -87,9 +87,9 @@ def runs(drives):
 @pytest.mark.parametrize(
     ('panel', 'marks'),
     [
-        (comparison_figures.trajectories, ['coarse path', 'unsafe area', 'collision']),
-        (panels.v2o, ['unsafe area', 'collision']),
-        (panels.sideslip, []),
+        (comparison_figures.draw_trajectories, ['coarse path', 'unsafe area', 'collision']),
+        (panels.draw_v2o, ['unsafe area', 'collision']),
+        (panels.draw_sideslip, []),
     ],
 )
 def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
@@ -99,25 +99,27 @@ def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
 
 def test_a_whole_car_is_seen_at_the_start(runs):
     axes = comparison_figures.Figure().add_subplot()
-    comparison_figures.trajectories(axes, runs)
+    comparison_figures.draw_trajectories(axes, runs)
     assert axes.get_xlim()[0] < -runs[0].drive.facts.outline.rear
 
 
 def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_drive):
     axes = comparison_figures.Figure().add_subplot()
-    comparison_figures.trajectories(axes, runs)
+    comparison_figures.draw_trajectories(axes, runs)
     times = {text.get_text() for text in axes.texts}
     assert {'0.0 s', '1.2 s', '2.4 s'} <= times
     still = comparison_figures.Figure().add_subplot()
     one = make_drive()
-    comparison_figures.trajectories(still, [panels.Run('mpcc', one, compute_series(one), 'C0')])
+    comparison_figures.draw_trajectories(
+        still, [panels.Run('mpcc', one, compute_series(one), 'C0')]
+    )
     assert [text.get_text() for text in still.texts] == []
 
 
 def test_a_panel_of_obstacles_without_any_says_so(make_drive):
     one = make_drive()
     axes = comparison_figures.Figure().add_subplot()
-    panels.v2o(axes, [panels.Run('mpcc', one, compute_series(one), 'C0')])
+    panels.draw_v2o(axes, [panels.Run('mpcc', one, compute_series(one), 'C0')])
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
@@ -125,9 +127,9 @@ def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs
     speed, gg = comparison_figures.Figure().subplots(1, 2)
     motion = runs[0].drive.motion
     wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
-    panels.velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
+    panels.draw_velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
     assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPAN_MPS)
-    panels.gg(gg, runs)
+    panels.draw_gg(gg, runs)
     assert gg.get_xlim() == gg.get_ylim()
     assert gg.get_aspect() == 1.0
 

@@ -50,12 +50,12 @@ def filing(filed, time):
 def tick(time):
     """Return tick(stamp_ns), which files a message of /clock."""
     clock = Filing(CLOCK, 'lockstep', lambda *row: None, time=time, publishes_clock=True)
-    return lambda stamp_ns: clock.put(message(stamp_ns), 0, 0, None)
+    return lambda stamp_ns: clock.file(message(stamp_ns), 0, 0, None)
 
 
 def put(topic, *stamps_ns):
     for stamp_ns in stamps_ns:
-        topic.put(message(stamp_ns), 0, 0, None)
+        topic.file(message(stamp_ns), 0, 0, None)
 
 
 def times(filed):
@@ -64,8 +64,8 @@ def times(filed):
 
 def test_lockstep_files_under_the_stamp_and_realtime_under_the_arrival(filing, filed, tick):
     tick(7)
-    filing('lockstep').put(message(7), 20, 30, 1)
-    filing('realtime').put(message(7), 20, 30, 1)
+    filing('lockstep').file(message(7), 20, 30, 1)
+    filing('realtime').file(message(7), 20, 30, 1)
     assert [(log_ns, publish_ns) for log_ns, publish_ns, *_ in filed] == [(7, 20), (30, 20)]
 
 
@@ -81,7 +81,7 @@ def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed, tick):
     topic = filing('lockstep')
     tick(10)
     for data in (b'', message(7), b'', message(8)):
-        topic.put(data, 0, 0, None)
+        topic.file(data, 0, 0, None)
     assert times(filed) == [0, 7, 7, 8]
     assert topic.misdated == 0
 
@@ -136,8 +136,8 @@ def test_a_stamp_a_little_ahead_of_the_clock_is_kept_and_holds_nothing_back(fili
 
 
 def test_the_clock_is_heard_anew_before_a_stamp_is_called_one_of_the_future(filed):
-    time = SimulatedTime(lambda: time.hear(9 * S))
-    time.hear(2 * S)
+    time = SimulatedTime(lambda: time.advance(9 * S))
+    time.advance(2 * S)
     topic = Filing(TOPIC, 'lockstep', lambda *row: filed.append(row), time=time)
     put(topic, 9 * S, WALL_NS)
     assert times(filed) == [9 * S]
@@ -188,7 +188,7 @@ def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
         wire.extend(late)  # until somebody looks again
         late.clear()
 
-    clock = ClockQueue(arrived, lambda stamp_ns: time.hear(stamp_ns))
+    clock = ClockQueue(arrived, lambda stamp_ns: time.advance(stamp_ns))
     time = SimulatedTime(clock.listen)
     filings = [
         Filing(topic, 'lockstep', lambda *row: filed.append(row), time=time)
@@ -197,7 +197,7 @@ def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
     put(filings[0], WALL_NS)  # waits for the first /clock, and makes it listen for a later one
     for _ in range(2):
         for one in clock.take():
-            filings[1].put(*one)
+            filings[1].file(*one)
     assert times(filed)[1:] == [2 * S, 3 * S, 4 * S]
 
 
@@ -206,7 +206,7 @@ def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them
 
     def listen():
         if (stamp_ns := heard.popleft()) is not None:
-            time.hear(stamp_ns)
+            time.advance(stamp_ns)
 
     time = SimulatedTime(listen)
     topic, clock = (
@@ -247,9 +247,9 @@ def test_a_recording_without_a_clock_keeps_few_messages_waiting(filing, filed):
 def test_wall_clock_that_is_set_back_is_refused_but_a_message_sent_again_is_not(filing, filed):
     topic = filing('realtime')
     for received_ns in (10**12, 10**12 - 99_000_000):
-        topic.put(message(0), 0, received_ns, None)
+        topic.file(message(0), 0, received_ns, None)
     with pytest.raises(ClockError, match='the clock of the machine was set back'):
-        topic.put(message(0), 0, 10**12 - 300_000_000, None)
+        topic.file(message(0), 0, 10**12 - 300_000_000, None)
     assert len(filed) == 2
 
 
@@ -266,9 +266,9 @@ def test_a_node_started_again_that_does_not_own_time_is_filed_under_the_last_sta
 @pytest.mark.parametrize('publishes_clock', [False, True])
 def test_a_machine_whose_clock_is_set_back_is_refused_whoever_publishes(filing, publishes_clock):
     topic = filing('realtime', publishes_clock=publishes_clock)
-    topic.put(message(0), 0, 10**12, None)
+    topic.file(message(0), 0, 10**12, None)
     with pytest.raises(ClockError, match='the clock of the machine was set back'):
-        topic.put(message(0), 0, 10**12 - 300_000_000, None)
+        topic.file(message(0), 0, 10**12 - 300_000_000, None)
 
 
 def test_several_publishers_have_several_times(filing, filed, tick):
