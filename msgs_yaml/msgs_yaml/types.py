@@ -42,7 +42,8 @@ class Imu(NamedTuple):
     stamp_ns: int
     ax: float  # m/s^2, base_link
     ay: float  # m/s^2, base_link
-    r: float  # rad/s
+    r: float  # rad/s, yaw rate
+    p: float = 0.0  # rad/s, roll rate
 
 
 class Wheels(NamedTuple):

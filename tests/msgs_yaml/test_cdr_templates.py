@@ -17,7 +17,7 @@ F = st.floats(allow_nan=False)
 QUAD = st.tuples(F, F, F, F)
 VALUES = {
     '/vehicle/odometry': st.builds(VehicleState, STAMP, F, F, st.floats(-10, 10), F, F, F),
-    '/vehicle/imu': st.builds(Imu, STAMP, F, F, F),
+    '/vehicle/imu': st.builds(Imu, STAMP, F, F, F, F),
     '/vehicle/actuators': st.builds(Actuators, STAMP, F, F, F, F, QUAD),
     '/vehicle/wheels': st.builds(Wheels, STAMP, *[QUAD] * 7),
     '/controller/command': st.builds(Command, STAMP, F, F, F, F),

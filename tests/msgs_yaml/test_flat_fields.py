@@ -23,6 +23,7 @@ class ImuWithAz(NamedTuple):
     ay: float
     az: float
     r: float
+    p: float
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_a_new_number_is_in_messages_templates_values_and_columns(
 ):
     read_contract(topics.replace(LINE, NEW_LINE + LINE))
     monkeypatch.setitem(flat_fields.TYPES, TOPIC, ImuWithAz)
-    value = ImuWithAz(1_000_000_000, 1.0, 2.0, 3.0, 0.5)
+    value = ImuWithAz(1_000_000_000, 1.0, 2.0, 3.0, 0.5, 0.1)
     message = encode.imu(value)
     assert message.linear_acceleration.z == 3.0
     assert deserialize_message(cdr_templates.Template(TOPIC).fill(value), ImuMessage) == message
@@ -76,14 +77,14 @@ def test_a_new_number_is_in_messages_templates_values_and_columns(
 
 def test_a_type_without_a_field_of_the_contract_is_an_error(topics, read_contract):
     read_contract(topics.replace(LINE, NEW_LINE + LINE))
-    with pytest.raises(ContractError, match=r'/vehicle/imu: .* ax, ay, az, r; Imu others'):
+    with pytest.raises(ContractError, match=r'/vehicle/imu: .* ax, ay, az, r, p; Imu others'):
         flat_fields.load(TOPIC)
 
 
 def test_a_field_of_two_numbers_is_an_error(topics, read_contract, monkeypatch):
     text = topics.replace('symbol: ay,', 'symbol: ay, value: ax,').replace('ay_mps2', 'ax_mps2')
     read_contract(text)
-    without_ay = type('Imu', (), {'_fields': ('stamp_ns', 'ax', 'r')})
+    without_ay = type('Imu', (), {'_fields': ('stamp_ns', 'ax', 'r', 'p')})
     monkeypatch.setitem(flat_fields.TYPES, TOPIC, without_ay)
     with pytest.raises(ContractError, match='the value ax has 2 fields; allowed 1 or 4'):
         flat_fields.load(TOPIC)
@@ -102,4 +103,4 @@ def test_numbers_and_value_are_inverse_up_to_the_rounding_of_a_heading():
     assert len(fields.to_numbers(state)) == len(fields.paths) == 7
     assert fields.to_value(5, encode.odometry(state)) == pytest.approx(state, abs=1e-15)
     assert repr(fields) == 'FlatFields(VehicleState, 7 numbers)'
-    assert repr(flat_fields.load(TOPIC)) == f'FlatFields({Imu.__name__}, 3 numbers)'
+    assert repr(flat_fields.load(TOPIC)) == f'FlatFields({Imu.__name__}, 4 numbers)'

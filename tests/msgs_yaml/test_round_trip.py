@@ -97,7 +97,7 @@ FORMS = {
     '/vehicle/odometry': st.builds(
         types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
     ),
-    '/vehicle/imu': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE),
+    '/vehicle/imu': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE, RATE),
     '/vehicle/actuators': st.builds(
         types.Actuators, STAMP, STEER, RATE, FORCE, FORCE, four(-2e4, 2e4)
     ),

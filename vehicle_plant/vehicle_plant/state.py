@@ -134,7 +134,7 @@ _SERVOS = [
     _COLUMNS[f'servos.{name}']
     for name in ('steer.position', 'steer.rate', 'front.position', 'rear.position')
 ]
-_IMU = [_COLUMNS[name] for name in ('acceleration.ax', 'acceleration.ay', 'planar.r')]
+_IMU = [_COLUMNS[name] for name in ('acceleration.ax', 'acceleration.ay', 'planar.r', 'ride.p')]
 # by field of the message `Wheels`
 _WHEELS = {
     field: [_COLUMNS[column.format(w)] for w in WHEELS]
@@ -183,7 +183,7 @@ class Trajectory(NamedTuple):
         ]
 
     def imu(self) -> list[Imu]:
-        """Return accelerations of the CoG and yaw rate at each row."""
+        """Return accelerations of the CoG, yaw and roll rate at each row."""
         return [Imu(stamp_ns, *values) for stamp_ns, values in self._stamped(_IMU)]
 
     def wheels(self) -> list[Wheels]:

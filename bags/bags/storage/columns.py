@@ -8,7 +8,7 @@ frame. The columns of a topic are those of topics.yaml (`msgs_yaml.flat_fields`)
 
     Odometry    x_m, y_m, yaw_rad, vx_mps, vy_mps, yaw_rate_radps
     Actuators   steer_rad, steer_rate_radps, front_x_n, rear_x_n, torque_nm (per wheel)
-    Imu         ax_mps2, ay_mps2, yaw_rate_radps
+    Imu         ax_mps2, ay_mps2, yaw_rate_radps, roll_rate_radps
     Wheels      spin_radps, torque_nm, load_n, slip, force_x_n, slip_angle_rad, force_y_n
     Command     steer_rad, steer_rate_radps, front_x_n, rear_x_n
 """
