@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from wait_until import wait_until
 
-from msgs_yaml import cdr_templates, contract, decode, encode, types
+from msgs_yaml import cdr_templates, contract, decode, encode, flat_fields, types
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range
 from node_runtime.subscriptions_node import LatestMessage
@@ -146,7 +146,7 @@ def test_a_late_subscriber_gets_latched_topics(pair, topic):
     assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
 
 
-@pytest.mark.parametrize('topic', sorted(cdr_templates.FORMS))
+@pytest.mark.parametrize('topic', sorted(flat_fields.TYPES))
 def test_messages_of_a_template_arrive_as_those_of_an_object(pair, topic):
     received = []
     pub = ros.TemplatePublisher(pair.sender, topic)
