@@ -118,6 +118,7 @@ check: setup lint
 	  exit $$failed
 
 bench: setup
+	$(BIN)/python stage_solver/benchmark.py
 	$(BIN)/python bench/solver_comparison.py
 	$(BIN)/python bench/plant.py
 	$(BIN)/python bench/plant_node.py

@@ -13,6 +13,7 @@ setup(
     python_requires='>=3.10',
     install_requires=[
         'setuptools',
+        'pyyaml',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
