@@ -39,19 +39,19 @@ odd_values = st.one_of(
 )
 @given(data=st.data())
 def test_any_corruption_is_a_scenario_or_a_named_error(make, tree, data):
-    spoilt = copy.deepcopy(tree)
+    corrupted = copy.deepcopy(tree)
     for _ in range(data.draw(st.integers(1, 3))):
-        container, key = data.draw(st.sampled_from(list(nodes(spoilt))))
+        container, key = data.draw(st.sampled_from(list(nodes(corrupted))))
         container[key] = data.draw(odd_values)
     try:
-        scn = make(spoilt)
+        scn = make(corrupted)
     except ScenarioError as caught:
-        said = str(caught)
+        message = str(caught)
     else:
         assert np.all(np.isfinite(np.concatenate([*scn.reference[1:]])))
         assert np.all(np.diff(scn.reference.t) > 0.0)
-        said = 'bend.yaml'
-    assert said.startswith('bend.yaml')
+        message = 'bend.yaml'
+    assert message.startswith('bend.yaml')
 
 
 @settings(
@@ -70,7 +70,7 @@ def test_any_damage_to_the_text_is_a_scenario_or_a_named_error(make, text, data)
     try:
         make(text[:place] + damage + text[place + length :])
     except ScenarioError as caught:
-        said = str(caught)
+        message = str(caught)
     else:
-        said = 'bend.yaml'
-    assert said.startswith('bend.yaml')
+        message = 'bend.yaml'
+    assert message.startswith('bend.yaml')

@@ -34,10 +34,10 @@ def rows(title):
 
 def keys(cls, prefix=''):
     """Return {dotted key: (what is allowed, default)} of a schema dataclass."""
-    found, given = {}, typed_yaml.defaults(cls)
+    by_key, defaults = {}, typed_yaml.defaults(cls)
     for name, hint in typed_yaml.field_types(cls).items():
-        found.update(_key(f'{prefix}{name}', hint, given.get(name, '')))
-    return found
+        by_key.update(_key(f'{prefix}{name}', hint, defaults.get(name, '')))
+    return by_key
 
 
 def _key(key, hint, default):
@@ -71,11 +71,11 @@ def test_documented_ranges_and_defaults_are_those_of_the_schema(title):
     documented = rows(title)
     for cls in SECTIONS[title]:
         for key, (allowed, default) in keys(cls).items():
-            said_allowed, said_default = documented[key]
+            documented_range, documented_default = documented[key]
             if allowed is not None:
-                assert said_allowed == allowed
+                assert documented_range == allowed
             if isinstance(default, float) and default < float('inf'):
-                assert float(said_default) == default
+                assert float(documented_default) == default
 
 
 def test_the_complete_example_is_a_scenario(make):
@@ -96,12 +96,12 @@ def test_documented_limits_of_friction_patches_are_those_of_the_code():
 
 
 def test_the_example_of_an_error_is_what_one_sees(make):
-    (said,) = re.findall(r'^double_lane_change.yaml:(\d+): (.*)$', TEXT, re.MULTILINE)
+    (example,) = re.findall(r'^double_lane_change.yaml:(\d+): (.*)$', TEXT, re.MULTILINE)
     shipped = Path(__file__).parents[2] / 'scenario_publisher/scenarios/double_lane_change.yaml'
     moved = shipped.read_text().replace('y_m: 2.45', 'y_m: 9.45')
-    with pytest.raises(ValueError, match=re.escape(said[1])) as caught:
+    with pytest.raises(ValueError, match=re.escape(example[1])) as caught:
         make(moved)
-    assert str(caught.value) == f'bend.yaml:{said[0]}: {said[1]}'
+    assert str(caught.value) == f'bend.yaml:{example[0]}: {example[1]}'
 
 
 def test_every_shipped_scenario_is_in_the_table():

@@ -30,8 +30,8 @@ pieces = st.one_of(
 )
 
 
-def road_of(*made, at=(0.0, 0.0, 0.0)):
-    return lines.line_from_curves(made, *at, 1.0)
+def road_of(*curves, at=(0.0, 0.0, 0.0)):
+    return lines.line_from_curves(curves, *at, 1.0)
 
 
 STRAIGHT = road_of(lines.straight(100.0), at=(5.0, -2.0, 0.7))
@@ -45,10 +45,10 @@ def patch(from_m, to_m, from_offset_m, to_offset_m, friction=0.3):
 
 def cut(centre, *given_patch):
     """Return the corners (k, 4, 2) of one patch."""
-    made = build_patches(
+    patches = build_patches(
         [FrictionPatch(**patch(*given_patch))], centre, lambda key, what: ValueError(what)
     )
-    return np.array(made.corners_m).reshape(-1, 4, 2)
+    return np.array(patches.corners_m).reshape(-1, 4, 2)
 
 
 def depth(quads, s, offset, centre):
@@ -90,13 +90,15 @@ def test_arc_is_cut_into_no_more_pieces_than_its_sagitta_asks_for(kappa, right, 
 
 @everywhere
 @given(
-    made=st.lists(pieces, min_size=1, max_size=3),
+    curves=st.lists(pieces, min_size=1, max_size=3),
     share=st.tuples(st.floats(0.05, 0.4), st.floats(0.5, 0.95)),
     right=st.floats(-5.0, 3.0),
     width=st.floats(0.5, 4.0),
 )
-def test_pieces_cover_the_stripe_to_within_the_sagitta_and_nothing_else(made, share, right, width):
-    centre = road_of(*made)
+def test_pieces_cover_the_stripe_to_within_the_sagitta_and_nothing_else(
+    curves, share, right, width
+):
+    centre = road_of(*curves)
     low, high = np.array(share) * min(centre.s[-1], 20.0)
     left = right + width
     quads = cut(centre, low, high, right, left)
@@ -194,8 +196,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize('mistake', MISTAKES)
 def test_mistake_in_a_patch_is_named_with_line_key_and_what_is_allowed(make, tree, mistake):
-    spoilt, message = MISTAKES[mistake]
-    tree['friction_patches'] = [spoilt]
+    wrong, message = MISTAKES[mistake]
+    tree['friction_patches'] = [wrong]
     with pytest.raises(ScenarioError, match=message) as caught:
         make(tree)
     assert '\n' not in str(caught.value)
@@ -239,9 +241,9 @@ def test_any_numbers_are_patches_the_plant_takes_or_a_named_error(make, tree, nu
     try:
         corners, friction = make(tree).patches
     except ScenarioError as caught:
-        said = str(caught)
+        message = str(caught)
     else:
         assert np.isfinite(corners).all()
         assert 1 <= len(friction) <= MAX_QUADRILATERALS
-        said = 'bend.yaml:1: friction_patches: made; allowed '
-    assert LINE.match(said)
+        message = 'bend.yaml:1: friction_patches: made; allowed '
+    assert LINE.match(message)

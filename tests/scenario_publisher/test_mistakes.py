@@ -211,22 +211,22 @@ def every_key(tree, prefix=''):
 
 def test_every_key_is_missed_by_its_name(make, tree):
     for key in every_key(tree):
-        spoilt = copy.deepcopy(tree)
-        block = spoilt
+        corrupted = copy.deepcopy(tree)
+        block = corrupted
         *path, last = key.split('.')
         for step in path:
             block = block[step]
         del block[last]
         with pytest.raises(ScenarioError) as caught:
-            make(spoilt)
+            make(corrupted)
         assert last in str(caught.value)
 
 
 def test_line_of_a_mistake_is_the_line_in_the_file(make, text):
-    spoilt = text.replace('friction: 1.0', 'friction: 9.0')
-    number = spoilt[: spoilt.index('friction')].count('\n') + 1
+    corrupted = text.replace('friction: 1.0', 'friction: 9.0')
+    number = corrupted[: corrupted.index('friction')].count('\n') + 1
     with pytest.raises(ScenarioError, match=rf'^bend.yaml:{number}: friction: '):
-        make(spoilt)
+        make(corrupted)
 
 
 def test_key_given_twice_is_refused(make, text):

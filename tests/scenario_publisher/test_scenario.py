@@ -123,13 +123,13 @@ def mirror(tree):
 
 def test_mirrored_scenario_mirrors_everything(make, tree):
     tree['road']['edges']['left']['offset_m'] = 6.0
-    one, other = make(tree), make(mirror(tree))
+    first, second = make(tree), make(mirror(tree))
     flip = np.array([1.0, -1.0])
-    assert pytest.approx(-one.reference.Y, abs=1e-12) == other.reference.Y
-    assert other.reference.psi == pytest.approx(-one.reference.psi, abs=1e-12)
-    assert other.edges.left == pytest.approx(one.edges.right * flip, abs=1e-12)
-    assert other.edges.right == pytest.approx(one.edges.left * flip, abs=1e-12)
-    for a, b in zip(one.actors, other.actors):
+    assert pytest.approx(-first.reference.Y, abs=1e-12) == second.reference.Y
+    assert second.reference.psi == pytest.approx(-first.reference.psi, abs=1e-12)
+    assert second.edges.left == pytest.approx(first.edges.right * flip, abs=1e-12)
+    assert second.edges.right == pytest.approx(first.edges.left * flip, abs=1e-12)
+    for a, b in zip(first.actors, second.actors):
         assert pytest.approx((a.obstacle.X, -a.obstacle.Y)) == (b.obstacle.X, b.obstacle.Y)
 
 
@@ -143,8 +143,8 @@ def test_published_lines_are_sampled_as_asked(make, tree):
 
 
 def test_same_file_gives_the_same_bytes():
-    one, other = scenario.load('double_lane_change'), scenario.load('double_lane_change')
-    for a, b in zip((*one.reference, *one.edges), (*other.reference, *other.edges)):
+    first, second = scenario.load('double_lane_change'), scenario.load('double_lane_change')
+    for a, b in zip((*first.reference, *first.edges), (*second.reference, *second.edges)):
         assert np.array_equal(a, b)
 
 

@@ -41,10 +41,10 @@ class Listener:
 
     def hear(self, topic, mode='lockstep'):
         """Return a list that fills with the messages of a topic."""
-        heard = []
+        received = []
         profile = ros.to_qos_profile(contract.load().topics[topic].qos[mode])
-        self.node.create_subscription(ros.message_type(topic), topic, heard.append, profile)
-        return heard
+        self.node.create_subscription(ros.message_type(topic), topic, received.append, profile)
+        return received
 
     def speak(self, topic, mode='lockstep'):
         """Return a publisher for a topic."""
@@ -60,10 +60,10 @@ class Listener:
             pause=lambda: self.executor.spin_once(timeout_sec=0.05),
         )
 
-    def tick_until_heard(self, clock, heard):
+    def tick_until_heard(self, clock, received):
         """Repeat the first instant until it is answered: both directions are connected then."""
         clock_msg = encode.clock(START_NS)
-        self.until(lambda: clock.publish(clock_msg) or heard)
+        self.wait_until(lambda: clock.publish(clock_msg) or received)
 
 
 def start(*arguments):
@@ -74,11 +74,11 @@ def start(*arguments):
 def stop(process):
     process.send_signal(signal.SIGTERM)
     try:
-        _, said = process.communicate(timeout=PATIENCE_S)
+        _, output = process.communicate(timeout=PATIENCE_S)
     except subprocess.TimeoutExpired:
         process.kill()
         raise
-    return process.returncode, said
+    return process.returncode, output
 
 
 @pytest.fixture
@@ -102,26 +102,28 @@ def same(one, other):
 @runs('circle_20m')
 def test_who_comes_late_still_gets_path_and_edges(listener, node):
     early = listener.hear('/scenario/reference')
-    listener.until(lambda: early)
+    listener.wait_until(lambda: early)
     reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
-    listener.until(lambda: reference and edges)
+    listener.wait_until(lambda: reference and edges)
     wanted = scenario.load('circle_20m')
-    heard = decode.reference(reference[0])
-    assert heard.stamp_ns == START_NS
-    assert same(heard[1:4], wanted.reference[1:4])
-    assert heard.t == pytest.approx(wanted.reference.t, abs=1e-8)
+    received = decode.reference(reference[0])
+    assert received.stamp_ns == START_NS
+    assert same(received[1:4], wanted.reference[1:4])
+    assert received.t == pytest.approx(wanted.reference.t, abs=1e-8)
     assert same(decode.road_edges(edges[0]), wanted.edges)
 
 
 @runs('moving_obstacle')
 def test_every_instant_is_answered_with_obstacles_of_the_same_stamp(listener, node):
-    clock, heard = listener.speak('/clock'), listener.hear('/scenario/obstacles')
-    listener.tick_until_heard(clock, heard)
+    clock, received = listener.speak('/clock'), listener.hear('/scenario/obstacles')
+    listener.tick_until_heard(clock, received)
     stamps = [START_NS + k * TICK_NS for k in (1, 2, 3, 4, 5, 40, 120)]
     for stamp_ns in stamps:
         clock.publish(encode.clock(stamp_ns))
-        listener.until(lambda stamp_ns=stamp_ns: decode.obstacles(heard[-1]).stamp_ns == stamp_ns)
-    answers = [decode.obstacles(message) for message in heard]
+        listener.wait_until(
+            lambda stamp_ns=stamp_ns: decode.obstacles(received[-1]).stamp_ns == stamp_ns
+        )
+    answers = [decode.obstacles(message) for message in received]
     after_start = [answer for answer in answers if answer.stamp_ns > START_NS]
     assert [answer.stamp_ns for answer in after_start] == stamps
     assert [len(answer.items) for answer in after_start] == [1] * 6 + [2]
@@ -136,15 +138,15 @@ def test_every_instant_is_answered_with_obstacles_of_the_same_stamp(listener, no
 def test_path_and_edges_are_repeated_unchanged_every_250_ms(listener, node):
     reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
     clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
-    listener.until(lambda: reference and edges)
+    listener.wait_until(lambda: reference and edges)
     listener.tick_until_heard(clock, obstacles)
     for k in range(1, 11):
         clock.publish(encode.clock(START_NS + k * TICK_NS))
         # latched topics keep one message: hear each before it is replaced
         count = 1 + k // 5
-        listener.until(lambda count=count: len(reference) >= count <= len(edges))
-    for heard, read in ((reference, decode.reference), (edges, decode.road_edges)):
-        values = [read(message) for message in heard]
+        listener.wait_until(lambda count=count: len(reference) >= count <= len(edges))
+    for received, read in ((reference, decode.reference), (edges, decode.road_edges)):
+        values = [read(message) for message in received]
         assert [value.stamp_ns - START_NS for value in values] == [0, 5 * TICK_NS, 10 * TICK_NS]
         assert all(same(value[1:], values[0][1:]) for value in values)
 
@@ -155,43 +157,43 @@ def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
     health = listener.hear('/diagnostics')
     listener.tick_until_heard(clock, obstacles)
     clock.publish(encode.clock(START_NS + 20 * TICK_NS))
-    listener.until(lambda: health)
+    listener.wait_until(lambda: health)
     assert decode.obstacles(obstacles[0]).items == ()
-    said = decode.health(health[-1])
-    assert (said.name, said.level, said.values['obstacles']) == ('scenario', 0, 0)
+    status = decode.health(health[-1])
+    assert (status.name, status.level, status.values['obstacles']) == ('scenario', 0, 0)
 
 
 @runs('moving_obstacle', mode='realtime')
 def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
-    heard = listener.hear('/scenario/obstacles', 'realtime')
-    healths, said = listener.speak('/diagnostics', 'realtime'), listener.hear('/diagnostics')
-    listener.until(lambda: said and healths.get_subscription_count())
-    waiting = decode.health(said[0])
+    received = listener.hear('/scenario/obstacles', 'realtime')
+    healths, statuses = listener.speak('/diagnostics', 'realtime'), listener.hear('/diagnostics')
+    listener.wait_until(lambda: statuses and healths.get_subscription_count())
+    waiting = decode.health(statuses[0])
     assert (waiting.name, waiting.level) == ('scenario', 3)
     assert 'plant' in waiting.message
-    assert not heard
+    assert not received
     now = listener.node.get_clock().now().nanoseconds
     standing = Health(now, 'plant', 3, 'waiting', {})
     healths.publish(encode.health(standing))
-    listener.until(lambda: len(heard) >= 5)
-    waiting = [decode.obstacles(message).items[0].X for message in heard]
+    listener.wait_until(lambda: len(received) >= 5)
+    waiting = [decode.obstacles(message).items[0].X for message in received]
     assert waiting == pytest.approx([60.0] * len(waiting))
     now = listener.node.get_clock().now().nanoseconds
     healths.publish(encode.health(standing._replace(values={'run_began_ns': now})))
-    listener.until(lambda: decode.obstacles(heard[-1]).items[0].X > 65.0)
-    last = decode.obstacles(heard[-1])
+    listener.wait_until(lambda: decode.obstacles(received[-1]).items[0].X > 65.0)
+    last = decode.obstacles(received[-1])
     assert pytest.approx(60.0 + 8.0 * (last.stamp_ns - now) * 1e-9, abs=1e-6) == last.items[0].X
-    stamps = np.array([decode.obstacles(message).stamp_ns for message in heard])
+    stamps = np.array([decode.obstacles(message).stamp_ns for message in received])
     assert np.median(np.diff(stamps)) * 1e-9 == pytest.approx(0.05, rel=0.2)
 
 
 @runs('straight')
 def test_sigterm_ends_the_node_with_success(listener, node):
     reference = listener.hear('/scenario/reference')
-    listener.until(lambda: reference)
-    code, said = stop(node)
+    listener.wait_until(lambda: reference)
+    code, output = stop(node)
     assert code == 0
-    assert 'Traceback' not in said
+    assert 'Traceback' not in output
 
 
 @pytest.mark.parametrize(
@@ -204,16 +206,16 @@ def test_sigterm_ends_the_node_with_success(listener, node):
     ],
 )
 def test_wrong_parameter_is_one_clear_line_and_a_failure(arguments, message):
-    _, said = (process := start(*arguments)).communicate(timeout=PATIENCE_S)
+    _, output = (process := start(*arguments)).communicate(timeout=PATIENCE_S)
     assert process.returncode not in (0, None)
-    assert message in said
-    assert 'Traceback' not in said
+    assert message in output
+    assert 'Traceback' not in output
 
 
 def test_broken_scenario_is_one_clear_line_and_a_failure(tmp_path):
     broken = tmp_path / 'broken.yaml'
     broken.write_text(scenario.load('straight').text.replace('friction: 1.0', 'friction: 7'))
-    _, said = (process := start('-p', f'scenario:={broken}')).communicate(timeout=PATIENCE_S)
+    _, output = (process := start('-p', f'scenario:={broken}')).communicate(timeout=PATIENCE_S)
     assert process.returncode not in (0, None)
-    assert f"{broken}:21: friction: is out of range with '7'; allowed 0.05 to 1.5 -" in said
-    assert 'Traceback' not in said
+    assert f"{broken}:21: friction: is out of range with '7'; allowed 0.05 to 1.5 -" in output
+    assert 'Traceback' not in output

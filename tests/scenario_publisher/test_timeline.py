@@ -73,9 +73,9 @@ def test_a_plant_that_was_started_again_begins_another_run():
 def test_what_is_no_instant_is_turned_down_and_the_known_one_stands(began):
     timeline, waiting = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'realtime')
     timeline.update_run_start(plant(run_began_ns=80 * START_NS))
-    for one in (timeline, waiting):
+    for each in (timeline, waiting):
         with pytest.raises(DecodeError, match=r'run_began_ns is .* allowed are whole numbers'):
-            one.update_run_start(plant(run_began_ns=began))
+            each.update_run_start(plant(run_began_ns=began))
     (moved,) = timeline.obstacles(81 * START_NS).items
     assert pytest.approx(68.0) == moved.X
     assert not waiting.has_plant
@@ -86,8 +86,8 @@ def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
     waiting.update_run_start(Health(START_NS, 'controller', OK, '', {'run_began_ns': START_NS}))
     assert not waiting.has_plant
     stepping.update_run_start(plant(run_began_ns=3 * START_NS))
-    (one,) = stepping.obstacles(2 * START_NS).items
-    assert pytest.approx(68.0) == one.X
+    (each,) = stepping.obstacles(2 * START_NS).items
+    assert pytest.approx(68.0) == each.X
 
 
 def test_everything_carries_the_stamp_asked_for():

@@ -48,14 +48,14 @@ def understeer_gradient(plant, track):
     ay = track.column('acceleration.ay')
     curvature = track.column('planar.r') / track.column('planar.vx')
     excess = track.column('servos.steer.position') - wheelbase(plant) * curvature
-    some = (ay > 1.0) & (ay < 4.0)
-    return np.degrees(9.81 * np.polyfit(ay[some], excess[some], 1)[0])
+    linear = (ay > 1.0) & (ay < 4.0)
+    return np.degrees(9.81 * np.polyfit(ay[linear], excess[linear], 1)[0])
 
 
 def test_all_car_files_are_here():
     folder = parameters.config_file(parameters.DEFAULT_CAR).parent
-    found = {p.name for p in folder.glob('*.yaml') if '\n    car:' in p.read_text()}
-    assert found == set(CARS)
+    fit = {p.name for p in folder.glob('*.yaml') if '\n    car:' in p.read_text()}
+    assert fit == set(CARS)
 
 
 def test_static_loads_are_those_of_the_lever_arms(plant):
@@ -125,19 +125,19 @@ def test_gti_rolls_as_published(cars, circles):
     """0.0078 rad per m/s^2 (Stanford Dynamic Design Lab)."""
     track = circles['vw_gti.yaml']
     ay, phi = track.column('acceleration.ay'), track.column('ride.phi')
-    some = ay < 5.0
-    assert np.polyfit(ay[some], phi[some], 1)[0] == pytest.approx(0.0078, rel=0.06)
+    linear = ay < 5.0
+    assert np.polyfit(ay[linear], phi[linear], 1)[0] == pytest.approx(0.0078, rel=0.06)
 
 
 @pytest.mark.parametrize(
     ('axle', 'cornering', 'friction'), [(0, 120e3, 0.85), (1, 200e3, 0.90)], ids=['front', 'rear']
 )
 def test_gti_has_the_published_axles(cars, circles, axle, cornering, friction):
-    found = identify.fit_fiala(
+    fit = identify.fit_fiala(
         circular_driving.axle_points(circles['vw_gti.yaml'], cars['vw_gti.yaml'])[axle]
     )
-    assert found.cornering == pytest.approx(cornering, rel=0.03)
-    assert found.friction == pytest.approx(friction, rel=0.03)
+    assert fit.cornering == pytest.approx(cornering, rel=0.03)
+    assert fit.friction == pytest.approx(friction, rel=0.03)
 
 
 def test_e90_tyres_have_the_measured_stiffness(cars):

@@ -149,7 +149,7 @@ def test_rows_report_the_derivative_of_the_motion(drive):
     vx, vy, r = (track.column(f'planar.{n}') for n in ('vx', 'vy', 'r'))
     ax = np.gradient(vx, 1e-3) - r * vy
     ay = np.gradient(vy, 1e-3) + r * vx
-    for found, name in ((ax, 'ax'), (ay, 'ay')):
-        error = (found - track.column(f'acceleration.{name}'))[1:-1]
+    for derived, name in ((ax, 'ax'), (ay, 'ay')):
+        error = (derived - track.column(f'acceleration.{name}'))[1:-1]
         assert np.abs(error).max() < 0.2
         assert np.sqrt(np.mean(error**2)) < 0.01

@@ -113,9 +113,9 @@ def test_each_axle_may_change_its_force_at_the_greatest_rate(params, axle, reaso
 
 @pytest.mark.parametrize('sign', [1, -1])
 def test_the_rates_count_over_the_time_since_the_last_command_at_least_a_tick(gate, sign):
-    one, two = 3.0 * 0.05, 3.0 * 0.1  # rad
+    per_tick, per_two_ticks = 3.0 * 0.05, 3.0 * 0.1  # rad
     now_ns = START_NS + 2 * TICK_NS
-    for ticks, turn in ((0, one), (1, one), (2, two)):
+    for ticks, turn in ((0, per_tick), (1, per_tick), (2, per_two_ticks)):
         stamp_ns = START_NS + ticks * TICK_NS
         inside, beyond = 0.1 + sign * turn * UNDER, 0.1 + sign * turn * (1 + 1e-6)
         assert not check(gate, now_ns, stamp_ns=stamp_ns, delta=beyond).accepted
@@ -200,8 +200,8 @@ def test_a_refused_command_does_not_become_the_last_good_one(gate):
 
 def test_last_good_command_stands_after_a_refusal(params, car):
     other = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
-    for one in (car, other):
-        one.advance(good(), TICK_STEPS)
+    for simulator in (car, other):
+        simulator.advance(good(), TICK_STEPS)
     broken = car.advance(good(car.stamp_ns)._replace(Fxr=math.nan), TICK_STEPS)
     held = other.advance(None, TICK_STEPS)
     assert broken.rows.tobytes() == held.rows.tobytes()

@@ -36,8 +36,10 @@ def test_no_more_load_moves_than_the_friction_of_the_whole_car_can_move(params):
 def test_each_axle_has_the_tyre_of_its_own_scaling(params):
     scaling = params.car.scaling
     for name, which in (('front', 0), ('rear', 1)):
-        one = dataclasses.replace(getattr(scaling, name), LMUX=1.7, LFZO=2.0)
-        car = dataclasses.replace(params.car, scaling=dataclasses.replace(scaling, **{name: one}))
+        factors = dataclasses.replace(getattr(scaling, name), LMUX=1.7, LFZO=2.0)
+        car = dataclasses.replace(
+            params.car, scaling=dataclasses.replace(scaling, **{name: factors})
+        )
         changed = axle_friction(0.0, dataclasses.replace(params, car=car), 1.0)
         before = axle_friction(0.0, params, 1.0)
         load = 18148.5 * (1.46, 1.43)[which] / 2.89

@@ -71,10 +71,10 @@ def test_axle_forces_make_the_lateral_acceleration(track, params):
 
 def test_residual_is_a_hundredth_of_the_axle_load(track, params):
     for axle in circular_driving.axle_points(track, params):
-        found = identify.fit_fiala(axle)
-        assert found.residual < 0.01 * axle.Fz.mean()
-        assert found.cornering_confidence < 0.02 * found.cornering
-        assert found.friction_confidence < 0.02 * found.friction
+        values = identify.fit_fiala(axle)
+        assert values.residual < 0.01 * axle.Fz.mean()
+        assert values.cornering_confidence < 0.02 * values.cornering
+        assert values.friction_confidence < 0.02 * values.friction
 
 
 @pytest.mark.parametrize('friction', ['1.0', '0.5'])
@@ -86,11 +86,11 @@ def test_same_plant_gives_the_same_files(tmp_path, tyre, friction):
         assert identify.main(given) == 0
     assert (tmp_path / 'a.yaml').read_bytes() == (tmp_path / 'b.yaml').read_bytes()
     assert (tmp_path / 'a.png').read_bytes() == (tmp_path / 'b.png').read_bytes()
-    found = yaml_parameters.read_file(tmp_path / 'a.yaml').values
+    values = yaml_parameters.read_file(tmp_path / 'a.yaml').values
     # a wide tyre is stiffer on any road; friction is that of the road, to a tenth
-    stiff = found['tyre.front_cornering_npr'] > 160e3
+    stiff = values['tyre.front_cornering_npr'] > 160e3
     assert stiff == (tyre == 'tyre_245_40r18.yaml')
-    assert found['tyre.front_friction'] == pytest.approx(float(friction), rel=0.1)
+    assert values['tyre.front_friction'] == pytest.approx(float(friction), rel=0.1)
 
 
 def test_both_manoeuvres_find_the_same_car(params, manoeuvre):
@@ -99,10 +99,10 @@ def test_both_manoeuvres_find_the_same_car(params, manoeuvre):
         [
             identify.fit_fiala(axle)
             for axle in circular_driving.axle_points(
-                circular_driving.drive(params, 1.0, one), params
+                circular_driving.drive(params, 1.0, variant), params
             )
         ]
-        for one in (manoeuvre, replace(manoeuvre, manoeuvre='constant_radius'))
+        for variant in (manoeuvre, replace(manoeuvre, manoeuvre='constant_radius'))
     ]
     for by_speed, by_radius in zip(*fits):
         assert by_radius.cornering == pytest.approx(by_speed.cornering, rel=0.02)
@@ -136,12 +136,12 @@ def test_the_file_says_which_axle_is_driven_and_what_the_actuators_can_do(
 ):
     out = tmp_path / 'car.yaml'
     assert identify.main(['--out', str(out), '--car', car]) == 0
-    found = yaml_parameters.read_file(out).values
+    values = yaml_parameters.read_file(out).values
     force = parameters.load(parameters.config_file(car)).car.force
-    assert found['actuators.drive_front_share'] == share_
-    assert found['actuators.steer_rate_radps'] == steer_rate
-    assert found['actuators.brake_n'] == force.front.brake_n + force.rear.brake_n
-    assert found['actuators.drive_n'] == force.front.drive_n + force.rear.drive_n
+    assert values['actuators.drive_front_share'] == share_
+    assert values['actuators.steer_rate_radps'] == steer_rate
+    assert values['actuators.brake_n'] == force.front.brake_n + force.rear.brake_n
+    assert values['actuators.drive_n'] == force.front.drive_n + force.rear.drive_n
 
 
 @pytest.mark.parametrize('friction', ['0', '0.01', '2', 'nan'])
@@ -165,9 +165,9 @@ def test_a_file_that_is_not_there_is_named_with_its_option_and_those_there_are(
     with pytest.raises(SystemExit) as exit_:
         identify.main(['--out', str(tmp_path / 'car.yaml'), option, 'nobody.yaml'])
     assert exit_.value.code == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f'identify: {option}: ')
-    assert f'no file config/nobody.yaml; it has {known}; ' in said
+    error = capsys.readouterr().err
+    assert error.startswith(f'identify: {option}: ')
+    assert f'no file config/nobody.yaml; it has {known}; ' in error
 
 
 def test_controller_uses_what_this_plant_gives(tmp_path):

@@ -140,8 +140,8 @@ def test_understeer_gradient_tends_to_the_closed_form(plant):
     gentle = replace(given.steady_circle, fit_from_mps2=0.1, fit_to_mps2=0.5)
     case = procedure.Case(plant, 1.0, replace(given, steady_circle=gentle))
     runs = steady_circle.runs(case)
-    found = steady_circle.numbers(case, runs, [procedure.drive(runs[0], case)])
-    expected = found['understeer_gradient_with_body'].value
-    assert found['understeer_gradient'].value == pytest.approx(expected, rel=0.03)
+    numbers = steady_circle.numbers(case, runs, [procedure.drive(runs[0], case)])
+    expected = numbers['understeer_gradient_with_body'].value
+    assert numbers['understeer_gradient'].value == pytest.approx(expected, rel=0.03)
     # camber by roll and load transfer add to the understeer
-    assert expected > found['understeer_gradient_single_track'].value > 0
+    assert expected > numbers['understeer_gradient_single_track'].value > 0

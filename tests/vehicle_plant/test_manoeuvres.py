@@ -50,9 +50,9 @@ def test_a_run_is_what_a_simulator_makes_of_the_same_commands(delay_ms):
         command = Command(car.stamp_ns, wanted.delta, 0.0, wanted.Fxf, wanted.Fxr)
         tracks.append(car.advance(command, TICK_STEPS))
     assert car.gate.rejected == 0, car.gate.last_reason
-    expected, found = join_trajectories(tracks), procedure.drive(run, case)
-    assert found.rows.tobytes() == expected.rows.tobytes()
-    assert found.stamp_ns.tolist() == expected.stamp_ns.tolist()
+    expected, trajectory = join_trajectories(tracks), procedure.drive(run, case)
+    assert trajectory.rows.tobytes() == expected.rows.tobytes()
+    assert trajectory.stamp_ns.tolist() == expected.stamp_ns.tolist()
 
 
 @pytest.mark.parametrize('name', MANOEUVRES)

@@ -15,8 +15,11 @@ def test_error_falls_with_the_fourth_power_and_a_millisecond_leaves_little(name)
     coarse, fine = plant_convergence.step_errors(
         run, case, (2 * integrator.STEP_S, integrator.STEP_S)
     )
-    for one in ('acceleration', 'slip'):
-        assert plant_convergence.convergence_order(getattr(coarse, one), getattr(fine, one)) > 3.5
+    for quantity in ('acceleration', 'slip'):
+        assert (
+            plant_convergence.convergence_order(getattr(coarse, quantity), getattr(fine, quantity))
+            > 3.5
+        )
     assert fine.position < 1e-7
     assert fine.yaw_rate < 1e-8
     assert fine.acceleration < 1e-5

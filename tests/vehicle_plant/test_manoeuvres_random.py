@@ -29,21 +29,21 @@ def test_random_commands_never_break_a_bound(case):
 def test_sequences_reach_the_corners_of_what_can_be_asked(case):
     """Ice and dry road, standstill and full speed, both locks, all brakes, all drive."""
     car = case.plant.car
-    frictions, speeds, asked = [], [], set()
+    frictions, speeds, set_points = [], [], set()
     for seed in range(100):
         run, friction = plant_random.random_run(seed, case.plant, SECONDS)
         again, _ = plant_random.random_run(seed, case.plant, SECONDS)
         ticks = np.arange(1, round(SECONDS / procedure.TICK_S) + 1) * procedure.TICK_S
-        wanted = [run.law(t, 0.0) for t in ticks]
-        assert wanted == [again.law(t, 0.0) for t in ticks]
-        asked.update(wanted)
+        sequence = [run.law(t, 0.0) for t in ticks]
+        assert sequence == [again.law(t, 0.0) for t in ticks]
+        set_points.update(sequence)
         frictions.append(friction)
         speeds.append(run.speed)
     assert min(frictions) < 0.15
     assert max(frictions) > 1.15
     assert 0.0 in speeds
     assert max(speeds) > 40.0
-    delta, Fxf, Fxr = zip(*asked)
+    delta, Fxf, Fxr = zip(*set_points)
     assert (min(delta), max(delta)) == (-car.steering.limit_rad, car.steering.limit_rad)
     assert min(Fxf) == -car.force.front.brake_n
     assert (min(Fxr), max(Fxr)) == (-car.force.rear.brake_n, car.force.rear.drive_n)
@@ -91,5 +91,5 @@ def test_a_broken_bound_is_named(case, column, value, line):
     track = procedure.drive(run, case._replace(friction=friction))
     assert plant_random.violated_bounds(track, run, friction, case.plant) == []
     track.column(column)[len(track.rows) // 2] = value
-    (found,) = plant_random.violated_bounds(track, run, friction, case.plant)
-    assert found.startswith(line)
+    (violation,) = plant_random.violated_bounds(track, run, friction, case.plant)
+    assert violation.startswith(line)

@@ -46,9 +46,9 @@ def test_named_files_exist():
 def test_example_of_patches_is_a_map():
     corners = [float(n) for n in re.search(r'corners_m:=\[(.*?)\]', TEXT)[1].split(',')]
     friction = [float(n) for n in re.search(r'patches.friction:=\[(.*?)\]', TEXT)[1].split(',')]
-    some = road_friction.pad_patches(road_friction.patch_array(corners, friction))
-    assert float(road_friction.friction_at(50.0, 1.0, 1.0, some)) == 0.3
-    assert float(road_friction.friction_at(50.0, -1.0, 1.0, some)) == 1.0
+    patches = road_friction.pad_patches(road_friction.patch_array(corners, friction))
+    assert float(road_friction.friction_at(50.0, 1.0, 1.0, patches)) == 0.3
+    assert float(road_friction.friction_at(50.0, -1.0, 1.0, patches)) == 1.0
 
 
 def test_fastest_mode_is_the_one_that_is_named(params):

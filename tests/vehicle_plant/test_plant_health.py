@@ -37,12 +37,12 @@ def advance(stepper, ticks, commanded=True):
 def test_a_run_that_goes_well_says_since_when_and_how_old_commands_are(stepper):
     monitor = health.HealthMonitor(stepper)
     assert monitor.health(START_NS).level == OK
-    found = monitor.health(advance(stepper, 10))
-    assert (found.name, found.level, found.message) == ('plant', OK, 'running')
-    assert found.values['run_began_ns'] == START_NS
-    assert found.values['age.command_ms'] == 0.0
-    assert found.values['age.command_limit_ms'] == 100.0
-    assert not found.values['controller_gone']
+    status = monitor.health(advance(stepper, 10))
+    assert (status.name, status.level, status.message) == ('plant', OK, 'running')
+    assert status.values['run_began_ns'] == START_NS
+    assert status.values['age.command_ms'] == 0.0
+    assert status.values['age.command_limit_ms'] == 100.0
+    assert not status.values['controller_gone']
 
 
 def test_a_command_ages_from_the_instant_at_which_it_is_due(stepper):
@@ -97,9 +97,9 @@ def test_a_refusal_is_named_beside_steps_that_came_late_after_it(stepper):
     stepper.advance_to(START_NS + STEP_NS)
     monitor.health(stepper.car.stamp_ns)
     stepper.advance_to(START_NS + 5 * STEP_NS)
-    found = monitor.health(stepper.car.stamp_ns)
+    status = monitor.health(stepper.car.stamp_ns)
     late = 'steps came late and were caught up'
-    assert (found.level, found.message) == (WARN, f'commands refused: name is wheel; {late}')
+    assert (status.level, status.message) == (WARN, f'commands refused: name is wheel; {late}')
 
 
 def test_silence_comes_before_the_refusals_that_led_to_it(stepper):
@@ -108,29 +108,29 @@ def test_silence_comes_before_the_refusals_that_led_to_it(stepper):
     for _ in range(4):
         stepper.reject('name is wheel')
         advance(stepper, 1, commanded=False)
-    found = monitor.health(stepper.car.stamp_ns)
+    status = monitor.health(stepper.car.stamp_ns)
     silent = 'no command comes, braking straight'
-    assert (found.level, found.message) == (ERROR, f'{silent}; commands refused: name is wheel')
+    assert (status.level, status.message) == (ERROR, f'{silent}; commands refused: name is wheel')
 
 
 def test_steps_that_came_late_are_a_warning(stepper):
     monitor = health.HealthMonitor(stepper)
     stepper.command(coast(START_NS))
     stepper.advance_to(START_NS + 5 * STEP_NS)
-    found = monitor.health(stepper.car.stamp_ns)
-    assert (found.level, found.values['missed_steps']) == (WARN, 4)
+    status = monitor.health(stepper.car.stamp_ns)
+    assert (status.level, status.values['missed_steps']) == (WARN, 4)
 
 
 def test_in_lockstep_there_are_no_ages(params):
     car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0))
-    found = health.HealthMonitor(LockstepStepper(car, RunEnd(FAR, car.now))).health(START_NS)
-    assert found.level == OK
-    assert not any(key.startswith('age.') or key == 'run_began_ns' for key in found.values)
+    status = health.HealthMonitor(LockstepStepper(car, RunEnd(FAR, car.now))).health(START_NS)
+    assert status.level == OK
+    assert not any(key.startswith('age.') or key == 'run_began_ns' for key in status.values)
 
 
 def test_before_its_run_the_plant_says_what_it_waits_for():
-    found = health.waiting(START_NS, 'waiting for a command')
-    assert (found.level, found.message) == (STALE, 'waiting for a command')
+    status = health.waiting(START_NS, 'waiting for a command')
+    assert (status.level, status.message) == (STALE, 'waiting for a command')
 
 
 def test_only_an_answer_to_the_start_lets_the_car_go():

@@ -120,8 +120,8 @@ def test_wheels_are_where_heading_and_track_put_them(params):
 
 def test_edge_belongs_to_the_patch_and_the_last_patch_counts():
     def at(X, Y, corners, friction):
-        some = road_friction.pad_patches(road_friction.patch_array(corners, friction))
-        return float(road_friction.friction_at(X, Y, 1.0, some))
+        patches = road_friction.pad_patches(road_friction.patch_array(corners, friction))
+        return float(road_friction.friction_at(X, Y, 1.0, patches))
 
     assert at(0.0, 0.5, SQUARE, [0.3]) == 0.3
     assert at(1.0, 1.0, SQUARE, [0.3]) == 0.3
@@ -148,24 +148,24 @@ def test_inside_is_what_the_angles_around_a_point_say(angles, X, Y, clockwise):
         return
     inside = abs(turns.sum()) > np.pi
     order = corners[::-1] if clockwise else corners
-    some = road_friction.pad_patches(road_friction.patch_array(order.ravel(), [0.3]))
-    assert float(road_friction.friction_at(X, Y, 1.0, some)) == (0.3 if inside else 1.0)
+    patches = road_friction.pad_patches(road_friction.patch_array(order.ravel(), [0.3]))
+    assert float(road_friction.friction_at(X, Y, 1.0, patches)) == (0.3 if inside else 1.0)
 
 
 @pytest.mark.needs('compiler')
 def test_compiled_and_interpreted_read_the_same_map(params):
-    some = road_friction.patch_array(LEFT_HALF + [4 + c for c in SQUARE], [0.3, 0.6])
+    patches = road_friction.patch_array(LEFT_HALF + [4 + c for c in SQUARE], [0.3, 0.6])
     x = rolling_state(params, Start(3.0, 0.5, 0.1, 20.0))
     set_points = np.tile([0.02, -4000.0, -2000.0], (201, 1))
     p = integrator.parameter_vector(params, 0.9)
-    fast = integrator.advance(x, set_points, p, patches=some)
-    slow = integrator.advance_interpreted(x, set_points, p, patches=some)
+    fast = integrator.advance(x, set_points, p, patches=patches)
+    slow = integrator.advance_interpreted(x, set_points, p, patches=patches)
     assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
 
 
 def test_bursts_of_any_length_see_the_same_patches(params):
-    some = road_friction.patch_array(LEFT_HALF, [0.3])
-    cars = [Simulator(params, 1.0, Start(3.0, 0.0, 0.0, 20.0), patches=some) for _ in range(2)]
+    patches = road_friction.patch_array(LEFT_HALF, [0.3])
+    cars = [Simulator(params, 1.0, Start(3.0, 0.0, 0.0, 20.0), patches=patches) for _ in range(2)]
     command = Command(cars[0].stamp_ns, 0.02, 0.0, -3000.0, 0.0)
     whole = cars[0].advance(command, 200)
     pieces = [cars[1].advance(command, 50), *(cars[1].advance(None, n) for n in (1, 49, 100))]
@@ -173,8 +173,8 @@ def test_bursts_of_any_length_see_the_same_patches(params):
 
 
 def test_start_on_a_patch_reads_its_friction(params):
-    some = road_friction.patch_array([-9.0, -9.0, 9.0, -9.0, 9.0, 9.0, -9.0, 9.0], [0.4])
-    on_patch = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=some).wheels
+    patches = road_friction.patch_array([-9.0, -9.0, 9.0, -9.0, 9.0, 9.0, -9.0, 9.0], [0.4])
+    on_patch = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=patches).wheels
     assert on_patch == Simulator(params, 0.4, Start(0.0, 0.0, 0.0, 20.0)).wheels
 
 
@@ -199,11 +199,11 @@ def test_map_that_makes_no_sense_is_refused(corners, friction, message):
 
 def test_sixteen_patches_are_sixteen(params):
     strips = [[i, 0.0, i + 1.0, 0.0, i + 1.0, 4.0, float(i), 4.0] for i in range(16)]
-    some = road_friction.patch_array(np.ravel(strips), 0.1 + 0.05 * np.arange(16))
+    patches = road_friction.patch_array(np.ravel(strips), 0.1 + 0.05 * np.arange(16))
     front = params.car.body.cog_to_front_m
     for i in range(16):
-        found = under_wheels(params, (i + 0.5 - front, 2.0, 0.0), some)
-        assert dict(zip(WHEELS, found))['fl'] == pytest.approx(0.1 + 0.05 * i, abs=1e-15)
+        local = under_wheels(params, (i + 0.5 - front, 2.0, 0.0), patches)
+        assert dict(zip(WHEELS, local))['fl'] == pytest.approx(0.1 + 0.05 * i, abs=1e-15)
 
 
 def test_parameters_of_the_node_take_the_flat_arrays():

@@ -46,7 +46,7 @@ class Controller:
         low, high = 0.0, MOST_N
         for _ in range(60):
             middle = (low + high) / 2
-            held = asked(START_NS, 0.0, 0.0, sign * middle, front)
+            held = command_for(START_NS, 0.0, 0.0, sign * middle, front)
             if self.reason(held._replace(stamp_ns=START_NS + TICK_NS), held):
                 high = middle
             else:
@@ -54,7 +54,7 @@ class Controller:
         return sign * low
 
 
-def asked(stamp_ns, delta, d_delta, force, front):
+def command_for(stamp_ns, delta, d_delta, force, front):
     return Command(stamp_ns, delta, d_delta, front * force, (1 - front) * force)
 
 
@@ -66,7 +66,7 @@ def pushed(controller, most, front):
         limits.force_rate_nps * controller.step_s,
     )
     return [
-        asked(
+        command_for(
             START_NS + n * TICK_NS,
             min(n * turn, limits.steer_rad),
             limits.steer_rate_radps,
@@ -106,5 +106,5 @@ def test_the_plant_accepts_a_force_that_moves_from_axle_to_axle(params):
     commands = pushed(controller, force, REAR)
     for front in (FRONT, REAR):
         last = commands[-1]
-        commands.append(asked(last.stamp_ns + TICK_NS, last.delta, 0.0, force, front))
+        commands.append(command_for(last.stamp_ns + TICK_NS, last.delta, 0.0, force, front))
     assert passes_both(params, 1.0, controller, commands) == (True, True)

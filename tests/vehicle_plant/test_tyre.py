@@ -46,10 +46,10 @@ def test_stiffness_and_peaks_fall_with_load_as_published(
     tyre_set = parameters.load_tyre(name)
     assert -tyre.stiffness(contact(Fz), tyre_set, bare).Ky == pytest.approx(Ky, rel=2e-3)
     slip = np.linspace(-0.6, 0.6, 2401)
-    rest, one = np.zeros_like(slip), np.ones_like(slip)
-    pressure = PRESSURE * one
-    side = forces(np.array([Fz * one, rest, slip, rest, one, pressure]), bare, tyre_set)[1] / Fz
-    along = forces(np.array([Fz * one, slip, rest, rest, one, pressure]), bare, tyre_set)[0] / Fz
+    rest, ones = np.zeros_like(slip), np.ones_like(slip)
+    pressure = PRESSURE * ones
+    side = forces(np.array([Fz * ones, rest, slip, rest, ones, pressure]), bare, tyre_set)[1] / Fz
+    along = forces(np.array([Fz * ones, slip, rest, rest, ones, pressure]), bare, tyre_set)[0] / Fz
     assert side.max() == pytest.approx(right, abs=2e-3)
     assert -side.min() == pytest.approx(left, abs=2e-3)
     assert -along.min() == pytest.approx(braking, abs=8e-3)

@@ -142,10 +142,10 @@ def all_terms():
 
 def assert_equal(point, tyre_set, scaling):
     Fz, kappa, alpha, gamma, pressure = point
-    found = tyre.force(Contact(Fz, kappa, np.tan(alpha), gamma, 1.0, pressure), tyre_set, scaling)
+    force = tyre.force(Contact(Fz, kappa, np.tan(alpha), gamma, 1.0, pressure), tyre_set, scaling)
     Fx, Fy, _, _ = book(*point, coefficients(tyre_set), by_name(scaling))
-    assert found.Fx == pytest.approx(Fx, rel=1e-9, abs=1e-6)
-    assert found.Fy == pytest.approx(Fy, rel=1e-9, abs=1e-6)
+    assert force.Fx == pytest.approx(Fx, rel=1e-9, abs=1e-6)
+    assert force.Fy == pytest.approx(Fy, rel=1e-9, abs=1e-6)
 
 
 @pytest.mark.parametrize('name', SETS)
@@ -166,9 +166,9 @@ def test_every_scaling_factor_of_pure_slip_does_what_the_book_says(all_terms, po
     scaling = TyreScaling(**{name: rng.uniform(0.7, 1.4) for name in by_name(ONES)})
     Fz, kappa, alpha, gamma, pressure = point
     c = Contact(Fz, kappa, np.tan(alpha), gamma, 1.0, pressure)
-    found = tyre.force(c, all_terms, scaling)
+    force = tyre.force(c, all_terms, scaling)
     _, _, Fx0, Fy0 = book(*point, coefficients(all_terms), by_name(scaling))
     if alpha == 0.0:  # no loss by side slip
-        assert found.Fx == pytest.approx(Fx0, rel=1e-9)
+        assert force.Fx == pytest.approx(Fx0, rel=1e-9)
     if kappa == 0.0:
-        assert found.Fy == pytest.approx(Fy0, rel=1e-9)
+        assert force.Fy == pytest.approx(Fy0, rel=1e-9)

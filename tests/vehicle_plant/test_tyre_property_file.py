@@ -72,13 +72,13 @@ def line_of(text, start):
 
 def forces(tyre_set, bare, mirror=1):
     rng = np.random.default_rng(5)
-    found = []
+    values = []
     for _ in range(20):
         Fz, kappa, slip, gamma = rng.uniform((1e3, -0.3, -0.3, -0.1), (8e3, 0.3, 0.3, 0.1))
         c = Contact(Fz, kappa, mirror * slip, mirror * gamma, 1.0, 220e3)
         F = tyre.force(c, tyre_set, bare)
-        found += [F.Fx, mirror * F.Fy]
-    return np.array(found)
+        values += [F.Fx, mirror * F.Fy]
+    return np.array(values)
 
 
 def test_property_file_is_the_tyre_of_its_yaml(read):
@@ -200,9 +200,9 @@ def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
         )
         if key not in ('FNOMIN', 'NOMPRES', 'PKY4', 'PKY6', 'PKY7') and value
     ]
-    found = yaml_parameters.flatten(read(CHRONO + ''.join(lines)))
+    values = yaml_parameters.flatten(read(CHRONO + ''.join(lines)))
     expected = yaml_parameters.flatten(published) | {'reference.NOMPRES': 200e3}
-    assert found == pytest.approx(expected, rel=1e-12)
+    assert values == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize('friction', [1.0, 0.5])

@@ -195,21 +195,14 @@ def advance(
     function = compiled_advance()
     if function is None:
         return advance_interpreted(x, set_points, p, h, patches)
-    steps = len(set_points) - 1
-    rows = np.empty((steps, row_size()))
-    x = np.array(x, dtype=float)
-    set_points = np.ascontiguousarray(set_points, dtype=float)
-    p = np.ascontiguousarray(p, dtype=float)
-    padded = None if patches is None or not len(patches) else road_friction.pad_patches(patches)
-    function(
-        x.ctypes.data,
-        set_points.ctypes.data,
-        p.ctypes.data,
-        None if padded is None else padded.ctypes.data,
-        h,
-        rows.ctypes.data,
-        steps,
-    )
+    rows = np.empty((len(set_points) - 1, row_size()))
+    arrays = [np.array(x, dtype=float)]  # the C code advances it in place
+    arrays += [np.ascontiguousarray(array, dtype=float) for array in (set_points, p)]
+    has_patches = patches is not None and len(patches) > 0
+    padded = road_friction.pad_patches(patches) if has_patches else None
+    pointers = [array.ctypes.data for array in arrays]
+    pointers.append(padded.ctypes.data if has_patches else None)
+    function(*pointers, h, rows.ctypes.data, len(rows))
     return rows
 
 

@@ -151,7 +151,7 @@ _WHEELS = {
 
 
 class Trajectory(NamedTuple):
-    """State and outputs over time, one row per millisecond unless a caller says otherwise."""
+    """State and outputs over time, one row per millisecond by default."""
 
     stamp_ns: np.ndarray  # (n,) int64
     rows: np.ndarray  # (n, state + outputs)

@@ -1,7 +1,7 @@
 """Coefficients of a Magic Formula 6.1 tyre, named as in Pacejka, Tire and Vehicle Dynamics, 4.3.2.
 
-Coefficients are numbers without unit unless their field says so; the file that holds them names
-its published source. Some ranges only fix a sign: axes are those of ISO, so cornering stiffness is
+Coefficients have no unit unless their field gives one; the file of a tyre names its published
+source. Some ranges only fix a sign: axes are those of ISO, so cornering stiffness is
 negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in its place, less its
 vertical shift with camber: SHY3, a name of ours, is 1 for 6.1 and 0 for 5.2.
 """
