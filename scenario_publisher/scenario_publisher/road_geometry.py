@@ -35,9 +35,6 @@ class Road(NamedTuple):
     left: np.ndarray
     right: np.ndarray
 
-    def __repr__(self) -> str:
-        return f'Road({self.centre!r}, edges of {len(self.left)} and {len(self.right)} points)'
-
 
 class Outside(NamedTuple):
     """Distances of points from the road, (n,) each; negative is inside."""
@@ -113,12 +110,11 @@ def build_table(
 
 def _check_steps(points, key, error):
     steps = polyline.steps(points)
-    ratio = np.maximum(steps[1:], steps[:-1]) / np.minimum(steps[1:], steps[:-1])
-    for i in np.flatnonzero(ratio > MAX_STEP_RATIO):
-        what = f'a gap of {max(steps[i], steps[i + 1]):.3g} m beside a step of '
-        what += f'{min(steps[i], steps[i + 1]):.3g} m; '
-        what += f'allowed at most {MAX_STEP_RATIO:g} times as long'
-        raise error(f'{key}.points_m[{i + 1}]', what)
+    longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
+    for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
+        what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
+        allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
+        raise error(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
 
 
 def _check_count(count, key, error):
@@ -181,10 +177,9 @@ def _check_edge_table(table, side, keys, error):
         what = f'is out of range with {table[i, 1]:g} (left is positive, edges must not cross)'
         raise error(keys[i], f'{what}; allowed {low:g} to {high:g} m')
     for i in np.flatnonzero(np.abs(np.diff(table[:, 1])) > MAX_EDGE_SLOPE * np.diff(table[:, 0])):
-        what = f'jumps by {table[i + 1, 1] - table[i, 1]:g} m within '
-        what += f'{table[i + 1, 0] - table[i, 0]:g} m; '
-        what += f'allowed at most {MAX_EDGE_SLOPE:g} m per metre'
-        raise error(keys[i + 1], what)
+        s, offset = table[i + 1] - table[i]
+        what = f'jumps by {offset:g} m within {s:g} m'
+        raise error(keys[i + 1], f'{what}; allowed at most {MAX_EDGE_SLOPE:g} m per metre')
 
 
 def _polyline_edge(block, side, key, centre, spacing, error):

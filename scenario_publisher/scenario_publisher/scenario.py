@@ -12,17 +12,9 @@ from msgs_yaml import share
 from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import typed_yaml
-from scenario_publisher import (
-    actors,
-    friction_patches,
-    lines,
-    plausibility,
-    road_geometry,
-    scenario_file,
-    schema,
-)
+from scenario_publisher import actors, lines, plausibility, road_geometry, scenario_file, schema
 from scenario_publisher.actors import Actor
-from scenario_publisher.friction_patches import Patches
+from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.scenario_file import ScenarioError
 
@@ -95,8 +87,8 @@ def available() -> tuple[str, ...]:
 def load(name_or_path: str | os.PathLike) -> Scenario:
     """Return a scenario by its name, or from a file when given a path or a name ending in .yaml.
 
-    Raises ScenarioError that names file, line, key and what is allowed, or, when there is no such
-    scenario, those that exist.
+    Raises ScenarioError that names file, line, key and allowed values, or, for an unknown name, the
+    available scenarios.
     """
     path = _find(os.fspath(name_or_path))
     return parse(scenario_file.read(path), str(path))
@@ -154,7 +146,7 @@ def _build(file, text, error):
         stop=_stop(file.stop, path, start),
         text=text,
         actors=crowd,
-        patches=friction_patches.build_patches(file.friction_patches, road.centre, error),
+        patches=build_patches(file.friction_patches, road.centre, error),
         speeds=_given_speeds(file),
     )
     return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))

@@ -61,7 +61,7 @@ class Axle:
 
 @dataclass(frozen=True)
 class Suspension:
-    """Both axles."""
+    """Suspension of both axles."""
 
     front: Axle
     rear: Axle
@@ -120,23 +120,23 @@ class AxleForce:
 
 
 @dataclass(frozen=True)
-class Force:
-    """Both axles."""
+class AxleForces:
+    """Force servos of both axles."""
 
     front: AxleForce
     rear: AxleForce
 
 
 @dataclass(frozen=True)
-class Tyres:
-    """Scaling of the tyre set per axle."""
+class AxleScaling:
+    """Scaling of the tyre coefficients per axle."""
 
     front: TyreScaling
     rear: TyreScaling
 
 
 @dataclass(frozen=True)
-class Gate:
+class GateLimits:
     """Limits of a plausible command, relative to those of the actuators."""
 
     steer_tolerance_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
@@ -164,9 +164,9 @@ class Car:
     wheel: Wheel
     brake: BrakeLining
     steering: Steering
-    force: Force
-    scaling: Tyres
-    gate: Gate
+    force: AxleForces
+    scaling: AxleScaling
+    gate: GateLimits
     safe_stop: SafeStop
 
 

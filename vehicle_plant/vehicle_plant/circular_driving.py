@@ -46,20 +46,34 @@ class AxlePoints(NamedTuple):
 
 
 def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajectory:
-    """Drive the manoeuvre; return its rows every 50 ms. Raises CircleError."""
-    driver_class = {'constant_speed': _ConstantSpeed, 'constant_radius': _ConstantRadius}
-    driver = driver_class[circle.manoeuvre](circle, plant)
-    car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, driver.speed(0.0)))
+    """Drive the manoeuvre; return its rows every 50 ms. Raises CircleError.
+
+    constant_speed: slowly increasing steer. constant_radius: slowly increasing speed from a lateral
+    acceleration of a tenth of g on, integral control of the curvature from the geometric steer on.
+    """
+    is_constant_speed = circle.manoeuvre == 'constant_speed'
+    body, steer_limit = plant.car.body, plant.car.steering.limit_rad
+    steer = (body.cog_to_front_m + body.cog_to_rear_m) / circle.radius_m
+    steer_rate = circle.steer_rate_radps if is_constant_speed else 0.0
+    initial_speed = float(np.sqrt(0.1 * STANDARD_GRAVITY * circle.radius_m))
+    speed = circle.speed_mps if is_constant_speed else initial_speed
+    car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, speed))
     rear_share = rear_drive_share(plant)
     tick_s = TICK_NS / 1e9
     rows = []
     for tick in range(round(circle.longest_s / tick_s)):
         state = car.state
         t = max(tick * tick_s - circle.settle_s, 0.0)
-        force = circle.speed_gain_nspm * (driver.speed(t) - state.vx)
+        if is_constant_speed:
+            steer = t * circle.steer_rate_radps
+        else:
+            speed = initial_speed + circle.acceleration_mps2 * t
+            curvature_error = 1 / circle.radius_m - state.r / state.vx
+            steer += circle.curvature_gain_radpm * TICK_NS / 1e9 * curvature_error
+            steer = float(np.clip(steer, -steer_limit, steer_limit))
+        force = circle.speed_gain_nspm * (speed - state.vx)
         forces = force * (1 - rear_share), force * rear_share
-        steer = driver.steer(t, state)
-        if not car.command(Command(state.stamp_ns, steer, driver.steer_rate, *forces)).accepted:
+        if not car.command(Command(state.stamp_ns, steer, steer_rate, *forces)).accepted:
             raise CircleError(f'the plant refuses the command: {car.gate.last_reason}')
         car.advance(None, TICK_STEPS)
         rows.append(car.now)
@@ -68,45 +82,6 @@ def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajecto
             turning = [row for i, row in enumerate(rows) if i * tick_s >= circle.settle_s]
             return join_trajectories(turning)
     raise CircleError(f'front slip {abs(front.alpha[-1]):.3f} rad after {circle.longest_s} s')
-
-
-class _ConstantSpeed:
-    """Slowly increasing steer."""
-
-    def __init__(self, circle: CircleParams, _):
-        self._circle = circle
-        self.steer_rate = circle.steer_rate_radps
-
-    def speed(self, _) -> float:
-        """Return the desired speed [m/s]."""
-        return self._circle.speed_mps
-
-    def steer(self, t, _) -> float:
-        """Return the steer command [rad] at the time t of the manoeuvre [s]."""
-        return t * self._circle.steer_rate_radps
-
-
-class _ConstantRadius:
-    """Slowly increasing speed; integral control of the curvature from the geometric steer on."""
-
-    def __init__(self, circle: CircleParams, plant: PlantParams):
-        body = plant.car.body
-        self._circle = circle
-        self._steer = (body.cog_to_front_m + body.cog_to_rear_m) / circle.radius_m
-        self._limit = plant.car.steering.limit_rad
-        self.steer_rate = 0.0
-
-    def speed(self, t) -> float:
-        """Return the desired speed [m/s]; at first the lateral acceleration is a tenth of g."""
-        slow = np.sqrt(0.1 * STANDARD_GRAVITY * self._circle.radius_m)
-        return float(slow + self._circle.acceleration_mps2 * t)
-
-    def steer(self, t, state) -> float:
-        """Return the steer command [rad]; the settling time reaches it gently."""
-        error = 1 / self._circle.radius_m - state.r / state.vx
-        gain = self._circle.curvature_gain_radpm * TICK_NS / 1e9
-        self._steer = float(np.clip(self._steer + gain * error, -self._limit, self._limit))
-        return self._steer
 
 
 def rear_drive_share(plant: PlantParams) -> float:

@@ -29,7 +29,7 @@ from vehicle_plant.car import PlantParams
 from vehicle_plant.suspension import Corner
 
 
-class Axle(NamedTuple):
+class AxleSlopes(NamedTuple):
     """Slopes of one axle at static load, straight ahead."""
 
     corner: Corner  # the left one
@@ -51,8 +51,8 @@ class LinearCar(NamedTuple):
     plant: PlantParams
     mass: float  # kg
     inertia: float  # kg m^2
-    front: Axle
-    rear: Axle
+    front: AxleSlopes
+    rear: AxleSlopes
 
     @property
     def wheelbase(self) -> float:
@@ -81,12 +81,12 @@ def linear_car(plant: PlantParams, friction: float) -> LinearCar:
         plant,
         car.body.mass_kg,
         car.body.yaw_inertia_kgm2 + spin * float(left_front.y**2 + left_rear.y**2),
-        _axle(plant, friction, left_front, car.scaling.front),
-        _axle(plant, friction, left_rear, car.scaling.rear),
+        _axle_slopes(plant, friction, left_front, car.scaling.front),
+        _axle_slopes(plant, friction, left_rear, car.scaling.rear),
     )
 
 
-def _axle(plant: PlantParams, friction: float, corner: Corner, scaling) -> Axle:
+def _axle_slopes(plant: PlantParams, friction: float, corner: Corner, scaling) -> AxleSlopes:
     """Return the slopes of an axle from the left tyre; the right one is its mirror image."""
     wheel = plant.car.wheel
     Fz, tan_alpha, gamma = (ca.SX.sym(name) for name in ('Fz', 'tan_alpha', 'gamma'))
@@ -100,7 +100,7 @@ def _axle(plant: PlantParams, friction: float, corner: Corner, scaling) -> Axle:
     static = contact._replace(Fz=at_rest[0], tan_alpha=0.0, gamma=at_rest[-1])
     sigma = -float(tyre.stiffness(static, plant.tyre, scaling).Ky) / wheel.lateral_stiffness_npm
     side = 1 if corner.x > 0 else -1
-    return Axle(corner, -2 * per_slip, 2 * per_camber, 2 * per_load, sigma, side)
+    return AxleSlopes(corner, -2 * per_slip, 2 * per_camber, 2 * per_load, sigma, side)
 
 
 def yaw_rate_response(
