@@ -28,33 +28,29 @@ from experiments.configuration import inputs, node_config
 from experiments.run import node_graph, processes, staging
 from launch import LaunchDescription
 
+
+def argument(name, default, description, choices=None):
+    """Return the declaration of a launch argument."""
+    return DeclareLaunchArgument(
+        name, default_value=default, description=description, choices=choices
+    )
+
+
 ARGUMENTS = (
-    DeclareLaunchArgument(
-        'scenario',
-        default_value='double_lane_change',
-        description='name of a scenario, or the path of a YAML file',
-    ),
-    DeclareLaunchArgument(
-        'controller',
-        default_value='mpcc',
-        description='name of a file in mpcc_controller/config, or the path of a YAML file',
-    ),
-    DeclareLaunchArgument(
+    argument('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'),
+    argument('controller', 'mpcc', 'name of a file in mpcc_controller/config, or of a YAML file'),
+    argument(
         'mode',
-        default_value='lockstep',
-        choices=['lockstep', 'realtime'],
-        description='lockstep: simulated time; realtime: wall clock',
+        'lockstep',
+        'lockstep: simulated time; realtime: wall clock',
+        ['lockstep', 'realtime'],
     ),
-    DeclareLaunchArgument(
-        'out',
-        default_value='bags/runs',
-        description='folder that receives <scenario>/<controller>, which must not exist yet',
-    ),
-    DeclareLaunchArgument(
+    argument('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet'),
+    argument(
         'markers',
-        default_value='false',
-        choices=['true', 'false'],
-        description='whether markers_node draws the run for RViz and Foxglove',
+        'false',
+        'whether markers_node draws the run for RViz and Foxglove',
+        ['true', 'false'],
     ),
 )
 # seconds from SIGINT until launch sends SIGTERM

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from experiments.commands import positive_number
+
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
 RUNS = Path('bags', 'runs')
@@ -51,18 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--time-limit',
-        type=_seconds,
+        type=positive_number,
         default=TIME_LIMIT_S,
         metavar='S',
         help=f'wall time after which a run is stopped (default: {TIME_LIMIT_S:.0f} s)',
     )
-
-
-def _seconds(text):
-    value = float(text)
-    if not 0.0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
-    return value
 
 
 def run(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
+from experiments.commands import positive_number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--tracking',
-        type=_metres,
+        type=positive_number,
         default=TRACKING_M,
         metavar='M',
         help='bound on the rms distance from the coarse path; a large one leaves it free '
@@ -72,13 +73,6 @@ def _count(text):
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
-    return value
-
-
-def _metres(text):
-    value = float(text)
-    if not 0.0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
     return value
 
 

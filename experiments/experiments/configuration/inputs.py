@@ -4,7 +4,7 @@ Loads no solver and no model of the controller: a mistake in the input is report
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
@@ -25,12 +25,12 @@ from vehicle_plant.car import actuator_limits
 from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 
 KPH = 3.6  # km/h per m/s
-# parameter class of each executable, and the loader of the file that the parameters name
+# parameter class of each role, and the loader of the file that the parameters name
 LOADERS = {
-    'recorder_node': (RecorderParams, None),
-    'scenario_node': (ScenarioParams, None),
-    'controller_node': (ControllerParams, car_file.load),
-    'plant_node': (NodeParams, plant_parameters.plant_params),
+    'recorder': (RecorderParams, None),
+    'scenario': (ScenarioParams, None),
+    'controller': (ControllerParams, car_file.load),
+    'plant': (NodeParams, plant_parameters.plant_params),
 }
 # parameters that the plant declares besides those of its class
 PLANT_EXTRAS = {
@@ -39,29 +39,6 @@ PLANT_EXTRAS = {
 }
 START, PLANT_START = 'start.', 'plant.start.speed_mps'
 SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
-
-
-class SlowSpeedWarning(NamedTuple):
-    """The wording of a warning about one kind of speed."""
-
-    subject: str
-    margin_mps: float  # above the least speed, within which the warning is given, too
-    below: str  # behaviour of the car below the least speed
-    near: str  # and within the margin
-
-
-START_SLOW = SlowSpeedWarning(
-    'the car starts at',
-    minimum_speed.START_MARGIN_MPS,
-    'does not pull away',
-    'may not pull away',
-)
-DESIRED_SLOW = SlowSpeedWarning(
-    'the scenario asks for',
-    minimum_speed.DESIRED_MARGIN_MPS,
-    'stops where it is so',
-    'may stop where it is so',
-)
 
 
 def stop_params(scn: Scenario) -> StopParams:
@@ -113,7 +90,7 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     without one. Raises BagError for what a node refuses, and for a limit of the controller that is
     set beyond the car's ability: it would have no effect.
     """
-    checked = {node.role: _load(node) for node in nodes if node.executable in LOADERS}
+    checked = {node.role: _load(node) for node in nodes if node.role in LOADERS}
     for node in nodes:
         if node.role == 'controller':
             _refuse_impossible(node, *checked[node.role])
@@ -122,7 +99,7 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
 
 def _load(node):
     """Return the parameters of a node, and those in the file that they name."""
-    cls, load = LOADERS[node.executable]
+    cls, load = LOADERS[node.role]
     try:
         given, sources = node_config.given_parameters(node), node_config.parameter_sources(node)
         extras = PLANT_EXTRAS if node.role == 'plant' else {}
@@ -171,28 +148,33 @@ def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) 
     # without a start speed of its own the scenario starts at the desired speed, checked anyway
     start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
     least = params.limits.least_speed_mps
+    start_words = ('the car starts at', 'does not pull away', 'may not pull away')
+    desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
     return [
-        *_slow_speeds(START_SLOW, start, least),
-        *_slow_speeds(DESIRED_SLOW, desired, least),
+        *_slow_speed(start, least, minimum_speed.START_MARGIN_MPS, *start_words),
+        *_slow_speed(desired, least, minimum_speed.DESIRED_MARGIN_MPS, *desired_words),
         *_drive_layout(params, vehicle, plant),
         *filter(None, [car_file.describe_cut_limits(params, vehicle)]),
     ]
 
 
-def _slow_speeds(kind: SlowSpeedWarning, speeds: Sequence[tuple[str, float]], least_mps: float):
-    """Return the warning about speeds (key, m/s) at which the controller stops, at most one."""
+def _slow_speed(speeds, least_mps, margin_mps, subject, below, near):
+    """Return the warning about speeds (key, m/s) at which the controller stops, at most one.
+
+    `below` and `near` describe the car below the least speed and within the margin above it.
+    """
 
     def relation(speed):
-        return minimum_speed.compare(speed, least_mps, kind.margin_mps)
+        return minimum_speed.compare(speed, least_mps, margin_mps)
 
     slow = [(speed, key) for key, speed in speeds if relation(speed)]
     if not slow:
         return []
     speed, key = min(slow, key=lambda pair: pair[0])
     others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
-    consequence = kind.below if relation(speed) == minimum_speed.BELOW else kind.near
+    consequence = below if relation(speed) == minimum_speed.BELOW else near
     return [
-        f'{kind.subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
+        f'{subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
         f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '
         f'below that speed, so the car {consequence}'
     ]

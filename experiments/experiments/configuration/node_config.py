@@ -16,18 +16,12 @@ from node_runtime.node_parameters import NO_SOURCES
 
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
-# package and file of the defaults that each executable loads by itself
+# package and file of the defaults that each node loads by itself, by role
 DEFAULTS = {
-    'recorder_node': ('bags', 'recorder.yaml'),
-    'controller_node': ('mpcc_controller', 'mpcc.yaml'),
-    'plant_node': ('vehicle_plant', 'bmw_545i.yaml'),
-    'scenario_node': ('scenario_publisher', 'scenario_node.yaml'),
-}
-SHIPPED = {
-    'controller': DEFAULTS['controller_node'],
-    'plant': DEFAULTS['plant_node'],
-    'recorder': DEFAULTS['recorder_node'],
-    'scenario': DEFAULTS['scenario_node'],
+    'recorder': ('bags', 'recorder.yaml'),
+    'controller': ('mpcc_controller', 'mpcc.yaml'),
+    'plant': ('vehicle_plant', 'bmw_545i.yaml'),
+    'scenario': ('scenario_publisher', 'scenario_node.yaml'),
 }
 PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another file of defaults
 BAG_FOLDER, RUN_INFO_FILE = 'bag', 'run_info.json'
@@ -226,14 +220,14 @@ def write_run_info(
 
 def _all_values(node):
     values = given_parameters(node)
-    if node.executable in DEFAULTS:
+    if node.role in DEFAULTS:
         values = parameters.read_file(defaults_file(node)).values | values
     return values
 
 
 def defaults_file(node: Node) -> Path:
     """Return the parameter file that a node of DEFAULTS loads by itself."""
-    package, name = DEFAULTS[node.executable]
+    package, name = DEFAULTS[node.role]
     if node.role == 'plant':
         chosen = str(node.parameters.get(PLANT_DEFAULTS, name))
         return node_parameters.find_named_config(

@@ -77,7 +77,7 @@ def _hint(target):
 
 
 def _shipped(role):
-    package, file = node_config.SHIPPED[role]
+    package, file = node_config.DEFAULTS[role]
     return parameters.read_file(share.path(package, 'config', file)).values
 
 

@@ -9,7 +9,6 @@ from experiments.study.claims import STABLE_DEG
 from experiments.study.distributions import POINT_KPH, RUNS, run_at_speed
 from experiments.study.run_statistics import BY_NAME, summarise_runs
 from experiments.study.runner import Record, Runner
-from experiments.study.undisturbed_run import Intrusions, ObstacleView
 from experiments.study.variants import SCENARIO, SWITCHES, Switch, Variant
 
 SPEEDS_KPH = tuple(60.0 + 5.0 * step for step in range(8))  # 60 .. 95
@@ -45,16 +44,12 @@ class Ablation(NamedTuple):
     """The result of `experiments study ablation`."""
 
     variants: list[Variant]
-    point: Mapping[str, list[Record]]  # by row, one record per draw, at the operating point
-    sweep: Mapping[Cell, Mapping[str, list[Record]]]
-    intrusions: Intrusions
-    frames: Mapping[str, list[ObstacleView]]  # by frame of the distances
     rows: list[dict[str, Any]]  # one per cell and row
     switches: list[dict[str, Any]]  # see find_flips; at the point, then over the sweep
     files: list[Path]
 
     def __repr__(self) -> str:
-        return f'Ablation({len(self.variants)} variants, {len(self.sweep)} cells)'
+        return f'Ablation({len(self.variants)} variants, {len(self.rows)} rows)'
 
 
 def run(
@@ -120,7 +115,7 @@ def run(
     text, title = _switches_markdown(switches), 'Which single switch turns which verdict'
     files += tables.write_tables(out, SWITCHES_STEM, title, switches, text, origin)
     files += study_figures.write_ablation(rows, out)
-    return Ablation(chosen, point, sweep, intrusions, frames, rows, switches, files)
+    return Ablation(chosen, rows, switches, files)
 
 
 def _row(where, kph, clearance, name, runs):

@@ -22,15 +22,13 @@ TARGET_SHARE = 0.95
 class Distributions(NamedTuple):
     """The result by nominal speed [km/h] and variant, one record per draw, in their order."""
 
-    draws: list[Draw]
     records: Mapping[float, Mapping[str, list[Record]]]
     medians: Mapping[float, Draw]  # see run_statistics.find_median_run
     rows: list[dict[str, Any]]  # speed, controller, quantity, median, least, most ...
-    targets: list[dict[str, Any]]  # see check_targets
     files: list[Path]
 
     def __repr__(self) -> str:
-        return f'Distributions({len(self.draws)} draws, {[*self.records]} km/h)'
+        return f'Distributions({[*self.records]} km/h, {len(self.rows)} rows)'
 
     def median_spec(self, controller: str, speed_kph: float = POINT_KPH) -> RunSpec:
         """Return the median run of a controller, which the figures show."""
@@ -76,7 +74,7 @@ def run(
     text += _targets_markdown(targets, speeds_kph[0])
     files = tables.write_tables(out, STEM, 'Distributions over paired runs', rows, text, origin)
     files += study_figures.write_distributions(records, medians, out / STEM)
-    return Distributions(draws, records, medians, rows, targets, files)
+    return Distributions(records, medians, rows, files)
 
 
 def run_at_speed(
