@@ -17,8 +17,8 @@ KEYS = """verdict completed finish_at_m collided collided_by left_road left_road
     lost lost_how lost_at_m entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
     min_v2e_per_edge_m min_outline_gap_m overshoots peak_brake_mps2 peak_sideslip_deg
     peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
-    counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 peak_lat_acc_share peak_brake_share
-    rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""
+    counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 rms_lat_jerk_mps3 peak_lat_acc_share
+    peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""
 
 
 def with_obstacle(scene, x, y, vx=0.0, vy=0.0, radius=1.0, number=1):
@@ -144,6 +144,21 @@ def test_peaks_of_acceleration_are_magnitudes(make_drive):
     found = metrics.compute_metrics(make_drive())
     assert found['peak_brake_mps2'] == pytest.approx(5.0)
     assert found['peak_lat_acc_mps2'] == pytest.approx(8.0, abs=1e-3)
+
+
+def test_lateral_jerk_is_the_root_mean_square_of_the_slope(make_drive):
+    driven = make_drive()
+    stamp_ns = START_NS + np.arange(0, 400) * 10 * MS
+    slope = driven.accelerations._replace(
+        stamp_ns=stamp_ns,
+        ax=np.zeros(400),
+        ay=3.0 * (stamp_ns - START_NS) * 1e-9,  # 3 m/s^3
+    )
+    run = EvaluatedDrive(driven._replace(accelerations=slope), None)
+    assert driving.rms_lat_jerk_mps3(run) == pytest.approx(3.0)
+    short = slope._replace(stamp_ns=stamp_ns[:5], ax=slope.ax[:5], ay=slope.ay[:5])
+    run = EvaluatedDrive(driven._replace(accelerations=short), None)
+    assert driving.rms_lat_jerk_mps3(run) is None
 
 
 def test_contouring_is_a_root_mean_square(make_drive):

@@ -10,6 +10,7 @@ BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking
 HARD_BRAKING_N = -1500.0
 NOTICEABLE_M = 0.1  # an excursion below this is tracking, not an overshoot
 BEND_1PM = 1e-3  # the curvature from which a piece of reference is a bend
+JERK_WINDOW_S = 0.1
 SAMPLE_NS = 10_000_000  # between even samples of forces and angles
 NS = 1e-9  # s
 # below these a steering angle and a turn have no side: 1 deg at the road wheel, 3 deg/s
@@ -113,6 +114,18 @@ def peak_lat_acc_mps2(run):
     """Largest measured lateral acceleration."""
     ay = run.drive.accelerations.ay
     return float(np.max(np.abs(ay))) if ay.size else None
+
+
+@metric()
+def rms_lat_jerk_mps3(run):
+    """Root mean square of the lateral jerk: the slope of the measured acceleration over 0.1 s."""
+    stamp_ns, ay = run.drive.accelerations.stamp_ns, run.drive.accelerations.ay
+    t = (stamp_ns - stamp_ns[:1]) * NS
+    if not ay.size or t[-1] - t[0] < JERK_WINDOW_S:
+        return None
+    inner = t[(t >= JERK_WINDOW_S / 2) & (t <= t[-1] - JERK_WINDOW_S / 2)]
+    ahead, behind = (np.interp(inner + side * JERK_WINDOW_S / 2, t, ay) for side in (1, -1))
+    return float(np.sqrt(np.mean(((ahead - behind) / JERK_WINDOW_S) ** 2)))
 
 
 @metric()
