@@ -1,5 +1,6 @@
 """The nodes of a run: which executables, with which parameters, and what is recorded of them."""
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -88,7 +89,19 @@ def find_controller(name_or_path: str) -> Controller:
         path = known[name_or_path]
     if not path.is_file():
         raise BagError(f'no controller {name_or_path!r}: there is no such file')
+    _reject_baseline_by_name(path)
     return Controller(path.stem, path.absolute())
+
+
+def _reject_baseline_by_name(path):
+    """Raise BagError for a file that is the baseline by its name only, as older ones were."""
+    if path.stem.startswith('frenet'):
+        with contextlib.suppress(parameters.ParameterError):  # reported with the other inputs
+            if 'formulation.name' not in parameters.read_file(path).values:
+                raise BagError(
+                    f'{path}: the name of a file does not choose the baseline any more; add '
+                    '`base: frenet.yaml` to its ros__parameters'
+                )
 
 
 def find_controllers(names_or_paths: Sequence[str]) -> list[Controller]:
