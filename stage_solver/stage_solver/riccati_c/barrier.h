@@ -7,7 +7,7 @@
     for (int b_ = 0, i; b_ < (s)->n_bounded && (i = (s)->bounded[b_], 1); b_++)                    \
         for (int j = 0; j < GROUPS; j++)
 
-/* Curvature sigma and slope of the barrier in v; for slacks `push` is what Jg' sees of them. */
+/* Curvature sigma and gradient of the barrier in v; for slacks `push` is the factor of Jg'. */
 static void barrier_terms(Workspace *s)
 {
     FOR_BOUNDED(s, i, j) {
@@ -22,7 +22,7 @@ static void barrier_terms(Workspace *s)
     }
 }
 
-/* Multiplier steps, the largest steps that keep everything positive, and the slope of the
+/* Multiplier steps, the largest steps to the boundary, and the directional derivative of the
  * barrier function along dv. */
 static void complete_step(Workspace *s)
 {
@@ -30,7 +30,7 @@ static void complete_step(Workspace *s)
     FOR_BOUNDED(s, i, j) {
         V d = s->dv[i][j], low = s->inv_low[i][j], high = s->inv_high[i][j];
         V z_low = s->at.z_low[i][j], z_high = s->at.z_high[i][j];
-        V to_low = -d * low, to_high = d * high; /* share of the distance that a full step uses */
+        V to_low = -d * low, to_high = d * high; /* share of the distance to the bound in a full step */
         V dz_low = s->mu * low - z_low + z_low * to_low;
         V dz_high = s->mu * high - z_high + z_high * to_high;
         s->dz_low[i][j] = dz_low;
@@ -90,7 +90,7 @@ static void push_inside(Workspace *s, Point *at, int from, int to, double margin
     }
 }
 
-/* Multipliers that fit the distances; `at` may hold the net multipliers of a warm start. */
+/* Multipliers that match the distances; `at` may contain the net multipliers of a warm start. */
 static void set_multipliers(Workspace *s, Point *at)
 {
     FOR_BOUNDED(s, i, j) {

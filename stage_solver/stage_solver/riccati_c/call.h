@@ -1,6 +1,6 @@
 /* The caller's arrays in SI units to rows in solver units, and back. */
 
-/* Limits closer than this (solver units) are moved apart: the barrier needs an inside. */
+/* Limits closer than this (solver units) are moved apart: the barrier needs an interior. */
 static const double LEAST_ROOM = 2e-6;
 
 static void set_bound(Workspace *s, int row, int k, double low, double high)
@@ -79,7 +79,7 @@ static double load_row(double *row, const double *matrix, int first, int rows, i
     return finite;
 }
 
-/* A multiplier without a bound, from a former solve with other bounds. */
+/* Set multipliers of absent bounds to 0: they are from a solve with other bounds. */
 static void drop_unbounded(const Workspace *s, Point *at)
 {
     for (int i = 0, b = 0; i < NV; i++) {

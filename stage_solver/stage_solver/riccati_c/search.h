@@ -70,10 +70,10 @@ static void move(const Workspace *s, double primal, double dual, Point *to)
     }
 }
 
-/* Shorten the step until the filter takes it; the accepted point is in s->next, its values in
+/* Shorten the step until the filter accepts it; the accepted point is in s->next, its values in
  * s->trial. Returns the accepted step length, 0 when there is none.
  *
- * `restore`: what matters is less violation, whatever the objective (the filter's restoration). */
+ * `restore`: only the violation has to decrease (the restoration of the filter). */
 static double line_search(Workspace *s, Filter *filter, int restore, long long *trials)
 {
     double violation = s->here.violation, objective = s->here.f - s->mu * s->here.log_sum;

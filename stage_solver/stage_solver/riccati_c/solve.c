@@ -5,20 +5,20 @@
  * equal calls give equal bits.
  */
 
-/* ONE_STEP: a warm start whose (nearly) full step left little to gain, where the caller says how
- * little is enough (real-time iteration). After a SETBACK comes a fresh start, after the second one the end: INFEASIBLE when it is far from
- * satisfying the constraints. */
+/* ONE_STEP: the (nearly) full first step of a warm start satisfies the limits of the caller (real-time
+ * iteration). A fresh start follows a SETBACK; after the second one the solve ends, INFEASIBLE when the
+ * constraints are far from satisfied. */
 enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT, ONE_STEP };
 static const double FAR = 1e-3; /* solver units */
 
 static const double COLD_MU = 0.1, COLD_MARGIN = 1e-2, WARM_MARGIN = 1e-3;
 static const double FIRST_DELTA = 1e-4, MOST_DELTA = 1e10, RESTORING_DELTA = 1e5;
-/* A warm start that lies on the wrong bounds cannot move: so many steps in a row shorter than
- * this and it is given up. */
+/* A warm start with the wrong active bounds cannot move: after so many steps in a row shorter than
+ * this a cold start follows. */
 static const double SHORT_STEP = 0.1;
 enum { SHORT_STEPS = 2, STALLED_STEPS = 3 };
-/* So many steps without a lower violation, while it is far from zero, and without a cost that is
- * lower by this share: there is no feasible point near. */
+/* After so many steps without a lower violation, while it is far from zero, and without a cost that
+ * is lower by this share, there is no feasible point near. */
 enum { PATIENCE = 30 };
 static const double WORTHWHILE = 0.01;
 
@@ -49,7 +49,7 @@ static int regularise(Workspace *s, double delta, long long *count)
     return 0;
 }
 
-/* First point: inside the bounds, slacks at g, multipliers that fit. */
+/* First iterate: inside the bounds, slacks equal to g, matching multipliers. */
 static void start(Workspace *s, double mu, double margin)
 {
     s->mu = s->n_bounded ? mu : 0;
@@ -138,7 +138,7 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
             return SETBACK;
         }
         cheapest = fmin(cheapest, s->here.f);
-        /* the second derivatives jump, and Newton's method may cycle around a jump */
+        /* second derivatives jump, and Newton's method may cycle around a jump */
         int still = change <= tolerance * size && s->here.largest <= feasible;
         stalled = still ? stalled + 1 : 0;
         if (stalled == STALLED_STEPS && s->mu <= mu_last)
@@ -174,7 +174,7 @@ void riccati_solve(Workspace *s, Call *call)
         if (call->status != SETBACK && (warm || attempt > 0))
             break;
         load_guess(s, call);
-        if (attempt > 0) { /* without defects, if far from the guess */
+        if (attempt > 0) { /* without defects, but possibly far from the guess */
             push_inside(s, &s->at, 0, NU, COLD_MARGIN);
             simulate(s, &s->at);
         }

@@ -18,7 +18,7 @@ static void evaluate_once(Workspace *s)
     last_once(D(s->last_p), D(s->last_once));
 }
 
-/* F, cost, g without what follows from them */
+/* F, cost and g alone */
 static void evaluate_functions(Workspace *s, const Point *at, Values *out)
 {
     for (int j = 0; j < GROUPS; j++)
@@ -32,7 +32,7 @@ static void evaluate_functions(Workspace *s, const Point *at, Values *out)
         LANE(out->g[i], N) = i < LAST_NG ? g[i][0] : 0;
 }
 
-/* Replace the states by those that the inputs lead to. */
+/* Simulate: replace the states by the response to the inputs. */
 static void simulate(Workspace *s, Point *at)
 {
     for (int k = 0; k < N; k++) {
@@ -44,7 +44,7 @@ static void simulate(Workspace *s, Point *at)
     }
 }
 
-/* Residuals and barrier of a point whose functions are known */
+/* Residuals and barrier of a point with evaluated functions. */
 static void measure(const Workspace *s, const Point *at, Values *out)
 {
     V f = {}, violation = {}, most = {};
@@ -93,7 +93,7 @@ static void evaluate_values(Workspace *s, const Point *at, Values *out)
     measure(s, at, out);
 }
 
-/* The quadratic programme at a point whose barrier terms are known. */
+/* The quadratic programme at a point with evaluated barrier terms. */
 static void evaluate_quadratic(Workspace *s, const Point *at)
 {
     for (int i = 0; i < NG; i++)
@@ -141,7 +141,7 @@ static double dual_residual(Workspace *s, const Point *at)
         LANE(slope[NU + i], N) = last[i][0];
         for (int k = 1; k <= N; k++)
             LANE(slope[NU + i], k) -= LANE(at->lam[i], k - 1);
-        LANE(slope[NU + i], 0) = 0; /* the first state is given */
+        LANE(slope[NU + i], 0) = 0; /* the first state is fixed */
     }
     for (int i = 0; i < NW; i++)
         for (int j = 0; j < GROUPS; j++) {

@@ -1,4 +1,4 @@
-/* What a solve works on. Row i of an array is one quantity, lane k of the row is stage k.
+/* The memory of a solve. Row i of an array is one quantity, lane k of the row is stage k.
  *
  * Generated before this file: the sizes N, NX, NU, NP, STAGE_NG, LAST_NG, NG (the larger of the
  * two), STAGE_ONCE, LAST_ONCE, and rows, columns and number of the non-zeros of H, JF and Jg.
@@ -14,14 +14,14 @@
 
 typedef V Row[GROUPS];
 
-/* Where the method stands: primal and dual variables. */
+/* The iterate: primal and dual variables. */
 typedef struct {
     Row v[NV];
     Row z_low[NV], z_high[NV]; /* multipliers of the bounds, >= 0 */
     Row lam[NX];               /* lane k: of F(w_k) - x_{k+1} = 0 */
 } Point;
 
-/* The functions at a point, and what the line search judges it by. */
+/* The functions at a point, and the measures of the line search. */
 typedef struct {
     Row F[NX], cost[1], g[NG];
     Row c[NX];  /* F(w_k) - x_{k+1} */
