@@ -39,29 +39,29 @@ def sent(made):
 
 
 def test_topics_meet_in_time_and_ties_keep_the_order_of_the_bag(make_bag):
-    made = build_playlist(make_bag({'/a': [0, 2, 2], '/b': [1, 2]}))
-    assert sent(made) == [(0, '/a0'), (1, '/b0'), (2, '/a1'), (2, '/a2'), (2, '/b1')]
-    assert [made.topics[i].name for i in made.topic] == ['/a', '/b', '/a', '/a', '/b']
-    assert made.first_ns == START_NS
-    assert made.duration_ns == 2 * MS
+    result = build_playlist(make_bag({'/a': [0, 2, 2], '/b': [1, 2]}))
+    assert sent(result) == [(0, '/a0'), (1, '/b0'), (2, '/a1'), (2, '/a2'), (2, '/b1')]
+    assert [result.topics[i].name for i in result.topic] == ['/a', '/b', '/a', '/a', '/b']
+    assert result.first_ns == START_NS
+    assert result.duration_ns == 2 * MS
 
 
 def test_topic_whose_times_step_back_keeps_its_order(make_bag):
-    made = build_playlist(make_bag({'/a': [0, 5, 3, 6], '/b': [4]}))
-    assert sent(made) == [(0, '/a0'), (4, '/b0'), (5, '/a1'), (5, '/a2'), (6, '/a3')]
+    result = build_playlist(make_bag({'/a': [0, 5, 3, 6], '/b': [4]}))
+    assert sent(result) == [(0, '/a0'), (4, '/b0'), (5, '/a1'), (5, '/a2'), (6, '/a3')]
 
 
 def test_part_has_both_its_ends(make_bag):
     bag = make_bag({'/a': range(10)})
-    made = build_playlist(bag, Part(start_s=0.003, duration_s=0.002))
-    assert sent(made) == [(0, '/a3'), (1, '/a4'), (2, '/a5')]
-    assert made.duration_ns == 2 * MS
+    result = build_playlist(bag, Part(start_s=0.003, duration_s=0.002))
+    assert sent(result) == [(0, '/a3'), (1, '/a4'), (2, '/a5')]
+    assert result.duration_ns == 2 * MS
 
 
 def test_latched_message_in_force_is_sent_at_the_start_of_a_part(make_bag):
     bag = make_bag({'/map': [0, 1, 7], '/a': range(10)}, latched=['/map'])
-    made = build_playlist(bag, Part(start_s=0.005, duration_s=0.002))
-    assert sent(made) == [(0, '/map1'), (0, '/a5'), (1, '/a6'), (2, '/map2'), (2, '/a7')]
+    result = build_playlist(bag, Part(start_s=0.005, duration_s=0.002))
+    assert sent(result) == [(0, '/map1'), (0, '/a5'), (1, '/a6'), (2, '/map2'), (2, '/a7')]
 
 
 def test_only_the_topics_asked_for_are_sent(make_bag):
@@ -70,18 +70,18 @@ def test_only_the_topics_asked_for_are_sent(make_bag):
 
 
 def test_bag_without_a_clock_is_given_one_that_ticks_before_the_messages(make_bag):
-    made = build_playlist(make_bag({'/a': [0, 10, 25]}), clock_hz=100.0)
-    assert [made.topics[i].name for i in made.topic] == ['/clock', '/a'] * 3
-    assert made.due_ns.tolist() == [0, 0, 10 * MS, 10 * MS, 20 * MS, 25 * MS]
+    result = build_playlist(make_bag({'/a': [0, 10, 25]}), clock_hz=100.0)
+    assert [result.topics[i].name for i in result.topic] == ['/clock', '/a'] * 3
+    assert result.due_ns.tolist() == [0, 0, 10 * MS, 10 * MS, 20 * MS, 25 * MS]
     # CDR of builtin_interfaces/Time after the encapsulation header
-    stamps = [data[4:] for i, data in zip(made.topic, made.payloads) if i == 0]
+    stamps = [data[4:] for i, data in zip(result.topic, result.payloads) if i == 0]
     assert [int.from_bytes(d[:4], 'little') for d in stamps] == [5, 5, 5]
     assert [int.from_bytes(d[4:], 'little') for d in stamps] == [0, 10 * MS, 20 * MS]
 
 
 def test_recorded_clock_is_the_only_one(make_bag):
-    made = build_playlist(make_bag({'/clock': [0, 5], '/a': [1]}), clock_hz=100.0)
-    assert sent(made) == [(0, '/clock0'), (1, '/a0'), (5, '/clock1')]
+    result = build_playlist(make_bag({'/clock': [0, 5], '/a': [1]}), clock_hz=100.0)
+    assert sent(result) == [(0, '/clock0'), (1, '/a0'), (5, '/clock1')]
 
 
 def test_no_clock_is_made_where_none_is_wanted(make_bag):

@@ -45,29 +45,29 @@ def messages(drive):
         np.arange(len(scene.reference)) / 20.0,
     )
     edges = types.RoadEdges(int(motion.stamp_ns[0]), scene.left, scene.right)
-    found = [
+    result = [
         ('/scenario/reference', int(motion.stamp_ns[0]), encode.reference(reference)),
         ('/scenario/road_edges', int(motion.stamp_ns[0]), encode.road_edges(edges)),
     ]
     for k, ns in enumerate(scene.obstacle_stamp_ns.tolist()):
         crowd = tuple(
-            types.Obstacle(one.id, one.x[k], one.y[k], one.radius, one.vx[k], one.vy[k])
-            for one in scene.obstacles
+            types.Obstacle(item.id, item.x[k], item.y[k], item.radius, item.vx[k], item.vy[k])
+            for item in scene.obstacles
         )
-        found.append(('/scenario/obstacles', ns, encode.obstacles(types.Obstacles(ns, crowd))))
+        result.append(('/scenario/obstacles', ns, encode.obstacles(types.Obstacles(ns, crowd))))
     for ns, *state in zip(*(column.tolist() for column in motion)):
         state = types.VehicleState(ns, *state, 0.0)
-        found.append(('/vehicle/odometry', ns, encode.odometry(state)))
+        result.append(('/vehicle/odometry', ns, encode.odometry(state)))
     for ns, ax, ay in zip(*(column.tolist() for column in drive.accelerations)):
-        found.append(('/vehicle/imu', ns, encode.imu(types.Imu(ns, ax, ay, 0.0))))
+        result.append(('/vehicle/imu', ns, encode.imu(types.Imu(ns, ax, ay, 0.0))))
     for ns, steer, force in zip(*(column.tolist() for column in drive.inputs)):
         actuators = types.Actuators(ns, steer, 0.0, force, 0.0, (0.0,) * 4)
-        found.append(('/vehicle/actuators', ns, encode.actuators(actuators)))
+        result.append(('/vehicle/actuators', ns, encode.actuators(actuators)))
     for ns in drive.ticks.answered_ns.tolist():
         command = types.Command(ns, 0.0, 0.0, 0.0, 0.0)
-        found.append(('/controller/command', ns, encode.command(command)))
-        found.append(('/controller/why', ns, encode.why(types.Why(ns, 0, 'solved', WHY))))
-    return found
+        result.append(('/controller/command', ns, encode.command(command)))
+        result.append(('/controller/why', ns, encode.why(types.Why(ns, 0, 'solved', WHY))))
+    return result
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def write_bag(tmp_path):
         index = {topic.name: i for i, topic in enumerate(topics)}
         info = provenance.describe_run('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
         bag = BagWriter(tmp_path / name, topics, {'run': info})
-        sent = [(topic, ns, serialize_message(one)) for topic, ns, one in messages(drive)]
+        sent = [(topic, ns, serialize_message(item)) for topic, ns, item in messages(drive)]
         for topic, ns, data in [*sent, *extra]:
             bag.write(index[topic], ns, ns, data)
         bag.close()

@@ -82,13 +82,13 @@ def test_metrics_of_any_drive_are_json_and_never_raise(road):
             with pytest.raises(BagError, match='no state of the car is finite'):
                 metrics.compute_metrics(drive)
             return
-        found = metrics.compute_metrics(drive)
-        assert is_json(found)
-        assert found['verdict']
-        assert found['lost'] is (found['lost_at_m'] is not None)
-        assert found['left_road'] is (found['left_road_at_m'] is not None)
-        assert found['collided'] is (found['collided_by'] is not None)
-        assert not (found['completed'] and not found['finish_at_m'] <= 120.0)
+        result = metrics.compute_metrics(drive)
+        assert is_json(result)
+        assert result['verdict']
+        assert result['lost'] is (result['lost_at_m'] is not None)
+        assert result['left_road'] is (result['left_road_at_m'] is not None)
+        assert result['collided'] is (result['collided_by'] is not None)
+        assert not (result['completed'] and not result['finish_at_m'] <= 120.0)
 
     tried()
 

@@ -66,14 +66,14 @@ def make_bag(tmp_path):
 
 
 def test_the_judge_takes_its_distances_from_the_notes_of_the_run(note):
-    found = facts_from_run_info(note('schema: 1'), 'bag')
-    assert (found.safe_obstacle, found.safe_edge, found.vehicle_radius) == (0.6, 0.4, 1.2)
-    assert found.circles == (1.1, -1.1)
-    assert found.tick_ns == 50_000_000
-    assert found.friction == pytest.approx(0.5 * 0.9)
-    assert (found.stop, found.armed_after) == ((165.0, 1.0), 80.0)
-    assert found.outline.front + found.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
-    assert found.outline.width == 1.9
+    result = facts_from_run_info(note('schema: 1'), 'bag')
+    assert (result.safe_obstacle, result.safe_edge, result.vehicle_radius) == (0.6, 0.4, 1.2)
+    assert result.circles == (1.1, -1.1)
+    assert result.tick_ns == 50_000_000
+    assert result.friction == pytest.approx(0.5 * 0.9)
+    assert (result.stop, result.armed_after) == ((165.0, 1.0), 80.0)
+    assert result.outline.front + result.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
+    assert result.outline.width == 1.9
 
 
 @pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])
@@ -85,12 +85,12 @@ def test_two_rings_in_one_domain_are_not_judged(note, topic):
     stamps = {'/vehicle/odometry': [10, 20, 30], '/controller/command': [10, 20]}
     stamps[topic] = [10, 20, 20]
     forms = {'/vehicle/odometry': columns.Odometry, '/controller/command': columns.Command}
-    made = {name: table(forms[name], stamps[name]) for name in forms}
-    made |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
+    result = {name: table(forms[name], stamps[name]) for name in forms}
+    result |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
     with pytest.raises(
         BagError, match=f'{topic} has two different messages of one stamp.*shared a ROS domain'
     ):
-        drive_from_columns(made, note('schema: 1'), 'bag')
+        drive_from_columns(result, note('schema: 1'), 'bag')
 
 
 def test_a_bag_without_notes_cannot_be_judged(note):
@@ -120,15 +120,17 @@ def test_force_goes_on_to_what_the_bags_hold(note, make_bag, tmp_path):
 
 
 def test_notes_say_what_the_numbers_depend_on(note):
-    found = note('schema: 1')
-    assert all(isinstance(value, str) for value in found.values())
-    assert json.loads(found['parameters']) == PARAMETERS
-    versions = json.loads(found['versions'])
+    result = note('schema: 1')
+    assert all(isinstance(value, str) for value in result.values())
+    assert json.loads(result['parameters']) == PARAMETERS
+    versions = json.loads(result['versions'])
     assert versions['numpy'] == np.__version__
     assert 'unknown' not in (versions['python'], versions['casadi'], versions['rclpy'])
-    assert json.loads(found['machine'])['cores'] >= 1
+    assert json.loads(result['machine'])['cores'] >= 1
     assert (
-        found['scenario_sha256'] == provenance.digest('schema: 1') != provenance.digest('schema: 2')
+        result['scenario_sha256']
+        == provenance.digest('schema: 1')
+        != provenance.digest('schema: 2')
     )
 
 
@@ -138,4 +140,4 @@ def test_damage_is_no_warning_of_python_with_a_source_line(note, make_bag, tmp_p
     file.write_bytes(file.read_bytes()[:-9])
     with pytest.raises(BagError, match='no message of'):
         compare_bags([bag], tmp_path / 'out')
-    assert not [one for one in recwarn if one.category is DamagedBagWarning]
+    assert not [item for item in recwarn if item.category is DamagedBagWarning]

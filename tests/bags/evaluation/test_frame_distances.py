@@ -25,26 +25,26 @@ GAPS = np.array([2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0])
     ],
 )
 def test_the_overestimation_has_the_known_values(radius, inside, known):
-    found = frame_distances.circle_distances(radius, GAPS, inside, REACH).overestimation
-    assert found == pytest.approx(np.array(known), abs=0.006)
+    result = frame_distances.circle_distances(radius, GAPS, inside, REACH).overestimation
+    assert result == pytest.approx(np.array(known), abs=0.006)
 
 
 def test_the_chord_is_the_distance_of_two_points_of_the_plane():
     gap, inside, vehicle = np.linspace(-60.0, 60.0, 41), 1.3, -0.4
     bearing = gap / RADIUS
     there = (RADIUS - inside) * np.exp(1j * bearing)
-    found = frame_distances.circle_distances(RADIUS, gap, inside, REACH, vehicle)
-    assert found.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
+    result = frame_distances.circle_distances(RADIUS, gap, inside, REACH, vehicle)
+    assert result.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
 
 
 def test_beside_the_obstacle_both_frames_agree():
-    found = frame_distances.circle_distances(RADIUS, 0.0, 1.0, REACH)
-    assert found.frenet == found.cartesian == pytest.approx(1.0 - REACH)
+    result = frame_distances.circle_distances(RADIUS, 0.0, 1.0, REACH)
+    assert result.frenet == result.cartesian == pytest.approx(1.0 - REACH)
 
 
 def test_a_straight_road_is_a_circle_without_end():
-    found = frame_distances.circle_distances(1e7, GAPS, 1.0, REACH)
-    assert np.abs(found.overestimation).max() < 1e-5
+    result = frame_distances.circle_distances(1e7, GAPS, 1.0, REACH)
+    assert np.abs(result.overestimation).max() < 1e-5
 
 
 def test_inside_the_circle_there_is_always_less_room_than_the_path_says():
@@ -81,32 +81,32 @@ def lap(make_drive, turn=1.0, beside=0.0, obstacles=1):
 
     places = [at(60.0 + 5.0 * k, 1.0) for k in range(obstacles)]
     still = np.zeros(101)
-    made = make_drive(metres=100.0)
-    scene = made.scene._replace(
+    result = make_drive(metres=100.0)
+    scene = result.scene._replace(
         reference=np.column_stack(at(s, 0.0)),
         obstacles=tuple(
             Obstacle(k, still + x, still + y, still, still, 1.0) for k, (x, y) in enumerate(places)
         ),
     )
-    x, y = at(1.2 * made.motion.x, beside)
-    yaw = turn * 1.2 * made.motion.x / RADIUS
-    return made._replace(motion=made.motion._replace(x=x, y=y, yaw=yaw), scene=scene)
+    x, y = at(1.2 * result.motion.x, beside)
+    yaw = turn * 1.2 * result.motion.x / RADIUS
+    return result._replace(motion=result.motion._replace(x=x, y=y, yaw=yaw), scene=scene)
 
 
 @pytest.mark.parametrize('turn', [1.0, -1.0])
 def test_the_circle_of_a_drive_is_found_whichever_way_it_turns(make_drive, turn):
-    found = frame_distances.find_circle(lap(make_drive, turn))
-    assert (found.radius, found.turn) == (pytest.approx(RADIUS), turn)
-    assert found.station == pytest.approx(60.0)
-    assert found.inside == pytest.approx(1.0)
-    assert found.reach == pytest.approx(REACH)
+    result = frame_distances.find_circle(lap(make_drive, turn))
+    assert (result.radius, result.turn) == (pytest.approx(RADIUS), turn)
+    assert result.station == pytest.approx(60.0)
+    assert result.inside == pytest.approx(1.0)
+    assert result.reach == pytest.approx(REACH)
 
 
 @pytest.mark.parametrize('turn', [1.0, -1.0])
 def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn):
-    made = lap(make_drive, turn, beside=0.3)
-    circle = frame_distances.find_circle(made)
-    driven = frame_distances.driven_distances(made, circle)
+    result = lap(make_drive, turn, beside=0.3)
+    circle = frame_distances.find_circle(result)
+    driven = frame_distances.driven_distances(result, circle)
     assert driven.inside == pytest.approx(np.full(len(driven.inside), 0.3), abs=1e-9)
     assert driven.station == pytest.approx(np.linspace(0.0, 120.0, 5001), abs=1e-9)
     for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
@@ -117,30 +117,34 @@ def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn
 
 
 def test_figure_and_numbers_of_a_drive_are_written(make_drive, tmp_path):
-    found = frame_distance_figure.write_frame_distances(lap(make_drive), tmp_path)
-    assert json.loads((tmp_path / 'distances.json').read_text()) == found.values
-    assert [path.suffix for path in found.figures] == ['.png', '.svg']
-    assert all(path.stat().st_size > 10_000 for path in found.figures)
-    recorded = found.values['recorded']
+    result = frame_distance_figure.write_frame_distances(lap(make_drive), tmp_path)
+    assert json.loads((tmp_path / 'distances.json').read_text()) == result.values
+    assert [path.suffix for path in result.figures] == ['.png', '.svg']
+    assert all(path.stat().st_size > 10_000 for path in result.figures)
+    recorded = result.values['recorded']
     assert recorded['collided']
     assert recorded['min_v2o_m'] == pytest.approx(1.0 - REACH, abs=2e-3)
     for side in ('inside', 'outside'):
-        closed = found.values['overestimation_m'][side]
+        closed = result.values['overestimation_m'][side]
         assert recorded['overestimation_m'][side] == pytest.approx(closed, abs=2e-3)
 
 
 def test_two_obstacles_or_a_straight_road_have_no_such_figure(make_drive):
     with pytest.raises(BagError, match='one obstacle'):
         frame_distances.find_circle(lap(make_drive, obstacles=2))
-    made = lap(make_drive)
+    result = lap(make_drive)
     straight = np.column_stack([np.arange(100.0), np.zeros(100)])
     with pytest.raises(BagError, match='no circle'):
-        frame_distances.find_circle(made._replace(scene=made.scene._replace(reference=straight)))
+        frame_distances.find_circle(
+            result._replace(scene=result.scene._replace(reference=straight))
+        )
 
 
 def test_a_moving_obstacle_has_no_such_figure(make_drive):
-    made = lap(make_drive)
-    one = made.scene.obstacles[0]
-    moving = one._replace(x=one.x + np.linspace(0.0, 3.0, len(one.x)))
+    result = lap(make_drive)
+    item = result.scene.obstacles[0]
+    moving = item._replace(x=item.x + np.linspace(0.0, 3.0, len(item.x)))
     with pytest.raises(BagError, match='moves'):
-        frame_distances.find_circle(made._replace(scene=made.scene._replace(obstacles=(moving,))))
+        frame_distances.find_circle(
+            result._replace(scene=result.scene._replace(obstacles=(moving,)))
+        )

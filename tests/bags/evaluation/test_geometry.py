@@ -92,10 +92,10 @@ def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
     points = points + rng.normal(0.0, 1.0, points.shape) * away
     if on_grid:  # equal distances to several segments
         points = np.round(points)
-    found = geometry.distance_to_polyline(points, line)
+    result = geometry.distance_to_polyline(points, line)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(geometry, '_near', lambda block, polyline, along: range(len(along)))
-        assert found.tolist() == geometry.distance_to_polyline(points, line).tolist()
+        assert result.tolist() == geometry.distance_to_polyline(points, line).tolist()
 
 
 @pytest.mark.filterwarnings('ignore:invalid value:RuntimeWarning')

@@ -47,21 +47,25 @@ def bag(make_drive, write_bag):
 
 def test_the_verdict_is_that_of_the_valid_messages(make_drive, write_bag, bag):
     clean = write_bag(make_drive(), 'clean')
-    found, expected = (
-        metrics.compute_metrics(drive_from_bag(read.load(one))) for one in (bag, clean)
+    result, expected = (
+        metrics.compute_metrics(drive_from_bag(read.load(item))) for item in (bag, clean)
     )
-    assert found == expected
-    assert found['completed'] is True
-    assert found['min_v2e_m'] == pytest.approx(1.9)
+    assert result == expected
+    assert result['completed'] is True
+    assert result['min_v2e_m'] == pytest.approx(1.9)
 
 
 def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_path):
     compared = compare_bags([bag], tmp_path / 'out')
-    found = json.loads(compared.file.read_text())['invalid_messages']['mpcc']
-    assert {topic: one['count'] for topic, one in found.items()} == {REFERENCE: 1, STATE: 2, WHY: 1}
-    assert found[REFERENCE]['first'] == 'message 1: poses is 0 long; allowed 2 to 5000 elements'
-    assert 'twist.twist.linear.x (vx) is nan' in found[STATE]['first']
-    assert 'do not fit its definition' in found[WHY]['first']
+    result = json.loads(compared.file.read_text())['invalid_messages']['mpcc']
+    assert {topic: item['count'] for topic, item in result.items()} == {
+        REFERENCE: 1,
+        STATE: 2,
+        WHY: 1,
+    }
+    assert result[REFERENCE]['first'] == 'message 1: poses is 0 long; allowed 2 to 5000 elements'
+    assert 'twist.twist.linear.x (vx) is nan' in result[STATE]['first']
+    assert 'do not fit its definition' in result[WHY]['first']
     console = Console(file=io.StringIO(), width=200)
     show_comparison(compared, console)
     assert f'mpcc: 2 invalid messages of {STATE} were left out; message ' in console.file.getvalue()
@@ -77,18 +81,18 @@ def test_a_clean_bag_has_no_word_about_invalid_messages(make_drive, write_bag):
 def test_a_sample_with_a_stamp_of_another_time_is_left_out_and_counted(
     make_drive, write_bag, tmp_path, topic, stamp_ns
 ):
-    made = {
+    built = {
         STATE: encode.odometry(VehicleState(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         ACTUATORS: encode.actuators(Actuators(stamp_ns, 0.3, 0.0, -9e3, 0.0, (0.0,) * 4)),
         IMU: encode.imu(Imu(stamp_ns, -20.0, 20.0, 0.0)),
     }
     drive = make_drive()
     clean = write_bag(drive, 'clean')
-    folder = write_bag(drive, extra=[(topic, LATER_NS, serialize_message(made[topic]))])
-    found, expected = (
-        metrics.compute_metrics(drive_from_bag(read.load(one))) for one in (folder, clean)
+    folder = write_bag(drive, extra=[(topic, LATER_NS, serialize_message(built[topic]))])
+    result, expected = (
+        metrics.compute_metrics(drive_from_bag(read.load(item))) for item in (folder, clean)
     )
-    assert found == expected
+    assert result == expected
     values = compare_bags([folder], tmp_path / 'out').values
     assert values['invalid_messages']['mpcc'][topic]['count'] == 1
     assert 'header.stamp is ' in values['invalid_messages']['mpcc'][topic]['first']
@@ -117,23 +121,23 @@ def test_a_drive_longer_than_a_day_is_refused_before_it_fills_the_memory(make_dr
 @pytest.mark.parametrize('command', ['info', 'timing'])
 def test_the_other_readers_go_on_and_count_too(bag, command, capsys):
     assert cli.main([command, str(bag), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found['invalid_messages'][STATE]['count'] == 2
+    result = json.loads(capsys.readouterr().out)
+    assert result['invalid_messages'][STATE]['count'] == 2
     assert cli.main([command, str(bag)]) == 0
-    said = ' '.join(capsys.readouterr().out.split())
-    assert f'1 invalid messages of {REFERENCE} were left out; message 1: poses is 0 long' in said
+    output = ' '.join(capsys.readouterr().out.split())
+    assert f'1 invalid messages of {REFERENCE} were left out; message 1: poses is 0 long' in output
 
 
 def test_a_bag_with_nothing_valid_of_a_topic_cannot_be_judged_and_says_why(make_drive, write_bag):
     drive = make_drive()
     folder = write_bag(drive, extra=foreign_messages()[:1])
     bag = read.load(folder)
-    one = bag.recordings[REFERENCE]
-    only = one._replace(
-        log_ns=one.log_ns[1:],
-        publish_ns=one.publish_ns[1:],
-        sequence=one.sequence[1:],
-        payloads=one.payloads[1:],
+    item = bag.recordings[REFERENCE]
+    only = item._replace(
+        log_ns=item.log_ns[1:],
+        publish_ns=item.publish_ns[1:],
+        sequence=item.sequence[1:],
+        payloads=item.payloads[1:],
     )
     with pytest.raises(BagError, match=r'no valid message of /scenario/reference .* poses is 0'):
         drive_from_bag(bag._replace(recordings=bag.recordings | {REFERENCE: only}))
@@ -144,10 +148,10 @@ def test_reports_and_ticks_agree_in_what_info_says(make_drive, write_bag, capsys
     # the state that ends the run is answered, too
     ticks = drive.ticks._replace(answered_ns=drive.motion.stamp_ns[::50])
     assert cli.main(['info', str(write_bag(drive._replace(ticks=ticks)))]) == 0
-    said = capsys.readouterr().out
-    assert '100 ticks' in said
-    assert '101 reports of the controller, 1 of them on the last state, which is no tick' in said
-    assert 'rungs: solved 101' in said
+    output = capsys.readouterr().out
+    assert '100 ticks' in output
+    assert '101 reports of the controller, 1 of them on the last state, which is no tick' in output
+    assert 'rungs: solved 101' in output
 
 
 def test_braking_without_a_state_is_no_answer_to_the_last_state(make_drive, write_bag, capsys):
@@ -159,5 +163,5 @@ def test_braking_without_a_state_is_no_answer_to_the_last_state(make_drive, writ
     extra = [(WHY, ns, serialize_message(encode.why(Why(ns, 0, '', blind)))) for ns in stamps_ns]
     folder = write_bag(drive._replace(ticks=ticks), extra=extra)
     assert cli.main(['info', str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert '106 reports of the controller, 1 of them on the last state, which is no tick' in said
+    output = capsys.readouterr().out
+    assert '106 reports of the controller, 1 of them on the last state, which is no tick' in output

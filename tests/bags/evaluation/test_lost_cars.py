@@ -44,8 +44,8 @@ def at(make_drive):
     def at(x, y):
         scene = make_drive().scene
         still = np.zeros(len(scene.obstacle_stamp_ns))
-        one = Obstacle(1, still + x, still + y, still, still, 1.0)
-        return scene._replace(obstacles=(one,))
+        item = Obstacle(1, still + x, still + y, still, still, 1.0)
+        return scene._replace(obstacles=(item,))
 
     return at
 
@@ -55,59 +55,59 @@ def picked(found, names):
 
 
 def test_a_car_on_its_way_is_neither_lost_nor_off_the_road(make_drive):
-    found = metrics.compute_metrics(make_drive())
-    assert picked(found, LOST) == (False, None, None)
-    assert picked(found, ROAD) == (False, None, None)
-    assert found['verdict'] == 'reached the finish line at 90 m; no collision'
+    result = metrics.compute_metrics(make_drive())
+    assert picked(result, LOST) == (False, None, None)
+    assert picked(result, ROAD) == (False, None, None)
+    assert result['verdict'] == 'reached the finish line at 90 m; no collision'
 
 
 def test_a_car_that_turns_round_has_spun_where_its_sideslip_became_large(make_drive):
     # 3 deg of sideslip per metre from 50 m on: 30 deg at 60 m, backwards from 80 m
     drive = moving(make_drive(), lambda x: np.radians(3.0 * np.maximum(x - 50.0, 0.0)))
-    found = metrics.compute_metrics(drive)
-    assert found['peak_sideslip_deg'] == pytest.approx(150.0)
-    assert picked(found, LOST) == (True, 'spun', pytest.approx(60.0, abs=0.05))
-    assert found['verdict'].startswith('reached the finish line at 90 m; spun at 60 m; ')
+    result = metrics.compute_metrics(drive)
+    assert result['peak_sideslip_deg'] == pytest.approx(150.0)
+    assert picked(result, LOST) == (True, 'spun', pytest.approx(60.0, abs=0.05))
+    assert result['verdict'].startswith('reached the finish line at 90 m; spun at 60 m; ')
 
 
 @pytest.mark.parametrize(('peak', 'how'), [(29.9, None), (30.1, 'sideslip'), (89.0, 'sideslip')])
 @pytest.mark.parametrize('side', [-1, 1])
 def test_a_slide_is_a_loss_of_control_above_30_deg(make_drive, peak, how, side):
     angle = side * np.radians(peak)
-    found = metrics.compute_metrics(
+    result = metrics.compute_metrics(
         moving(make_drive(), lambda x: angle * np.sin(np.pi * x / 100.0))
     )
-    assert (found['lost'], found['lost_how']) == (how is not None, how)
+    assert (result['lost'], result['lost_how']) == (how is not None, how)
     if how:
-        assert f'(sideslip angle up to {peak:.0f} deg)' in found['verdict']
+        assert f'(sideslip angle up to {peak:.0f} deg)' in result['verdict']
 
 
 def test_a_car_that_stands_has_no_sideslip(make_drive):
     drive = moving(make_drive(), lambda x: np.full(len(x), 3.0), speed=2.9)
-    found = metrics.compute_metrics(drive)
-    assert found['peak_sideslip_deg'] is None
-    assert found['lost'] is False
+    result = metrics.compute_metrics(drive)
+    assert result['peak_sideslip_deg'] is None
+    assert result['lost'] is False
 
 
 def test_the_outline_leaves_the_road_before_its_centre_does(make_drive):
     # 1 m to the left every 10 m; the edge is 3 m away, half the width is 0.9 m
-    found = metrics.compute_metrics(make_drive(y=lambda x: x / 10.0))
-    assert found['left_road'] is True
-    assert found['left_road_at_m'] == pytest.approx(21.0, abs=0.3)
-    assert found['beyond_edge_m'] == pytest.approx(10.0 + 0.9 - 3.0, abs=0.03)
-    assert 'left the road at 21 m, by up to 7.90 m' in found['verdict']
+    result = metrics.compute_metrics(make_drive(y=lambda x: x / 10.0))
+    assert result['left_road'] is True
+    assert result['left_road_at_m'] == pytest.approx(21.0, abs=0.3)
+    assert result['beyond_edge_m'] == pytest.approx(10.0 + 0.9 - 3.0, abs=0.03)
+    assert 'left the road at 21 m, by up to 7.90 m' in result['verdict']
 
 
 @pytest.mark.parametrize(('y', 'beyond'), [(2.09, None), (2.11, 0.01), (-2.09, None), (-4.0, 1.9)])
 def test_either_edge_bounds_the_road(make_drive, y, beyond):
-    found = metrics.compute_metrics(make_drive(y=y))
-    assert found['left_road'] is (beyond is not None)
-    assert found['beyond_edge_m'] == (beyond if beyond is None else pytest.approx(beyond))
+    result = metrics.compute_metrics(make_drive(y=y))
+    assert result['left_road'] is (beyond is not None)
+    assert result['beyond_edge_m'] == (beyond if beyond is None else pytest.approx(beyond))
 
 
 def test_a_turned_car_leaves_the_road_with_its_nose(make_drive):
-    found = metrics.compute_metrics(make_drive(y=1.0, yaw=np.pi / 2))
-    assert found['beyond_edge_m'] == pytest.approx(1.0 + 2.4 - 3.0)
+    result = metrics.compute_metrics(make_drive(y=1.0, yaw=np.pi / 2))
+    assert result['beyond_edge_m'] == pytest.approx(1.0 + 2.4 - 3.0)
 
 
 def test_the_inside_of_a_bend_is_left_with_the_middle_of_a_side(make_drive):
@@ -125,15 +125,15 @@ def test_before_its_beginning_an_edge_goes_on_straight(make_drive):
     scene = make_drive().scene
     late = np.array([[20.0, 0.0], [0.0, 0.0]])
     scene = scene._replace(left=scene.left + late, right=scene.right + late)
-    found = metrics.compute_metrics(make_drive(scene=scene, y=lambda x: 2.5 * (x < 5.0)))
-    assert found['left_road_at_m'] == 0.0
-    assert found['beyond_edge_m'] == pytest.approx(2.5 + 0.9 - 3.0)
+    result = metrics.compute_metrics(make_drive(scene=scene, y=lambda x: 2.5 * (x < 5.0)))
+    assert result['left_road_at_m'] == 0.0
+    assert result['beyond_edge_m'] == pytest.approx(2.5 + 0.9 - 3.0)
 
 
 def test_who_passes_the_finish_line_beside_the_road_has_not_completed(make_drive):
-    found = metrics.compute_metrics(make_drive(y=lambda x: x / 10.0))
-    assert found['completed'] is False
-    assert found['verdict'].startswith('passed the finish line beside the road at 90 m; ')
+    result = metrics.compute_metrics(make_drive(y=lambda x: x / 10.0))
+    assert result['completed'] is False
+    assert result['verdict'].startswith('passed the finish line beside the road at 90 m; ')
 
 
 @pytest.mark.parametrize(('slope', 'code'), [(0.1, 1), (0.0, 0)])
@@ -147,24 +147,26 @@ def test_bags_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
     console = Console(file=io.StringIO(), width=200)
     plan = batch.Batch('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
     assert batch.run_and_compare(plan, console) == code
-    said = (
+    output = (
         'mpcc: not completed, although the plant reports "finish line crossed": '
         'passed the finish line beside the road at 90 m'
     )
-    assert (said in console.file.getvalue()) == (code == 1)
+    assert (output in console.file.getvalue()) == (code == 1)
 
 
 def test_a_car_that_stands_still_says_where_and_why(make_drive):
     drive = standing(make_drive(least_speed=7.0), 42.0)
     assert metrics.compute_metrics(drive)['verdict'].startswith('stood still at 42 m; ')
     braking = drive._replace(ticks=drive.ticks._replace(last_reason='too_slow'))
-    said = 'stood still at 42 m (reason of the controller: too_slow: below 7 m/s it only brakes); '
-    assert metrics.compute_metrics(braking)['verdict'].startswith(said)
+    output = (
+        'stood still at 42 m (reason of the controller: too_slow: below 7 m/s it only brakes); '
+    )
+    assert metrics.compute_metrics(braking)['verdict'].startswith(output)
 
 
 def test_a_run_that_was_cut_says_where_and_how_fast(make_drive):
-    found = metrics.compute_metrics(make_drive(metres=50.0))
-    assert found['verdict'] == (
+    result = metrics.compute_metrics(make_drive(metres=50.0))
+    assert result['verdict'] == (
         'did not reach the finish line: ended at 50 m with 20.0 m/s; no collision'
     )
 
@@ -191,10 +193,10 @@ def test_a_run_without_commands_says_so(make_drive):
     ],
 )
 def test_a_collision_says_whether_circle_or_outline_touched(make_drive, at, offset, by, said):
-    found = metrics.compute_metrics(make_drive(scene=at(50.0, offset)))
-    assert found['collided_by'] == by
-    assert found['collided'] is (by is not None)
-    assert said in found['verdict']
+    result = metrics.compute_metrics(make_drive(scene=at(50.0, offset)))
+    assert result['collided_by'] == by
+    assert result['collided'] is (by is not None)
+    assert said in result['verdict']
 
 
 @pytest.fixture
@@ -209,19 +211,19 @@ def lost_runs(make_drive):
 
 
 def test_nothing_is_green_beside_a_lost_car(lost_runs):
-    found = {name: metrics.compute_metrics(one) for name, one in lost_runs.items()}
-    for line in metrics_table.table_lines(found):
+    result = {name: metrics.compute_metrics(item) for name, item in lost_runs.items()}
+    for line in metrics_table.table_lines(result):
         sound, off, spun = (cell.good for cell in line.cells)
         assert True not in (off, spun), line.title
         if line.title in ('completed', 'collided', 'left the road', 'lost control'):
             assert sound is True, line.title
     judged = {
-        line.title: [cell.text for cell in line.cells] for line in metrics_table.table_lines(found)
+        line.title: [cell.text for cell in line.cells] for line in metrics_table.table_lines(result)
     }
     assert judged['lost control'] == ['no', 'no', 'spun']
     assert judged['left the road'] == ['no', 'yes', 'no']
     bad = {
-        line.title: [cell.good for cell in line.cells] for line in metrics_table.table_lines(found)
+        line.title: [cell.good for cell in line.cells] for line in metrics_table.table_lines(result)
     }
     assert bad['lost control'][2] is False
     assert bad['left the road'][1] is False
@@ -254,9 +256,9 @@ def test_every_verdict_is_in_the_json_below_the_table_and_in_the_report(lost_run
     console = Console(file=io.StringIO(), width=80)
     show_comparison(compared, console)
     page = ' '.join(compared.report.read_text().split())
-    for name, found in json.loads(compared.file.read_text())['runs'].items():
-        assert f'{name}: {found["verdict"]}\n' in console.file.getvalue()
-        assert f'<strong>{name}</strong> {found["verdict"]}</li>' in page
+    for name, result in json.loads(compared.file.read_text())['runs'].items():
+        assert f'{name}: {result["verdict"]}\n' in console.file.getvalue()
+        assert f'<strong>{name}</strong> {result["verdict"]}</li>' in page
 
 
 def test_points_of_an_outline_begin_and_end_at_its_corners():

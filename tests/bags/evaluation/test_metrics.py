@@ -24,8 +24,8 @@ KEYS = """verdict completed finish_at_m collided collided_by left_road left_road
 def with_obstacle(scene, x, y, vx=0.0, vy=0.0, radius=1.0, number=1):
     t = (scene.obstacle_stamp_ns - START_NS) * 1e-9
     speed = np.ones(len(t))
-    one = Obstacle(number, x + vx * t, y + vy * t, vx * speed, vy * speed, radius)
-    return scene._replace(obstacles=(*scene.obstacles, one))
+    item = Obstacle(number, x + vx * t, y + vy * t, vx * speed, vy * speed, radius)
+    return scene._replace(obstacles=(*scene.obstacles, item))
 
 
 @pytest.fixture
@@ -34,33 +34,33 @@ def straight(make_drive):
 
 
 def test_every_number_of_the_interface_is_there_and_is_json(make_drive):
-    found = metrics.compute_metrics(make_drive())
-    assert list(found) == KEYS.split()
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    result = metrics.compute_metrics(make_drive())
+    assert list(result) == KEYS.split()
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
 def test_an_empty_straight_road_has_no_obstacle_no_overshoot_and_no_braking(make_drive):
-    found = metrics.compute_metrics(make_drive())
-    assert found['completed'] is True
-    assert found['collided'] is False
-    assert found['entered_unsafe_area'] is False
-    assert found['min_v2o_m'] is None
-    assert found['min_v2o_per_obstacle_m'] == {}
-    assert found['min_outline_gap_m'] is None
-    assert found['overshoots'] == []
-    assert found['brake_onset_at_m'] is None
-    assert found['min_speed_mps'] == 20.0
-    assert found['rms_contouring_m'] == pytest.approx(0.0, abs=1e-12)
-    assert found['min_v2e_per_edge_m'] == pytest.approx({'left': 1.9, 'right': 1.9})
+    result = metrics.compute_metrics(make_drive())
+    assert result['completed'] is True
+    assert result['collided'] is False
+    assert result['entered_unsafe_area'] is False
+    assert result['min_v2o_m'] is None
+    assert result['min_v2o_per_obstacle_m'] == {}
+    assert result['min_outline_gap_m'] is None
+    assert result['overshoots'] == []
+    assert result['brake_onset_at_m'] is None
+    assert result['min_speed_mps'] == 20.0
+    assert result['rms_contouring_m'] == pytest.approx(0.0, abs=1e-12)
+    assert result['min_v2e_per_edge_m'] == pytest.approx({'left': 1.9, 'right': 1.9})
 
 
 def test_passing_a_standing_obstacle_leaves_its_offset_minus_both_radii(make_drive, straight):
     scene = with_obstacle(with_obstacle(straight, 50.0, 3.0), 70.0, -4.0, number=7)
-    found = metrics.compute_metrics(make_drive(scene=scene))
-    assert found['min_v2o_per_obstacle_m'] == pytest.approx({'1': 0.9, '7': 1.9})
-    assert found['min_v2o_m'] == pytest.approx(0.9)
-    assert found['min_outline_gap_m'] == pytest.approx(3.0 - 0.9 - 1.0)
-    assert found['collided'] is False
+    result = metrics.compute_metrics(make_drive(scene=scene))
+    assert result['min_v2o_per_obstacle_m'] == pytest.approx({'1': 0.9, '7': 1.9})
+    assert result['min_v2o_m'] == pytest.approx(0.9)
+    assert result['min_outline_gap_m'] == pytest.approx(3.0 - 0.9 - 1.0)
+    assert result['collided'] is False
 
 
 @pytest.mark.parametrize(
@@ -74,62 +74,62 @@ def test_passing_a_standing_obstacle_leaves_its_offset_minus_both_radii(make_dri
 def test_safety_distance_and_collision_at_an_obstacle(
     make_drive, straight, offset, unsafe, collided
 ):
-    found = metrics.compute_metrics(make_drive(scene=with_obstacle(straight, 50.0, offset)))
-    assert (found['entered_unsafe_area'], found['collided']) == (unsafe, collided)
+    result = metrics.compute_metrics(make_drive(scene=with_obstacle(straight, 50.0, offset)))
+    assert (result['entered_unsafe_area'], result['collided']) == (unsafe, collided)
 
 
 def test_a_sideways_car_touches_with_its_nose_though_its_circle_is_clear(make_drive, straight):
     scene = with_obstacle(straight, 50.0, 3.0)
-    found = metrics.compute_metrics(make_drive(scene=scene, yaw=np.pi / 2))
-    assert found['min_v2o_m'] == pytest.approx(0.9)
-    assert found['min_outline_gap_m'] == pytest.approx(3.0 - 2.4 - 1.0)
-    assert found['collided'] is True
+    result = metrics.compute_metrics(make_drive(scene=scene, yaw=np.pi / 2))
+    assert result['min_v2o_m'] == pytest.approx(0.9)
+    assert result['min_outline_gap_m'] == pytest.approx(3.0 - 2.4 - 1.0)
+    assert result['collided'] is True
 
 
 def test_two_circles_see_the_nose_of_a_sideways_car(make_drive, straight):
     scene = with_obstacle(straight, 50.0, 4.0)
-    found = metrics.compute_metrics(make_drive(scene=scene, yaw=np.pi / 2, circles=(1.1, -1.1)))
-    assert found['min_v2o_m'] == pytest.approx(4.0 - 1.1 - 1.0 - 1.1)
-    assert found['min_v2e_per_edge_m'] == pytest.approx({'left': 0.8, 'right': 0.8})
+    result = metrics.compute_metrics(make_drive(scene=scene, yaw=np.pi / 2, circles=(1.1, -1.1)))
+    assert result['min_v2o_m'] == pytest.approx(4.0 - 1.1 - 1.0 - 1.1)
+    assert result['min_v2e_per_edge_m'] == pytest.approx({'left': 0.8, 'right': 0.8})
 
 
 def test_an_oncoming_obstacle_is_met_where_the_two_are_at_that_time(make_drive, straight):
     # it crosses the path 60 m ahead just when the car is there: 3 s at 20 m/s
     scene = with_obstacle(straight, 60.0, 30.0, vy=-10.0)
-    found = metrics.compute_metrics(make_drive(scene=scene))
-    assert found['min_v2o_m'] == pytest.approx(-2.1, abs=0.02)
+    result = metrics.compute_metrics(make_drive(scene=scene))
+    assert result['min_v2o_m'] == pytest.approx(-2.1, abs=0.02)
     passed = with_obstacle(straight, 60.0, -30.0, vy=-10.0)
     assert metrics.compute_metrics(make_drive(scene=passed))['min_v2o_m'] > 20.0
 
 
 def test_between_two_messages_an_obstacle_keeps_moving(make_drive, straight):
     moving = with_obstacle(straight, 3.0, 5.0, vx=20.0)
-    found = metrics.compute_metrics(make_drive(scene=moving))
-    assert found['min_v2o_m'] == pytest.approx(np.hypot(3.0, 5.0) - 2.1, abs=1e-6)
+    result = metrics.compute_metrics(make_drive(scene=moving))
+    assert result['min_v2o_m'] == pytest.approx(np.hypot(3.0, 5.0) - 2.1, abs=1e-6)
 
 
 def test_an_obstacle_counts_only_while_it_is_there(make_drive, straight):
     scene = with_obstacle(straight, 50.0, 0.0)
     gone_by = scene.obstacle_stamp_ns >= START_NS + 2000 * MS  # the car is at 40 m
     absent = scene.obstacles[0]._replace(x=np.where(gone_by, np.nan, 50.0))
-    found = metrics.compute_metrics(make_drive(scene=scene._replace(obstacles=(absent,))))
-    assert found['min_v2o_m'] == pytest.approx(10.0 - 2.1, abs=0.03)
+    result = metrics.compute_metrics(make_drive(scene=scene._replace(obstacles=(absent,))))
+    assert result['min_v2o_m'] == pytest.approx(10.0 - 2.1, abs=0.03)
 
 
 def test_beyond_an_edge_the_distance_is_negative(make_drive):
-    found = metrics.compute_metrics(make_drive(y=4.0))
-    assert found['min_v2e_per_edge_m'] == pytest.approx({'left': -2.1, 'right': 5.9})
-    assert found['entered_unsafe_area'] is True
-    assert found['collided'] is False
+    result = metrics.compute_metrics(make_drive(y=4.0))
+    assert result['min_v2e_per_edge_m'] == pytest.approx({'left': -2.1, 'right': 5.9})
+    assert result['entered_unsafe_area'] is True
+    assert result['collided'] is False
 
 
 def test_sideslip_is_the_angle_between_heading_and_velocity(make_drive):
     def sideways(x):
         return -20.0 * np.tan(np.radians(6.0)) * np.exp(-(((x - 63.0) / 5.0) ** 2))
 
-    found = metrics.compute_metrics(make_drive(vy=sideways))
-    assert found['peak_sideslip_deg'] == pytest.approx(6.0)
-    assert found['peak_sideslip_at_m'] == pytest.approx(63.0, abs=0.02)
+    result = metrics.compute_metrics(make_drive(vy=sideways))
+    assert result['peak_sideslip_deg'] == pytest.approx(6.0)
+    assert result['peak_sideslip_at_m'] == pytest.approx(63.0, abs=0.02)
 
 
 def test_braking_begins_where_the_force_first_falls_to_the_threshold(make_drive):
@@ -141,9 +141,9 @@ def test_braking_begins_where_the_force_first_falls_to_the_threshold(make_drive)
 
 
 def test_peaks_of_acceleration_are_magnitudes(make_drive):
-    found = metrics.compute_metrics(make_drive())
-    assert found['peak_brake_mps2'] == pytest.approx(5.0)
-    assert found['peak_lat_acc_mps2'] == pytest.approx(8.0, abs=1e-3)
+    result = metrics.compute_metrics(make_drive())
+    assert result['peak_brake_mps2'] == pytest.approx(5.0)
+    assert result['peak_lat_acc_mps2'] == pytest.approx(8.0, abs=1e-3)
 
 
 def test_lateral_jerk_is_the_root_mean_square_of_the_slope(make_drive):
@@ -162,8 +162,8 @@ def test_lateral_jerk_is_the_root_mean_square_of_the_slope(make_drive):
 
 
 def test_contouring_is_a_root_mean_square(make_drive):
-    found = metrics.compute_metrics(make_drive(y=lambda x: 0.3 * np.sin(2.0 * np.pi * x / 10.0)))
-    assert found['rms_contouring_m'] == pytest.approx(0.3 / np.sqrt(2.0), rel=1e-3)
+    result = metrics.compute_metrics(make_drive(y=lambda x: 0.3 * np.sin(2.0 * np.pi * x / 10.0)))
+    assert result['rms_contouring_m'] == pytest.approx(0.3 / np.sqrt(2.0), rel=1e-3)
 
 
 @pytest.mark.parametrize(('metres', 'done'), [(89.0, False), (90.0, True)])
@@ -172,9 +172,9 @@ def test_a_run_is_complete_when_it_reaches_the_stop(make_drive, metres, done):
 
 
 def test_a_drive_that_starts_beyond_the_finish_line_has_not_reached_it(make_drive):
-    found = metrics.compute_metrics(make_drive(stop=(-5.0, 0.0), armed_after=0.0))
-    assert found['completed'] is False
-    assert found['verdict'].startswith('started beyond the finish line')
+    result = metrics.compute_metrics(make_drive(stop=(-5.0, 0.0), armed_after=0.0))
+    assert result['completed'] is False
+    assert result['verdict'].startswith('started beyond the finish line')
 
 
 def test_a_stop_that_the_last_lap_does_not_pass_again_is_not_reached_at_the_end_of_the_path(
@@ -187,9 +187,9 @@ def test_a_stop_that_the_last_lap_does_not_pass_again_is_not_reached_at_the_end_
     driven = make_drive(scene=scene, stop=(0.0, 40.0), armed_after=5.0)
     phi = np.pi * (1.1 + 1.4 * np.linspace(0.0, 1.0, len(driven.motion.x)))
     motion = driven.motion._replace(x=20.0 * np.sin(phi), y=20.0 - 20.0 * np.cos(phi))
-    found = metrics.compute_metrics(driven._replace(motion=motion))
-    assert found['completed'] is False
-    assert found['finish_at_m'] == pytest.approx(20.0 * np.pi, abs=0.2)
+    result = metrics.compute_metrics(driven._replace(motion=motion))
+    assert result['completed'] is False
+    assert result['finish_at_m'] == pytest.approx(20.0 * np.pi, abs=0.2)
 
 
 def test_a_lap_is_complete_only_at_its_end(make_drive):
@@ -242,10 +242,10 @@ def bump(x, at, amount):
 )
 def test_overshoot_is_running_wide_of_a_bend(make_drive, lanes, at, amount, counted):
     driven = make_drive(scene=lanes, y=lambda x: reference_y(x) + bump(x, at, amount))
-    found = metrics.compute_metrics(driven)['overshoots']
+    result = metrics.compute_metrics(driven)['overshoots']
     if counted:
-        assert len(found) == 1
-        assert found[0]['x_m'] == pytest.approx(at, abs=2.0)
-        assert found[0]['amount_m'] == pytest.approx(abs(amount), rel=0.1)
+        assert len(result) == 1
+        assert result[0]['x_m'] == pytest.approx(at, abs=2.0)
+        assert result[0]['amount_m'] == pytest.approx(abs(amount), rel=0.1)
     else:
-        assert found == []
+        assert result == []

@@ -23,8 +23,8 @@ def test_the_time_before_the_first_command_is_no_miss(make_drive):
     # on the wall clock the car is held until then, and the first answer is to any state
     answered = driven.ticks.answered_ns[20:] + 7 * MS
     held = driven._replace(ticks=driven.ticks._replace(answered_ns=answered))
-    found = metrics.compute_metrics(held)
-    assert (found['ticks'], found['deadline_misses']) == (80, 0)
+    result = metrics.compute_metrics(held)
+    assert (result['ticks'], result['deadline_misses']) == (80, 0)
     never = driven._replace(ticks=driven.ticks._replace(answered_ns=answered[:0]))
     assert metrics.compute_metrics(never)['deadline_misses'] == 100
 
@@ -39,12 +39,14 @@ def test_solve_times_and_fallbacks_are_the_controllers_own(make_drive):
     driven = make_drive()
     solve = np.arange(1.0, 101.0)
     rung = (solve > 97.0).astype(float)
-    found = metrics.compute_metrics(
+    result = metrics.compute_metrics(
         driven._replace(ticks=driven.ticks._replace(solve_ms=solve, fallback=rung))
     )
-    assert found['solve_ms'] == pytest.approx({'mean': 50.5, 'p50': 50.5, 'p99': 99.01, 'max': 100})
-    assert found['solve_cpu_ms']['max'] == 4.0
-    assert found['fallbacks'] == 3
+    assert result['solve_ms'] == pytest.approx(
+        {'mean': 50.5, 'p50': 50.5, 'p99': 99.01, 'max': 100}
+    )
+    assert result['solve_cpu_ms']['max'] == 4.0
+    assert result['fallbacks'] == 3
 
 
 def test_without_a_single_solve_there_are_no_solve_times():

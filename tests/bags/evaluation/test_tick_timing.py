@@ -57,22 +57,22 @@ def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=()):
         commands.append((command, encode.command(Command(answer, 0.0, 0.0, 0.0, 0.0))))
         reason = 'state_stale' if k in blind else 'converged'
         whys.append((command, why(answer, reason, sending if k in blind else times | sending)))
-    found = {STATE: states, COMMAND: commands, WHY: whys}
-    made = {name: recording(name, one) for name, one in found.items()}
-    return Bag(path=Path('bag'), files=(), recordings=made, records={}, damage=None)
+    result = {STATE: states, COMMAND: commands, WHY: whys}
+    built = {name: recording(name, item) for name, item in result.items()}
+    return Bag(path=Path('bag'), files=(), recordings=built, records={}, damage=None)
 
 
 def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
-    found = tick_timing.tick_parts(ring(20))
-    assert len(found.total) == 20  # of the last one, how long sending took is not known
-    assert found.total == pytest.approx([12.0] * 20)
-    assert found.transport == pytest.approx([2.0] * 20)
-    assert found.wait == pytest.approx([0.5] * 20)
-    assert found.prepare == pytest.approx([1.0] * 20)
-    assert found.solve == pytest.approx([4.0] * 20)
+    result = tick_timing.tick_parts(ring(20))
+    assert len(result.total) == 20  # of the last one, how long sending took is not known
+    assert result.total == pytest.approx([12.0] * 20)
+    assert result.transport == pytest.approx([2.0] * 20)
+    assert result.wait == pytest.approx([0.5] * 20)
+    assert result.prepare == pytest.approx([1.0] * 20)
+    assert result.solve == pytest.approx([4.0] * 20)
     # told by the tick after
-    assert found.publish == pytest.approx([0.25, 0.0] * 10)
-    assert sum(found[1:]) == pytest.approx(found.total)
+    assert result.publish == pytest.approx([0.25, 0.0] * 10)
+    assert sum(result[1:]) == pytest.approx(result.total)
 
 
 def test_a_tick_without_an_answer_or_with_a_late_one_is_missed():
@@ -83,8 +83,8 @@ def test_a_tick_without_an_answer_or_with_a_late_one_is_missed():
 
 
 def test_a_command_without_a_state_answers_nothing():
-    found = tick_timing.count_ticks(ring(20, blind=(5, 6)))
-    assert found == (20, 2, 0, 2)
+    result = tick_timing.count_ticks(ring(20, blind=(5, 6)))
+    assert result == (20, 2, 0, 2)
     assert len(tick_timing.tick_parts(ring(20, blind=(5, 6))).total) == 18
 
 
@@ -92,8 +92,8 @@ def test_info_and_timing_count_the_same_misses():
     bag = ring(20, latency_ms=lambda k: 51.0 if k == 7 else 12.0, blind=(5, 6))
     counted = tick_timing.count_ticks(bag)
     assert counted.missed == 3
-    found = bag_summary.summarize_bag(bag)
-    assert found['ticks'] == {**counted._asdict(), 'missed': 3}
+    result = bag_summary.summarize_bag(bag)
+    assert result['ticks'] == {**counted._asdict(), 'missed': 3}
 
 
 def test_in_lockstep_nothing_is_late():
@@ -106,9 +106,9 @@ def test_in_lockstep_nothing_is_late():
 def unheard(bag):
     """The bag of a controller that does not say when it heard a state."""
     messages = []
-    for one in read.values(bag, WHY):
-        values = {name: v for name, v in one.values.items() if name != 'time.heard_ns'}
-        messages.append((one.stamp_ns, why(one.stamp_ns, 'converged', values)))
+    for item in read.values(bag, WHY):
+        values = {name: v for name, v in item.values.items() if name != 'time.heard_ns'}
+        messages.append((item.stamp_ns, why(item.stamp_ns, 'converged', values)))
     return bag._replace(recordings={**bag.recordings, WHY: recording(WHY, messages)})
 
 
@@ -127,20 +127,20 @@ SPARSE = {
 
 @pytest.mark.parametrize('bag', SPARSE.values(), ids=SPARSE)
 def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
-    found = tick_timing.timing_report(bag)
-    timing.show(found, Console(width=120))
-    (line,) = (one for one in capsys.readouterr().out.splitlines() if 'transport' in one)
+    result = tick_timing.timing_report(bag)
+    timing.show(result, Console(width=120))
+    (line,) = (item for item in capsys.readouterr().out.splitlines() if 'transport' in item)
     assert set(line.split()[1:]) == {'-'}
 
 
 def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant():
-    found = tick_timing.timing_report(ring(100, latency_ms=lambda k: 10.0 + 10.0 * (k == 50)))
-    assert found['mode'] == 'realtime'
-    assert found['parts_ms']['total']['p50'] == pytest.approx(10.0)
-    assert found['parts_ms']['total']['max'] == pytest.approx(20.0)
-    assert found['interval_ms']['mean'] == pytest.approx(50.0)
-    assert found['interval_ms']['max'] == pytest.approx(60.0)
-    assert found['state_sent_after_its_stamp_ms']['p99'] == pytest.approx(1.0)
+    result = tick_timing.timing_report(ring(100, latency_ms=lambda k: 10.0 + 10.0 * (k == 50)))
+    assert result['mode'] == 'realtime'
+    assert result['parts_ms']['total']['p50'] == pytest.approx(10.0)
+    assert result['parts_ms']['total']['max'] == pytest.approx(20.0)
+    assert result['interval_ms']['mean'] == pytest.approx(50.0)
+    assert result['interval_ms']['max'] == pytest.approx(60.0)
+    assert result['state_sent_after_its_stamp_ms']['p99'] == pytest.approx(1.0)
 
 
 def test_a_bag_without_states_says_so():
@@ -153,10 +153,10 @@ def test_a_bag_without_states_says_so():
 @pytest.fixture
 def folder(tmp_path):
     bag = ring(40)
-    writer = BagWriter(tmp_path / 'bag', [one.topic for one in bag.recordings.values()], {})
-    for index, one in enumerate(bag.recordings.values()):
-        for row, payload in enumerate(one.payloads):
-            sent = int(one.publish_ns[row])
+    writer = BagWriter(tmp_path / 'bag', [item.topic for item in bag.recordings.values()], {})
+    for index, item in enumerate(bag.recordings.values()):
+        for row, payload in enumerate(item.payloads):
+            sent = int(item.publish_ns[row])
             writer.write(index, sent, sent, payload, row + 1)
     writer.close()
     return tmp_path / 'bag'
@@ -169,6 +169,6 @@ def test_the_command_prints_a_table_and_json(folder, capsys):
     assert '40 ticks, 0 missed' in printed
     assert 'mean interval 50.000 ms' in printed
     assert cli.main(['timing', str(folder), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found['parts_ms']['transport']['p99'] == pytest.approx(2.0)
-    assert found['ticks']['missed'] == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['parts_ms']['transport']['p99'] == pytest.approx(2.0)
+    assert result['ticks']['missed'] == 0

@@ -19,9 +19,9 @@ def enlarged(make_drive):
 
     def of(*obstacles):
         scene = make_drive().scene._replace(obstacles=obstacles)
-        one = make_drive(scene=scene)
+        item = make_drive(scene=scene)
         ax = comparison_figures.Figure().add_subplot()
-        panels.draw_v2o(ax, [panels.Run('mpcc', one, compute_series(one), '#0072B2')])
+        panels.draw_v2o(ax, [panels.Run('mpcc', item, compute_series(item), '#0072B2')])
         return ax.child_axes
 
     return of
@@ -46,7 +46,7 @@ def test_what_stays_far_away_is_not_enlarged(enlarged):
 def test_two_approaches_do_not_cover_each_other_or_the_curves(enlarged):
     first, second = enlarged(obstacle(1, 30.0, 2.5), obstacle(2, 70.0, 2.5))
     assert {first.get_title(), second.get_title()} == {'obstacle 1', 'obstacle 2'}
-    spans = sorted(one.get_position(original=True).intervalx.tolist() for one in (first, second))
+    spans = sorted(item.get_position(original=True).intervalx.tolist() for item in (first, second))
     assert spans[0][1] < spans[1][0]
 
 

@@ -52,7 +52,7 @@ def drives(make_drive):
 
 @pytest.fixture(scope='session')
 def logs(drives):
-    return {name: _controller_log(one, name) for name, one in drives.items()}
+    return {name: _controller_log(item, name) for name, item in drives.items()}
 
 
 def _controller_log(one, name):
@@ -62,7 +62,7 @@ def _controller_log(one, name):
         Prediction(int(t), x + 20.0 * stages, y + 0.0 * stages, 0.0 * stages, stages)
         for t, x, y in zip(ticks, one.motion.x[::50], one.motion.y[::50])
     ]
-    said = {
+    output = {
         'friction.front': 0.5 + 0.3 * np.sin(ticks * 1e-9),
         'friction.rear': 0.4 + 0.3 * np.sin(ticks * 1e-9),
         'time.solve_ms': np.full(len(ticks), 2.0),
@@ -76,20 +76,20 @@ def _controller_log(one, name):
         'versions': json.dumps({'python': '3.11'}),
         'machine': json.dumps({'processor': 'a <fast> one', 'cores': 2}),
     }
-    return ControllerLog(info, predictions, ticks, said)
+    return ControllerLog(info, predictions, ticks, output)
 
 
 @pytest.fixture(scope='session')
 def runs(drives):
     colours = style.assign_colours(list(drives))
-    return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    return [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
 
 
 @pytest.fixture(scope='session')
 def material(runs, logs):
-    found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    result = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     claim = Claim('mpcc avoids both', 'yes', '0.5 m', 'reproduced', 'priority < lag')
-    return page.ReportData({'scenario': 'straight', 'runs': found}, runs, logs, [claim])
+    return page.ReportData({'scenario': 'straight', 'runs': result}, runs, logs, [claim])
 
 
 @pytest.fixture(scope='session')
@@ -134,20 +134,20 @@ class Tab:
 
     def complaints(self):
         """Return errors and warnings of the console, exceptions, requests to a network."""
-        found = []
+        result = []
         for event in self.events:
             method, params = event['method'], event['params']
             if method == 'Runtime.exceptionThrown':
-                found.append(params['exceptionDetails'])
+                result.append(params['exceptionDetails'])
             if method == 'Runtime.consoleAPICalled' and params['type'] in ('error', 'warning'):
-                found.append(params['args'])
+                result.append(params['args'])
             if method == 'Log.entryAdded' and params['entry']['level'] in ('error', 'warning'):
-                found.append(params['entry'])
+                result.append(params['entry'])
             if method == 'Network.requestWillBeSent':
                 url = params['request']['url']
                 if not url.startswith(('file:', 'data:', 'blob:')):
-                    found.append(url)
-        return found
+                    result.append(url)
+        return result
 
 
 @pytest.fixture(scope='session')

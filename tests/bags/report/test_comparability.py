@@ -11,8 +11,8 @@ PLANT = {'friction': 1.0, 'car.body.mass_kg': 1850.0, 'mode': 'lockstep', 'tyre_
 
 
 def info(scenario='s', sha='1', **plant):
-    noted = {'plant': {**PLANT, **plant}, 'controller': {'weight': 1.0}}
-    return {'scenario': scenario, 'scenario_sha256': sha, 'parameters': json.dumps(noted)}
+    entries = {'plant': {**PLANT, **plant}, 'controller': {'weight': 1.0}}
+    return {'scenario': scenario, 'scenario_sha256': sha, 'parameters': json.dumps(entries)}
 
 
 def test_the_same_car_on_the_same_road_compares_however_it_was_run():

@@ -45,7 +45,7 @@ def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, compar
     values = json.loads(comparison.file.read_text())
     assert list(values) == ['scenario', 'runs']
     assert values['scenario'] == 'straight'
-    assert values['runs'] == {name: metrics.compute_metrics(one) for name, one in drives.items()}
+    assert values['runs'] == {name: metrics.compute_metrics(item) for name, item in drives.items()}
 
 
 def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
@@ -60,14 +60,14 @@ def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
 
 def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
     again = compare_drives(drives, tmp_path / 'again')
-    for one, other in zip(comparison.figures, again.figures):
-        assert one.read_bytes() == other.read_bytes(), one.name
+    for item, other in zip(comparison.figures, again.figures):
+        assert item.read_bytes() == other.read_bytes(), item.name
 
 
 def test_a_figure_shows_every_run_in_its_own_colour(drives):
     colours = style.assign_colours(list(drives))
     assert len(set(colours.values())) == len(drives)
-    runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    runs = [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
     for panel in comparison_figures.NAMES:
         axes = comparison_figures.Figure().add_subplot()
         panel(axes, runs)
@@ -81,7 +81,7 @@ def test_a_figure_shows_every_run_in_its_own_colour(drives):
 @pytest.fixture(scope='module')
 def runs(drives):
     colours = style.assign_colours(list(drives))
-    return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    return [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
 
 
 @pytest.mark.parametrize(
@@ -109,17 +109,17 @@ def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_dri
     times = {text.get_text() for text in axes.texts}
     assert {'0.0 s', '1.2 s', '2.4 s'} <= times
     still = comparison_figures.Figure().add_subplot()
-    one = make_drive()
+    item = make_drive()
     comparison_figures.draw_trajectories(
-        still, [panels.Run('mpcc', one, compute_series(one), 'C0')]
+        still, [panels.Run('mpcc', item, compute_series(item), 'C0')]
     )
     assert [text.get_text() for text in still.texts] == []
 
 
 def test_a_panel_of_obstacles_without_any_says_so(make_drive):
-    one = make_drive()
+    item = make_drive()
     axes = comparison_figures.Figure().add_subplot()
-    panels.draw_v2o(axes, [panels.Run('mpcc', one, compute_series(one), 'C0')])
+    panels.draw_v2o(axes, [panels.Run('mpcc', item, compute_series(item), 'C0')])
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
@@ -192,10 +192,10 @@ def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(drives, tmp_pat
 
 def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):
     assert cli.main(['compare', str(tmp_path / 'nothing')]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith('error: ')
-    assert said.count('\n') == 1
-    assert 'nothing' in said
+    output = capsys.readouterr().err
+    assert output.startswith('error: ')
+    assert output.count('\n') == 1
+    assert 'nothing' in output
 
 
 def test_the_commands_of_the_interface_exist(capsys):

@@ -15,10 +15,10 @@ def test_every_number_is_there_with_every_digit(make_drive):
     rows = {
         row['metric']: row for row in csv.DictReader(io.StringIO(metrics_table.metrics_csv(runs)))
     }
-    for name, found in runs.items():
-        assert float(rows['rms_contouring_m'][name]) == found['rms_contouring_m']
-        assert float(rows['solve_ms.p99'][name]) == found['solve_ms']['p99']
-        assert rows['completed'][name] == str(found['completed']).lower()
+    for name, result in runs.items():
+        assert float(rows['rms_contouring_m'][name]) == result['rms_contouring_m']
+        assert float(rows['solve_ms.p99'][name]) == result['solve_ms']['p99']
+        assert rows['completed'][name] == str(result['completed']).lower()
         assert rows['min_v2o_m'][name] == ''
     assert rows['brake_onset_at_m']['mpcc'] == ''
     assert float(rows['brake_onset_at_m']['own']) == runs['own']['brake_onset_at_m']

@@ -39,16 +39,16 @@ def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
 
 def test_every_number_of_the_table_stands_in_the_page(material, report):
     text = report.read_text()
-    for found in material.values['runs'].values():
-        assert f'{found["min_v2o_m"]:.2f}' in text
-        assert f'{found["peak_lat_acc_mps2"]:.1f}' in text
+    for result in material.values['runs'].values():
+        assert f'{result["min_v2o_m"]:.2f}' in text
+        assert f'{result["peak_lat_acc_mps2"]:.1f}' in text
     assert 'priority &lt; lag' in text
     assert 'a &lt;fast&gt; one' in text
 
 
 def test_what_differs_between_the_runs_is_marked(logs, report):
     rows = parameter_rows([log.run_info for log in logs.values()])
-    unlike = {role: [row.name for row in found if row.differs] for role, found in rows.items()}
+    unlike = {role: [row.name for row in result if row.differs] for role, result in rows.items()}
     assert unlike == {'controller': ['weight_of'], 'plant': []}
     assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', report.read_text())
 
@@ -99,19 +99,22 @@ def test_what_stands_behind_a_verdict_is_said_once_below_the_claims(material):
 def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
     assert page.claims_beside(tmp_path) is None
     file = tmp_path / page.CLAIMS_FILE
-    one = {'claim': 'c', 'paper': 9, 'ours': None, 'verdict': 'not', 'cause': 'x', 'interval': [1]}
-    file.write_text(json.dumps([one]))
+    item = {'claim': 'c', 'paper': 9, 'ours': None, 'verdict': 'not', 'cause': 'x', 'interval': [1]}
+    file.write_text(json.dumps([item]))
     assert page.claims_beside(tmp_path) == file
     assert page.load_claims(file) == [page.Claim('c', '9', '–', 'not', 'x')]
-    file.write_text(json.dumps([one | {'reasons': {'a': 'easy'}}]))
+    file.write_text(json.dumps([item | {'reasons': {'a': 'easy'}}]))
     assert page.load_claims(file)[0].reasons == {'a': 'easy'}
-    for wrong, said in (
+    for wrong, output in (
         ('{}', 'must be a list'),
         ('[{"claim": 1}]', 'lacks paper'),
         ('[', 'read'),
-        (json.dumps([one | {'reasons': 'easy'}]), 'claim 0: reasons: must be a mapping of texts'),
-        (json.dumps([one | {'reasons': {'a': 1}}]), 'claim 0: reasons: must be a mapping of texts'),
+        (json.dumps([item | {'reasons': 'easy'}]), 'claim 0: reasons: must be a mapping of texts'),
+        (
+            json.dumps([item | {'reasons': {'a': 1}}]),
+            'claim 0: reasons: must be a mapping of texts',
+        ),
     ):
         file.write_text(wrong)
-        with pytest.raises(BagError, match=said):
+        with pytest.raises(BagError, match=output):
             page.load_claims(file)

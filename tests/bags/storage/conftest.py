@@ -140,14 +140,14 @@ def start_recorder(domain):
 @pytest.fixture
 def make_ring(domain):
     """Factory of publishers, closed at the end of the test."""
-    made = []
+    result = []
 
     def make(mode='lockstep'):
-        made.append(Ring(mode))
-        return made[-1]
+        result.append(Ring(mode))
+        return result[-1]
 
     yield make
-    for ring in made:
+    for ring in result:
         ring.close()
 
 
@@ -170,21 +170,21 @@ def bag_folder(dds, tmp_path_factory, messages):
 
 def record(folder, messages):
     """Record messages over Fast DDS in lockstep."""
-    noted = folder.parent / 'run.json'
-    noted.write_text(json.dumps({'scenario': 'double_lane_change', 'parameters': {'N': 50}}))
-    recorder = Recorder(folder, run_info=noted)
+    entries = folder.parent / 'run.json'
+    entries.write_text(json.dumps({'scenario': 'double_lane_change', 'parameters': {'N': 50}}))
+    recorder = Recorder(folder, run_info=entries)
     ring = Ring('lockstep')
     try:
         ring.wait_for_recorder()
         ring.publish_all(messages)
-        code, said = recorder.end()
+        code, output = recorder.end()
     finally:
         ring.close()
         if recorder.process.poll() is None:
             recorder.process.kill()
         recorder.log.close()
-    assert code == 0, said
-    assert re.search(r'\d+ messages in', said), said
+    assert code == 0, output
+    assert re.search(r'\d+ messages in', output), output
 
 
 @pytest.fixture(scope='session')

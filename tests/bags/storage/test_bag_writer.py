@@ -22,12 +22,12 @@ def recorded_payloads(bag_folder):
 
 
 def test_rosbags_finds_every_payload_unchanged_and_decodes_it(bag_folder):
-    found = {}
+    result = {}
     with AnyReader([bag_folder]) as reader:
         for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(bytes(data))
+            result.setdefault(connection.topic, []).append(bytes(data))
             assert reader.deserialize(data, connection.msgtype).__msgtype__ == connection.msgtype
-    assert found == recorded_payloads(bag_folder)
+    assert result == recorded_payloads(bag_folder)
 
 
 def test_rosbags_finds_counts_qos_and_hashes_in_the_metadata(bag_folder):
@@ -131,6 +131,6 @@ def test_full_disk_is_a_clear_error_and_what_was_flushed_stays_complete(tmp_path
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not repair.repair_bag(tmp_path / 'bag').intact
-    found = read.load(tmp_path / 'bag').recordings['/vehicle/odometry'].payloads
-    assert len(flushed) <= len(found) <= len(flushed) + len(recorded.payloads)
-    assert found == (flushed + recorded.payloads)[: len(found)]
+    result = read.load(tmp_path / 'bag').recordings['/vehicle/odometry'].payloads
+    assert len(flushed) <= len(result) <= len(flushed) + len(recorded.payloads)
+    assert result == (flushed + recorded.payloads)[: len(result)]

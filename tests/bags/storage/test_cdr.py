@@ -66,8 +66,8 @@ def assert_same(ours, theirs):
         assert list(ours) == theirs.tolist()
     elif isinstance(theirs, list):
         assert len(ours) == len(theirs)
-        for one, other in zip(ours, theirs):
-            assert_same(one, other)
+        for item, other in zip(ours, theirs):
+            assert_same(item, other)
     elif hasattr(theirs, '__dataclass_fields__'):
         for name in ours._fields:
             assert_same(getattr(ours, name), getattr(theirs, name))
@@ -96,18 +96,18 @@ def test_broken_messages_are_refused_or_read_but_never_crash(message, keep, flip
 
 def test_messages_of_the_wire_are_read_as_rosbags_reads_them(bag_folder):
     recordings = read.load(bag_folder).recordings
-    seen = dict.fromkeys(recordings, 0)
+    observed = dict.fromkeys(recordings, 0)
     with AnyReader([bag_folder]) as reader:
         for connection, _, data in reader.messages():
-            if seen[connection.topic] < 20:
-                seen[connection.topic] += 1
+            if observed[connection.topic] < 20:
+                observed[connection.topic] += 1
                 topic = recordings[connection.topic].topic
                 ours = cdr.decode(bytes(data), topic.schema, topic.type)
                 assert_same(ours, reader.deserialize(data, connection.msgtype))
     every = {
-        name for name, one in recordings.items() if not contract.load().topics[name].on_request
+        name for name, item in recordings.items() if not contract.load().topics[name].on_request
     }
-    assert all(seen[name] for name in every)
+    assert all(observed[name] for name in every)
 
 
 def test_definition_that_lacks_a_type_is_refused():

@@ -19,8 +19,8 @@ ROW = re.compile(r'^\| `(\w+)` \| ([^|]*) \|', re.MULTILINE)
 def test_every_parameter_is_documented_with_its_default(node):
     values = parameters.read_file(share.path('bags', 'config', f'{node}.yaml')).values
     table = TEXT.partition(f'| parameter of `{node}_node` |')[2].partition('\n\n')[0]
-    said = {name: yaml.safe_load(default) for name, default in ROW.findall(table)}
-    assert said == values
+    output = {name: yaml.safe_load(default) for name, default in ROW.findall(table)}
+    assert output == values
 
 
 def test_every_option_of_play_is_a_parameter_and_documented(capsys):

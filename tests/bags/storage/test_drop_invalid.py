@@ -97,10 +97,10 @@ def test_the_fast_look_decides_as_the_decoder_does(name):
 def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
     whole = ros.serialize(MADE['/vehicle/imu']())
     payloads = [whole, whole[:30], whole, b'', whole]
-    found = drop_invalid(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
-    assert found.recordings['/vehicle/imu'].log_ns.tolist() == [0, 2, 4]
-    assert found.invalid['/vehicle/imu'].count == 2
-    assert found.invalid['/vehicle/imu'].first.startswith('message 1: ')
+    result = drop_invalid(bag({'/vehicle/imu': recording('/vehicle/imu', payloads)}))
+    assert result.recordings['/vehicle/imu'].log_ns.tolist() == [0, 2, 4]
+    assert result.invalid['/vehicle/imu'].count == 2
+    assert result.invalid['/vehicle/imu'].first.startswith('message 1: ')
 
 
 def test_time_counts_from_the_first_valid_state():
@@ -109,8 +109,8 @@ def test_time_counts_from_the_first_valid_state():
     bad.header.stamp.nanosec = 5
     bad.header.frame_id = 'odom'
     payloads = [ros.serialize(bad), ros.serialize(good)]
-    found = drop_invalid(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
-    assert read.columns(found)['/vehicle/odometry'].t_s.tolist() == [0.0]
+    result = drop_invalid(bag({'/vehicle/odometry': recording('/vehicle/odometry', payloads)}))
+    assert read.columns(result)['/vehicle/odometry'].t_s.tolist() == [0.0]
 
 
 def test_columns_check_no_range_and_sifting_does():
@@ -128,13 +128,13 @@ def test_values_are_decoded_once_and_stay_those_of_their_messages():
     name = '/scenario/obstacles'
     messages = [ros.serialize(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
     broken = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
-    found = drop_invalid(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
-    assert [value.stamp_ns - S for value in read.values(found, name)] == [0, 1, 2]
-    assert drop_invalid(found) is found
+    result = drop_invalid(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
+    assert [value.stamp_ns - S for value in read.values(result, name)] == [0, 1, 2]
+    assert drop_invalid(result) is result
 
 
 def test_a_topic_that_the_contract_does_not_know_stays_as_it_is():
     name = '/markers/vehicle'
-    found = drop_invalid(bag({name: recording(name, [b'anything'])}))
-    assert found.recordings[name].payloads == [b'anything']
-    assert not found.invalid
+    result = drop_invalid(bag({name: recording(name, [b'anything'])}))
+    assert result.recordings[name].payloads == [b'anything']
+    assert not result.invalid

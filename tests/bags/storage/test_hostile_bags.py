@@ -94,7 +94,7 @@ def test_definition_that_does_not_fit_is_refused(bag, recorded, name):
 @pytest.mark.filterwarnings('error')
 def test_stamp_that_is_no_whole_number_is_refused(bag, part):
     text = schema_text(TYPES[STATE])
-    (line,) = (one for one in text.splitlines() if one.endswith(f'int32 {part}'))
+    (line,) = (item for item in text.splitlines() if item.endswith(f'int32 {part}'))
     folder = bag(STATE, TYPES[STATE], text.replace(line, f'float64 {part}'))
     with pytest.raises(BagError, match=r'header.stamp is of .*float64.*; allowed int32 and uint32'):
         read.columns(folder)
@@ -112,11 +112,11 @@ def test_states_without_stamps_are_counted_as_invalid_in_a_summary(tmp_path):
     for index in (0, 1):
         writer.write(index, 1, 1, b'')
     writer.close()
-    found = summarize_bag(read.load(tmp_path / 'bag'))
-    counts = {topic: one['count'] for topic, one in found['invalid_messages'].items()}
+    result = summarize_bag(read.load(tmp_path / 'bag'))
+    counts = {topic: item['count'] for topic, item in result['invalid_messages'].items()}
     assert counts == {STATE: 1, COMMAND: 1}
-    assert found['invalid_messages'][STATE]['first'].startswith('message 0: not plain CDR')
-    assert (found['latency_ms'], found['ticks']) == (None, None)
+    assert result['invalid_messages'][STATE]['first'].startswith('message 0: not plain CDR')
+    assert (result['latency_ms'], result['ticks']) == (None, None)
 
 
 def test_field_with_a_name_that_python_keeps_for_itself_is_read():
@@ -148,10 +148,10 @@ def test_qos_that_is_none_says_nothing_and_is_no_obstacle(bag, text):
 
 
 def test_qos_of_odd_values_says_nothing_of_them():
-    (found,) = parse_qos('- {history: [1], reliability: {}, durability: 2, depth: 3}')
-    assert found['history'] is None
-    assert found['reliability'] is None
-    assert found['durability'] == 'volatile'
+    (result,) = parse_qos('- {history: [1], reliability: {}, durability: 2, depth: 3}')
+    assert result['history'] is None
+    assert result['reliability'] is None
+    assert result['durability'] == 'volatile'
 
 
 def chunk(codec, data, size):
@@ -176,16 +176,16 @@ PACKED = {b'zstd': UNSAID.compress, b'lz4': lz4.frame.compress}
 @pytest.mark.parametrize('codec', PACKED)
 def test_chunk_that_does_not_say_its_size_is_read(codec):
     contents = bytes(range(256)) * 40
-    found = first_of(codec, PACKED[codec](contents), len(contents))
-    assert found.body == contents
+    result = first_of(codec, PACKED[codec](contents), len(contents))
+    assert result.body == contents
 
 
 @pytest.mark.parametrize('codec', PACKED)
 def test_chunk_gets_no_more_memory_than_its_head_claims(codec):
     packed = PACKED[codec](bytes(100_000_000))
     tracemalloc.start()
-    found = first_of(codec, packed, 1000)
+    result = first_of(codec, packed, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert isinstance(found, mcap_scan.Damage)
+    assert isinstance(result, mcap_scan.Damage)
     assert peak < 10_000_000

@@ -33,8 +33,8 @@ def limping(tmp_path, bag_folder):
 
 
 def test_summary_counts_rates_gaps_and_losses(limping):
-    found = summarize_bag(read.load(limping))
-    state = found['topics']['/vehicle/odometry']
+    result = summarize_bag(read.load(limping))
+    state = result['topics']['/vehicle/odometry']
     assert state['messages'] == 998
     assert state['lost'] == 2
     assert state['lost_places'] == 1
@@ -42,9 +42,9 @@ def test_summary_counts_rates_gaps_and_losses(limping):
     assert state['sent_before'] == 0
     assert state['longest_gap_s'] == pytest.approx(0.003)
     assert state['rate_hz'] == pytest.approx(997 / 0.999)
-    assert found['topics']['/controller/command']['longest_gap_s'] == pytest.approx(0.1)
-    assert found['duration_s'] == pytest.approx(0.999)
-    assert found['mode'] == 'lockstep'
+    assert result['topics']['/controller/command']['longest_gap_s'] == pytest.approx(0.1)
+    assert result['duration_s'] == pytest.approx(0.999)
+    assert result['mode'] == 'lockstep'
 
 
 def test_latency_is_from_sending_the_state_to_sending_the_command(limping):
@@ -65,9 +65,9 @@ def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
 
 
 def test_fallbacks_are_counted_by_reason(limping, bag_folder):
-    found = summarize_bag(read.load(limping))
-    assert found['rungs'] == {'solved': 19, 'shifte': 1}
-    assert sum(found['fallbacks'].values()) == 1
+    result = summarize_bag(read.load(limping))
+    assert result['rungs'] == {'solved': 19, 'shifte': 1}
+    assert sum(result['fallbacks'].values()) == 1
     assert summarize_bag(read.load(bag_folder))['fallbacks'] == {}
 
 
@@ -85,20 +85,20 @@ def test_bag_without_states_is_described_too(tmp_path, bag_folder):
     writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
     writer.write(0, 1, 1, recorded.payloads[0])
     writer.close()
-    found = summarize_bag(read.load(tmp_path / 'bag'))
-    assert found['latency_ms'] is None
-    assert found['topics']['/controller/command']['rate_hz'] is None
+    result = summarize_bag(read.load(tmp_path / 'bag'))
+    assert result['latency_ms'] is None
+    assert result['topics']['/controller/command']['rate_hz'] is None
     assert cli.main(['info', str(tmp_path / 'bag')]) == 0
 
 
 def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
     assert cli.main(['info', str(bag_folder)]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for topic, sent in messages.items():
-        (row,) = (line for line in said.splitlines() if line.startswith(topic))
+        (row,) = (line for line in output.splitlines() if line.startswith(topic))
         assert f' {len(sent)} ' in row
-    assert 'state to command in ms: p50' in said
-    assert 'scenario: double_lane_change' in said
+    assert 'state to command in ms: p50' in output
+    assert 'scenario: double_lane_change' in output
 
 
 def test_what_was_lost_is_said_with_its_places(limping, capsys):
@@ -108,8 +108,8 @@ def test_what_was_lost_is_said_with_its_places(limping, capsys):
 
 def test_a_hash_stays_one_word(tmp_path, bag_folder, capsys):
     recorded = read.load(bag_folder).recordings['/controller/command']
-    noted = {'scenario_sha256': 'f' * 64}
-    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {'run': noted})
+    entries = {'scenario_sha256': 'f' * 64}
+    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {'run': entries})
     writer.write(0, 1, 1, recorded.payloads[0])
     writer.close()
     assert cli.main(['info', str(tmp_path / 'bag')]) == 0

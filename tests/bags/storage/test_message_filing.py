@@ -196,8 +196,8 @@ def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
     ]
     put(filings[0], WALL_NS)  # waits for the first /clock, and makes it listen for a later one
     for _ in range(2):
-        for one in clock.take():
-            filings[1].file(*one)
+        for item in clock.take():
+            filings[1].file(*item)
     assert times(filed)[1:] == [2 * S, 3 * S, 4 * S]
 
 

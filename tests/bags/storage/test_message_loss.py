@@ -17,26 +17,26 @@ def counted(sequences):
 
 
 def test_recorder_that_hears_nothing_says_so():
-    found = RecordingHealth(MODE).health(NOW_NS, counted({}))
-    assert (found.name, found.level) == ('recorder', STALE)
-    assert found.values['messages'] == 0
+    result = RecordingHealth(MODE).health(NOW_NS, counted({}))
+    assert (result.name, result.level) == ('recorder', STALE)
+    assert result.values['messages'] == 0
 
 
 def test_topics_that_are_silent_are_named_but_not_those_published_on_request_only():
-    found = RecordingHealth(MODE).health(NOW_NS, counted({STATE: (1, 2, 3)}))
-    assert found.level == OK
-    assert found.values['messages'] == 3
-    silent = found.values['silent'].split()
+    result = RecordingHealth(MODE).health(NOW_NS, counted({STATE: (1, 2, 3)}))
+    assert result.level == OK
+    assert result.values['messages'] == 3
+    silent = result.values['silent'].split()
     assert '/controller/why' in silent
     assert STATE not in silent
     assert MARKERS not in silent
 
 
 def test_every_topic_heard_leaves_none_silent():
-    found = RecordingHealth(MODE).health(
+    result = RecordingHealth(MODE).health(
         NOW_NS, counted(dict.fromkeys(contract.load().topics, (1,)))
     )
-    assert found.values['silent'] == 'none'
+    assert result.values['silent'] == 'none'
 
 
 def test_a_loss_is_a_warning_until_nothing_was_lost_for_a_while():

@@ -32,8 +32,8 @@ def start_player():
     started = []
 
     def start(bag, stdin=subprocess.DEVNULL, namespace='/', **parameters):
-        given = {'bag': bag, 'delay_s': 0.0, 'recorders': 1, **parameters}
-        words = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
+        arguments = {'bag': bag, 'delay_s': 0.0, 'recorders': 1, **parameters}
+        words = [word for k, v in arguments.items() for word in ('-p', f'{k}:={v}')]
         words += ['-r', f'__ns:={namespace}']
         terminal = {}
         if stdin is not subprocess.DEVNULL:
@@ -62,9 +62,9 @@ def start_player():
 
 def said_by(player):
     """Return everything that a player says, once it has ended by itself."""
-    said, _ = player.communicate(timeout=TIMEOUT_S)
-    assert player.returncode == 0, said
-    return said
+    output, _ = player.communicate(timeout=TIMEOUT_S)
+    assert player.returncode == 0, output
+    return output
 
 
 def said_at_s(line):
@@ -99,7 +99,7 @@ def test_round_trip_keeps_every_byte_count_order_and_stamp(
     tmp_path, bag_folder, start_recorder, start_player
 ):
     recorder = start_recorder(tmp_path / 'again')
-    said = said_by(start_player(bag_folder))
+    output = said_by(start_player(bag_folder))
     assert recorder.end()[0] == 0
     before, after = recordings(bag_folder), recordings(tmp_path / 'again')
     assert after.keys() == before.keys()
@@ -108,7 +108,7 @@ def test_round_trip_keeps_every_byte_count_order_and_stamp(
         # in lockstep a message is filed under its header stamp
         assert after[name].log_ns.tolist() == recorded.log_ns.tolist(), name
     count = sum(len(r.payloads) for r in before.values())
-    assert f'played {count} messages' in said
+    assert f'played {count} messages' in output
 
 
 def test_a_bag_is_played_into_the_namespace_of_the_player(
@@ -118,8 +118,8 @@ def test_a_bag_is_played_into_the_namespace_of_the_player(
     outside = start_recorder(tmp_path / 'outside')
     said_by(start_player(bag_folder, namespace='/car1'))
     assert inside.end()[0] == 0
-    code, said = outside.end()
-    assert (code, '0 messages in' in said) == (0, True), said
+    code, output = outside.end()
+    assert (code, '0 messages in' in output) == (0, True), output
     before, after = recordings(bag_folder), recordings(tmp_path / 'inside')
     assert {name: r.payloads for name, r in after.items()} == {
         name: r.payloads for name, r in before.items()
@@ -148,8 +148,8 @@ def test_messages_are_sent_when_they_were_recorded(
 
 
 def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
-    given = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
-    player = start_player(bag_folder, recorders=0, **given)
+    arguments = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
+    player = start_player(bag_folder, recorders=0, **arguments)
     ends = []
     for line in player.stdout:
         if 'played 100 messages' in line:
@@ -172,9 +172,9 @@ def test_damaged_bag_plays_up_to_the_damage_and_says_where(
     with pytest.warns(UserWarning, match='damaged'):
         readable = read.load(cut)
     recorder = start_recorder(tmp_path / 'again')
-    said = said_by(start_player(cut, rate=20.0, clock_hz=0.0))
+    output = said_by(start_player(cut, rate=20.0, clock_hz=0.0))
     assert recorder.end()[0] == 0
-    assert said.count(f'{cut}: damaged at byte ') == 2  # before and after playing
+    assert output.count(f'{cut}: damaged at byte ') == 2  # before and after playing
     after = {name: r.payloads for name, r in recordings(tmp_path / 'again').items()}
     assert after == {n: r.payloads for n, r in readable.recordings.items() if r.payloads}
     assert sum(map(len, after.values())) > 100
@@ -193,7 +193,7 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
         raise AssertionError(f'the player ended without {words!r}')
 
     try:
-        wait_for('space: pause and go on')
+        wait_for('space: pause and resume')
         os.write(leader, b's')
         wait_for('paused at 0.004 s')
         os.write(leader, b's')
@@ -216,18 +216,18 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
         ({}, 'bag: is missing'),
         ({'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
         ({'rate': 0.0}, 'rate: is out of range with 0.0'),
-        ({'bag': None, 'paused': 'true'}, 'paused: is true, but there is no keyboard'),
+        ({'bag': None, 'paused': 'true'}, 'paused: is true, but no keyboard'),
         ({'speed': 2.0}, 'speed: this node has no such parameter'),
     ],
 )
 def test_mistakes_are_one_line_that_names_the_parameter(start_player, bag_folder, parameters, why):
-    given = {'bag': "''", **parameters}
-    given['bag'] = given['bag'] or bag_folder
-    player = start_player(**given)
-    said, _ = player.communicate(timeout=TIMEOUT_S)
+    arguments = {'bag': "''", **parameters}
+    arguments['bag'] = arguments['bag'] or bag_folder
+    player = start_player(**arguments)
+    output, _ = player.communicate(timeout=TIMEOUT_S)
     assert player.returncode != 0
-    assert why in said
-    assert 'Traceback' not in said
+    assert why in output
+    assert 'Traceback' not in output
 
 
 def test_command_becomes_the_player_with_every_option(monkeypatch):
@@ -236,8 +236,8 @@ def test_command_becomes_the_player_with_every_option(monkeypatch):
     options = '--rate 2 --start 1 --duration 3 --loop --topics /a /b --clock 0 --paused --step 0.1'
     cli.main(['play', '1.0', *options.split()])
     (words,) = became
-    given = [word for word in words if ':=' in word]
-    assert given == [
+    arguments = [word for word in words if ':=' in word]
+    assert arguments == [
         *('bag:="1.0"', 'rate:=2.0', 'start_s:=1.0', 'duration_s:=3.0', 'loop:=true'),
         *('topics:=["/a", "/b"]', 'clock_hz:=0.0', 'paused:=true', 'step_s:=0.1'),
     ]
@@ -272,11 +272,11 @@ def test_publishers_offer_what_was_recorded(topic, mode):
     text = qos_text(
         wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
     )
-    made, expected = to_qos_profile(text), ros.to_qos_profile(wanted)
+    result, expected = to_qos_profile(text), ros.to_qos_profile(wanted)
     for name in ('history', 'reliability', 'durability', 'deadline'):
-        assert getattr(made, name) == getattr(expected, name)
+        assert getattr(result, name) == getattr(expected, name)
     if wanted.history == 'keep_last':
-        assert made.depth == expected.depth
+        assert result.depth == expected.depth
 
 
 def test_qos_of_older_bags_is_understood_and_of_none_is_plain():

@@ -31,8 +31,8 @@ def assert_equal(found, sent):
     """Compare values of msgs_yaml.types, arrays and tuples inside them included."""
     if isinstance(sent, tuple):
         assert len(found) == len(sent)
-        for one, other in zip(found, sent):
-            assert_equal(one, other)
+        for item, other in zip(found, sent):
+            assert_equal(item, other)
     elif isinstance(sent, np.ndarray):
         np.testing.assert_allclose(found, sent, rtol=0.0, atol=1e-9)
     else:
@@ -51,12 +51,12 @@ def test_columns_are_the_published_numbers_to_the_last_bit(bag_folder, messages,
 def test_values_of_every_topic_are_the_published_ones(bag_folder, messages):
     bag = read.load(bag_folder)
     for topic, sent in messages.items():
-        found = read.values(bag, topic)
-        assert len(found) == len(sent)
-        for one, other in zip(found, sent):
+        result = read.values(bag, topic)
+        assert len(result) == len(sent)
+        for item, other in zip(result, sent):
             if topic == '/vehicle/odometry':
                 other = other._replace(psi=conversions.heading_as_received(other.psi))
-            assert_equal(one, other)
+            assert_equal(item, other)
 
 
 def test_time_is_counted_from_the_first_state_on_every_topic(bag_folder):

@@ -73,19 +73,19 @@ def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(
     recorder, ring = start_recorder(tmp_path / 'bag', program=('-c', HELD)), make_ring()
     ring.wait_for_recorder()
     ring.publish_all(messages)
-    code, said = recorder.end()
-    assert code == 0, said
-    assert shutdown.TRACEBACK_START in said
+    code, output = recorder.end()
+    assert code == 0, output
+    assert shutdown.TRACEBACK_START in output
     assert counts(tmp_path / 'bag') == expected(messages)
     assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_folder):
     before = (bag_folder / 'mpcc_0.mcap').read_bytes()
-    code, said = start_recorder(bag_folder).wait()
+    code, output = start_recorder(bag_folder).wait()
     assert code != 0
-    assert f'out: {bag_folder}: exists already' in said
-    assert 'Traceback' not in said
+    assert f'out: {bag_folder}: exists already' in output
+    assert 'Traceback' not in output
     assert (bag_folder / 'mpcc_0.mcap').read_bytes() == before
 
 
@@ -95,10 +95,10 @@ def test_existing_folder_is_refused_in_one_line(tmp_path, start_recorder, bag_fo
 )
 def test_facts_that_are_no_json_object_are_refused(tmp_path, start_recorder, text, why):
     (tmp_path / 'run.json').write_text(text)
-    code, said = start_recorder(tmp_path / 'bag', run_info=tmp_path / 'run.json').wait()
+    code, output = start_recorder(tmp_path / 'bag', run_info=tmp_path / 'run.json').wait()
     assert code != 0
-    assert why in said
-    assert 'Traceback' not in said
+    assert why in output
+    assert 'Traceback' not in output
 
 
 def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
@@ -109,10 +109,10 @@ def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
     ring.publish('/clock', messages['/clock'][0])
     resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
     publish_until_it_ends(ring, recorder, messages)
-    code, said = recorder.wait()
-    assert code == 1, said
-    assert 'File too large' in said
-    assert '`bags repair' in said
+    code, output = recorder.wait()
+    assert code == 1, output
+    assert 'File too large' in output
+    assert '`bags repair' in output
     assert repair.repair_bag(tmp_path / 'bag').messages['/clock'] == 1
 
 
@@ -132,12 +132,12 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
     ring.publish_all({last: messages[last]})
     wait_until(lambda: recorder.hears(last), ENDS_S, recorder.said)
     ring.publish('/clock', messages['/clock'][0])
-    code, said = recorder.wait()
+    code, output = recorder.wait()
     assert code == 1
     last_s, first_s = (messages['/clock'][i] / 1e9 for i in (-1, 0))
-    assert f'/clock: the clock jumped backwards from {last_s:.9f} s to {first_s:.9f} s' in said
-    assert '1 messages are left out whose stamp fell back before /clock did' in said
-    assert 'Traceback' not in said
+    assert f'/clock: the clock jumped backwards from {last_s:.9f} s to {first_s:.9f} s' in output
+    assert '1 messages are left out whose stamp fell back before /clock did' in output
+    assert 'Traceback' not in output
     sent = expected(messages)
     sent['/controller/command'] += 1
     assert counts(tmp_path / 'bag') == sent
@@ -159,12 +159,12 @@ def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
     for topic, stamp_ns in stray.items():
         ring.publish(topic, messages[topic][0]._replace(stamp_ns=stamp_ns))
     ring.publish_all(rest)
-    code, said = recorder.end()
-    assert code == 0, said
+    code, output = recorder.end()
+    assert code == 0, output
     recordings = read.load(tmp_path / 'bag').recordings
     for topic, stamp_ns in stray.items():
-        assert said.count(f'{topic}: a message has the stamp {stamp_ns / 1e9:.9f} s') == 1
-        assert f'{topic}: 1 messages are filed under another time' in said
+        assert output.count(f'{topic}: a message has the stamp {stamp_ns / 1e9:.9f} s') == 1
+        assert f'{topic}: 1 messages are filed under another time' in output
         log_ns = recordings[topic].log_ns.tolist()
         sent = [value.stamp_ns for value in messages[topic]]
         assert sorted(log_ns)[0] == sent[0]
@@ -175,10 +175,10 @@ def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
 
 def test_folder_that_cannot_be_written_is_refused_in_one_line(start_recorder):
     # nobody may make a folder there, not even root
-    code, said = start_recorder(Path('/sys/bag')).wait()
+    code, output = start_recorder(Path('/sys/bag')).wait()
     assert code != 0
-    assert 'out: /sys/bag: cannot be created' in said
-    assert 'Traceback' not in said
+    assert 'out: /sys/bag: cannot be created' in output
+    assert 'Traceback' not in output
 
 
 @pytest.fixture
@@ -186,10 +186,10 @@ def small_disk(tmp_path):
     """A file system of 300 kB."""
     disk = tmp_path / 'disk'
     disk.mkdir()
-    made = subprocess.run(
+    result = subprocess.run(
         ['mount', '-t', 'tmpfs', '-o', 'size=300k', 'tmpfs', disk], capture_output=True
     )
-    if made.returncode:
+    if result.returncode:
         report_missing('mounts', 'a limit of file size is tested instead')
     yield disk
     subprocess.run(['umount', '-l', disk], check=True)
@@ -201,10 +201,10 @@ def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered
     recorder, ring = start_recorder(small_disk / 'bag', chunk_s=0.05), make_ring()
     ring.wait_for_recorder()
     publish_until_it_ends(ring, recorder, messages)
-    code, said = recorder.wait()
-    assert code == 1, said
-    assert 'No space left on device' in said
-    assert 'Traceback' not in said
+    code, output = recorder.wait()
+    assert code == 1, output
+    assert 'No space left on device' in output
+    assert 'Traceback' not in output
     with pytest.warns(DamagedBagWarning):
         state = read.load(small_disk / 'bag').recordings['/vehicle/odometry']
     assert len(state.payloads) > 100

@@ -25,8 +25,8 @@ def test_signal_completes_the_bag_with_everything_delivered(
     recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
     ring.wait_for_recorder()
     ring.publish_all(messages)
-    code, said = recorder.end(number)
-    assert code == 0, said
+    code, output = recorder.end(number)
+    assert code == 0, output
     assert counts(tmp_path / 'bag') == expected(messages)
     assert repair.repair_bag(tmp_path / 'bag').intact
 
@@ -45,8 +45,8 @@ def test_more_signals_until_the_process_has_ended_change_nothing(
         time.sleep(0.002)
 
     wait_until(lambda: ended() is not None, TIMEOUT_S, recorder.said, pause=insist)
-    code, said = recorder.wait()
-    assert code == 0, said
+    code, output = recorder.wait()
+    assert code == 0, output
     assert counts(tmp_path / 'bag') == expected(messages)
 
 
@@ -99,9 +99,9 @@ def test_several_publishers_of_one_topic_are_no_loss(tmp_path, start_recorder, m
         time.sleep(0.1)
     for ring in rings:
         ring.wait_until_received()
-    code, said = recorder.end()
+    code, output = recorder.end()
     assert code == 0
-    assert 'lost' not in said
+    assert 'lost' not in output
 
 
 def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(
@@ -154,20 +154,20 @@ def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_recorder, mak
     for value in itertools.islice(endless(messages['/vehicle/odometry']), 100):
         ring.publish('/vehicle/odometry', value)
         time.sleep(0.01)
-    code, said = recorder.end()
-    assert code == 0, said
+    code, output = recorder.end()
+    assert code == 0, output
     bag = read.load(tmp_path / 'bag')
-    noted = {topic: json.loads(text) for topic, text in bag.records['losses'].items()}
+    entries = {topic: json.loads(text) for topic, text in bag.records['losses'].items()}
     sequence = bag.recordings['/vehicle/odometry'].sequence
     lost = int(sequence[-1] - sequence[0] + 1 - len(sequence))
     assert lost > 0
-    assert noted['/vehicle/odometry']['received'] == len(sequence)
-    assert noted['/vehicle/odometry']['lost'] == lost
-    assert noted['/vehicle/odometry']['before'] == sequence[0] - 1
-    assert noted['/clock'] == dict.fromkeys(('lost', 'gaps', 'longest', 'before'), None) | {
+    assert entries['/vehicle/odometry']['received'] == len(sequence)
+    assert entries['/vehicle/odometry']['lost'] == lost
+    assert entries['/vehicle/odometry']['before'] == sequence[0] - 1
+    assert entries['/clock'] == dict.fromkeys(('lost', 'gaps', 'longest', 'before'), None) | {
         'received': 0
     }
-    assert f'/vehicle/odometry: {lost} messages lost' in said
+    assert f'/vehicle/odometry: {lost} messages lost' in output
 
 
 def test_recorder_splits_on_request_and_loses_nothing(
@@ -176,8 +176,8 @@ def test_recorder_splits_on_request_and_loses_nothing(
     recorder, ring = start_recorder(tmp_path / 'bag', split_s=0.4), make_ring()
     ring.wait_for_recorder()
     ring.publish_all(messages)
-    code, said = recorder.end()
-    assert code == 0, said
+    code, output = recorder.end()
+    assert code == 0, output
     assert len(list((tmp_path / 'bag').glob('bag_*.mcap'))) >= 3
     assert counts(tmp_path / 'bag') == expected(messages)
     assert repair.repair_bag(tmp_path / 'bag').intact

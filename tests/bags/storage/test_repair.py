@@ -37,8 +37,8 @@ def healthy(write_chunks):
     """A small bag of ten chunks."""
     folder = write_chunks(['/vehicle/odometry', '/controller/why'], CHUNKS, PER_CHUNK)
     data = (folder / 'bag_0.mcap').read_bytes()
-    found = list(scan_records(data))
-    ends = [after.offset for item, after in pairwise(found) if item.opcode == Opcode.CHUNK]
+    result = list(scan_records(data))
+    ends = [after.offset for item, after in pairwise(result) if item.opcode == Opcode.CHUNK]
     return Healthy(data, read_mcap(folder / 'bag_0.mcap').messages, ends)
 
 
@@ -66,10 +66,10 @@ def attempt(folder):
 
 def assert_complete(folder, messages):
     """The bag is as good as one that was closed, for other readers too."""
-    found = read_mcap(folder / 'bag_0.mcap')
-    assert not found.damage
-    assert found.indexed
-    assert found.messages == messages
+    result = read_mcap(folder / 'bag_0.mcap')
+    assert not result.damage
+    assert result.indexed
+    assert result.messages == messages
     with open(folder / 'bag_0.mcap', 'rb') as file:
         summary = make_reader(file).get_summary()
         assert summary.statistics.message_count == len(messages)
@@ -105,9 +105,9 @@ def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage
     folder = damage(wrong)
     done = repair.repair_bag(folder)
     assert not done.intact
-    found = set(read_mcap(folder / 'bag_0.mcap').messages)
+    result = set(read_mcap(folder / 'bag_0.mcap').messages)
     chunks = [messages[k : k + 2 * PER_CHUNK] for k in range(0, len(messages), 2 * PER_CHUNK)]
-    kept = [chunk for chunk in chunks if chunk[0] in found]
+    kept = [chunk for chunk in chunks if chunk[0] in result]
     assert len(kept) >= CHUNKS - 1
     assert_complete(folder, [message for chunk in kept for message in chunk])
 
@@ -127,10 +127,10 @@ def test_no_damage_at_all_makes_repair_crash(healthy, damage, places, keep, data
     if attempt(folder) is None:
         assert [path.name for path in folder.iterdir()] == ['bag_0.mcap']
     else:
-        found = read_mcap(folder / 'bag_0.mcap')
-        assert found.indexed
-        assert not found.damage
-        assert len(found.messages) <= len(messages)
+        result = read_mcap(folder / 'bag_0.mcap')
+        assert result.indexed
+        assert not result.damage
+        assert len(result.messages) <= len(messages)
 
 
 def test_facts_of_the_run_and_definitions_survive(healthy, damage):
@@ -194,10 +194,10 @@ def test_what_holds_nothing_is_refused_and_stays(tmp_path):
 def test_command_says_what_was_recovered_and_where_the_damage_is(healthy, damage, capsys):
     folder = damage(healthy.data[: len(healthy.data) // 2])
     assert cli.main(['repair', str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert 'repaired; the damaged file is kept as bag_0.mcap.damaged' in said
-    assert 'damage at byte' in said
-    assert '/vehicle/odometry' in said
+    output = capsys.readouterr().out
+    assert 'repaired; the damaged file is kept as bag_0.mcap.damaged' in output
+    assert 'damage at byte' in output
+    assert '/vehicle/odometry' in output
     assert cli.main(['repair', str(folder)]) == 0
     assert 'complete, nothing to repair' in capsys.readouterr().out
     assert cli.main(['repair', str(folder / 'none')]) == 1

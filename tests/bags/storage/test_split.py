@@ -86,15 +86,15 @@ def test_size_splits_too_and_no_file_exceeds_it_by_more_than_a_chunk(tmp_path, w
 
 def test_metadata_lists_the_files_as_rosbag2_does(split_folder, whole):
     text = (split_folder / 'metadata.yaml').read_text()
-    found = yaml.safe_load(text)['rosbag2_bagfile_information']
+    result = yaml.safe_load(text)['rosbag2_bagfile_information']
     names = [file.name for file in mcap_files(split_folder)]
-    assert found['relative_file_paths'] == names
-    assert [file['path'] for file in found['files']] == names
+    assert result['relative_file_paths'] == names
+    assert [file['path'] for file in result['files']] == names
     total = sum(map(len, payloads(whole).values()))
-    assert found['message_count'] == total == sum(f['message_count'] for f in found['files'])
+    assert result['message_count'] == total == sum(f['message_count'] for f in result['files'])
     counts = {
         entry['topic_metadata']['name']: entry['message_count']
-        for entry in found['topics_with_message_count']
+        for entry in result['topics_with_message_count']
     }
     assert counts == {name: len(data) for name, data in payloads(whole).items()}
 
@@ -105,13 +105,13 @@ def heard(bag):
 
 
 def test_rosbags_reads_a_split_bag(split_folder, whole):
-    found = {}
+    result = {}
     with AnyReader([split_folder]) as reader:
         for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(bytes(data))
-    assert found == heard(whole)
+            result.setdefault(connection.topic, []).append(bytes(data))
+    assert result == heard(whole)
     with Reader(split_folder) as reader:
-        assert reader.message_count == sum(map(len, found.values()))
+        assert reader.message_count == sum(map(len, result.values()))
 
 
 def test_each_file_explains_itself_to_mcap_and_mcap_ros2(split_folder, whole):
@@ -186,9 +186,9 @@ def test_files_of_two_bags_in_a_folder_are_refused(copied):
 
 
 def test_info_counts_every_file(split_folder, whole, capsys):
-    found = summarize_bag(read.load(split_folder))
-    assert found['messages'] == sum(map(len, payloads(whole).values()))
-    assert len(found['files']) == 12
-    assert found['bytes'] == sum(found['files'].values())
+    result = summarize_bag(read.load(split_folder))
+    assert result['messages'] == sum(map(len, payloads(whole).values()))
+    assert len(result['files']) == 12
+    assert result['bytes'] == sum(result['files'].values())
     assert cli.main(['info', str(split_folder)]) == 0
     assert '12 files' in capsys.readouterr().out

@@ -33,4 +33,4 @@ def drawn():
 @pytest.fixture
 def find():
     """Return find(shapes, ns) -> those of one name, in the order of their ids."""
-    return lambda found, ns: [one for one in found if one.ns == ns]
+    return lambda found, ns: [item for item in found if item.ns == ns]

@@ -46,34 +46,34 @@ def messages():
     """Return a message of every topic, of the middle of a drive of the default controller."""
     setup = simulation.prepare('double_lane_change', 'mpcc')
     columns = simulation.run(setup)
-    found = {}
+    result = {}
     for topic, kind in ROWS.items():
         table = columns[topic]
         k = len(table.stamp_ns) // 2
         _, _, *fields = (column[k] for column in table)
         plain = [tuple(f.tolist()) if f.ndim else float(f) for f in fields]
-        found[topic] = getattr(encode, topic.rsplit('/', 1)[1])(
+        result[topic] = getattr(encode, topic.rsplit('/', 1)[1])(
             kind(int(table.stamp_ns[k]), *plain)
         )
     values = {topic: columns[topic].values[len(columns[topic].values) // 2] for topic in ENCODERS}
-    found |= {topic: ENCODERS[topic](value) for topic, value in values.items()}
-    found['/diagnostics'] = encode.health(Health(1, 'plant', 0, 'ok', {}))
-    return found
+    result |= {topic: ENCODERS[topic](value) for topic, value in values.items()}
+    result['/diagnostics'] = encode.health(Health(1, 'plant', 0, 'ok', {}))
+    return result
 
 
 def resolve(message, path):
     """Follow a Foxglove path: fields, [index], [:], {key=="value"}; return what it leads to."""
-    found = [message]
+    result = [message]
     for name, index, key, value in re.findall(r'\.(\w+)|\[(\d+|:)\]|\{(\w+)==\"([^\"]*)\"\}', path):
         if name:
-            found = [getattr(one, name) for one in found]
+            result = [getattr(item, name) for item in result]
         elif index == ':':
-            found = [element for one in found for element in one]
+            result = [element for item in result for element in item]
         elif index:
-            found = [one[int(index)] for one in found]
+            result = [item[int(index)] for item in result]
         else:
-            found = [one for one in found if getattr(one, key) == value]
-    return found
+            result = [item for item in result if getattr(item, key) == value]
+    return result
 
 
 def foxglove_paths():
@@ -118,9 +118,9 @@ def series(topic, message):
     """Return the names of the numbers of a message as PlotJuggler's parser of ROS 2 calls them."""
     if hasattr(message, 'status'):
         return {
-            '/'.join((topic, one.hardware_id, one.name, pair.key))
-            for one in message.status
-            for pair in one.values
+            '/'.join((topic, item.hardware_id, item.name, pair.key))
+            for item in message.status
+            for pair in item.values
         }
     if hasattr(message, 'name'):
         return {f'{topic}/{name}/{array}' for name in message.name for array in JOINT_ARRAYS}
@@ -136,7 +136,7 @@ def _numbers(prefix, message):
 
 def test_plotjuggler_plots_what_a_drive_has(messages):
     known = set().union(*(series(topic, message) for topic, message in messages.items()))
-    curves = [one.get('name') for one in ElementTree.fromstring(text(PLOTJUGGLER)).iter('curve')]
+    curves = [item.get('name') for item in ElementTree.fromstring(text(PLOTJUGGLER)).iter('curve')]
     assert len(curves) > 5
     assert set(curves) <= known, set(curves) - known
 
@@ -145,16 +145,16 @@ def test_rviz_shows_topics_of_the_contract_and_takes_what_is_offered():
     config = yaml.safe_load(text(RVIZ))['Visualization Manager']
     topics = contract.load().topics
     assert config['Global Options']['Fixed Frame'] == topics['/vehicle/odometry'].frame
-    shown = [one for one in config['Displays'] if 'Topic' in one]
+    shown = [item for item in config['Displays'] if 'Topic' in item]
     assert {marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION} <= {
-        one['Topic']['Value'] for one in shown
+        item['Topic']['Value'] for item in shown
     }
-    for one in shown:
-        topic = topics[one['Topic']['Value']]
-        assert RVIZ_TYPES[one['Class']] == topic.type
+    for item in shown:
+        topic = topics[item['Topic']['Value']]
+        assert RVIZ_TYPES[item['Class']] == topic.type
         wanted = SimpleNamespace(
-            reliable=one['Topic']['Reliability Policy'] == 'Reliable',
-            latched=one['Topic']['Durability Policy'] == 'Transient Local',
+            reliable=item['Topic']['Reliability Policy'] == 'Reliable',
+            latched=item['Topic']['Durability Policy'] == 'Transient Local',
         )
         for qos in topic.qos.values():
             assert qos.reliability == 'reliable' or not wanted.reliable, topic.name

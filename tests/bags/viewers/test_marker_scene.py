@@ -21,7 +21,7 @@ def test_messages_obey_the_contract_and_begin_anew(drawn, topic):
     message = markers_node.marker_array(topic, S, drawn[topic])
     assert conformance.check(topic, message) == []
     assert message.markers[0].action == message.markers[0].DELETEALL
-    names = [(one.ns, one.id) for one in message.markers[1:]]
+    names = [(item.ns, item.id) for item in message.markers[1:]]
     assert len(set(names)) == len(names) == len(drawn[topic])
 
 
@@ -45,14 +45,14 @@ def test_friction_use_is_a_bar_that_ends_at_the_limit(drawn, find):
 
 
 def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn, find):
-    found = drawn['/markers/safety']
-    assert [one.size[0] for one in find(found, 'circle')] == pytest.approx([2.2, 2.2])
-    assert [one.at[1] for one in find(found, 'circle')] == pytest.approx([3.2, 0.8])
-    (collision,), (unsafe,) = find(found, 'collision'), find(found, 'unsafe')
+    result = drawn['/markers/safety']
+    assert [item.size[0] for item in find(result, 'circle')] == pytest.approx([2.2, 2.2])
+    assert [item.at[1] for item in find(result, 'circle')] == pytest.approx([3.2, 0.8])
+    (collision,), (unsafe,) = find(result, 'collision'), find(result, 'unsafe')
     assert (collision.id, collision.at[:2]) == (7, (40.0, 1.0))
     assert collision.size[0] == pytest.approx(2 * (0.8 + 1.1))
     assert unsafe.size[0] == pytest.approx(2 * (0.8 + 1.1 + 0.5))
-    left, right = find(found, 'limit')
+    left, right = find(result, 'limit')
     assert left.points[:, 1] == pytest.approx(6.0 - 1.1 - 0.4)
     assert right.points[:, 1] == pytest.approx(-3.0 + 1.1 + 0.4)
 
@@ -70,12 +70,14 @@ def test_the_plan_is_coloured_by_its_speed(drawn, find):
 def test_what_is_not_known_yet_is_not_drawn():
     state = VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     outline = marker_scene.OutlineParams(2.0, 2.0, 1.8)
-    assert {one.ns for one in marker_scene.vehicle_shapes(state, {}, outline)} == {
+    assert {item.ns for item in marker_scene.vehicle_shapes(state, {}, outline)} == {
         'body',
         'outline',
     }
     distances = marker_scene.SafetyParams((0.0,), 1.1, 0.5, 0.5)
-    assert {one.ns for one in marker_scene.safety_shapes(state, (), None, distances)} == {'circle'}
+    assert {item.ns for item in marker_scene.safety_shapes(state, (), None, distances)} == {
+        'circle'
+    }
 
 
 def test_the_transform_is_the_pose_of_the_car():
@@ -93,4 +95,4 @@ def test_a_friction_use_that_is_no_number_is_not_drawn(said):
     drawn = marker_scene.MarkerScene(PARAMS)
     drawn.update('/controller/why', Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5}))
     car, _ = drawn.update('/vehicle/odometry', VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0))
-    assert [one.text for one in car.shapes if one.ns == 'use'] == ['rear 0.50']
+    assert [item.text for item in car.shapes if item.ns == 'use'] == ['rear 0.50']

@@ -25,16 +25,16 @@ DRAWN = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
 @pytest.fixture(params=['/', '/car1'])
 def node(request, domain):
     """Return a node that plays the ring; a markers_node in the same namespace watches it."""
-    given = ['-p', 'outline.width_m:=1.7', '-r', f'__ns:={request.param}']
+    arguments = ['-p', 'outline.width_m:=1.7', '-r', f'__ns:={request.param}']
     process = subprocess.Popen(
-        [sys.executable, '-m', 'bags.markers_node', '--ros-args', *given],
+        [sys.executable, '-m', 'bags.markers_node', '--ros-args', *arguments],
     )
     context = rclpy.Context()
     rclpy.init(context=context)
-    made = rclpy.create_node('ring', context=context, namespace=request.param)
-    made.declare_parameter('mode', 'lockstep')
-    yield made
-    spin_node.shut_down(made, context=context)
+    result = rclpy.create_node('ring', context=context, namespace=request.param)
+    result.declare_parameter('mode', 'lockstep')
+    yield result
+    spin_node.shut_down(result, context=context)
     process.send_signal(signal.SIGTERM)
     assert process.wait(SECONDS) == 0
 
@@ -54,7 +54,7 @@ def sent(k):
 
 def is_complete(received):
     """Tell whether everything that the ring says has been drawn."""
-    kinds = {t: {one.ns for one in message.markers} for t, message in received.items()}
+    kinds = {t: {item.ns for item in message.markers} for t, message in received.items()}
     return kinds.keys() == set(DRAWN) and (
         'unsafe' in kinds['/markers/safety'] and 'friction' in kinds['/markers/vehicle']
     )
@@ -86,7 +86,7 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
     publish_until(lambda: is_complete(received))
     for topic, message in received.items():
         assert conformance.check(topic, message) == [], topic
-    (body,) = (one for one in received['/markers/vehicle'].markers if one.ns == 'body')
+    (body,) = (item for item in received['/markers/vehicle'].markers if item.ns == 'body')
     assert body.scale.y == 1.7
 
 
@@ -95,20 +95,20 @@ def test_bags_run_tells_it_what_car_drives_and_what_is_safe():
     chosen = node_config.find_controller('mpcc')
     overrides = {'controller': {'safety.obstacle_m': 0.7}}
     ring = node_config.build_nodes(facts, chosen, 'realtime', '/bag', '/notes', overrides)
-    told = node_config.build_markers_node(ring).parameters
-    assert told['mode'] == 'realtime'
-    assert told['safety.obstacle_m'] == 0.7
-    assert told['outline.front_m'] == pytest.approx(1.43 + 0.84)
+    text = node_config.build_markers_node(ring).parameters
+    assert text['mode'] == 'realtime'
+    assert text['safety.obstacle_m'] == 0.7
+    assert text['outline.front_m'] == pytest.approx(1.43 + 0.84)
 
 
 def test_its_defaults_are_those_of_the_shipped_car():
     facts = node_config.ScenarioFacts('name', '', 'name', 1.0, {}, {}, {}, np.zeros((2, 2)), 10.0)
     mpcc = node_config.find_controller('mpcc')
     ring = node_config.build_nodes(facts, mpcc, 'lockstep', '/b', '/n', {})
-    told = node_config.build_markers_node(ring).parameters
+    text = node_config.build_markers_node(ring).parameters
     defaults = parameters.read_file(share.path('bags', 'config', 'markers.yaml')).values
     for name, value in defaults.items():
-        assert told[name] == pytest.approx(value), name
+        assert text[name] == pytest.approx(value), name
 
 
 def test_markers_are_topics_on_request():

@@ -24,15 +24,15 @@ pytestmark = [pytest.mark.slow, pytest.mark.needs('tf2')]
 @pytest.fixture(scope='module')
 def environment(domain, tmp_path_factory):
     """Return the environment of a process that has tf2_msgs, built where it is not installed."""
-    found = dict(os.environ)
+    result = dict(os.environ)
     if importlib.util.find_spec('tf2_msgs'):
-        return found
+        return result
     folder = tmp_path_factory.mktemp('tf2')
     build = [sys.executable, HERE / 'tf2_build.py', folder]
     subprocess.run(build, check=True, timeout=SECONDS, stdout=subprocess.DEVNULL)
     for name in ('LD_LIBRARY_PATH', 'PYTHONPATH'):
-        found[name] = os.pathsep.join(filter(None, (found.get(name), str(folder))))
-    return found
+        result[name] = os.pathsep.join(filter(None, (result.get(name), str(folder))))
+    return result
 
 
 @pytest.fixture
@@ -53,20 +53,20 @@ def start(environment):
 def test_tf_has_the_pose_of_the_state_of_equal_stamp(start):
     start('-m', 'bags.markers_node')
     listener = start(HERE / 'tf_listener.py', str(FRAMES), stdout=subprocess.PIPE, text=True)
-    given = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'loop:=true', 'delay_s:=1.0')
-    words = [word for one in given for word in ('-p', one)]
+    arguments = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'loop:=true', 'delay_s:=1.0')
+    words = [word for item in arguments for word in ('-p', item)]
     start('-m', 'bags.player_node', '--ros-args', *words, stdin=subprocess.DEVNULL)
-    told = [json.loads(line) for line in listener.communicate(timeout=SECONDS)[0].splitlines()]
-    assert len(told) >= FRAMES
+    message = [json.loads(line) for line in listener.communicate(timeout=SECONDS)[0].splitlines()]
+    assert len(message) >= FRAMES
     states = read.columns(BAG)['/vehicle/odometry']
-    for one in told:
-        (row,) = np.flatnonzero(states.stamp_ns == one['stamp_ns'])
-        assert one['frames'] == ['map', 'base_link']
-        assert one['at'] == [states.x_m[row], states.y_m[row], 0.0]
-        x, y, z, w = one['turn']
+    for item in message:
+        (row,) = np.flatnonzero(states.stamp_ns == item['stamp_ns'])
+        assert item['frames'] == ['map', 'base_link']
+        assert item['at'] == [states.x_m[row], states.y_m[row], 0.0]
+        x, y, z, w = item['turn']
         assert x == y == 0.0
         assert conversions.quaternion_to_heading(z, w) == pytest.approx(
             states.yaw_rad[row], abs=1e-15
         )
-    moved = np.ptp([one['at'][0] for one in told])
+    moved = np.ptp([item['at'][0] for item in message])
     assert moved > 1.0

@@ -119,19 +119,19 @@ def view():
             text=True,
         )
         started.append(process)
-        said = []
+        output = []
         for line in process.stdout:  # the node may report its parameters first
-            said.append(line)
+            output.append(line)
             if 'ws://127.0.0.1:' in line:
                 return line[line.index('ws://') :].split(';')[0]
-        raise AssertionError(f'ended without an address: {said}')
+        raise AssertionError(f'ended without an address: {output}')
 
     yield start
     for process in started:
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=SECONDS)
-        assert process.returncode == 0, said
-        assert 'rror' not in said
+        output, _ = process.communicate(timeout=SECONDS)
+        assert process.returncode == 0, output
+        assert 'rror' not in output
 
 
 def test_a_bag_arrives_with_its_schemas_bytes_and_times(view, bag):
@@ -148,7 +148,7 @@ def test_a_bag_arrives_with_its_schemas_bytes_and_times(view, bag):
     assert channel['schema'] == schema_text('nav_msgs/msg/Odometry')
     assert {'time', 'playbackControl'} <= set(client.info['capabilities'])
     template = cdr_templates.Template('/vehicle/odometry')
-    sent = {one.stamp_ns: bytes(template.fill(one)) for one in states(2000)}
+    sent = {item.stamp_ns: bytes(template.fill(item)) for item in states(2000)}
     for log_ns, payload in client.received[0]:
         assert payload == sent[log_ns]
 
@@ -164,9 +164,9 @@ def test_it_listens_on_this_machine_only(view, bag):
 def test_a_port_that_is_taken_is_one_line(view, bag, capsys):
     port = view(bag).rpartition(':')[2]
     assert cli.main(['view', str(bag), '--port', port]) == 1
-    said = capsys.readouterr().err
-    assert said.count('\n') == 1
-    assert f'127.0.0.1:{port}' in said
+    output = capsys.readouterr().err
+    assert output.count('\n') == 1
+    assert f'127.0.0.1:{port}' in output
 
 
 @pytest.mark.usefixtures('domain')

@@ -39,16 +39,16 @@ def generate(folder: Path) -> None:
     idl = folder / 'msg' / 'TFMessage.idl'
     idl.parent.mkdir(parents=True)
     idl.write_text(IDL)
-    given = PACKAGE, [f'{folder}:msg/TFMessage.idl'], [str(PREFIX / 'share')]
-    hashes = HashTypeDescription('hash').generate_type_hashes(*given, folder / 'hash')
-    GenerateC('c').generate(*given, folder / 'c' / PACKAGE, type_description_files=hashes)
-    GeneratePython('py').generate(*given, folder / 'py')
+    arguments = PACKAGE, [f'{folder}:msg/TFMessage.idl'], [str(PREFIX / 'share')]
+    hashes = HashTypeDescription('hash').generate_type_hashes(*arguments, folder / 'hash')
+    GenerateC('c').generate(*arguments, folder / 'c' / PACKAGE, type_description_files=hashes)
+    GeneratePython('py').generate(*arguments, folder / 'py')
     for name, generator in (
         (C, GenerateCTypesupport),
         (FAST, GenerateFastRTPSCTypesupport),
         (LOOK_INTO, GenerateIntrospectionCTypesupport),
     ):
-        generator(name).generate(*given, folder / name / PACKAGE)
+        generator(name).generate(*arguments, folder / name / PACKAGE)
 
 
 def compile_all(folder: Path) -> None:
@@ -74,9 +74,9 @@ def compile_all(folder: Path) -> None:
 
 
 def _library(folder, name, sources, pattern, links):
-    found = sorted((folder / sources).glob(pattern))
+    result = sorted((folder / sources).glob(pattern))
     kinds = [f'{other}__{name}' for other in OTHERS if name != C]
-    _compile(folder, folder / f'lib{PACKAGE}__{name}.so', found, (*kinds, *links))
+    _compile(folder, folder / f'lib{PACKAGE}__{name}.so', result, (*kinds, *links))
 
 
 def _compile(folder, target, sources, links):

@@ -16,21 +16,21 @@ def main() -> None:
     """Listen; reliable, as tf2 does."""
     rclpy.init()
     node = rclpy.create_node('tf_listener')
-    found = []
+    result = []
     node.create_subscription(
-        TFMessage, '/tf', lambda message: found.extend(message.transforms), QoSProfile(depth=DEPTH)
+        TFMessage, '/tf', lambda message: result.extend(message.transforms), QoSProfile(depth=DEPTH)
     )
-    while len(found) < int(sys.argv[1]):
+    while len(result) < int(sys.argv[1]):
         rclpy.spin_once(node, timeout_sec=0.5)
-    for one in found:
-        stamp, place, turn = one.header.stamp, one.transform.translation, one.transform.rotation
-        told = {
-            'frames': [one.header.frame_id, one.child_frame_id],
+    for item in result:
+        stamp, place, turn = item.header.stamp, item.transform.translation, item.transform.rotation
+        text = {
+            'frames': [item.header.frame_id, item.child_frame_id],
             'stamp_ns': stamp.sec * 1_000_000_000 + stamp.nanosec,
             'at': [place.x, place.y, place.z],
             'turn': [turn.x, turn.y, turn.z, turn.w],
         }
-        print(json.dumps(told))
+        print(json.dumps(text))
     spin_node.shut_down(node)
 
 

@@ -7,7 +7,8 @@
 
 The name of the function is the key in comparison.json and comparison.csv; title, unit and
 decimals make a row of the printed table and of report.html; the docstring is what
-`bags compare --list-metrics` prints. A metric without a title is in JSON and CSV only.
+`bags compare --list-metrics` prints. A metric without a title is in JSON and CSV only. Metrics of
+a new module are registered when `metrics/__init__.py` imports it.
 """
 
 import inspect
