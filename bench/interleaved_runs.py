@@ -76,24 +76,24 @@ def tasks(
 
 
 def _chain(problem, problems, rules, solver):
-    """Solve the problems in their order; what the ladder would drive starts the next one."""
-    tasks, ladder = [], None
+    """Solve the problems in their order; each accepted plan is the start of the next one."""
+    tasks, fallback = [], None
     for k, x0 in enumerate(problems.x0):
         if not problems.continues(k):
-            ladder = FallbackLogic(rules)
+            fallback = FallbackLogic(rules)
         moved_on = None
-        if ladder.plan is not None:
+        if fallback.plan is not None:
             moved_on = initial_guess.shift_to(
-                ladder.plan, problem.dynamics, problems.P[k - 1][-1], State(*x0)
+                fallback.plan, problem.dynamics, problems.P[k - 1][-1], State(*x0)
             )
         kind = WARM if problems.continues(k) else FIRST
         P, start = problems.P[k], moved_on
-        if not ladder.is_warm:
+        if not fallback.is_warm:
             P, start = problems.cold_P[k], problems.cold_start(k)
-        elif ladder.failures:  # as the controller does after a failure
+        elif fallback.failures:  # as the controller does after a failure
             start = moved_on._replace(multipliers=None)
         task = Task(kind, x0, P, problems.bounds_of(k), start)
-        ladder.decide(solver.solve(*task.arguments), None, moved_on)
+        fallback.decide(solver.solve(*task.arguments), None, moved_on)
         tasks.append(task)
     return tasks
 

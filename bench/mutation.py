@@ -1,10 +1,9 @@
-"""How many mistakes in the gates and in the ladder would their tests notice?
+"""Mutation testing: how many mutants of the gates and the fallback logic do their tests kill?
 
 cosmic-ray makes the mutants: copies of a module with one operator, number or condition changed. The
-tests of that module run against each of them, in a fork of this process that has the big libraries
-loaded already. Printed are the share of the mutants that a test kills, and the survivors as
-differences of the source; docs/safety.md says why each may live. The exit code is 1 when a module
-stays below --least.
+tests of that module run against each of them, in a fork of this process with the large libraries
+loaded. Prints the share of killed mutants, and the survivors as differences of the source;
+docs/safety.md explains why each may survive. The exit code is 1 when a module stays below --least.
 
     .venv/bin/pip install cosmic-ray==8.7.0
     .venv/bin/python bench/mutation.py [--least 90] [--module gate]
@@ -26,12 +25,12 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ('msgs_yaml', 'node_runtime', 'stage_solver', 'mpcc_controller', 'vehicle_plant')
 COPIED = (*PACKAGES, 'tests', 'pyproject.toml')
 LOADED = ('casadi', 'hypothesis', 'numpy', 'pytest')
-TIMEOUT_S = 30.0  # of the tests of one mutant: one that never ends is killed, too
-LOOK_S = 0.005
+TIMEOUT_S = 30.0  # of the tests of one mutant; a mutant that exceeds it is killed, too
+POLL_S = 0.005
 
 
 class Target(NamedTuple):
-    """A module and what tests it."""
+    """A module and its tests."""
 
     name: str
     module: str
@@ -40,9 +39,9 @@ class Target(NamedTuple):
 
 TARGETS = (
     Target(
-        'ladder',
-        'mpcc_controller/mpcc_controller/driving/ladder.py',
-        ('tests/mpcc_controller/driving/test_ladder.py',),
+        'fallback',
+        'mpcc_controller/mpcc_controller/driving/fallback.py',
+        ('tests/mpcc_controller/driving/test_fallback.py',),
     ),
     Target(
         'gate of the controller',
@@ -58,7 +57,7 @@ TARGETS = (
 
 
 class Score(NamedTuple):
-    """What came of the mutants of one module."""
+    """The result of the mutants of one module."""
 
     mutants: int
     survivors: list[str]  # differences of the source
@@ -101,7 +100,7 @@ def passes(tests: tuple[str, ...]) -> bool:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return status == 0
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     os.kill(child, 9)
     os.waitpid(child, 0)
     return False
@@ -115,7 +114,7 @@ def mutants(source: str):
     for name in sorted(plugins.operator_names()):
         operator = plugins.get_operator(name)
         if operator.arguments():
-            continue  # replaces what it is told to, and is told nothing
+            continue  # needs arguments, and has none here
         occurrence = 0
         while (mutant := mutate_code(source, operator(), occurrence)) is not None:
             yield mutant

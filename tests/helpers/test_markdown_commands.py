@@ -6,7 +6,7 @@ PAGE = """
 # A page
 
 ```
-picture -> of a ring
+picture -> of a node graph
 ```
 
 Text with `make inline`.

@@ -1,4 +1,4 @@
-"""Packages that are installed, not worked on: a ring is driven far from the repository."""
+"""Installed packages, outside of the repository: the node graph drives."""
 
 import json
 import os
