@@ -5,7 +5,7 @@ NAME = 'node_runtime'
 setup(
     name=NAME,
     version='0.1.0',
-    description='What every node needs and no vehicle: parameters, publishers, clocks, ages.',
+    description='What every node needs: parameters, topics, clocks, life cycle.',
     license='Apache-2.0',
     maintainer='maintainers',
     maintainer_email='maintainers@users.noreply.example',

@@ -10,8 +10,6 @@ Topics
     ros                 publishers, subscriptions and QoS from the contract
     subscriptions_node  bounded decoding, polled subscriptions, publisher monitor
     input_monitor       age of an input against its limit, as a diagnostic level
-Values
-    named_vector        nested named tuples and dataclasses as flat sequences
 Life cycle
     spin_node           run a node from its command line to its exit code
     shutdown            signals, exit in bounded time
