@@ -4,16 +4,12 @@ Every table begins with `stamp_ns` (int64, ROS time) and `t_s` (float64, seconds
 the run: its first odometry). Columns have shape (n,), those of the wheels (n, 4) in the order
 front-left, front-right, rear-left, rear-right. Positions and yaw, in (-pi, pi], are in the frame
 map, velocities and accelerations in base_link at the centre of gravity, tyre forces in the tyre
-frame. The columns of a topic are those of topics.yaml (`msgs_yaml.flat_fields`):
-
-    Odometry    x_m, y_m, yaw_rad, vx_mps, vy_mps, yaw_rate_radps
-    Actuators   steer_rad, steer_rate_radps, front_x_n, rear_x_n, torque_nm (per wheel)
-    Imu         ax_mps2, ay_mps2, yaw_rate_radps, roll_rate_radps
-    Wheels      spin_radps, torque_nm, load_n, slip, force_x_n, slip_angle_rad, force_y_n
-    Command     steer_rad, steer_rate_radps, front_x_n, rear_x_n
+frame. The tables Odometry, Actuators, Imu, Wheels and Command have the columns of topics.yaml
+(`msgs_yaml.flat_fields`), such as `columns.Imu._fields`.
 """
 
 from collections import namedtuple
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +17,8 @@ import numpy as np
 from msgs_yaml import flat_fields
 
 STAMP = 'header.stamp'
+TOPICS = tuple(flat_fields.TYPES)  # those with a table
+Columns = tuple  # a table of TOPICS, or Values
 
 
 class Source(NamedTuple):
@@ -35,22 +33,8 @@ class Source(NamedTuple):
     paths: dict[str, str | tuple[str, ...]]
 
 
-def _table(name: str, topic: str) -> type:
-    """Return the named tuple with the columns of a topic."""
-    columns = ('stamp_ns', 't_s', *flat_fields.load(topic).columns)
-    members = {'__doc__': f'{topic}: {", ".join(columns)}.', '__slots__': (), '__repr__': _repr}
-    return type(name, (namedtuple(name, columns),), members | {'__module__': __name__})
-
-
 def _repr(table) -> str:
     return f'{type(table).__name__}({len(table.stamp_ns)} rows: {", ".join(table._fields)})'
-
-
-Odometry = _table('Odometry', '/vehicle/odometry')
-Actuators = _table('Actuators', '/vehicle/actuators')
-Imu = _table('Imu', '/vehicle/imu')
-Wheels = _table('Wheels', '/vehicle/wheels')
-Command = _table('Command', '/controller/command')
 
 
 class Values(NamedTuple):
@@ -63,22 +47,24 @@ class Values(NamedTuple):
     __repr__ = _repr
 
 
-Columns = Odometry | Actuators | Imu | Wheels | Command | Values
-_TABLES = {
-    '/vehicle/odometry': Odometry,
-    '/vehicle/actuators': Actuators,
-    '/vehicle/imu': Imu,
-    '/vehicle/wheels': Wheels,
-    '/controller/command': Command,
-}
-SOURCES = {
-    topic: Source(
-        table,
-        STAMP,
-        {
-            column: paths if len(paths) > 1 else paths[0]
-            for column, paths in flat_fields.load(topic).columns.items()
-        },
-    )
-    for topic, table in _TABLES.items()
-}
+@cache
+def source(topic: str) -> Source:
+    """Return the table of one of TOPICS, and where its columns are; KeyError for another topic."""
+    fields = flat_fields.load(topic)
+    name, columns = _class_name(topic), ('stamp_ns', 't_s', *fields.columns)
+    members = {'__doc__': f'{topic}: {", ".join(columns)}.', '__slots__': (), '__repr__': _repr}
+    table = type(name, (namedtuple(name, columns),), members | {'__module__': __name__})
+    paths = {name: group if len(group) > 1 else group[0] for name, group in fields.columns.items()}
+    return Source(table, STAMP, paths)
+
+
+def __getattr__(name: str) -> type:
+    """Return a table type by its name above, which needs the contract: not read at import."""
+    for topic in TOPICS:
+        if name == _class_name(topic):
+            return source(topic).table
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def _class_name(topic):
+    return topic.rsplit('/', 1)[1].capitalize()

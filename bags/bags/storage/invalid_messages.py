@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError
-from bags.storage.columns import SOURCES
+from bags.storage import columns
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
@@ -122,10 +122,10 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
 
     Checks all messages as arrays, 100 times faster than `decode_message` and never laxer: the
     messages that fail here are decoded, which decides and gives the reason. All fail of a topic
-    without SOURCES, and when one of them does not fit its definition.
+    without a table, and when one of them does not fit its definition.
     """
     obeys = np.zeros(len(payloads), dtype=bool)
-    if topic.name not in SOURCES:
+    if topic.name not in columns.TOPICS:
         return obeys
     known = contract.load().topics[topic.name]
     try:
