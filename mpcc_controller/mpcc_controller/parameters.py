@@ -25,7 +25,7 @@ class Model:
 class Formulation:
     """Which problem is solved: its functions, and which weights are 0."""
 
-    name: Annotated[str, Choice('mpcc', 'frenet')]  # states in the map, or along the path
+    name: Annotated[str, Choice('mpcc', 'frenet', 'tracking')]  # of problem/formulation.py
     distance: Annotated[str, Choice('cartesian', 'path')]  # where D is measured; frenet: path
     priority: Annotated[str, Choice('gaussian', 'step')]  # how a distance counts
     lag: bool  # whether the lag error costs; frenet has none

@@ -1,4 +1,4 @@
-"""The formulations: the paper's MPCC and the Frenet baseline behind one interface.
+"""The formulations behind one interface: the paper's MPCC, the Frenet baseline, tracking MPC.
 
 Outside a formulation a plan is in the map: its states are `single_track.State`, its theta the
 distance along the path. Inside it is in the states of the problem that is solved ("local").
@@ -15,6 +15,7 @@ from mpcc_controller.problem.frenet_formulation import FrenetFormulation
 from mpcc_controller.problem.mpcc_formulation import MpccFormulation
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.tracking_formulation import TrackingFormulation
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
@@ -39,7 +40,8 @@ class Formulation(Protocol):
         """Return a plan of the problem in the map."""
 
 
-FORMULATIONS = {kind.name: kind for kind in (MpccFormulation, FrenetFormulation)}
+KINDS = (MpccFormulation, FrenetFormulation, TrackingFormulation)
+FORMULATIONS = {kind.name: kind for kind in KINDS}
 
 
 def make(params: ControllerParams, car: Car) -> Formulation:

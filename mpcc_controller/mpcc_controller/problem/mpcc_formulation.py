@@ -3,6 +3,7 @@
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -100,11 +101,17 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
     return ocp.constraints(x, u, p, gap - (p.half_width - p.body.radius))
 
 
-def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
+def symbolic_ocp(
+    circles: int,
+    obstacles: int,
+    rules: Rules | None = None,
+    name: str = 'mpcc',
+    quantities: Callable = quantities,
+) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
     rules = rules or Rules()
     return SymbolicOcp(
-        name='mpcc',
+        name=name,
         state=State,
         template=template(circles, obstacles, rules),
         scale_x=SCALE_X,
@@ -130,6 +137,8 @@ class MpccFormulation:
     )
     distances = tuple(FRAMES)
     has_lag = True
+    terms: Sequence[CostTerm] = cost_terms.MPCC
+    quantities = staticmethod(quantities)
 
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car
@@ -137,15 +146,17 @@ class MpccFormulation:
         self.rules = Rules(
             FRAMES[options.distance],
             stage_parameters.PRIORITIES[options.priority],
-            cost_terms.in_use(cost_terms.MPCC, params),
+            cost_terms.in_use(self.terms, params),
         )
-        self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
+        size = stage_parameters.size(params)
+        self.ocp = symbolic_ocp(*size, self.rules, self.name, self.quantities)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
         params, frame = self.params, self.rules.frame
         x = State(*guess.T)
-        arcs, v_ref = reference_path.arcs_at(scene.path, x.theta)
+        arcs, _ = reference_path.arcs_at(scene.path, x.theta)
+        reference, v_ref = self.reference(scene.path, x)
         window = params.surroundings.edge_window_m
         track = road_edges.track_beside(scene.road, arcs, window)
         slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
@@ -154,7 +165,7 @@ class MpccFormulation:
             weights=cost_terms.weights(self.rules.terms, params),
             D_sft=stage_parameters.safety_distance(params),
             body=stage_parameters.vehicle_circles(params),
-            path=arcs,
+            path=reference,
             v_ref=v_ref,
             centre=track.centre,
             half_width=track.half_width,
@@ -162,6 +173,10 @@ class MpccFormulation:
             obstacles=slots,
         )
         return stage_parameters.to_matrix(stages, obstacles, len(guess))
+
+    def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
+        """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""
+        return reference_path.arcs_at(path, x.theta)
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return the plan: the states of the problem are those of the map."""

@@ -126,7 +126,7 @@ def test_a_controller_may_be_a_file_of_its_own(tmp_path):
 
 
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
-    known = 'frenet, frenet_tuned, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_no_ca_tuned, mpcc_tuned'
+    known = 'frenet, frenet_tuned, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_no_ca_tuned, mpcc_tuned, tracking'
     for wrong in ('timid', 'car'):
         with pytest.raises(BagError, match=f"'{wrong}'; there are {known}"):
             node_config.find_controller(wrong)
@@ -135,7 +135,7 @@ def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
 def test_a_file_that_is_the_baseline_by_its_name_only_is_refused(tmp_path):
     own = tmp_path / 'frenet_mine.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety: {obstacle_m: 0.4}\n')
-    with pytest.raises(BagError, match='frenet_mine.yaml: .* add `base: frenet.yaml`'):
+    with pytest.raises(BagError, match=r'frenet_mine\.yaml: .* add `base: frenet.yaml`'):
         node_config.find_controller(str(own))
     own.write_text('/**:\n  ros__parameters:\n    base: frenet.yaml\n')
     assert node_config.find_controller(str(own)).name == 'frenet_mine'

@@ -1,5 +1,7 @@
 """Rules of the MPCC's cost that can be exchanged: what each changes, and what it leaves alone."""
 
+from typing import get_type_hints
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
+from mpcc_controller.parameters import Formulation
 from mpcc_controller.path import distance, reference_path, road_edges
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
@@ -161,3 +164,8 @@ def test_the_lateral_jerk_term_makes_a_lane_change_smoother(world):
 
     paper, smooth = peak_jerk(), peak_jerk(tolerances__lateral_jerk_mps3=5.0)
     assert smooth < 0.8 * paper
+
+
+def test_the_parameters_allow_every_formulation_and_no_other():
+    hint = get_type_hints(Formulation, include_extras=True)['name']
+    assert set(hint.__metadata__[0].words) == set(formulation.FORMULATIONS)
