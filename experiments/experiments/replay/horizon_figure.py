@@ -21,7 +21,7 @@ KILO = 1e3
 CHANGED = style.KNOWN['frenet']
 
 
-class Drawn(NamedTuple):
+class Curves(NamedTuple):
     """One solution and its line style."""
 
     label: str
@@ -51,10 +51,12 @@ PANELS = (
 def write(answer: Answer, stem):
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    drawn = [Drawn('solved again', answer.solved, {'color': style.KNOWN['mpcc'], 'linestyle': '-'})]
+    drawn = [
+        Curves('solved again', answer.solved, {'color': style.KNOWN['mpcc'], 'linestyle': '-'})
+    ]
     if answer.changed:
         look = {'color': CHANGED, 'linestyle': style.DASHED}
-        drawn.append(Drawn('changed', answer.changed, look))
+        drawn.append(Curves('changed', answer.changed, look))
     with mpl.rc_context(style.RC):
         figure = _sheet(answer, drawn)
         FigureCanvasAgg(figure)
@@ -81,7 +83,7 @@ def _sheet(answer, drawn):
     tick = answer.tick
     title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.status}'
     figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
-    keys = [Line2D([], [], label=one.label, lw=2.2, **one.look) for one in drawn]
+    keys = [Line2D([], [], label=curves.label, lw=2.2, **curves.look) for curves in drawn]
     keys.append(Line2D([], [], label='recorded plan', color=style.INK, lw=0, marker='.'))
     keys.append(Line2D([], [], label='limit', color=style.COLLISION, lw=0.9, ls=':'))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
@@ -90,7 +92,9 @@ def _sheet(answer, drawn):
 
 def _view(answer, drawn):
     """Return the corners (2,) [m] of plans and edges."""
-    positions = [np.column_stack([one.solved.states['X'], one.solved.states['Y']]) for one in drawn]
+    positions = [
+        np.column_stack([curves.solved.states['X'], curves.solved.states['Y']]) for curves in drawn
+    ]
     points = np.concatenate(positions)
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     edges = answer.tick.inputs.edges
@@ -114,8 +118,8 @@ def _from_above(ax, answer, drawn, low, high):
         zorder=2,
     )
     _unsafe(ax, drawn[0].solved)
-    for one in drawn:
-        _plan(ax, one)
+    for curves in drawn:
+        _plan(ax, curves)
     recorded = answer.tick.prediction
     if recorded is not None:
         ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=style.INK, zorder=6)
@@ -124,16 +128,16 @@ def _from_above(ax, answer, drawn, low, high):
     ax.set_title('From above: vehicle circles, and where their centres must not be')
 
 
-def _plan(ax, one):
-    radius, offsets = one.solved.circles
-    x = one.solved.states
-    ax.plot(x['X'], x['Y'], zorder=4, **one.look)
-    for k in range(0, len(one.solved.t), CIRCLE_EVERY):
+def _plan(ax, curves):
+    radius, offsets = curves.solved.circles
+    x = curves.solved.states
+    ax.plot(x['X'], x['Y'], zorder=4, **curves.look)
+    for k in range(0, len(curves.solved.t), CIRCLE_EVERY):
         for offset in offsets:
             centre = (
                 x['X'][k] + offset * np.cos(x['psi'][k]), x['Y'][k] + offset * np.sin(x['psi'][k])
             )  # fmt: skip
-            colour = one.look['color']
+            colour = curves.look['color']
             ax.add_patch(
                 Circle(centre, radius, facecolor=(colour, 0.06), edgecolor=(colour, 0.5), lw=0.7)
             )
@@ -141,52 +145,55 @@ def _plan(ax, one):
 
 def _unsafe(ax, solved):
     """Draw obstacles where they are at the first and, if they move, at some later stages."""
-    safe = {one.name: one.safe for one in solved.distances}
-    for one in solved.obstacles:
-        moves = np.hypot(one.vX, one.vY) * solved.t[-1] > one.r_obs
-        touch = one.r_obs + solved.circles[0]
+    safe = {distance.name: distance.safe for distance in solved.distances}
+    for obstacle in solved.obstacles:
+        moves = np.hypot(obstacle.vX, obstacle.vY) * solved.t[-1] > obstacle.r_obs
+        touch = obstacle.r_obs + solved.circles[0]
         for t in solved.t[:: 2 * CIRCLE_EVERY] if moves else solved.t[:1]:
-            centre, strength = (one.X + one.vX * t, one.Y + one.vY * t), 0.4 if moves else 1.0
+            centre, strength = (
+                (obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t),
+                0.4 if moves else 1.0,
+            )
             for reach, colour, alpha in (
-                (touch + safe[f'obstacle {one.id}'], style.UNSAFE, 0.22),
+                (touch + safe[f'obstacle {obstacle.id}'], style.UNSAFE, 0.22),
                 (touch, style.COLLISION, 0.16),
             ):
                 face = (colour, alpha * strength)
                 ax.add_patch(Circle(centre, reach, facecolor=face, edgecolor=colour, lw=0.7))
             face = (style.EDGE, strength)
-            ax.add_patch(Circle(centre, one.r_obs, facecolor=face, edgecolor='none', zorder=3))
+            ax.add_patch(Circle(centre, obstacle.r_obs, facecolor=face, edgecolor='none', zorder=3))
 
 
 def _quantity(ax, drawn, panel):
-    for one in drawn:
-        values = one.solved.states.get(panel.name)
+    for curves in drawn:
+        values = curves.solved.states.get(panel.name)
         if values is not None:
-            ax.plot(one.solved.t, panel.factor * values, **one.look)
+            ax.plot(curves.solved.t, panel.factor * values, **curves.look)
         else:
-            held = panel.factor * one.solved.inputs[panel.name]
-            ax.step(one.solved.t, np.append(held, held[-1]), where='post', **one.look)
-        for limit in one.solved.limits.get(panel.name, ()):
+            held = panel.factor * curves.solved.inputs[panel.name]
+            ax.step(curves.solved.t, np.append(held, held[-1]), where='post', **curves.look)
+        for limit in curves.solved.limits.get(panel.name, ()):
             ax.axhline(panel.factor * limit, color=style.COLLISION, lw=0.9, ls=':', zorder=1)
     ax.set(xlabel='t [s]', ylabel=panel.unit, title=panel.title)
 
 
 def _distances(ax, drawn):
-    for one in drawn:
-        for distance in one.solved.distances:
+    for curves in drawn:
+        for distance in curves.solved.distances:
             strong = distance.name.startswith('obstacle')
             near = np.where(distance.D < FAR_M, distance.D, np.nan)
-            ax.plot(one.solved.t, near, **one.look, alpha=1.0 if strong else 0.4)
+            ax.plot(curves.solved.t, near, **curves.look, alpha=1.0 if strong else 0.4)
     safe = max((d.safe for d in drawn[0].solved.distances), default=0.0)
     ax.axhspan(0.0, safe, color=style.UNSAFE, alpha=0.22, lw=0)
     ax.axhspan(-FAR_M, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
-    least = min((np.min(d.D) for one in drawn for d in one.solved.distances), default=0.0)
+    least = min((np.min(d.D) for curves in drawn for d in curves.solved.distances), default=0.0)
     ax.set(xlim=drawn[0].solved.t[[0, -1]], ylim=(min(least, 0.0) - 0.3, FAR_M))
     ax.set(xlabel='t [s]', ylabel='D [m]', title='Distances (edges pale)')
 
 
 def _friction(ax, drawn):
-    for one in drawn:
+    for curves in drawn:
         for axle, alpha in (('f', 1.0), ('r', 0.45)):
-            ax.plot(one.solved.t, one.solved.friction[axle], **one.look, alpha=alpha)
+            ax.plot(curves.solved.t, curves.solved.friction[axle], **curves.look, alpha=alpha)
     ax.axhline(1.0, color=style.COLLISION, lw=0.9, ls=':')
     ax.set(xlabel='t [s]', ylabel='$F / \\mu F_z$', title='Friction use (rear pale)', ylim=(0, 1.1))

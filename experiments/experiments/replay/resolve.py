@@ -226,7 +226,7 @@ def _number(value, form):
 
 def _distances(answer):
     table = _table('least distance of the plan', 'to', *_heads(answer))
-    by_name = [{one.name: one for one in solved.distances} for solved in answer.both]
+    by_name = [{d.name: d for d in solved.distances} for solved in answer.both]
     for name in dict.fromkeys(name for distances in by_name for name in distances):
         table.add_row(name, *(_least_distance(distances.get(name)) for distances in by_name))
     table.caption = 'at a stage; inside: the stages nearer than the safety distance'
@@ -262,12 +262,12 @@ def _limits(answer):
 def _sensitivities(answer):
     columns = ('weight', 'value', 'cost', 'by differences', 'least V2O, mm')
     table = _table('when a weight grows by one percent', *columns)
-    for one in answer.sensitivities:
+    for entry in answer.sensitivities:
         table.add_row(
-            one.weight,
-            f'{one.value:.4g}',
-            f'{PERCENT * one.cost:+.6f}',
-            f'{PERCENT * one.cost_difference:+.6f}',
-            '–' if np.isnan(one.v2o) else f'{PERCENT * MM * one.v2o:+.4f}',
+            entry.weight,
+            f'{entry.value:.4g}',
+            f'{PERCENT * entry.cost:+.6f}',
+            f'{PERCENT * entry.cost_difference:+.6f}',
+            '–' if np.isnan(entry.v2o) else f'{PERCENT * MM * entry.v2o:+.4f}',
         )
     return table

@@ -92,7 +92,7 @@ class Solved(NamedTuple):
     @property
     def least_v2o(self) -> float:
         """The least distance of the plan to any obstacle [m]; NaN without obstacles."""
-        distances = [one.D for one in self.distances if one.name.startswith('obstacle')]
+        distances = [d.D for d in self.distances if d.name.startswith('obstacle')]
         return float(np.min(distances)) if distances else np.nan
 
 
@@ -227,16 +227,16 @@ class Problem:
         P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
-        one = np.ones(len(Constraints._fields))
+        unscaled = np.ones(len(Constraints._fields))
         scale_x, scale_u = np.array(problem.scale_x), np.array(problem.scale_u)
         groups = (
             LimitGroup(
                 problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:], scale_x, 1
             ),
             LimitGroup(problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, scale_u),
-            LimitGroup(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, one),
+            LimitGroup(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, unscaled),
             LimitGroup(
-                ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], one[:1],
+                ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], unscaled[:1],
                 problem.horizon,
             ),
         )  # fmt: skip

@@ -138,9 +138,10 @@ def last_line(log: Path) -> str:
     with log.open('rb') as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - TAIL_BYTES))
-        text = file.read().decode(errors='replace').partition(f'\n{shutdown.TRACEBACK_START}')
+        text = file.read().decode(errors='replace')
+    before, traceback_start, _ = text.partition(f'\n{shutdown.TRACEBACK_START}')
     # the text after the last line feed is still being written
-    lines = (text[0] + text[1]).split('\n')[:-1]
+    *lines, _ = (before + traceback_start).split('\n')
     return next((line for line in reversed(lines) if line.strip()), '')
 
 

@@ -223,8 +223,8 @@ def summarise_claim(shown: Sequence[Shown], draws: Sequence[Runs], names: Mappin
     "quantity [unit]: role median [least, most], role ..."; quantities are separated by semicolons.
     """
     parts = []
-    for quantity, group in groupby(shown, key=lambda one: one.quantity):
-        records = {names[one.role]: [runs[one.role] for runs in draws] for one in group}
+    for quantity, group in groupby(shown, key=lambda number: number.quantity):
+        records = {names[role]: [runs[role] for runs in draws] for role, _ in group}
         if quantity == OVERSHOOTS:
             title, cell = f'widest beyond {AFTER_M:g} m [m]', _widest_overshoot
         else:
@@ -255,7 +255,7 @@ def _widest_overshoot(runs, name):
     widest = [max(run, key=lambda overshoot: overshoot['amount_m']) for run in after if run]
     if not widest:
         return 'none'
-    amount, x = (summarise([one[key] for one in widest]) for key in ('amount_m', 'x_m'))
+    amount, x = (summarise([overshoot[key] for overshoot in widest]) for key in ('amount_m', 'x_m'))
     return (
         f'{amount.median:.2f} [{amount.least:.2f}, {amount.most:.2f}] at {x.median:.0f} m in '
         f'{len(widest)} of {len(runs)} runs'

@@ -104,7 +104,7 @@ def _avoids(run):
 
 
 def _overshoots_at(run, x_m):
-    return any(abs(one['x_m'] - x_m) <= NEAR_M for one in run.value('overshoots'))
+    return any(abs(overshoot['x_m'] - x_m) <= NEAR_M for overshoot in run.value('overshoots'))
 
 
 def _brakes_earlier(name, earlier_m):

@@ -57,7 +57,7 @@ SWITCHES = (
 
 def plain_variants(controllers: Iterable[str | Variant] = CONTROLLERS) -> list[Variant]:
     """Return controllers as they are configured; a Variant is returned as it is."""
-    return [one if isinstance(one, Variant) else Variant(one, one) for one in controllers]
+    return [c if isinstance(c, Variant) else Variant(c, c) for c in controllers]
 
 
 def role_variants(roles: Mapping[str, str] = ROLES) -> list[Variant]:
@@ -120,7 +120,7 @@ def ablation_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO
 def switched_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
     """Return the rows of the ablation in which a factor is switched. Raises BagError."""
     variants = ablation_variants(roles, scenario)
-    return [one for one in variants if one.name not in (BASE, BASELINE, NO_PRIORITY)]
+    return [v for v in variants if v.name not in (BASE, BASELINE, NO_PRIORITY)]
 
 
 def _factorial_variants(controller):

@@ -206,7 +206,7 @@ def controller_text(base: Path, weights: Mapping[str, float], header: Sequence[s
 def _header(base, weights, summary):
     before, after, plan = summary['untuned'], summary['best'], summary['plan']
     drives = ', '.join(
-        f'{one["speed_kmh"]:g} km/h on grip {one["friction"]:g}' for one in plan['conditions']
+        f'{run["speed_kmh"]:g} km/h on grip {run["friction"]:g}' for run in plan['conditions']
     )
     versions = ', '.join(f'{name} {version}' for name, version in summary['versions'].items())
     kept = '' if before['safe'] else f' (infeasible: {", ".join(before["violated"])})'
@@ -233,7 +233,7 @@ def show(result: Result, console: Console) -> None:
         table.add_column(name, justify='right')
     cells = columns.values()
     table.add_row('objective', *(f'{column["cost"]:.3f}' for column in cells))
-    table.add_row('constraints', *('kept' if one['safe'] else 'infeasible' for one in cells))
+    table.add_row('constraints', *('kept' if column['safe'] else 'infeasible' for column in cells))
     for name in summary['best']['weights']:
         table.add_row(name, *(f'{column["weights"][name]:g}' for column in cells))
     console.print(table)
