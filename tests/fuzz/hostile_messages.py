@@ -4,13 +4,12 @@ import array
 import copy
 import math
 import struct
-from importlib import import_module
 from typing import Any
 
-import yaml
+from example_messages import load_example
 from hypothesis import strategies as st
 
-from msgs_yaml import contract, share
+from msgs_yaml import contract
 from node_runtime import ros
 
 NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e12, -1.0, 0.5)
@@ -27,27 +26,6 @@ WRONG_COUNTS = (
     2**31 - 1,
     2**32 - 1,
 )  # for words that may be counts of elements
-
-
-def example(topic: str) -> Any:
-    """Return the valid message of a topic in msgs_yaml/examples."""
-    name = topic.strip('/').replace('/', '-')
-    text = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text()
-    return _filled(ros.message_type(topic)(), yaml.safe_load(text))
-
-
-def _filled(message, values):
-    for name, value in values.items():
-        declared = message.get_fields_and_field_types()[name]
-        if isinstance(value, dict):
-            _filled(getattr(message, name), value)
-        elif isinstance(value, list) and '/' in declared:
-            package, _, kind = declared.removeprefix('sequence<').removesuffix('>').partition('/')
-            cls = getattr(import_module(f'{package}.msg'), kind)
-            setattr(message, name, [_filled(cls(), element) for element in value])
-        else:
-            setattr(message, name, value)
-    return message
 
 
 def places(message: Any) -> list[tuple[Any, str]]:
@@ -134,7 +112,7 @@ def changed(message: Any, change: Change) -> bytes:
 
 def messages(topic: str) -> st.SearchStrategy:
     """Return a strategy of hostile messages of a topic."""
-    valid = example(topic)
+    valid = load_example(topic)
     return edits().map(lambda field_edits: _edited(valid, field_edits))
 
 
@@ -147,7 +125,7 @@ def _edited(valid, field_edits):
 
 def raws(topic: str) -> st.SearchStrategy:
     """Return a strategy of corrupted messages of a topic and of random bytes."""
-    valid = ros.serialize(example(topic))
+    valid = ros.serialize(load_example(topic))
     number = st.integers(0, 99999)
     near = st.tuples(number, number, number).map(lambda given: corrupt_bytes(valid, *given))
     return st.one_of(near, st.binary(max_size=64))

@@ -6,6 +6,7 @@ from functools import partial
 
 import hostile_messages
 import pytest
+from example_messages import load_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -161,7 +162,7 @@ def bag(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     made, refused = record(
         folder / 'sound',
-        {name: [ros.serialize(hostile_messages.example(name))] * 3 for name in TOPICS},
+        {name: [ros.serialize(load_example(name))] * 3 for name in TOPICS},
     )
     assert refused == []
     return folder, made.read_bytes()

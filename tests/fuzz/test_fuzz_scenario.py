@@ -2,11 +2,11 @@
 
 import time
 
-import hostile_messages
 import node_bench
 import pytest
 from batches import BATCH, batches, send_all
 from diagnostic_msgs.msg import KeyValue
+from example_messages import load_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -31,7 +31,7 @@ def scenario(request):
 
 def health_of_plant(text):
     """Return the serialised health of a plant that says when its run began."""
-    message = hostile_messages.example(TELEMETRY)
+    message = load_example(TELEMETRY)
     message.status[0].values.append(KeyValue(key='run_began_ns', value=text))
     return ros.serialize(message)
 
@@ -62,7 +62,7 @@ def test_the_scenario_survives_every_clock(scenario, count):
     @given(batches(heard.topic_name))
     def example(batch):
         send_all(scenario, heard.topic_name, batch, count)
-        sound = hostile_messages.example(heard.topic_name)
+        sound = load_example(heard.topic_name)
         check(messages_after(scenario, lambda: heard.callback(sound)))
 
     example()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import yaml
+from example_messages import fill, load_example
 
 from msgs_yaml import conformance, contract, decode, share
 from msgs_yaml.types import Obstacle
@@ -12,33 +12,6 @@ TOPICS = sorted(contract.load().topics)
 DECODED = [name for name in TOPICS if not contract.load().topics[name].on_request]
 
 
-def example(topic):
-    name = topic.strip('/').replace('/', '-')
-    text = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text()
-    return filled(ros.message_type(topic)(), yaml.safe_load(text))
-
-
-def filled(message, values):
-    """Set fields from a mapping; unknown fields and wrong types are errors."""
-    for name, value in values.items():
-        declared = message.get_fields_and_field_types()[name]
-        current = getattr(message, name)
-        if isinstance(value, dict):
-            filled(current, value)
-        elif isinstance(value, list) and '/' in declared:
-            cls = type_of(declared)
-            setattr(message, name, [filled(cls(), element) for element in value])
-        else:
-            assert isinstance(value, (list, type(current))), f'{name}: {value!r}'
-            setattr(message, name, value)
-    return message
-
-
-def type_of(declared):
-    package, name = declared.removeprefix('sequence<').removesuffix('>').split('/')
-    return getattr(__import__(f'{package}.msg', fromlist=[name]), name)
-
-
 def decoder(topic):
     name = topic.rsplit('/', 1)[1]
     return decode.health if name == 'diagnostics' else getattr(decode, name)
@@ -46,12 +19,12 @@ def decoder(topic):
 
 @pytest.mark.parametrize('topic', TOPICS)
 def test_every_topic_has_an_example_that_obeys_the_contract(topic):
-    assert conformance.check(topic, example(topic)) == []
+    assert conformance.check(topic, load_example(topic)) == []
 
 
 @pytest.mark.parametrize('topic', DECODED)
 def test_every_example_can_be_decoded(topic):
-    decoder(topic)(example(topic))
+    decoder(topic)(load_example(topic))
 
 
 @pytest.mark.parametrize('topic', TOPICS)
@@ -67,23 +40,23 @@ def test_every_example_is_of_a_topic():
 
 
 def test_the_values_of_the_examples_are_those_of_their_comments():
-    state = decode.odometry(example('/vehicle/odometry'))
+    state = decode.odometry(load_example('/vehicle/odometry'))
     assert state.psi == pytest.approx(0.1, abs=1e-12)
-    path = decode.reference(example('/scenario/reference'))
+    path = decode.reference(load_example('/scenario/reference'))
     speed = np.diff(path.X) / np.diff(path.t)
     assert speed.tolist() == [20.0, 20.0]
-    seen = decode.obstacles(example('/scenario/obstacles')).items
+    seen = decode.obstacles(load_example('/scenario/obstacles')).items
     assert seen == (Obstacle(1, 50.0, 0.5, 0.5, 0.0, 0.0), Obstacle(2, 90.0, 2.0, 0.8, -5.0, 0.0))
-    assert decode.command(example('/controller/command')).Fxf == -3200.0
-    assert decode.clock(example('/clock')) == 1_050_000_000
-    assert decode.why(example('/controller/why')).values['solver.iterations'] == 7
+    assert decode.command(load_example('/controller/command')).Fxf == -3200.0
+    assert decode.clock(load_example('/clock')) == 1_050_000_000
+    assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
 
 
 def test_the_setter_of_these_tests_is_strict():
     message = ros.message_type('/vehicle/odometry')()
     with pytest.raises(KeyError):
-        filled(message, {'hedaer': {}})
+        fill(message, {'hedaer': {}})
     with pytest.raises(AssertionError):
-        filled(message, {'child_frame_id': 3})
-    set_once = filled(message, {'twist': {'twist': {'linear': {'x': 2.0}}}})
+        fill(message, {'child_frame_id': 3})
+    set_once = fill(message, {'twist': {'twist': {'linear': {'x': 2.0}}}})
     assert set_once.twist.twist.linear.x == 2.0
