@@ -143,7 +143,7 @@ class GateLimits:
     force_tolerance_n: Annotated[float, Range(0.0, 5e3, 'N')]
     steer_rate_radps: Annotated[float, Range(0.1, 100.0, 'rad/s')]
     force_rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]
-    friction_use: Annotated[float, Range(0.5, 10.0, 'of what the tyres of an axle hold')]
+    friction_use: Annotated[float, Range(0.5, 10.0, 'of the friction of an axle')]
 
 
 @dataclass(frozen=True)
