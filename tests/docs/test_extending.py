@@ -9,19 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from installation import PACKAGES
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs/extending.md').read_text()
-PACKAGES = (
-    'msgs_yaml',
-    'node_runtime',
-    'stage_solver',
-    'scenario_publisher',
-    'mpcc_controller',
-    'vehicle_plant',
-    'bags',
-    'experiments',
-)
 STEP = re.compile(r'<!-- (?P<step>.+?) -->\n```\w*\n(?P<text>.*?)```\n', re.DOTALL)
 PLACE = re.compile(r'in (?P<file>\S+), (?P<how>before|after|replace): (?P<anchor>.+)')
 NEW_FILE = 'new file: '

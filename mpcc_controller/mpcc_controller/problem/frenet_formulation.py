@@ -80,12 +80,8 @@ class Rules(NamedTuple):
 
 def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
     """Return a `FrenetStage` of the given size; its leaves have no meaning."""
-    kind = cost_terms.weights_type(rules.terms)
     return FrenetStage(
-        car=Car(*Car._fields),
-        weights=kind(*kind._fields),
-        D_sft=SafetyDistance(*SafetyDistance._fields),
-        body=VehicleCircles('radius', ('offset',) * circles),
+        **ocp.common_template(circles, rules.terms),
         kappa='kappa',
         v_ref='v_ref',
         edges=FRENET.edges,

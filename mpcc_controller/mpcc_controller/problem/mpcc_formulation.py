@@ -65,12 +65,8 @@ class Rules(NamedTuple):
 
 def template(circles: int, obstacles: int, rules: Rules) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
-    kind = cost_terms.weights_type(rules.terms)
     return Stage(
-        car=Car(*Car._fields),
-        weights=kind(*kind._fields),
-        D_sft=SafetyDistance(*SafetyDistance._fields),
-        body=VehicleCircles('radius', ('offset',) * circles),
+        **ocp.common_template(circles, rules.terms),
         path=Arc(*Arc._fields),
         v_ref='v_ref',
         centre=Arc(*Arc._fields),

@@ -4,7 +4,7 @@ A formulation defines its states, stage parameters, cost terms and constraints. 
 the sum of the cost and the evaluation of plans are the same for all.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -59,6 +59,17 @@ class SymbolicOcp(NamedTuple):
     def errors(self, x, u, p) -> dict[str, Any]:
         """Return the squared errors of a stage by name; without `u` those of the last stage."""
         return cost_terms.squared_errors(self.terms, self.quantities(x, u, p))
+
+
+def common_template(circles: int, terms: Sequence[CostTerm]) -> dict[str, Any]:
+    """Return the stage parameters that every formulation has, by name, without meaning."""
+    kind = cost_terms.weights_type(terms)
+    return {
+        'car': Car(*Car._fields),
+        'weights': kind(*kind._fields),
+        'D_sft': SafetyDistance(*SafetyDistance._fields),
+        'body': VehicleCircles('radius', ('offset',) * circles),
+    }
 
 
 class Symbols(NamedTuple):
