@@ -75,6 +75,7 @@ def tell(controller, situation):
     assert controller.set_edges(situation.edges) == ''
     controller.set_obstacles(situation.obstacles)
     controller.reset(REST)
+    controller.gate.rejections.clear()  # of earlier tests: the controller is shared
     return controller
 
 

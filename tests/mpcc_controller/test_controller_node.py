@@ -305,7 +305,7 @@ def test_the_log_says_how_many_parameters_come_from_which_file(tmp_path):
     )
     told = done.stdout + done.stderr
     count = len(leaves(ControllerParams))
-    left = count - 3  # one optional parameter has no value in any file
+    left = count - 4  # two optional parameters have no value in any file
     assert f'{left} of {count} parameters are not given and come from ' in told
     assert 'config/mpcc.yaml' in told
     assert 'car_file: package mpcc_controller has no file config/none' in told

@@ -60,7 +60,7 @@ def test_weights_and_errors_have_the_same_names(frenet):
 
 
 def test_common_weights_are_those_of_the_mpcc(world, baseline, params):
-    mine = cost_terms.weights(cost_terms.FRENET, baseline)
+    mine = cost_terms.weights(cost_terms.in_use(cost_terms.FRENET, baseline), baseline)
     others = cost_terms.weights(cost_terms.PAPER, params)
     assert mine.e == others.con
     assert mine.dpsi == pytest.approx(1 / np.radians(10) ** 2, rel=0.01)
