@@ -1,1 +1,13 @@
-"""Model predictive contouring control at the limit of handling."""
+"""Model predictive control of a car at the limit of handling: the paper's MPCC and its baseline.
+
+controller_node   the node; mpcc_node and frenet_node differ in their default parameters
+parameters        every parameter, with unit and allowed range; values are in config/
+car_file          the car as the controller knows it, and the limits of its actuators
+minimum_speed     speeds at which a controller stops instead of driving
+driving           one command per state: planner, fallbacks, safety gate, watchdog; no ROS
+problem           the optimal control problems: formulations, cost terms, constraints
+path              the coarse path, road edges, distances, path coordinates
+model             the prediction model: nonlinear single track with Fiala tyres
+
+Start reading at `driving.controller.Controller.step`.
+"""

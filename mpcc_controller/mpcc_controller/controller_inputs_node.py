@@ -19,7 +19,7 @@ from mpcc_controller.driving.watchdog import (
     RealtimeWatchdog,
 )
 from msgs_yaml import decode, raw_scenario
-from msgs_yaml.types import Actuators, Obstacles, VehicleState
+from msgs_yaml.types import Actuators, Obstacles, Reference, VehicleState
 from node_runtime import ros, subscriptions_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter, RejectionLog
@@ -77,11 +77,8 @@ class ControllerInputs:
             if fault:
                 self._reject(TOPICS[REFERENCE], UNTIMELY, fault)
             self._on_input()
-        elif self._use(
-            REFERENCE, subscriptions_node.read_reference, raw, self._controller.set_reference
-        ):
+        elif self._use(REFERENCE, subscriptions_node.read_reference, raw, self._set_reference):
             self._path = raw
-            self._warn_of_slow_path()
 
     def on_edges(self, raw: bytes) -> None:
         """Use the road edges."""
@@ -150,6 +147,12 @@ class ControllerInputs:
     def destroy(self) -> None:
         """Leave the graph with what the node does not own itself."""
         self.newest_actuators.destroy()
+
+    def _set_reference(self, reference: Reference) -> str:
+        fault = self._controller.set_reference(reference)
+        if not fault:
+            self._warn_of_slow_path()  # before a step, which may warn of its consequence
+        return fault
 
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)

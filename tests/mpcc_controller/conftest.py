@@ -18,7 +18,7 @@ from node_runtime import parameters
 
 TICK_S = 0.05
 FINE_STEPS = 10  # of the car per tick
-# a car of its own, so that a new identification of the plant changes no test here
+# separate car parameters, so that a new identification of the plant changes no test here
 CAR = CarParams(
     CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
     Tyre(144e3, 198e3, 0.88, 0.92),
@@ -70,7 +70,7 @@ def lane_change(v=20.0):
     return Situation(path(X, Y, v), RoadEdges(0, *sides), Obstacles(0, (obstacle,)))
 
 
-def tell(controller, situation):
+def set_inputs(controller, situation):
     assert controller.set_reference(situation.reference) == ''
     assert controller.set_edges(situation.edges) == ''
     controller.set_obstacles(situation.obstacles)
@@ -118,7 +118,7 @@ def make_car(car):
 
 
 class Drive(NamedTuple):
-    """A closed loop, tick by tick."""
+    """States, commands and reports of a closed loop, one per tick."""
 
     X: np.ndarray  # (n, nx)
     commands: list
@@ -144,23 +144,23 @@ def drive(controller, ticks, x=None):
     return Drive(np.array(rows), commands, whys)
 
 
-class Spoilt:
-    """A solver whose solutions are changed, and which remembers its guesses and solutions."""
+class ModifiedSolver:
+    """A solver whose solutions are modified; it records its guesses and solutions."""
 
-    def __init__(self, inner, spoil=lambda solution: solution, clock=None, takes_s=0.0):
-        self.inner, self.spoil, self.clock, self.takes_s = inner, spoil, clock, takes_s
+    def __init__(self, inner, modify=lambda solution: solution, clock=None, takes_s=0.0):
+        self.inner, self.modify, self.clock, self.takes_s = inner, modify, clock, takes_s
         self.guesses, self.solutions = [], []
 
     def solve(self, x0, P, bounds, guess):
         self.guesses.append(guess)
         if self.clock:
             self.clock.now += self.takes_s
-        self.solutions.append(self.spoil(self.inner.solve(x0, P, bounds, guess)))
+        self.solutions.append(self.modify(self.inner.solve(x0, P, bounds, guess)))
         return self.solutions[-1]
 
 
 class Clock:
-    """Stands still unless told otherwise."""
+    """A clock that advances only when a test sets `now`."""
 
     now = 0.0
 
@@ -180,47 +180,49 @@ def vehicle():
 
 @pytest.fixture(scope='session')
 def shared_controller(params, vehicle):
-    """Return one controller for all tests of this process; `tell` resets it."""
+    """Return one controller for all tests of this process; `set_inputs` resets it."""
     return Controller(params, vehicle)
 
 
 @pytest.fixture(scope='session')
 def baseline_controller():
-    """Return one controller with the baseline's problem, likewise."""
+    """Return one controller with the baseline's problem for all tests of this process."""
     return Controller(*load('frenet'))
 
 
 @pytest.fixture
-def changing(shared_controller, monkeypatch):
+def controller(shared_controller, monkeypatch):
     """Return the controller at the start of a lane change, without a second solver."""
     shared_controller.gate.rejections.clear()
     monkeypatch.setattr(shared_controller.planner, 'second_solver', None)
-    return tell(shared_controller, lane_change())
+    return set_inputs(shared_controller, lane_change())
 
 
 @pytest.fixture
-def spoilt(changing, monkeypatch):
-    """Return a function that spoils the first, or second, solver of `changing`."""
-    genuine = changing.planner.first_solver
+def modify_solver(controller, monkeypatch):
+    """Return a function that modifies the first or second solver of the controller."""
+    genuine = controller.planner.first_solver
 
-    def replace(spoil=lambda solution: solution, which='first_solver'):
-        made = Spoilt(genuine, spoil)
-        monkeypatch.setattr(changing.planner, which, made)
-        return made
+    def replace(modify=lambda solution: solution, which='first_solver'):
+        solver = ModifiedSolver(genuine, modify)
+        monkeypatch.setattr(controller.planner, which, solver)
+        return solver
 
     return replace
 
 
 @pytest.fixture
-def late():
-    """Return a controller in realtime whose solver takes 15 ms on a clock of its own."""
+def realtime():
+    """Return a controller in realtime whose solver takes 15 ms on a simulated clock."""
     params, vehicle = load(
         solver__time_limit_s=10.0, solver__fallback_limit_s=10.0, delay__computing_s=0.008
     )
     clock = Clock()
-    made = tell(Controller(params, vehicle, True, clock), straight())
-    made.planner.first_solver = Spoilt(made.planner.first_solver, clock=clock, takes_s=0.015)
-    return made
+    controller = set_inputs(Controller(params, vehicle, True, clock), straight())
+    controller.planner.first_solver = ModifiedSolver(
+        controller.planner.first_solver, clock=clock, takes_s=0.015
+    )
+    return controller
 
 
 @pytest.fixture(scope='session')
@@ -236,9 +238,9 @@ class World:
     path = staticmethod(path)
     straight = staticmethod(straight)
     lane_change = staticmethod(lane_change)
-    tell = staticmethod(tell)
+    set_inputs = staticmethod(set_inputs)
     rolling = staticmethod(rolling)
     tick = staticmethod(tick)
     drive = staticmethod(drive)
     make_car = staticmethod(make_car)
-    Spoilt = Spoilt
+    ModifiedSolver = ModifiedSolver

@@ -1,4 +1,4 @@
-"""The controller node as its own process over Fast DDS; this test is the rest of the ring."""
+"""The controller node as a separate process over Fast DDS; the test plays the other nodes."""
 
 import itertools
 import math
@@ -31,11 +31,11 @@ PATIENCE_S = 60.0
 NODE = (sys.executable, '-m', 'mpcc_controller.controller_node')
 
 
-class Ring(Node):
-    """Publishes what the controller hears and keeps what it says."""
+class Harness(Node):
+    """Publishes the inputs of the controller and records its outputs."""
 
     def __init__(self, context):
-        super().__init__('ring', context=context)
+        super().__init__('test_harness', context=context)
         self.declare_parameter(node_parameters.MODE, 'lockstep')
         self.pubs = {
             name: ros.publisher(self, name)
@@ -47,9 +47,9 @@ class Ring(Node):
                 '/vehicle/actuators',
             )
         }
-        self.heard = {name: [] for name in ('/controller/command', '/controller/why')}
-        self.heard |= {'/controller/prediction': [], '/diagnostics': []}
-        for name, messages in self.heard.items():
+        self.received = {name: [] for name in ('/controller/command', '/controller/why')}
+        self.received |= {'/controller/prediction': [], '/diagnostics': []}
+        for name, messages in self.received.items():
             ros.subscribe(self, name, messages.append)
         self.executor_ = SingleThreadedExecutor(context=context)
         self.executor_.add_node(self)
@@ -90,34 +90,34 @@ class Ring(Node):
 
 
 @pytest.fixture(scope='module')
-def ring(domain):
+def harness(domain):
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=domain)
-    node = Ring(context)
+    node = Harness(context)
     yield node
     spin_node.shut_down(node, context=context)
 
 
 def set_to(parameters):
     """Return the arguments that give `name:=value` parameters to a node."""
-    pairs = [word for one in parameters for word in ('-p', one)]
+    pairs = [word for parameter in parameters for word in ('-p', parameter)]
     return ['--ros-args', *pairs] if pairs else []
 
 
 @pytest.fixture
-def process(ring, tmp_path, request):
-    """Start the node, with indirect parameters; wait for all connections; stop it as a user."""
-    given = getattr(request, 'param', ())
+def process(harness, tmp_path, request):
+    """Start the node with indirect parameters, wait for all connections; end it by SIGTERM."""
+    settings = getattr(request, 'param', ())
     log = (tmp_path / 'log').open('w+')
     started = subprocess.Popen(
-        [*NODE, *set_to(given)],
+        [*NODE, *set_to(settings)],
         stdout=log,
         stderr=subprocess.STDOUT,
     )
     started.text = lambda: (tmp_path / 'log').read_text()
     try:
-        ring.wait_for(lambda: all(p.get_subscription_count() for p in ring.pubs.values()))
-        ring.wait_for(lambda: ring.count_publishers('/controller/command'))
+        harness.wait_for(lambda: all(p.get_subscription_count() for p in harness.pubs.values()))
+        harness.wait_for(lambda: harness.count_publishers('/controller/command'))
         yield started
     finally:
         started.send_signal(signal.SIGTERM)
@@ -127,152 +127,163 @@ def process(ring, tmp_path, request):
         log.close()
 
 
-def test_one_state_in_one_command_out_with_the_same_stamp(ring, process, world):
+def test_each_state_is_answered_by_one_command_with_its_stamp(harness, process, world):
     situation = world.lane_change()
     assert 'waiting for path, road, obstacles, vehicle state' in process.text()
 
     def begin():
-        ring.state(START)
-        ring.actuators(START)
-        ring.obstacles(situation, START)
+        harness.state(START)
+        harness.actuators(START)
+        harness.obstacles(situation, START)
 
     begin()
-    ring.linger(0.5)
-    assert not ring.heard['/controller/command'], 'there is no path yet'
+    harness.linger(0.5)
+    assert not harness.received['/controller/command'], 'there is no path yet'
 
-    ring.pubs['/scenario/reference'].publish(
+    harness.pubs['/scenario/reference'].publish(
         encode.reference(situation.reference._replace(stamp_ns=START))
     )
-    ring.pubs['/scenario/road_edges'].publish(
+    harness.pubs['/scenario/road_edges'].publish(
         encode.road_edges(situation.edges._replace(stamp_ns=START))
     )
-    ring.wait_for(lambda: all(ring.heard.values()), begin)
-    first = decode.command(ring.heard['/controller/command'][0])
-    why = decode.why(ring.heard['/controller/why'][0])
+    harness.wait_for(lambda: all(harness.received.values()), begin)
+    first = decode.command(harness.received['/controller/command'][0])
+    why = decode.why(harness.received['/controller/why'][0])
     assert first.stamp_ns == why.stamp_ns == START
     assert why.values['set_point.delta'] == pytest.approx(0.02)
     assert why.values['set_point.Fx'] == pytest.approx(-1000.0)
     assert why.values['rung'] == 'solved'
-    prediction = decode.prediction(ring.heard['/controller/prediction'][0])
+    prediction = decode.prediction(harness.received['/controller/prediction'][0])
     assert len(prediction.X) == 51
-    assert decode.health(ring.heard['/diagnostics'][0]).name == 'controller'
+    assert decode.health(harness.received['/diagnostics'][0]).name == 'controller'
 
-    # the plant sends its first state again until it has an answer
-    answered = len(ring.heard['/controller/command'])
-    ring.state(START)
-    ring.wait_for(lambda: len(ring.heard['/controller/command']) > answered)
-    assert decode.command(ring.heard['/controller/command'][-1]) == first
-    answered = len(ring.heard['/controller/command'])
+    # the plant repeats its first state until it receives a command
+    answered = len(harness.received['/controller/command'])
+    harness.state(START)
+    harness.wait_for(lambda: len(harness.received['/controller/command']) > answered)
+    assert decode.command(harness.received['/controller/command'][-1]) == first
+    answered = len(harness.received['/controller/command'])
 
-    # between ticks nothing is answered; on the next one obstacles of the same instant are needed
+    # states between ticks are not answered; the next tick needs obstacles of the same stamp
     for k in range(1, 51):
-        ring.state(START + k * MS, X=0.02 * k)
-    ring.linger(0.5)
-    assert len(ring.heard['/controller/command']) == answered
-    ring.obstacles(situation, START + TICK)
-    ring.wait_for(lambda: len(ring.heard['/controller/why']) == 2)
-    assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == START + TICK
-    assert len(ring.heard['/controller/command']) == answered + 1
+        harness.state(START + k * MS, X=0.02 * k)
+    harness.linger(0.5)
+    assert len(harness.received['/controller/command']) == answered
+    harness.obstacles(situation, START + TICK)
+    harness.wait_for(lambda: len(harness.received['/controller/why']) == 2)
+    assert decode.command(harness.received['/controller/command'][-1]).stamp_ns == START + TICK
+    assert len(harness.received['/controller/command']) == answered + 1
 
-    # a state that breaks the contract is answered, too: by the plan before, moved on
+    # an invalid state is answered as well, by the shifted last plan
     unreadable = START + 2 * TICK
-    ring.state(unreadable, vx=math.nan)
-    ring.obstacles(situation, unreadable)
-    ring.wait_for(lambda: len(ring.heard['/controller/why']) == 3)
-    why = decode.why(ring.heard['/controller/why'][-1])
+    harness.state(unreadable, vx=math.nan)
+    harness.obstacles(situation, unreadable)
+    harness.wait_for(lambda: len(harness.received['/controller/why']) == 3)
+    why = decode.why(harness.received['/controller/why'][-1])
     assert (why.stamp_ns, why.values['reason']) == (unreadable, 'state_not_finite')
     assert why.values['rung'] == 'shifted'
     assert why.values['time.publish_ms'] > 0
-    assert decode.command(ring.heard['/controller/command'][-1]).stamp_ns == unreadable
+    assert decode.command(harness.received['/controller/command'][-1]).stamp_ns == unreadable
     assert 'odometry rejected (unreadable)' in process.text()
 
-    # each topic has a line of its own, however quickly they follow each other
+    # each topic is logged separately, even if the messages arrive in quick succession
     for topic in ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'):
-        ring.pubs[topic].publish(ros.message_type(topic)())
+        harness.pubs[topic].publish(ros.message_type(topic)())
     for topic in ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'):
-        ring.wait_for(lambda topic=topic: f'{topic} rejected (unreadable)' in process.text())
+        harness.wait_for(lambda topic=topic: f'{topic} rejected (unreadable)' in process.text())
 
 
 @pytest.mark.parametrize(
     'process', [('solver.mode:=one_step', 'solver.prepare:=true')], indirect=True
 )
-def test_actuators_that_are_not_finite_are_refused_and_valid_ones_waited_for(ring, process, world):
-    for messages in ring.heard.values():  # of the test before
+def test_actuators_that_are_not_finite_are_rejected_until_valid_ones_arrive(
+    harness, process, world
+):
+    for messages in harness.received.values():  # of the previous test
         messages.clear()
     situation = world.lane_change()
-    ring.pubs['/scenario/reference'].publish(
+    harness.pubs['/scenario/reference'].publish(
         encode.reference(situation.reference._replace(stamp_ns=START))
     )
-    ring.pubs['/scenario/road_edges'].publish(
+    harness.pubs['/scenario/road_edges'].publish(
         encode.road_edges(situation.edges._replace(stamp_ns=START))
     )
 
     def begin(delta=math.nan):
-        ring.state(START)
-        ring.actuators(START, delta)
-        ring.obstacles(situation, START)
+        harness.state(START)
+        harness.actuators(START, delta)
+        harness.obstacles(situation, START)
 
-    ring.wait_for(lambda: 'actuators rejected' in process.text(), begin)
+    harness.wait_for(lambda: 'actuators rejected' in process.text(), begin)
     assert 'waiting for valid ones' in process.text()
     assert process.poll() is None
-    assert not ring.heard['/controller/command']
+    assert not harness.received['/controller/command']
     begin(delta=0.02)
-    ring.wait_for(lambda: ring.heard['/controller/why'], lambda: begin(0.02))
-    why = decode.why(ring.heard['/controller/why'][0])
+    harness.wait_for(lambda: harness.received['/controller/why'], lambda: begin(0.02))
+    why = decode.why(harness.received['/controller/why'][0])
     assert why.values['set_point.delta'] == pytest.approx(0.02)
 
     # the mode was set over ROS: the next tick was prepared
-    ring.state(START + TICK, X=1.0)
-    ring.obstacles(situation, START + TICK)
-    ring.wait_for(lambda: decode.why(ring.heard['/controller/why'][-1]).stamp_ns > START)
-    why = decode.why(ring.heard['/controller/why'][-1])
+    harness.state(START + TICK, X=1.0)
+    harness.obstacles(situation, START + TICK)
+    harness.wait_for(lambda: decode.why(harness.received['/controller/why'][-1]).stamp_ns > START)
+    why = decode.why(harness.received['/controller/why'][-1])
     assert why.values['reason'] == 'one_step'
     assert why.values['time.ahead_ms'] > 0
 
 
-def test_speeds_up_to_the_least_one_are_warned_of_once_per_path(ring, process, world):
+def test_speeds_up_to_the_least_speed_cause_one_warning_per_path(harness, process, world):
     situation = world.straight(v=5.0)
-    for topic, made in (
+    for topic, message in (
         ('/scenario/reference', encode.reference(situation.reference._replace(stamp_ns=START))),
         ('/scenario/road_edges', encode.road_edges(situation.edges._replace(stamp_ns=START))),
     ):
-        ring.pubs[topic].publish(made)
-    whys = ring.heard['/controller/why']
+        harness.pubs[topic].publish(message)
+    whys = harness.received['/controller/why']
     for k in range(3):
         stamp, answered = START + k * TICK, len(whys)
 
-        def tell(stamp=stamp):
-            ring.state(stamp, vx=6.5)
-            ring.actuators(stamp)
-            ring.obstacles(situation, stamp)
+        def publish_inputs(stamp=stamp):
+            harness.state(stamp, vx=6.5)
+            harness.actuators(stamp)
+            harness.obstacles(situation, stamp)
 
-        tell()
-        ring.wait_for(lambda: len(whys) > answered, tell)  # noqa: B023
+        publish_inputs()
+        harness.wait_for(lambda: len(whys) > answered, publish_inputs)  # noqa: B023
         assert decode.why(whys[-1]).values['reason'] == 'too_slow'
-    said = 'limits.least_speed_mps'
-    ring.wait_for(lambda: process.text().count(said) >= 2)
-    path, car = (line for line in process.text().splitlines() if said in line)
+    parameter = 'limits.least_speed_mps'
+    harness.wait_for(lambda: process.text().count(parameter) >= 2)
+    # the output of a process may arrive in another order than it was written
+    lines = [line for line in process.text().splitlines() if parameter in line]
+    path, car = sorted(lines, key=lambda line: 'braking' in line)
     assert '/scenario/reference asks for 5.00 m/s, below limits.' in path
     assert 'braking to a stop: slower than limits.least_speed_mps, 7 m/s' in car
     assert 'from 8 m/s' in car
     for line in (path, car):
         assert 'WARN' in line
     faster = world.straight(v=7.0).reference._replace(stamp_ns=START + TICK)
-    ring.pubs['/scenario/reference'].publish(encode.reference(faster))
+    harness.pubs['/scenario/reference'].publish(encode.reference(faster))
     warning = (
         '/scenario/reference asks for 7.00 m/s, at or just above limits.least_speed_mps, 7 m/s'
     )
-    ring.wait_for(lambda: warning in process.text())
+    harness.wait_for(lambda: warning in process.text())
 
 
-def test_a_path_as_slow_as_the_one_before_is_not_warned_of_again(ring, shared_controller, world):
-    heard = []
-    node = Node('listener', context=ring.context)
+def test_a_path_as_slow_as_the_previous_one_is_not_warned_of_again(
+    harness, shared_controller, world
+):
+    warnings = []
+    node = Node('listener', context=harness.context)
     node.declare_parameter(node_parameters.MODE, 'lockstep')
-    node.get_logger = lambda: SimpleNamespace(warning=heard.append)
-    awake = watchdog.make('lockstep', HealthMonitor('controller'), shared_controller.params.ages)
+    node.get_logger = lambda: SimpleNamespace(warning=warnings.append)
+    lockstep = watchdog.make('lockstep', HealthMonitor('controller'), shared_controller.params.ages)
     inputs = ControllerInputs(
-        node, shared_controller, trigger.LockstepTrigger(0.05), awake, SteadyClock(), lambda: None
+        node,
+        shared_controller,
+        trigger.LockstepTrigger(0.05),
+        lockstep,
+        SteadyClock(),
+        lambda: None,
     )
     try:
         for speed, shift_m in ((5.0, 0.0), (5.0, 1.0), (5.0, 2.0), (20.0, 0.0), (5.0, 0.0)):
@@ -283,14 +294,14 @@ def test_a_path_as_slow_as_the_one_before_is_not_warned_of_again(ring, shared_co
     finally:
         inputs.destroy()
         node.destroy_node()
-    assert [line.split(' m/s')[0] for line in heard] == 2 * ['/scenario/reference asks for 5.00']
+    assert [line.split(' m/s')[0] for line in warnings] == 2 * ['/scenario/reference asks for 5.00']
 
 
-def test_the_log_says_how_many_parameters_come_from_which_file(tmp_path):
-    """A small file is a controller: what it leaves out is that of the shipped one."""
+def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):
+    """A file may set a few parameters; the others take the values of the shipped file."""
     own = tmp_path / 'own.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety: {obstacle_m: 0.4}\n    car_file: none\n')
-    done = subprocess.run(
+    completed = subprocess.run(
         [
             sys.executable,
             '-m',
@@ -303,31 +314,31 @@ def test_the_log_says_how_many_parameters_come_from_which_file(tmp_path):
         text=True,
         timeout=PATIENCE_S,
     )
-    told = done.stdout + done.stderr
+    output = completed.stdout + completed.stderr
     count = len(leaves(ControllerParams))
     left = count - 4  # two optional parameters have no value in any file
-    assert f'{left} of {count} parameters are not given and come from ' in told
-    assert 'config/mpcc.yaml' in told
-    assert 'car_file: package mpcc_controller has no file config/none' in told
-    assert done.returncode != 0
-    assert 'Traceback' not in told
+    assert f'{left} of {count} parameters are not given and come from ' in output
+    assert 'config/mpcc.yaml' in output
+    assert 'car_file: package mpcc_controller has no file config/none' in output
+    assert completed.returncode != 0
+    assert 'Traceback' not in output
 
 
-def test_a_mode_that_the_solver_has_not_stops_the_node_with_its_name():
+def test_an_unsupported_solver_mode_stops_the_node_and_is_named():
     names = ('solver.mode:=one_step', 'solver.name:=fatrop')
-    done = subprocess.run(
+    completed = subprocess.run(
         [*NODE, *set_to(names)],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
     )
-    assert done.returncode != 0
-    assert 'solver.mode: one_step needs solver.name riccati' in done.stdout + done.stderr
-    assert 'Traceback' not in done.stdout + done.stderr
+    assert completed.returncode != 0
+    assert 'solver.mode: one_step needs solver.name riccati' in completed.stdout + completed.stderr
+    assert 'Traceback' not in completed.stdout + completed.stderr
 
 
-def test_a_misspelt_parameter_stops_the_node_with_its_name():
-    done = subprocess.run(
+def test_a_misspelt_parameter_stops_the_node_and_is_named():
+    completed = subprocess.run(
         [
             sys.executable,
             '-m',
@@ -340,6 +351,6 @@ def test_a_misspelt_parameter_stops_the_node_with_its_name():
         text=True,
         timeout=PATIENCE_S,
     )
-    assert done.returncode != 0
-    assert 'model.horizn' in done.stdout + done.stderr
-    assert 'Traceback' not in done.stdout + done.stderr
+    assert completed.returncode != 0
+    assert 'model.horizn' in completed.stdout + completed.stderr
+    assert 'Traceback' not in completed.stdout + completed.stderr

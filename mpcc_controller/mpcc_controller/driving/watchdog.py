@@ -1,7 +1,8 @@
 """Watchdog and health of the controller: the ages of its inputs, and /diagnostics. Times in ns.
 
 In realtime (`RealtimeWatchdog`) inputs age; one that is too old makes the car brake. In lockstep
-(`LockstepWatchdog`) simulated time waits for every input, so none ages.
+(`LockstepWatchdog`) simulated time waits for every input, so none ages. Missed ticks are counted
+from the bag (`bags timing`), not here.
 """
 
 from collections import Counter

@@ -1,1 +1,6 @@
-"""The prediction model: the car as the controller believes it to be."""
+"""The prediction model.
+
+single_track            states, inputs, equations of motion, axle loads, brake split
+fiala                   the tyre
+elementary_functions    sin, cos, sqrt for numbers and CasADi expressions
+"""

@@ -1,1 +1,8 @@
-"""The road as the controller sees it: paths, edges, and the distances to what must be avoided."""
+"""Path, road and distances; numbers and CasADi expressions.
+
+reference_path   the coarse path as arcs: checks, projection, evaluation
+arc              an arc of the path; contouring and lag error
+road_edges       road edges as tangent parabolas; centre and width of the road
+distance         distances D_V2O and D_V2E, priorities
+frenet_frame     path coordinates, and distances in them
+"""

@@ -1,1 +1,13 @@
-"""The optimal control problems, stage by stage: costs, constraints, numbers per stage."""
+"""The optimal control problems.
+
+formulation             the interface of a formulation, and the list of them
+mpcc_formulation        the paper's MPCC
+frenet_formulation      the baseline, in path coordinates
+tracking_formulation    trajectory tracking
+cost_terms              the one list of cost terms, with their weights
+ocp                     constraints, and the stage problem of a formulation
+stage_parameters        path, road, obstacles and parameters as numbers per stage
+distance_frame          where distances are measured: Cartesian or path coordinates
+bounds                  limits of actuators, speed and friction
+plan_evaluator          cost by term, distances and friction use of a plan
+"""

@@ -1,4 +1,7 @@
-"""Limits of actuators, speed and friction as the bounds of every stage (paper, section 3.2)."""
+"""Limits of actuators, speed and friction per axle as bounds of every stage (paper, section 3.2).
+
+The constrained quantities are those of `ocp.constraints`.
+"""
 
 import numpy as np
 
@@ -42,8 +45,13 @@ def build(
     )
     sf = friction_share(limits, car, Fx, horizon, dt)
     ones = np.ones(horizon)
-    g_high = Constraints(sf[:-1], sf[:-1], sf[:-1], track=0 * ones, speed=free * ones)
-    g_low = Constraints(-sf[:-1], -sf[:-1], -sf[:-1], -free * ones, limits.least_speed_mps * ones)
+    per_axle = {'front': sf[:-1], 'rear': sf[:-1], 'total': sf[:-1]}
+    g_high = Constraints(**per_axle, track=0 * ones, speed=free * ones)
+    g_low = Constraints(
+        **{name: -use for name, use in per_axle.items()},
+        track=-free * ones,
+        speed=limits.least_speed_mps * ones,
+    )
     return Bounds(
         x_low=np.tile(x_low, (horizon + 1, 1)),
         x_high=np.tile(x_high, (horizon + 1, 1)),

@@ -1,4 +1,4 @@
-"""Solve a recorded problem of the MPCC by fatrop; print how it ended.
+"""Solve a recorded problem of the MPCC by fatrop; print name, status and iterations.
 
 python solve_again.py PROBLEM.npz DISTANCE, where DISTANCE is formulation.distance: how the
 distances of the problem are measured.
@@ -23,7 +23,7 @@ GIVEN = {
 file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
 params, _ = node_parameters.resolve(ControllerParams, file, GIVEN)
 solver = Controller(params, car_file.load(params)).planner.first_solver
-with np.load(sys.argv[1]) as kept:
-    bounds = Bounds(*(kept[name] for name in Bounds._fields))
-    found = solver.solve(kept['x0'], kept['P'], bounds, Plan(kept['X'], kept['U']))
-print(solver.name, found.status, found.iterations)
+with np.load(sys.argv[1]) as data:
+    bounds = Bounds(*(data[name] for name in Bounds._fields))
+    solution = solver.solve(data['x0'], data['P'], bounds, Plan(data['X'], data['U']))
+print(solver.name, solution.status, solution.iterations)

@@ -1,4 +1,4 @@
-"""The receding horizon: what it tells, and what it does when something fails."""
+"""The receding horizon controller: its reports, its reaction to failures, its closed loop."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TICK = 50_000_000
 
 @pytest.fixture
 def controller(shared_controller, world):
-    return world.tell(shared_controller, world.straight())
+    return world.set_inputs(shared_controller, world.straight())
 
 
 def test_at_the_desired_speed_the_force_goes_towards_the_drag(controller, world):
@@ -24,14 +24,14 @@ def test_at_the_desired_speed_the_force_goes_towards_the_drag(controller, world)
     assert run.commands[-1].Fxf == 0
 
 
-def test_the_cost_that_is_told_is_the_sum_of_its_terms_and_the_solver_s(controller, world):
-    world.tell(controller, world.lane_change())
+def test_the_reported_cost_is_the_sum_of_its_terms_and_equals_that_of_the_solver(controller, world):
+    world.set_inputs(controller, world.lane_change())
     _, _, why = world.tick(controller, world.rolling(X=20.0))
-    told = {name: value for name, value in why.values.items() if name.startswith('cost.')}
-    total = told.pop('cost.total')
-    assert total == pytest.approx(sum(told.values()), rel=1e-12)
+    costs = {name: value for name, value in why.values.items() if name.startswith('cost.')}
+    total = costs.pop('cost.total')
+    assert total == pytest.approx(sum(costs.values()), rel=1e-12)
     assert total == pytest.approx(why.values['solver.cost'], rel=1e-6)
-    assert {name.removeprefix('cost.') for name in told} == {
+    assert {name.removeprefix('cost.') for name in costs} == {
         name.removeprefix('weight.') for name in why.values if name.startswith('weight.')
     }
 
@@ -44,7 +44,7 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
     swapped = situation.edges._replace(
         left=situation.edges.right * [-1, 1], right=situation.edges.left * [-1, 1]
     )
-    world.tell(
+    world.set_inputs(
         controller, situation._replace(reference=westwards(situation.reference), edges=swapped)
     )
     command, prediction, _ = world.tick(controller, world.rolling(psi=-np.pi + 0.01))
@@ -55,29 +55,29 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
 def test_equal_inputs_give_equal_commands(controller, world):
     runs = []
     for _ in range(2):
-        world.tell(controller, world.lane_change())
+        world.set_inputs(controller, world.lane_change())
         runs.append(world.drive(controller, 15).commands)
     assert runs[0] == runs[1]
 
 
 def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, world):
-    world.tell(controller, world.lane_change())
+    world.set_inputs(controller, world.lane_change())
     _, _, why = world.tick(controller, world.rolling(X=20.0))
     assert 0.3 < why.values['friction.front_max'] < 1.02
     assert why.values['friction.rear_max'] < 1.02
 
 
-# what fails
+# failures
 
 
 def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controller, world):
-    rungs = []
+    decisions = []
     for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
         *_, why = world.tick(controller, world.rolling(v=v, X=0.4 * k, stamp_ns=k * TICK))
-        rungs.append((why.values['rung'], why.values['reason']))
-    assert rungs[0][0] == SOLVED
-    assert rungs[1:4] == [(BRAKING, 'too_slow')] * 3
-    assert rungs[4][0] == SOLVED
+        decisions.append((why.values['rung'], why.values['reason']))
+    assert decisions[0][0] == SOLVED
+    assert decisions[1:4] == [(BRAKING, 'too_slow')] * 3
+    assert decisions[4][0] == SOLVED
 
 
 def test_just_above_the_least_speed_hard_braking_is_still_a_solvable_problem(controller, world):
@@ -88,14 +88,14 @@ def test_just_above_the_least_speed_hard_braking_is_still_a_solvable_problem(con
 
 
 def test_outside_the_road_the_problem_stays_solvable(controller, world):
-    world.tell(controller, world.straight(left=3.0, right=-3.0))
+    world.set_inputs(controller, world.straight(left=3.0, right=-3.0))
     *_, why = world.tick(controller, world.rolling(Y=2.5))
     assert why.values['rung'] == SOLVED
     assert why.values['v2e.left'] < 0
     assert why.values['slack.max'] > 0.1
 
 
-def test_a_restart_takes_its_set_points_from_the_actuators(controller, world):
+def test_a_restart_takes_its_setpoints_from_the_actuators(controller, world):
     controller.reset(Actuators(0, 0.05, 0.0, -1200.0, -800.0, (0.0,) * 4))
     _, _, why = world.tick(controller, world.rolling())
     assert why.values['set_point.delta'] == pytest.approx(0.05)
@@ -105,7 +105,7 @@ def test_a_restart_takes_its_set_points_from_the_actuators(controller, world):
     assert (controller.last_command.Fxf, controller.last_command.Fxr) == (0, 0)
 
 
-def test_a_path_or_an_edge_that_is_no_good_is_turned_down_and_the_old_one_kept(controller, world):
+def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, world):
     situation = world.straight()
     before = controller.scene
     stuck = situation.reference._replace(t=situation.reference.t * 0)
@@ -114,7 +114,7 @@ def test_a_path_or_an_edge_that_is_no_good_is_turned_down_and_the_old_one_kept(c
     assert controller.scene == before
 
 
-def test_the_same_path_again_keeps_the_place_on_it(controller, world):
+def test_the_same_path_again_keeps_theta(controller, world):
     world.tick(controller, world.rolling(X=30.0))
     assert controller.set_reference(world.straight().reference) == ''
     assert controller.planner.theta == pytest.approx(30.0)
@@ -122,7 +122,7 @@ def test_the_same_path_again_keeps_the_place_on_it(controller, world):
     assert controller.planner.theta is None
 
 
-def test_a_pop_up_obstacle_is_avoided_from_the_next_step_on(controller, world):
+def test_an_obstacle_that_appears_is_avoided_from_the_next_step_on(controller, world):
     world.tick(controller, world.rolling())
     controller.set_obstacles(Obstacles(0, (Obstacle(7, 28.0, -0.4, 1.0, 0.0, 0.0),)))
     *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=TICK))
@@ -130,12 +130,12 @@ def test_a_pop_up_obstacle_is_avoided_from_the_next_step_on(controller, world):
     assert why.values['v2o.7.least'] > 0
 
 
-# what it is for
+# closed loop
 
 
 def test_a_lane_change_past_an_obstacle_ends_on_the_path_without_contact(controller, world):
     situation = world.lane_change()
-    run = world.drive(world.tell(controller, situation), 110)
+    run = world.drive(world.set_inputs(controller, situation), 110)
     obstacle = situation.obstacles.items[0]
     x = run.states
     gap = np.hypot(x.X - obstacle.X, x.Y - obstacle.Y) - obstacle.r_obs - 1.1
@@ -148,18 +148,18 @@ def test_a_lane_change_past_an_obstacle_ends_on_the_path_without_contact(control
 
 def test_without_collision_avoidance_the_same_lane_change_touches_the_obstacle(world):
     situation = world.lane_change()
-    run = world.drive(world.tell(Controller(*world.load('mpcc_no_ca')), situation), 80)
+    run = world.drive(world.set_inputs(Controller(*world.load('mpcc_no_ca')), situation), 80)
     obstacle = situation.obstacles.items[0]
     gap = np.hypot(run.states.X - obstacle.X, run.states.Y - obstacle.Y) - obstacle.r_obs - 1.1
     assert np.min(gap) < 0
 
 
-def test_both_solvers_answer_alike(controller, world):
+def test_fatrop_and_ipopt_give_the_same_command(controller, world):
     situation = world.lane_change()
     commands = []
     for name in ('fatrop', 'ipopt'):
         params, vehicle = world.load(solver__name=name, solver__compiled=False)
-        made = world.tell(Controller(params, vehicle), situation)
-        commands.append(world.tick(made, world.rolling(X=30.0))[0])
+        other_controller = world.set_inputs(Controller(params, vehicle), situation)
+        commands.append(world.tick(other_controller, world.rolling(X=30.0))[0])
     assert commands[0][1:] == pytest.approx(commands[1][1:], abs=2.0)
     assert commands[0].delta == pytest.approx(commands[1].delta, abs=1e-5)

@@ -1,4 +1,4 @@
-"""Problems of lost cars on which fatrop went on for ever."""
+"""Recorded problems on which fatrop used to run without end."""
 
 import subprocess
 import sys
@@ -19,11 +19,11 @@ LONGEST_S = 120.0  # compiler included
     ],
 )
 def test_fatrop_returns(problem, distance):
-    # in a process of its own: nothing in Python interrupts a solve
+    # in a separate process: nothing in Python interrupts a solve
     command = [sys.executable, HERE / 'solve_again.py', HERE / f'{problem}.npz', distance]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S)
-    assert done.returncode == 0, done.stderr
-    name, status, iterations = done.stdout.split()
+    completed = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S)
+    assert completed.returncode == 0, completed.stderr
+    name, status, iterations = completed.stdout.split()
     assert name == 'fatrop'
     assert status in ('solved', 'stopped_early', 'failed')
     assert int(iterations) > 0

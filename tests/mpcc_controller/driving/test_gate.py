@@ -1,4 +1,4 @@
-"""The last check: what is turned back, and what leaves in its place."""
+"""The last check of a command: what is rejected, and what is sent instead."""
 
 import math
 from collections import Counter
@@ -60,7 +60,7 @@ def change(**fields):
 
 
 def step(last, **fields):
-    """Return a command and the one before it, which differs from LAST."""
+    """Return a command and the previous command, which differs from LAST."""
     return GOOD._replace(**fields), LAST._replace(**last)
 
 
@@ -104,7 +104,7 @@ TURN, PUSH = 0.524 * STEP, 40000.0 * STEP
         (change(d_delta=-0.524 * OVER), 0.0, 'too_fast'),
         (change(Fxf=-4500.0, Fxr=-500.0 - PUSH * OVER), 0.0, 'too_fast'),
         (change(Fxf=-2500.0, Fxr=-2500.0 + PUSH * OVER), 0.0, 'too_fast'),
-        # the axles do not add up to hide each other: only the sum has a rate limit
+        # the rate limit applies to the sum of both axles
         (change(Fxf=0.0, Fxr=-5000.0 - PUSH * OVER), 0.0, 'too_fast'),
         (
             step({'Fxf': -12000.0, 'Fxr': 0.0}, Fxf=-FRONT_AT_12_KN * 1.05, Fxr=0.0),
@@ -114,12 +114,12 @@ TURN, PUSH = 0.524 * STEP, 40000.0 * STEP
         (step({'Fxf': -3000.0, 'Fxr': -7500.0}, Fxf=-4000, Fxr=-7000.0), 0.0, 'beyond_friction'),
     ],
 )
-def test_a_bad_command_is_turned_back_for_its_reason(gate, pair, age, reason):
+def test_a_bad_command_is_rejected_with_its_reason(gate, pair, age, reason):
     command, last = pair
-    leaves, told = gate.check(command, last, age)
-    assert told == reason
+    sent, rejection = gate.check(command, last, age)
+    assert rejection == reason
     assert gate.rejections == {reason: 1}
-    assert (leaves.stamp_ns, leaves.delta, leaves.d_delta) == (command.stamp_ns, last.delta, 0.0)
+    assert (sent.stamp_ns, sent.delta, sent.d_delta) == (command.stamp_ns, last.delta, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -159,16 +159,16 @@ def test_a_rounding_error_beyond_a_limit_passes_and_twice_the_allowance_does_not
 
 @pytest.mark.parametrize(('share', 'reason'), [(UNDER, ''), (OVER, 'beyond_friction')])
 def test_the_friction_of_an_axle_is_that_of_its_load_under_the_braking(gate, share, reason):
-    def held(front, rear):
-        """Return whether the gate lets a command of exactly this size pass."""
+    def check_constant(front, rear):
+        """Return the reason for which the gate rejects constant forces, or ''."""
         command = GOOD._replace(Fxf=front, Fxr=rear)
         return gate.check(command, command._replace(stamp_ns=0), 0.0).reason
 
     # front: F = 0.95 (18148.5 * 1.46 + 0.54 F) / 2.89, all on one axle
     front = 0.95 * 18148.5 * 1.46 / (2.89 - 0.95 * 0.54)
     rear = 0.97 * 18148.5 * 1.43 / (2.89 + 0.97 * 0.54)
-    assert held(-front * share, 0.0) == reason
-    assert held(0.0, -rear * share) == reason
+    assert check_constant(-front * share, 0.0) == reason
+    assert check_constant(0.0, -rear * share) == reason
 
 
 def test_driving_unloads_the_front_axle_and_loads_the_rear(gate):
@@ -179,8 +179,8 @@ def test_driving_unloads_the_front_axle_and_loads_the_rear(gate):
     for share, reason in ((UNDER, ''), (OVER, 'beyond_friction')):
         for Fxf, Fxr in ((front * share, 0.0), (0.0, rear * share)):
             command = GOOD._replace(Fxf=Fxf, Fxr=Fxr)
-            told = slippery.check(command, command._replace(stamp_ns=0), 0.0).reason
-            assert told == reason
+            rejection = slippery.check(command, command._replace(stamp_ns=0), 0.0).reason
+            assert rejection == reason
 
 
 def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
@@ -199,12 +199,12 @@ def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
         *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
     )
 )
-def test_whatever_comes_what_leaves_is_finite_and_within_the_rates(command):
+def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(command):
     gate = Gate(LIMITS, CAR, STEP, MAX_AGE)
-    leaves, _ = gate.check(command, LAST, 0.0)
-    assert all(math.isfinite(value) for value in leaves)
-    assert abs(leaves.delta - LAST.delta) <= TURN * OVER
-    assert abs(leaves.Fxf + leaves.Fxr - LAST.Fxf - LAST.Fxr) <= PUSH * OVER
+    sent, _ = gate.check(command, LAST, 0.0)
+    assert all(math.isfinite(value) for value in sent)
+    assert abs(sent.delta - LAST.delta) <= TURN * OVER
+    assert abs(sent.Fxf + sent.Fxr - LAST.Fxf - LAST.Fxr) <= PUSH * OVER
 
 
 @pytest.mark.parametrize(
@@ -218,28 +218,28 @@ def test_whatever_comes_what_leaves_is_finite_and_within_the_rates(command):
         ((-0.6, -0.4), (0.0, 0.0)),
     ],
 )
-def test_a_held_command_lets_the_force_go_at_its_rate_and_keeps_its_split(gate, last, held):
+def test_a_held_command_releases_the_force_at_its_rate_limit_and_keeps_its_split(gate, last, held):
     before = LAST._replace(Fxf=last[0], Fxr=last[1])
-    leaves, _ = gate.check(GOOD._replace(delta=math.nan), before, 0.0)
-    assert (leaves.Fxf, leaves.Fxr) == pytest.approx(held)
+    sent, _ = gate.check(GOOD._replace(delta=math.nan), before, 0.0)
+    assert (sent.Fxf, sent.Fxr) == pytest.approx(held)
 
 
-def test_after_a_refusal_another_command_may_leave_and_the_first_reason_is_told(gate):
+def test_after_a_rejection_a_substitute_may_pass_and_the_first_reason_is_reported(gate):
     wild = GOOD._replace(delta=1.0)
-    refused = gate.check(wild, LAST, 0.0)
-    assert gate.check_substitute(GOOD, LAST, 0.0, refused) == (GOOD, 'out_of_range')
+    rejected = gate.check(wild, LAST, 0.0)
+    assert gate.check_substitute(GOOD, LAST, 0.0, rejected) == (GOOD, 'out_of_range')
     assert gate.rejections == Counter(out_of_range=1)
 
 
-def test_a_second_refusal_is_counted_and_holds_the_last_command(gate):
-    refused = gate.check(GOOD._replace(delta=1.0), LAST, 0.0)
-    second = gate.check_substitute(GOOD._replace(delta=math.nan), LAST, 0.0, refused)
-    assert second == refused
+def test_a_second_rejection_is_counted_and_holds_the_last_command(gate):
+    rejected = gate.check(GOOD._replace(delta=1.0), LAST, 0.0)
+    second = gate.check_substitute(GOOD._replace(delta=math.nan), LAST, 0.0, rejected)
+    assert second == rejected
     assert second.command.delta == LAST.delta
     assert gate.rejections == Counter(out_of_range=1, not_finite=1)
 
 
-def test_no_command_at_all_would_pass_for_a_state_of_the_wrong_age_or_order(gate):
+def test_no_command_passes_for_a_state_of_the_wrong_age_or_order(gate):
     assert UNTIMELY == ('too_old', 'from_future', 'not_newer')
     for age, last in ((MAX_AGE * 2, LAST), (-1.0, LAST), (0.0, GOOD)):
         assert gate.check(GOOD, last, age).reason in UNTIMELY

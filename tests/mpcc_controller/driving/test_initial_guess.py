@@ -16,7 +16,7 @@ def car(params, vehicle):
     return stage_parameters.car(params, vehicle)
 
 
-def test_theta_of_a_moved_plan_is_counted_from_the_new_foot(car):
+def test_theta_of_a_shifted_plan_starts_at_the_new_foot(car):
     X = np.tile(State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), (5, 1)).astype(float)
     X[:, 0] = X[:, 6] = np.arange(5.0)
     foot = State(1.1, 0.2, 0.0, 19.9, 0.0, 0.0, 1.4, 0.01, -10.0)
@@ -27,12 +27,12 @@ def test_theta_of_a_moved_plan_is_counted_from_the_new_foot(car):
     assert states.X[1:4] == pytest.approx([2, 3, 4])
 
 
-def test_without_a_plan_the_guess_fades_from_the_car_onto_the_path(world, car):
+def test_without_a_plan_the_guess_blends_from_the_car_to_the_path(world, car):
     path = reference_path.build(world.lane_change().reference)
     x0 = State(20.0, 1.0, 0.1, 20.0, 0.5, 0.1, 20.0, 0.0, 0.0)
-    found = initial_guess.guess_from_path(path, x0, car, 50, 0.05)
-    states = State(*found.X.T)
-    assert tuple(found.X[0]) == x0
+    guess = initial_guess.guess_from_path(path, x0, car, 50, 0.05)
+    states = State(*guess.X.T)
+    assert tuple(guess.X[0]) == x0
     assert states.Y[1] == pytest.approx(1.0 * 49 / 50, abs=1e-6)
     assert states.Y[-1] == pytest.approx(
         float(reference_path.arcs_at(path, states.theta[-1:])[0].Y[0])

@@ -1,4 +1,4 @@
-"""Realtime: the plan starts where the car will be, from what the actuators have been told."""
+"""Realtime: the plan starts at the state predicted with the setpoints already sent."""
 
 import numpy as np
 import pytest
@@ -8,57 +8,57 @@ from msgs_yaml.types import Actuators, Obstacle, Obstacles
 TICK, MS = 50_000_000, 1_000_000
 
 
-def test_the_plan_starts_where_the_car_will_be_when_its_command_acts(late, world):
+def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime, world):
     x = world.rolling(X=10.0, stamp_ns=TICK)
-    _, prediction, why = world.tick(late, x, age_s=0.002)
+    _, prediction, why = world.tick(realtime, x, age_s=0.002)
     # 2 ms of age, 8 ms as configured, 1 ms of transport
     assert why.values['time.lead_ms'] == pytest.approx(11.0)
     assert prediction.X[0] == pytest.approx(10.0 + 0.011 * 20.0, abs=1e-3)
     assert prediction.stamp_ns == TICK + 11 * MS
     for k in range(2, 5):
         x = world.rolling(X=10.0 + k, stamp_ns=k * TICK)
-        _, prediction, why = world.tick(late, x, age_s=0.002)
-        # from now on, as measured
+        _, prediction, why = world.tick(realtime, x, age_s=0.002)
+        # from now on the measured computing time
         assert why.values['time.lead_ms'] == pytest.approx(2 + 15 + 1)
         assert prediction.X[0] == pytest.approx(x.X + 0.018 * 20.0, abs=1e-3)
     assert why.stamp_ns == 4 * TICK
 
 
-def test_in_lockstep_nothing_is_late(changing, world):
-    _, prediction, why = world.tick(changing, world.rolling(X=10.0, stamp_ns=TICK), age_s=0.1)
+def test_in_lockstep_there_is_no_delay(controller, world):
+    _, prediction, why = world.tick(controller, world.rolling(X=10.0, stamp_ns=TICK), age_s=0.1)
     assert why.values['time.lead_ms'] == 0
     assert (prediction.X[0], prediction.stamp_ns) == (10.0, TICK)
 
 
-def test_a_state_that_comes_early_lets_the_last_set_point_be_reached_first(late, world):
-    world.tick(late, world.rolling(X=10.0, stamp_ns=TICK))
+def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
+    world.tick(realtime, world.rolling(X=10.0, stamp_ns=TICK))
     early = world.rolling(X=10.6, stamp_ns=TICK + 30 * MS)
-    *_, why = world.tick(late, early)
+    *_, why = world.tick(realtime, early)
     assert why.values['time.lead_ms'] == pytest.approx(20.0)
-    *_, why = world.tick(late, world.rolling(X=10.7, stamp_ns=TICK + 31 * MS))
+    *_, why = world.tick(realtime, world.rolling(X=10.7, stamp_ns=TICK + 31 * MS))
     assert why.values['time.lead_ms'] == pytest.approx(49.0)
-    assert not late.gate.rejections
+    assert not realtime.gate.rejections
 
 
-def test_the_computing_time_counts_for_the_age_that_the_gate_sees(late, world):
-    late.planner.first_solver.takes_s = 0.15
-    *_, why = world.tick(late, world.rolling(stamp_ns=TICK), age_s=0.06)
+def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
+    realtime.planner.first_solver.takes_s = 0.15
+    *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)
     assert why.values['gate'] == 'too_old'
 
 
-def test_a_moving_obstacle_is_where_it_will_be_when_the_command_acts(late, world):
-    late.set_obstacles(Obstacles(TICK - 20 * MS, (Obstacle(3, 40.0, 1.0, 1.0, 10.0, -5.0),)))
-    _, prediction, why = world.tick(late, world.rolling(X=10.0, stamp_ns=TICK))
+def test_a_moving_obstacle_is_predicted_to_the_time_of_the_command(realtime, world):
+    realtime.set_obstacles(Obstacles(TICK - 20 * MS, (Obstacle(3, 40.0, 1.0, 1.0, 10.0, -5.0),)))
+    _, prediction, why = world.tick(realtime, world.rolling(X=10.0, stamp_ns=TICK))
     t = 0.02 + 1e-3 * why.values['time.lead_ms']
     gap = np.hypot(40.0 + 10.0 * t - prediction.X[0], 1.0 - 5.0 * t - prediction.Y[0]) - 2.1
     assert why.values['v2o.3'] == pytest.approx(gap, abs=1e-4)
 
 
-def test_the_set_points_that_are_told_are_those_of_the_last_command(late, world):
-    command, *_ = world.tick(late, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
-    ramp = late.active_ramp
+def test_the_active_setpoint_ramp_is_that_of_the_last_command(realtime, world):
+    command, *_ = world.tick(realtime, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
+    ramp = realtime.active_ramp
     assert ramp.end == (command.delta, command.Fxf + command.Fxr)
     assert (ramp.begin_ns, ramp.end_ns) == (TICK + 9 * MS, 2 * TICK)
     assert ramp.begin == (0.0, 0.0)
-    late.reset(Actuators(0, 0.02, 0.0, -600.0, -400.0, (0.0,) * 4))
-    assert late.active_ramp.at(0) == late.active_ramp.end == (0.02, -1000.0)
+    realtime.reset(Actuators(0, 0.02, 0.0, -600.0, -400.0, (0.0,) * 4))
+    assert realtime.active_ramp.at(0) == realtime.active_ramp.end == (0.02, -1000.0)

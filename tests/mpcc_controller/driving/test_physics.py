@@ -1,4 +1,4 @@
-"""What every controller does alike, whichever problem it solves: physics of its answers."""
+"""Physical properties of the commands of every controller, whichever problem it solves."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from stage_solver.solution import SOLVED
 
 @pytest.fixture(params=['shared_controller', 'baseline_controller'])
 def controller(request, world):
-    return world.tell(request.getfixturevalue(request.param), world.straight())
+    return world.set_inputs(request.getfixturevalue(request.param), world.straight())
 
 
 def test_a_straight_road_needs_no_steering(controller, world):
@@ -34,9 +34,9 @@ def mirrored(situation):
 def test_a_mirrored_road_mirrors_the_steering(controller, world):
     situation = world.lane_change()
     state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
-    world.tell(controller, situation)
+    world.set_inputs(controller, situation)
     here, plan, _ = world.tick(controller, state)
-    world.tell(controller, mirrored(situation))
+    world.set_inputs(controller, mirrored(situation))
     there, other, _ = world.tick(
         controller, state._replace(psi=-state.psi, vy=-state.vy, r=-state.r)
     )
@@ -49,7 +49,7 @@ def test_a_mirrored_road_mirrors_the_steering(controller, world):
 @pytest.mark.parametrize('side', [1, -1])
 def test_an_obstacle_beside_the_path_pushes_the_plan_to_the_free_side(controller, world, side):
     blocked = world.straight(obstacles=[Obstacle(1, 30.0, -0.5 * side, 1.0, 0.0, 0.0)])
-    world.tell(controller, blocked)
+    world.set_inputs(controller, blocked)
     _, prediction, why = world.tick(controller, world.rolling())
     beside = np.argmin(np.abs(prediction.X - 30.0))
     assert side * prediction.Y[beside] > 1.4

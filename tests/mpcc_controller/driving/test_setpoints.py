@@ -1,4 +1,4 @@
-"""Set-points from a plan."""
+"""Setpoints from a plan."""
 
 import numpy as np
 import pytest
@@ -28,26 +28,26 @@ def use(Fx, lambda_b, car):
 
 @quick
 @given(st.floats(-15000, 0), st.floats(0.4, 0.9))
-def test_the_split_that_leaves_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
-    found = setpoints.split_within_friction(lambda_b, Fx, car, params.limits)
-    assert max(use(Fx, found, car)) <= params.limits.friction_use * (1 + 1e-9)
+def test_the_limited_split_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
+    limited = setpoints.split_within_friction(lambda_b, Fx, car, params.limits)
+    assert max(use(Fx, limited, car)) <= params.limits.friction_use * (1 + 1e-9)
     if max(use(Fx, lambda_b, car)) <= params.limits.friction_use:
-        assert found == pytest.approx(lambda_b)
+        assert limited == pytest.approx(lambda_b)
 
 
-def test_more_than_the_friction_is_shared_like_the_friction(params, car):
+def test_a_force_beyond_the_friction_is_split_like_the_friction(params, car):
     front, rear = use(
         -25000.0, setpoints.split_within_friction(0.6, -25000.0, car, params.limits), car
     )
     assert front == pytest.approx(rear)
 
 
-def test_a_plan_is_followed_to_the_end_of_its_first_step(params, car):
+def test_the_target_of_a_plan_is_the_end_of_its_first_step(params, car):
     X, U = np.zeros((3, 9)), np.zeros((2, 4))
     X[1] = State(0, 0, 0, 20, 0, 0, 0, 0.02, -1000.0)
     U[0] = Input(0.4, -2e4, 0.55, 0)
-    goal = setpoints.target_of_plan(Plan(X, U), car, params.limits)
-    command = setpoints.command_to(goal, Setpoints(0.0, 0.0), car, DT, 7)
+    target = setpoints.target_of_plan(Plan(X, U), car, params.limits)
+    command = setpoints.command_to(target, Setpoints(0.0, 0.0), car, DT, 7)
     assert command.stamp_ns == 7
     assert (command.delta, command.d_delta) == pytest.approx((0.02, 0.4))
     assert (command.Fxf, command.Fxr) == pytest.approx((-550.0, -450.0))

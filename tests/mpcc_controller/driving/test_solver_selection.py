@@ -1,4 +1,4 @@
-"""Which solver is asked first, and which after a failure."""
+"""Which solver runs first, and which after a failure."""
 
 from dataclasses import replace
 
@@ -18,17 +18,17 @@ def problem(params, vehicle):
 
 
 @pytest.fixture
-def made(params, problem):
+def solver_names(params, problem):
     """Return a function that makes both solvers and returns their names."""
 
-    def names(name, fallback):
+    def make_both(name, fallback):
         rules = replace(params.solver, name=name, fallback=fallback, compiled=False)
-        told = replace(params, solver=rules)
-        first = make_solver(problem, solver_selection.first_solver_options(told, TIMELESS))
-        second = solver_selection.make_second_solver(told, problem, TIMELESS, first)
+        changed = replace(params, solver=rules)
+        first = make_solver(problem, solver_selection.first_solver_options(changed, TIMELESS))
+        second = solver_selection.make_second_solver(changed, problem, TIMELESS, first)
         return first.name, second and second.name
 
-    return names
+    return make_both
 
 
 @pytest.mark.parametrize(
@@ -40,11 +40,11 @@ def made(params, problem):
         ('fatrop', 'ipopt', 'ipopt'),
     ],
 )
-def test_second_solver_is_another_one(made, name, fallback, second):
-    assert made(name, fallback) == (name, second)
+def test_the_second_solver_differs_from_the_first(solver_names, name, fallback, second):
+    assert solver_names(name, fallback) == (name, second)
 
 
-def test_without_a_compiler_the_substitute_is_not_asked_twice(made, monkeypatch):
+def test_without_a_compiler_the_substitute_is_not_also_the_second_solver(solver_names, monkeypatch):
     monkeypatch.setenv('CC', 'no-such-compiler')
-    assert made('riccati', 'fatrop') == ('fatrop', None)
-    assert made('riccati', 'ipopt') == ('fatrop', 'ipopt')
+    assert solver_names('riccati', 'fatrop') == ('fatrop', None)
+    assert solver_names('riccati', 'ipopt') == ('fatrop', 'ipopt')

@@ -1,4 +1,4 @@
-"""What a tick says about itself, in the words of the contract."""
+"""The report of a tick, with the names of the contract."""
 
 import numpy as np
 import pytest
@@ -26,15 +26,15 @@ NAMES = (
 )
 
 
-def test_every_tick_says_all_that_there_is_to_say_in_words_of_the_contract(changing, world):
-    *_, why = world.tick(changing, world.rolling(X=40.0, stamp_ns=TICK))
+def test_the_report_of_a_tick_is_complete_and_conforms_to_the_contract(controller, world):
+    *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
     assert set(why.values) == set(' '.join(NAMES).split())
     assert not conformance.check('/controller/why', encode.why(why))
 
 
-def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry(changing, world):
+def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry(controller, world):
     x = world.rolling(X=69.0, Y=3.6, psi=0.0)
-    *_, why = world.tick(changing, x)
+    *_, why = world.tick(controller, x)
     v = why.values
     gap = np.hypot(x.X - 72.0, x.Y - 1.5) - 2.1
     assert v['v2o.1'] == pytest.approx(gap, abs=1e-5)
@@ -45,24 +45,24 @@ def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry
     assert v['v2e.left'] == pytest.approx(6.0 - 3.6 - 1.1, abs=1e-3)
 
 
-def test_the_weight_now_is_the_gaussian_of_the_distance_now(changing, world):
+def test_the_present_weight_is_the_gaussian_of_the_present_distance(controller, world):
     x = world.rolling(X=72.0, Y=1.5 + 2.1 + 0.2)
-    *_, why = world.tick(changing, x)
-    D_sft = changing.params.safety.obstacle_m
+    *_, why = world.tick(controller, x)
+    D_sft = controller.params.safety.obstacle_m
     gauss = why.values['weight.v2o'] * np.exp(-2 * why.values['v2o.1'] ** 2 / D_sft**2)
     assert why.values['q_v2o.1.now'] == pytest.approx(gauss, rel=1e-9)
 
 
-def test_the_time_of_publishing_is_told_one_tick_later(late, world):
-    *_, why = world.tick(late, world.rolling(stamp_ns=TICK))
+def test_the_time_of_publishing_is_reported_one_tick_later(realtime, world):
+    *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK))
     assert 'time.publish_ms' not in why.values
-    *_, why = world.tick(late, world.rolling(X=1.0, stamp_ns=2 * TICK), publish_s=0.004)
+    *_, why = world.tick(realtime, world.rolling(X=1.0, stamp_ns=2 * TICK), publish_s=0.004)
     assert why.values['time.publish_ms'] == pytest.approx(4.0)
 
 
-def test_what_a_failed_tick_says_obeys_the_contract_too(changing, world, spoilt):
-    spoilt(lambda s: s._replace(status=FAILED))
-    spoilt(lambda s: s._replace(status=FAILED), 'second_solver')
-    *_, why = world.tick(changing, world.rolling(X=40.0, stamp_ns=TICK))
+def test_the_report_of_a_failed_tick_conforms_to_the_contract(controller, world, modify_solver):
+    modify_solver(lambda s: s._replace(status=FAILED))
+    modify_solver(lambda s: s._replace(status=FAILED), 'second_solver')
+    *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
     assert why.values['rung'] == BRAKING
     assert not conformance.check('/controller/why', encode.why(why))

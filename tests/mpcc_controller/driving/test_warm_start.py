@@ -1,4 +1,4 @@
-"""What one tick hands on to the next: plan, multipliers, or after failures neither."""
+"""The warm start of a tick: plan and multipliers of the last tick, or neither after failures."""
 
 from collections import Counter
 
@@ -14,11 +14,11 @@ def fail(solution):
     return solution._replace(status=FAILED)
 
 
-def test_primal_and_dual_move_on_by_one_stage(changing, world, spoilt):
-    solves = spoilt(lambda s: s)
-    world.tick(changing, world.rolling(X=25.0))
+def test_primal_and_dual_are_shifted_by_one_stage(controller, world, modify_solver):
+    solves = modify_solver(lambda s: s)
+    world.tick(controller, world.rolling(X=25.0))
     old = solves.solutions[-1].plan
-    world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
+    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
     guess = solves.guesses[-1]
     assert np.array_equal(guess.X[1:-1, :6], old.X[2:, :6])
     assert np.array_equal(guess.U[:-1], old.U[1:])
@@ -30,46 +30,48 @@ def test_primal_and_dual_move_on_by_one_stage(changing, world, spoilt):
 
 
 def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
-    changing, world, spoilt
+    controller, world, modify_solver
 ):
-    world.tick(changing, world.rolling(X=25.0))
-    solves = spoilt(fail)
+    world.tick(controller, world.rolling(X=25.0))
+    solves = modify_solver(fail)
     warm = []
     for k in range(1, 5):
-        *_, why = world.tick(changing, world.rolling(X=25.0 + k, stamp_ns=k * TICK))
+        *_, why = world.tick(controller, world.rolling(X=25.0 + k, stamp_ns=k * TICK))
         warm.append(why.values['solver.warm'])
     assert warm == [True, True, True, False]
     assert [g.multipliers is None for g in solves.guesses] == [False, True, True, True]
-    # the guess along the path has no side slip; a plan moved on has
+    # the guess along the path has no side slip; a shifted plan has
     vy = [np.abs(g.X[1:, 4]).max() for g in solves.guesses]
     assert min(vy[:3]) > 0
     assert vy[3] == 0
-    spoilt(lambda s: s)
-    *_, why = world.tick(changing, world.rolling(X=30.0, stamp_ns=5 * TICK))
+    modify_solver(lambda s: s)
+    *_, why = world.tick(controller, world.rolling(X=30.0, stamp_ns=5 * TICK))
     assert why.values['rung'] == SOLVED
-    *_, why = world.tick(changing, world.rolling(X=31.0, stamp_ns=6 * TICK))
+    *_, why = world.tick(controller, world.rolling(X=31.0, stamp_ns=6 * TICK))
     assert why.values['solver.warm']
 
 
-def test_the_second_solver_starts_from_the_same_plan_without_multipliers(changing, world, spoilt):
-    world.tick(changing, world.rolling(X=25.0))
-    first, second = spoilt(fail), spoilt(lambda s: s, 'second_solver')
-    world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
+def test_the_second_solver_starts_from_the_same_plan_without_multipliers(
+    controller, world, modify_solver
+):
+    world.tick(controller, world.rolling(X=25.0))
+    first, second = modify_solver(fail), modify_solver(lambda s: s, 'second_solver')
+    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
     assert second.guesses[-1].multipliers is None
     assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)
 
 
-def test_a_command_that_the_gate_turns_back_is_counted_told_and_its_plan_dropped(changing, world):
-    world.tick(changing, world.rolling(X=25.0, stamp_ns=TICK))
-    command, _, why = world.tick(changing, world.rolling(X=26.0, stamp_ns=TICK))
+def test_a_rejected_command_is_counted_and_reported_and_its_plan_discarded(controller, world):
+    world.tick(controller, world.rolling(X=25.0, stamp_ns=TICK))
+    command, _, why = world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
     v = why.values
     assert (v['gate'], v['gate.rejections'], v['gate.not_newer']) == ('not_newer', 1, 1)
     assert why.level == 2
-    assert changing.gate.rejections == Counter(not_newer=1)
-    assert changing.planner.fallback.plan is None
-    assert changing.planner.fallback.guiding_plan is None
+    assert controller.gate.rejections == Counter(not_newer=1)
+    assert controller.planner.fallback.plan is None
+    assert controller.planner.fallback.guiding_plan is None
     assert command.d_delta == 0
-    # the substitute is where the next plan begins
-    *_, why = world.tick(changing, world.rolling(X=27.0, stamp_ns=2 * TICK))
+    # the next plan begins at the substitute
+    *_, why = world.tick(controller, world.rolling(X=27.0, stamp_ns=2 * TICK))
     assert why.values['set_point.delta'] == command.delta
     assert why.values['rung'] == SOLVED

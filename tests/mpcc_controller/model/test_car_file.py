@@ -1,4 +1,4 @@
-"""Where the numbers of the car come from."""
+"""Loading the parameters of the car."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
 
-def test_a_bare_name_is_a_file_of_config_and_anything_else_a_path(params, tmp_path):
+def test_a_bare_name_is_a_file_in_config_and_anything_else_a_path(params, tmp_path):
     shipped = car_file.load(params)
     assert shipped.car.mass_kg > 1000
     text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
@@ -30,7 +30,7 @@ def test_the_identified_car_understeers(params):
     assert front < rear
 
 
-def test_a_file_that_is_not_there_is_an_error_of_the_parameter(params):
+def test_a_missing_file_is_an_error_of_the_parameter(params):
     with pytest.raises(ParameterError, match=r'car_file: .*has car\.yaml.*\./nosuch\.yaml'):
         car_file.load(dataclasses.replace(params, car_file='nosuch.yaml'))
 

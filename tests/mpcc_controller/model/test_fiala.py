@@ -42,7 +42,9 @@ def test_tyre_force_never_leaves_the_friction_circle(tan_alpha, demand):
 
 @quick
 @given(st.floats(-0.36, 0.36), st.floats(-1e5, 1e5))
-def test_the_tangent_leaves_the_circle_by_less_than_the_road_is_known(tan_alpha, demand):
+def test_the_tangent_exceeds_the_friction_circle_by_less_than_the_uncertainty_of_friction(
+    tan_alpha, demand
+):
     Fx = fiala.longitudinal_force(demand, FZ, MU)
     capacity = fiala.lateral_capacity(Fx, FZ, MU)
     Fy = fiala.lateral_force(tan_alpha, capacity, C, 0.95)
@@ -64,7 +66,7 @@ def test_gradient_does_not_vanish_while_sliding():
     assert float(slope(1.0)) == pytest.approx(-C * (1 - 0.95) ** 2)
 
 
-def test_the_tangent_joins_the_curve_without_a_corner():
+def test_the_tangent_continues_the_curve_without_a_kink():
     z = ca.SX.sym('z')
     force = fiala.lateral_force(z, CAPACITY, C, 0.95)
     both = ca.Function('both', [z], [force, ca.gradient(force, z)])
@@ -74,10 +76,12 @@ def test_the_tangent_joins_the_curve_without_a_corner():
     assert float(before[1]) == pytest.approx(float(after[1]), rel=1e-5)
 
 
-def test_a_wheel_within_its_friction_delivers_what_is_asked():
+def test_a_wheel_within_its_friction_delivers_the_demanded_force():
     for share in (-0.95, -0.5, 0.0, 0.5, 0.95):
-        asked = share * CAPACITY
-        assert fiala.longitudinal_force(asked, FZ, MU) == pytest.approx(asked, abs=3e-3 * CAPACITY)
+        demand = share * CAPACITY
+        assert fiala.longitudinal_force(demand, FZ, MU) == pytest.approx(
+            demand, abs=3e-3 * CAPACITY
+        )
 
 
 def test_a_locked_wheel_delivers_no_more_than_its_friction():

@@ -1,4 +1,4 @@
-"""Single track against an independent transcription, and against what every car does."""
+"""Single track against an independent transcription and general properties of a car."""
 
 import math
 
@@ -35,12 +35,12 @@ def car(params, vehicle):
 @pytest.fixture(scope='module')
 def rates(car):
     x, u = ca.SX.sym('x', 9), ca.SX.sym('u', 4)
-    found = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    return ca.Function('rates', [x, u], [ca.vertcat(*found)])
+    derivatives = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    return ca.Function('rates', [x, u], [ca.vertcat(*derivatives)])
 
 
 def transcribed(x, u, c):
-    """Return dx/dt written anew from the paper's eq. 1 and 2, and Fiala's cases."""
+    """Return dx/dt written independently from the paper's eq. 1 and 2, and Fiala's cases."""
     L, g = c.l_f + c.l_r, 9.81
     Fz = ((c.m * g * c.l_r - c.h * x.Fx) / L, (c.m * g * c.l_f + c.h * x.Fx) / L)
     part = 0.5 + 0.5 * math.tanh(x.Fx / c.force_blend)
@@ -50,12 +50,12 @@ def transcribed(x, u, c):
         math.atan2(x.vy - c.l_r * x.r, x.vx),
     )
     forces = []
-    for asked, load, mu, C, alpha in zip(
+    for demand, load, mu, C, alpha in zip(
         (front * x.Fx, (1 - front) * x.Fx), Fz, (c.mu_f, c.mu_r), (c.C_f, c.C_r), slips
     ):
         M = 0.99 * mu * load
         e = 0.02 * M
-        Fx = 0.5 * (math.hypot(asked + M, e) - math.hypot(asked - M, e))
+        Fx = 0.5 * (math.hypot(demand + M, e) - math.hypot(demand - M, e))
         F_max = math.sqrt((mu * load) ** 2 - Fx**2)
         z, xi = math.tan(alpha), c.tyre_switch
         if abs(z) < 3 * xi * F_max / C:
@@ -90,7 +90,7 @@ def test_derivative_equals_an_independent_transcription(car, rates, x, lambda_b)
 
 @quick
 @given(states)
-def test_a_mirrored_state_moves_mirrored(rates, x):
+def test_a_mirrored_state_has_mirrored_derivatives(rates, x):
     mirror = np.array([1, -1, -1, 1, -1, -1, 1, -1, 1])
     here = rates(x, (0.3, -1e4, 0.6, 0.0)).full().ravel()
     there = rates(mirror * x, (-0.3, -1e4, 0.6, 0.0)).full().ravel()
@@ -99,9 +99,9 @@ def test_a_mirrored_state_moves_mirrored(rates, x):
 
 def test_rolling_straight_only_drag_slows_the_car(car, rates):
     x = State(0, 0, 0, 20.0, 0, 0, 0, 0, 0)
-    found = State(*rates(x, (0, 0, 0.6, 0)).full().ravel())
-    assert found.vx == pytest.approx(-(car.drag * 20.0**2 + car.rolling) / car.m)
-    assert (found.vy, found.r, found.Y) == (0, 0, 0)
+    x_dot = State(*rates(x, (0, 0, 0.6, 0)).full().ravel())
+    assert x_dot.vx == pytest.approx(-(car.drag * 20.0**2 + car.rolling) / car.m)
+    assert (x_dot.vy, x_dot.r, x_dot.Y) == (0, 0, 0)
 
 
 @quick
@@ -130,8 +130,8 @@ def test_ideal_brake_split_follows_the_load(car, deceleration):
     # the loads that hold the weight, and the moment of the braking force about the CoG
     balance = [[1.0, 1.0], [car.l_f, -car.l_r]]
     front, rear = np.linalg.solve(balance, [car.m * 9.81, car.h * car.m * deceleration])
-    found = single_track.ideal_split(-car.m * deceleration, car)
-    assert found == pytest.approx(front / (front + rear), rel=1e-9)
+    front_share = single_track.ideal_split(-car.m * deceleration, car)
+    assert front_share == pytest.approx(front / (front + rear), rel=1e-9)
 
 
 def test_both_axles_lock_together_at_the_ideal_split(car):
@@ -148,11 +148,11 @@ def test_error_of_a_midpoint_step_falls_with_the_cube_of_the_step(rates):
     u = np.array([0.2, -5000.0, 0.6, 0.0])
 
     def error(dt):
-        one = rk2(lambda x, u, p: rates(x, u).full().ravel(), dt)(x, u, None)
+        coarse = rk2(lambda x, u, p: rates(x, u).full().ravel(), dt)(x, u, None)
         fine = x
         for _ in range(100):
             fine = rk2(lambda x, u, p: rates(x, u).full().ravel(), dt / 100)(fine, u, None)
-        return np.max(np.abs(one - fine))
+        return np.max(np.abs(coarse - fine))
 
     assert error(0.02) / error(0.01) == pytest.approx(8, rel=0.25)
 
@@ -171,13 +171,13 @@ def growth_per_midpoint_step(rates, vx, dt):
 
 
 @pytest.mark.parametrize('vx', [7.0, 10.0, 20.0, 30.0])
-def test_a_midpoint_step_is_stable_on_the_tyres_from_the_least_speed_on(rates, params, vx):
+def test_a_midpoint_step_is_stable_from_the_least_speed_on(rates, params, vx):
     assert vx >= params.limits.least_speed_mps
     assert growth_per_midpoint_step(rates, vx, params.model.step_s) < 1
 
 
 def growth_of_the_textbook(car, vx, slip_speed, dt):
-    """Return the same of the linear single track of the textbooks, slips taken at `slip_speed`."""
+    """Return the same eigenvalue of the linear single track, slips taken at `slip_speed`."""
     C, arm = np.array([car.C_f, car.C_r]), np.array([car.l_f, -car.l_r])
     damping = np.array([[C.sum(), C @ arm], [C @ arm, C @ arm**2]]) / slip_speed
     a = -dt * (damping / [[car.m], [car.Izz]] + [[0.0, vx], [0.0, 0.0]])
@@ -194,7 +194,7 @@ def test_the_lateral_motion_is_that_of_the_textbooks_linear_single_track(car, ra
 def test_below_the_least_speed_an_error_grows_no_faster_than_with_the_slips_of_five_m_per_s(
     car, rates, vx
 ):
-    """A midpoint step is not stable there; the held-up speed keeps its growth bounded."""
+    """A midpoint step is not stable there; the bound of the speed limits the growth."""
     growth = growth_per_midpoint_step(rates, vx, 0.05)
     assert growth < growth_of_the_textbook(car, vx, 5.0, 0.05) < 1.5
 

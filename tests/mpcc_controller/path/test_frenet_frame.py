@@ -31,23 +31,23 @@ def on_circle(s, e, radius=RADIUS, turn=1.0):
 
 @quick
 @given(st.floats(1.0, 150.0), st.floats(-9.0, 9.0), st.sampled_from([1.0, -1.0]))
-def test_beside_a_circle_a_point_is_where_trigonometry_says(s, e, turn):
+def test_beside_a_circle_the_coordinates_agree_with_trigonometry(s, e, turn):
     X, Y = (np.array([value]) for value in on_circle(s, e, turn=turn))
-    found = frenet_frame.to_frenet(circle(turn=turn), X, Y, s)
-    assert found.s[0] == pytest.approx(s, abs=1e-9)
-    assert found.e[0] == pytest.approx(e, abs=1e-9)
+    point = frenet_frame.to_frenet(circle(turn=turn), X, Y, s)
+    assert point.s[0] == pytest.approx(s, abs=1e-9)
+    assert point.e[0] == pytest.approx(e, abs=1e-9)
 
 
 @quick
 @given(st.floats(20.0, 60.0), st.floats(-3.0, 3.0), st.floats(-2.0, 2.0))
-def test_an_arc_alone_knows_the_place_of_a_point_metres_ahead_of_it(s, e, ahead):
+def test_a_single_arc_gives_the_coordinates_of_a_point_metres_ahead_of_it(s, e, ahead):
     piece, _ = reference_path.arcs_at(circle(), np.array([s - ahead]))
-    found = frenet_frame.to_frenet_on_arc(piece, *on_circle(s, e))
-    assert found.s[0] == pytest.approx(s, abs=1e-6)
-    assert found.e[0] == pytest.approx(e, abs=1e-9)
+    point = frenet_frame.to_frenet_on_arc(piece, *on_circle(s, e))
+    assert point.s[0] == pytest.approx(s, abs=1e-6)
+    assert point.e[0] == pytest.approx(e, abs=1e-9)
 
 
-def test_on_a_straight_arc_the_place_is_ahead_and_to_the_left():
+def test_on_a_straight_arc_the_coordinates_are_distance_ahead_and_to_the_left():
     X = np.arange(0.0, 50.0)
     straight = reference_path.build(Reference(0, X, 0 * X, 0 * X, X / V))
     piece, _ = reference_path.arcs_at(straight, np.array([10.0]))
@@ -57,16 +57,16 @@ def test_on_a_straight_arc_the_place_is_ahead_and_to_the_left():
     )
 
 
-def test_of_two_laps_the_one_near_the_car_counts():
+def test_of_two_laps_the_lap_near_the_car_counts():
     X, Y = (np.array([value]) for value in on_circle(10.0, 1.0))
     lap = 2 * np.pi * RADIUS
-    found = [frenet_frame.to_frenet(circle(), X, Y, near).s[0] for near in (5.0, 130.0)]
-    assert found == pytest.approx([10.0, 10.0 + lap], abs=1e-6)
+    s = [frenet_frame.to_frenet(circle(), X, Y, near).s[0] for near in (5.0, 130.0)]
+    assert s == pytest.approx([10.0, 10.0 + lap], abs=1e-6)
 
 
 @quick
 @given(st.floats(-20.0, 200.0), st.floats(-8.0, 8.0))
-def test_into_the_map_and_back_is_the_same_place_also_beyond_both_ends(s, e):
+def test_conversion_to_the_map_and_back_is_the_identity_also_beyond_both_ends(s, e):
     path = circle()
     there = frenet_frame.to_cartesian(path, FrenetPoint(np.array([s]), np.array([e])))
     back = frenet_frame.refine(path, there.X, there.Y, np.array([s]) + 0.7)
@@ -75,7 +75,7 @@ def test_into_the_map_and_back_is_the_same_place_also_beyond_both_ends(s, e):
 
 @quick
 @given(st.floats(-4.0, 4.0), st.floats(-0.6, 0.6), st.floats(8.0, 30.0), st.floats(-4.0, 4.0))
-def test_the_rates_are_how_the_place_of_a_moving_car_changes(e, dpsi, vx, vy):
+def test_the_rates_are_the_derivatives_of_the_coordinates_of_a_moving_car(e, dpsi, vx, vy):
     path, s, r, h = circle(), 50.0, 0.3, 1e-4
     psi = s / RADIUS + dpsi
     speed = np.array([vx * np.cos(psi) - vy * np.sin(psi), vx * np.sin(psi) + vy * np.cos(psi)])
@@ -85,11 +85,11 @@ def test_the_rates_are_how_the_place_of_a_moving_car_changes(e, dpsi, vx, vy):
         frenet_frame.refine(path, *(np.array([value]) for value in end), np.array([s]))
         for end in ends
     )
-    found = frenet_frame.rates(e, dpsi, 1 / RADIUS, vx, vy, r)
+    derivatives = frenet_frame.rates(e, dpsi, 1 / RADIUS, vx, vy, r)
     along = (after.s[0] - before.s[0]) / (2 * h)
-    assert found.s == pytest.approx(along, rel=1e-6)
-    assert found.e == pytest.approx((after.e[0] - before.e[0]) / (2 * h), abs=1e-5)
-    assert found.dpsi == pytest.approx(r - along / RADIUS, abs=1e-6)
+    assert derivatives.s == pytest.approx(along, rel=1e-6)
+    assert derivatives.e == pytest.approx((after.e[0] - before.e[0]) / (2 * h), abs=1e-5)
+    assert derivatives.dpsi == pytest.approx(r - along / RADIUS, abs=1e-6)
 
 
 def test_edges_of_a_road_along_the_path_are_at_constant_offsets():
@@ -98,15 +98,15 @@ def test_edges_of_a_road_along_the_path_are_at_constant_offsets():
         np.column_stack(on_circle(RADIUS * angle, e)) for e in (3.0, -4.0)
     )  # inside and outside the bend
     pieces, _ = reference_path.arcs_at(circle(), np.linspace(5.0, 100.0, 20))
-    found = frenet_frame.edges_to_frenet(
+    frenet_edges = frenet_frame.edges_to_frenet(
         road_edges.build(RoadEdges(0, left, right)), pieces, WINDOW
     )
-    assert found.left.e == pytest.approx(np.full(20, 3.0), abs=1e-3)
-    assert found.right.e == pytest.approx(np.full(20, -4.0), abs=1e-3)
-    assert np.abs(found.left.slope).max() < 5e-3
+    assert frenet_edges.left.e == pytest.approx(np.full(20, 3.0), abs=1e-3)
+    assert frenet_edges.right.e == pytest.approx(np.full(20, -4.0), abs=1e-3)
+    assert np.abs(frenet_edges.left.slope).max() < 5e-3
 
 
-def test_an_edge_that_nears_the_path_is_met_on_the_normal_of_the_path():
+def test_the_offset_of_a_converging_edge_is_measured_on_the_normal_of_the_path():
     """The path runs at 20 deg through a road along x: the edge is not met where it is nearest."""
     psi, s = np.radians(20.0), np.arange(0.0, 20.0)
     path = reference_path.build(
@@ -114,16 +114,18 @@ def test_an_edge_that_nears_the_path_is_met_on_the_normal_of_the_path():
     )
     edges = RoadEdges(0, *(np.array([[-50.0, y], [90.0, y]]) for y in (9.0, -3.0)))
     pieces, _ = reference_path.arcs_at(path, np.array([5.0, 10.0]))
-    found = frenet_frame.edges_to_frenet(road_edges.build(edges), pieces, WINDOW)
+    frenet_edges = frenet_frame.edges_to_frenet(road_edges.build(edges), pieces, WINDOW)
     heights = np.array([5.0, 10.0]) * np.sin(psi)
-    assert found.left.e == pytest.approx((9.0 - heights) / np.cos(psi), abs=1e-9)
-    assert found.right.e == pytest.approx((-3.0 - heights) / np.cos(psi), abs=1e-9)
-    assert found.left.slope == pytest.approx(np.full(2, -np.tan(psi)), abs=1e-9)
-    # and so the edge is a line in path coordinates, wherever it was looked for
-    assert frenet_frame.edge_offset(found.left, 10.0)[0] == pytest.approx(found.left.e[1])
+    assert frenet_edges.left.e == pytest.approx((9.0 - heights) / np.cos(psi), abs=1e-9)
+    assert frenet_edges.right.e == pytest.approx((-3.0 - heights) / np.cos(psi), abs=1e-9)
+    assert frenet_edges.left.slope == pytest.approx(np.full(2, -np.tan(psi)), abs=1e-9)
+    # hence the edge is a straight line in path coordinates
+    assert frenet_frame.edge_offset(frenet_edges.left, 10.0)[0] == pytest.approx(
+        frenet_edges.left.e[1]
+    )
 
 
-def test_a_moving_obstacle_moves_along_the_path_and_a_resting_one_has_one_place():
+def test_a_moving_obstacle_moves_along_the_path_and_a_resting_one_stays():
     t = 0.05 * np.arange(51)
     X, Y = on_circle(30.0 + 8.0 * t, 1.5)
     moving = frenet_frame.disc_to_frenet(circle(), Disc(X, Y, 1.0), 30.0)

@@ -25,13 +25,13 @@ def on(s, left):
     return inner * np.sin(s / RADIUS), RADIUS - inner * np.cos(s / RADIUS)
 
 
-def place(path, point, near):
-    found = frenet_frame.to_frenet(path, *(np.array([value]) for value in point), near)
-    return FrenetPoint(found.s[0], found.e[0])
+def frenet_point(path, point, near):
+    projected = frenet_frame.to_frenet(path, *(np.array([value]) for value in point), near)
+    return FrenetPoint(projected.s[0], projected.e[0])
 
 
-def told(path, vehicle, obstacle, near):
-    car, other = (place(path, point, near) for point in (vehicle, obstacle))
+def frenet_v2o(path, vehicle, obstacle, near):
+    car, other = (frenet_point(path, point, near) for point in (vehicle, obstacle))
     return frenet_frame.v2o(car, R_VEH, FrenetDisc(*other, R_OBS))
 
 
@@ -40,7 +40,7 @@ def told(path, vehicle, obstacle, near):
 def test_on_the_circle_both_distances_are_the_closed_forms(circle, ds, n):
     start = 8.0
     vehicle, obstacle = on(start, 0.0), on(start + ds, n)
-    along = told(circle, vehicle, obstacle, start)
+    along = frenet_v2o(circle, vehicle, obstacle, start)
     assert along == pytest.approx(np.hypot(ds, n) - R_OBS - R_VEH, abs=1e-6)
     inner = RADIUS - n
     chord = np.sqrt(RADIUS**2 + inner**2 - 2 * RADIUS * inner * np.cos(ds / RADIUS))
@@ -54,19 +54,21 @@ def test_on_the_circle_both_distances_are_the_closed_forms(circle, ds, n):
     ('n', 'ds', 'difference'),
     [(1, 10, 0.35), (1, 40, 7.19), (-1, 10, -0.14), (-1, 20, 0.35)],
 )
-def test_path_coordinates_see_too_much_room_inside_and_too_little_nearby_outside(
+def test_path_coordinates_overestimate_the_distance_inside_and_underestimate_it_nearby_outside(
     circle, n, ds, difference
 ):
     vehicle, obstacle = on(3.0, 0.0), on(3.0 + ds, float(n))
     straight = np.hypot(*np.subtract(vehicle, obstacle)) - R_OBS - R_VEH
-    assert told(circle, vehicle, obstacle, 3.0) - straight == pytest.approx(difference, abs=5e-3)
+    assert frenet_v2o(circle, vehicle, obstacle, 3.0) - straight == pytest.approx(
+        difference, abs=5e-3
+    )
 
 
 def test_beside_a_straight_path_both_distances_are_equal(world):
     path = reference_path.build(world.straight().reference)
     for obstacle in ((30.0, 1.5), (-20.0, -2.0), (400.0, 3.0)):
         straight = np.hypot(obstacle[0] - 12.0, obstacle[1] - 0.4) - R_OBS - R_VEH
-        assert told(path, (12.0, 0.4), obstacle, 12.0) == pytest.approx(straight, abs=1e-6)
+        assert frenet_v2o(path, (12.0, 0.4), obstacle, 12.0) == pytest.approx(straight, abs=1e-6)
 
 
 def test_a_long_segment_is_found_although_its_ends_are_far():
@@ -74,4 +76,4 @@ def test_a_long_segment_is_found_although_its_ends_are_far():
     path = reference_path.build(
         Reference(0, X, Y, np.array([0.0, 0.1, 1.2, 1.9, 3.0]), np.array([0.0, 5.0, 6.0, 7.0, 9.0]))
     )
-    assert place(path, (50.0, 1.0), 40.0).s == pytest.approx(50.0, abs=5.0)
+    assert frenet_point(path, (50.0, 1.0), 40.0).s == pytest.approx(50.0, abs=5.0)

@@ -1,4 +1,4 @@
-"""The path as arcs: what is refused, where the foot is, what a stage is given."""
+"""The path as arcs: which paths are rejected, the foot of a point, the arcs of the stages."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ def circle(world, turn, step=1.0, length=120.0, v=15.0):
     s = np.arange(0, length, step)
     X, Y = R * np.sin(s / R), turn * R * (1 - np.cos(s / R))
     ds = 2 * R * np.sin(step / R / 2)
-    made = world.path(X, Y, v)
-    return made._replace(psi=turn * s / R, t=made.t * step / ds)
+    path = world.path(X, Y, v)
+    return path._replace(psi=turn * s / R, t=path.t * step / ds)
 
 
 def s_bend(world):
@@ -49,14 +49,14 @@ def test_the_arc_of_a_stage_is_the_path_around_it(world, turn):
 
 def test_speed_is_distance_over_time_between_the_stamps(world):
     X = np.array([0.0, 10.0, 20.0, 40.0])
-    made = world.path(X, 0 * X, 10.0)._replace(t=np.array([0.0, 1.0, 3.0, 4.0]))
+    path = world.path(X, 0 * X, 10.0)._replace(t=np.array([0.0, 1.0, 3.0, 4.0]))
     _, v = reference_path.arcs_at(
-        reference_path.build(made), np.array([-5.0, 5.0, 15.0, 30.0, 99.0])
+        reference_path.build(path), np.array([-5.0, 5.0, 15.0, 30.0, 99.0])
     )
     assert v == pytest.approx([10, 10, 5, 20, 20])
 
 
-def test_beyond_its_ends_the_path_goes_on_straight(world):
+def test_beyond_its_ends_the_path_continues_straight(world):
     path = reference_path.build(circle(world, 1))
     arcs, _ = reference_path.arcs_at(path, np.array([-10.0, path.length + 10.0]))
     end = path.length / R
@@ -67,12 +67,12 @@ def test_beyond_its_ends_the_path_goes_on_straight(world):
 
 @quick
 @given(st.floats(2, 140), st.floats(-4, 4))
-def test_the_foot_is_where_the_point_is_neither_ahead_nor_behind(world, theta, left):
+def test_the_foot_of_a_point_beside_the_path_is_its_arc_length(world, theta, left):
     path = s_bend(world)
     here, _ = reference_path.arcs_at(path, theta)
     X, Y = here.X - left * np.sin(here.psi), here.Y + left * np.cos(here.psi)
-    found = reference_path.project(path, X, Y, theta + 3.0, 10.0)
-    assert found == pytest.approx(theta, abs=1e-6)
+    foot = reference_path.project(path, X, Y, theta + 3.0, 10.0)
+    assert foot == pytest.approx(theta, abs=1e-6)
     assert reference_path.project(path, X, Y, None, 10.0) == pytest.approx(theta, abs=1e-6)
 
 
@@ -82,7 +82,7 @@ def test_the_foot_may_lie_beyond_both_ends(world):
     assert reference_path.project(path, 320.0, 1.0, 295.0, 10.0) == pytest.approx(320.0)
 
 
-def test_a_path_that_comes_back_is_not_short_cut(world):
+def test_the_foot_does_not_jump_to_the_other_leg_of_a_hairpin(world):
     """A hairpin: both legs are 6 m apart. Near the second leg the foot stays on the first."""
     bend = np.linspace(-np.pi / 2, np.pi / 2, 20)
     X = np.concatenate((np.arange(0.0, 50.0), 50 + 3 * np.cos(bend), np.arange(49.0, 0.0, -1)))
@@ -121,17 +121,17 @@ def test_errors_have_the_signs_of_the_paper(turn):
     assert arc.lag_error(pose, 0.0, -turn * 3.0) == pytest.approx(3.0)
 
 
-def spoilt(world, **columns):
-    made = world.path(np.arange(0.0, 10.0), np.zeros(10), 10.0)
+def modified_path(world, **columns):
+    path = world.path(np.arange(0.0, 10.0), np.zeros(10), 10.0)
     for name, (index, value) in columns.items():
-        column = getattr(made, name).copy()
+        column = getattr(path, name).copy()
         column[index] = value
-        made = made._replace(**{name: column})
-    return made
+        path = path._replace(**{name: column})
+    return path
 
 
 @pytest.mark.parametrize(
-    ('fault', 'told'),
+    ('fault', 'message'),
     [
         ({'X': (4, np.nan)}, 'pose 4: X is not finite'),
         ({'t': (5, np.inf)}, 'pose 5: t is not finite'),
@@ -144,12 +144,12 @@ def spoilt(world, **columns):
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else None,
 )
-def test_a_path_that_cannot_be_driven_is_refused_by_pose(world, fault, told):
-    with pytest.raises(PathError, match=told):
-        reference_path.build(spoilt(world, **fault))
+def test_a_path_that_cannot_be_driven_is_rejected_and_the_pose_named(world, fault, message):
+    with pytest.raises(PathError, match=message):
+        reference_path.build(modified_path(world, **fault))
 
 
 def test_one_pose_is_no_path(world):
-    made = spoilt(world)
+    path = modified_path(world)
     with pytest.raises(PathError, match='two poses or more'):
-        reference_path.build(made._replace(**{f: getattr(made, f)[:1] for f in made._fields[1:]}))
+        reference_path.build(path._replace(**{f: getattr(path, f)[:1] for f in path._fields[1:]}))

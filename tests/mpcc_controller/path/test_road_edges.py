@@ -1,4 +1,4 @@
-"""Road edges: the nearest point, what touches there, the middle of the road."""
+"""Road edges: the nearest point, the touching parabola, the middle of the road."""
 
 import numpy as np
 import pytest
@@ -27,11 +27,11 @@ def ring_road(turn=1, step=1.0):
 
 @pytest.mark.parametrize('turn', [1, -1])
 def test_distances_to_curved_edges_are_those_to_circles(turn):
-    made = ring_road(turn)
+    road = ring_road(turn)
     for angle, n in ((0.3, 0.0), (0.5, 1.5), (1.0, -2.0)):
         radius = R - turn * n
         X, Y = radius * np.sin(angle), turn * (R - radius * np.cos(angle))
-        edges = road_edges.edges_near(made, np.array([X]), np.array([Y]), 2.0)
+        edges = road_edges.edges_near(road, np.array([X]), np.array([Y]), 2.0)
         to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
         # corners 1 m apart lie 1 / (8 R) = 3 mm outside their chord
         assert float(to_left[0]) == pytest.approx(3.5 - n - 1.1, abs=5e-3)
@@ -45,30 +45,30 @@ def test_an_edge_bends_with_the_road(turn):
     assert edges.right.kappa[0] == pytest.approx(turn / (R + turn * 3.5), rel=0.05)
 
 
-def test_the_middle_of_the_road_lies_between_the_edges_wherever_the_path_is():
+def test_the_middle_of_the_road_is_between_the_edges_for_every_path():
     sides = [np.array([[-10.0, y], [100.0, y]]) for y in (6.0, -2.5)]
-    made = road_edges.build(RoadEdges(0, *sides))
+    road = road_edges.build(RoadEdges(0, *sides))
     on_path = Arc(np.array([20.0]), np.array([3.5]), np.zeros(1), np.zeros(1), np.array([20.0]))
-    track = road_edges.track_beside(made, on_path, 2.0)
+    track = road_edges.track_beside(road, on_path, 2.0)
     assert (track.centre.X[0], track.centre.Y[0]) == pytest.approx((20.0, 1.75))
     assert track.half_width[0] == pytest.approx(4.25)
 
 
-def test_past_its_ends_an_edge_goes_on_straight():
+def test_past_its_ends_an_edge_continues_straight():
     sides = [np.array([[0.0, y], [10.0, y]]) for y in (3.0, -3.0)]
-    made = road_edges.build(RoadEdges(0, *sides))
-    edges = road_edges.edges_near(made, np.array([200.0, -200.0]), np.array([1.0, 1.0]), 2.0)
+    road = road_edges.build(RoadEdges(0, *sides))
+    edges = road_edges.edges_near(road, np.array([200.0, -200.0]), np.array([1.0, 1.0]), 2.0)
     assert pytest.approx([3.0, 3.0]) == edges.left.Y
     assert pytest.approx([200.0, -200.0]) == edges.left.X
 
 
-def test_an_edge_is_the_same_straight_line_however_far_past_its_ends_the_car_is():
+def test_far_past_its_ends_an_edge_is_the_same_straight_line():
     direction, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
     sides = [np.outer((0.0, 10.0), direction) + n * across for n in (3.0, -3.0)]
-    made = road_edges.build(RoadEdges(0, *sides))
+    road = road_edges.build(RoadEdges(0, *sides))
     for along in (-5000.0, 1500.0):
         X, Y = along * direction + 1.0 * across
-        edges = road_edges.edges_near(made, np.array([X]), np.array([Y]), 2.0)
+        edges = road_edges.edges_near(road, np.array([X]), np.array([Y]), 2.0)
         assert (*edges.left.kappa, *edges.right.kappa) == pytest.approx((0.0, 0.0), abs=1e-9)
         to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
         assert float(to_left[0]) == pytest.approx(2.0 - 1.1, abs=1e-6)
@@ -77,22 +77,22 @@ def test_an_edge_is_the_same_straight_line_however_far_past_its_ends_the_car_is(
 
 def test_an_edge_that_doubles_back_has_a_curvature_everywhere():
     there_and_back = np.array([[0.0, 3.0], [10.0, 3.0], [0.0, 3.0]])
-    made = road_edges.build(RoadEdges(0, there_and_back, np.array([[0.0, -3.0], [10.0, -3.0]])))
-    edges = road_edges.edges_near(made, np.linspace(-5.0, 20.0, 26), np.zeros(26), 2.0)
+    road = road_edges.build(RoadEdges(0, there_and_back, np.array([[0.0, -3.0], [10.0, -3.0]])))
+    edges = road_edges.edges_near(road, np.linspace(-5.0, 20.0, 26), np.zeros(26), 2.0)
     assert np.all(np.isfinite(edges.left))
 
 
-def test_repeated_points_of_an_edge_do_no_harm():
+def test_repeated_points_of_an_edge_are_dropped():
     left = np.array([[0.0, 3.0], [0.0, 3.0], [10.0, 3.0], [10.0, 3.0]])
-    made = road_edges.build(RoadEdges(0, left, left - [0.0, 6.0]))
-    assert np.all(np.diff(made.left.s) > 0)
+    road = road_edges.build(RoadEdges(0, left, left - [0.0, 6.0]))
+    assert np.all(np.diff(road.left.s) > 0)
 
 
 @pytest.mark.filterwarnings('error::RuntimeWarning')
-def test_points_of_an_edge_so_near_that_their_distance_underflows_are_one():
+def test_points_of_an_edge_whose_distance_underflows_are_merged():
     near = np.array([[0.0, 3.0], [5e-324, 3.0], [1e-170, 3.0], [10.0, 3.0]])
-    made = road_edges.build(RoadEdges(0, near, np.array([[0.0, -3.0], [10.0, -3.0]])))
-    edges = road_edges.edges_near(made, np.linspace(-5.0, 15.0, 21), np.zeros(21), 2.0)
+    road = road_edges.build(RoadEdges(0, near, np.array([[0.0, -3.0], [10.0, -3.0]])))
+    edges = road_edges.edges_near(road, np.linspace(-5.0, 15.0, 21), np.zeros(21), 2.0)
     assert np.all(np.isfinite(edges.left))
     with pytest.raises(EdgeError, match='the left edge has fewer than two distinct points'):
         road_edges.build(RoadEdges(0, near[:3], near))
@@ -101,7 +101,7 @@ def test_points_of_an_edge_so_near_that_their_distance_underflows_are_one():
 @pytest.mark.parametrize(
     'left', [np.array([[0.0, 3.0]]), np.array([[0.0, 3.0], [np.nan, 3.0]]), np.zeros((3, 2))]
 )
-def test_an_edge_that_is_no_line_is_refused_by_side(left):
+def test_an_edge_that_is_no_line_is_rejected_and_its_side_named(left):
     right = np.array([[0.0, -3.0], [10.0, -3.0]])
     with pytest.raises(EdgeError, match='left edge'):
         road_edges.build(RoadEdges(0, left, right))
@@ -125,27 +125,27 @@ def test_the_nearest_point_of_the_edge_is_never_among_the_chords_left_out(
 ):
     rng = np.random.default_rng(seed)
     line = tangled(rng, corners, bend)
-    made = road_edges.build(RoadEdges(0, line, line)).left
+    edge = road_edges.build(RoadEdges(0, line, line)).left
     X, Y = (line[rng.integers(corners, size=50)] + away * rng.normal(size=(50, 2))).T
-    found = road_edges.closest(made, X, Y)
+    nearest = road_edges.closest(edge, X, Y)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(road_edges, '_candidates', lambda chords, X, Y: np.arange(len(chords.X)))
-        assert found.tolist() == road_edges.closest(made, X, Y).tolist()
+        assert nearest.tolist() == road_edges.closest(edge, X, Y).tolist()
 
 
-def test_of_a_long_road_only_what_is_near_the_plan_is_looked_at():
+def test_on_a_long_road_only_chords_near_the_plan_are_candidates():
     x = np.arange(0.0, 5000.0, 5.0)
-    made = road_edges.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
+    road = road_edges.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
     X = np.linspace(2400.0, 2450.0, 51)
-    near = road_edges._candidates(made.left.chords, X, 0 * X)
+    near = road_edges._candidates(road.left.chords, X, 0 * X)
     assert x[near[0]] < 2400.0
     assert x[near[-1]] > 2450.0 - 5.0
     assert len(near) < 25
 
 
-def test_of_a_circle_driven_for_laps_only_what_is_near_the_plan_is_looked_at():
+def test_on_a_circle_of_many_laps_only_chords_near_the_plan_are_candidates():
     laps = np.arange(0.0, 8 * np.pi * R, 1.0) / R
     line = np.column_stack((R * np.sin(laps), R - R * np.cos(laps)))
-    made = road_edges.build(RoadEdges(0, line, line))
+    road = road_edges.build(RoadEdges(0, line, line))
     X, Y = line[5:15].T
-    assert len(road_edges._candidates(made.left.chords, X, Y)) < len(line) / 4
+    assert len(road_edges._candidates(road.left.chords, X, Y)) < len(line) / 4

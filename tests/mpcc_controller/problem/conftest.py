@@ -1,4 +1,4 @@
-"""What the problems are asked about."""
+"""The formulation and the scene that the tests of the problems share."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Rules of the MPCC's cost that can be exchanged: what each changes, and what it leaves alone."""
+"""Exchangeable terms of the MPCC's cost: what each changes, and what it leaves unchanged."""
 
 from typing import get_type_hints
 
@@ -19,8 +19,8 @@ D_SFT = 0.5
 N, DT = 50, 0.05
 
 
-def posed(world, situation, controller='mpcc', **changes):
-    """Return what evaluates plans under rules, one along a path, and its numbers."""
+def pose_problem(world, situation, controller='mpcc', **changes):
+    """Return the evaluator of plans, a plan along the path, and its stage parameters."""
     changed = {f'formulation__{name}': value for name, value in changes.items()}
     params, vehicle = world.load(controller, **changed)
     scene = Scene(
@@ -36,14 +36,14 @@ def posed(world, situation, controller='mpcc', **changes):
     return PlanEvaluator(form.ocp), form.to_local(plan, scene.path), numbers.P
 
 
-def seen(*given, **changes):
-    """Return what a plan along a path costs under rules; see `posed`."""
-    evaluator, plan, P = posed(*given, **changes)
+def evaluate(*given, **changes):
+    """Return the evaluation of a plan along the path; see `pose_problem`."""
+    evaluator, plan, P = pose_problem(*given, **changes)
     return evaluator.evaluate(plan, P)
 
 
 def test_without_the_lag_error_only_its_cost_is_gone(world):
-    paper, without = (seen(world, world.lane_change(), lag=lag) for lag in (True, False))
+    paper, without = (evaluate(world, world.lane_change(), lag=lag) for lag in (True, False))
     assert paper.costs.lag.sum() > 0 == without.costs.lag.sum()
     assert without.tracking.lag == pytest.approx(paper.tracking.lag)
     for name in set(paper.costs._fields) - {'lag'}:
@@ -51,7 +51,7 @@ def test_without_the_lag_error_only_its_cost_is_gone(world):
 
 
 def test_with_the_heading_error_only_its_cost_is_added(world):
-    paper, more = (seen(world, world.lane_change(), heading=on) for on in (False, True))
+    paper, more = (evaluate(world, world.lane_change(), heading=on) for on in (False, True))
     assert set(more.costs._fields) - set(paper.costs._fields) == {'dpsi'}
     assert more.costs.dpsi.sum() > 0
     for name in paper.costs._fields:
@@ -59,22 +59,23 @@ def test_with_the_heading_error_only_its_cost_is_added(world):
 
 
 def test_the_heading_error_costs_what_it_costs_the_baseline(world):
-    headed = seen(world, world.lane_change(), heading=True)
-    baseline = seen(world, world.lane_change(), controller='frenet', heading=True)
-    # the first point is beside the path: its foot is found anew there, here it is given
+    headed = evaluate(world, world.lane_change(), heading=True)
+    baseline = evaluate(world, world.lane_change(), controller='frenet', heading=True)
+    # the first point is beside the path: the baseline projects it again, the MPCC uses theta
     assert headed.costs.dpsi[1:] == pytest.approx(baseline.costs.dpsi[1:], rel=2e-3, abs=1e-6)
 
 
 def test_whole_turns_are_no_heading_error(world):
-    evaluator, plan, P = posed(world, world.lane_change(), heading=True)
+    evaluator, plan, P = pose_problem(world, world.lane_change(), heading=True)
     turned = plan._replace(X=plan.X + np.array(State(0, 0, -2 * np.pi, 0, 0, 0, 0, 0, 0)))
-    once, again = (evaluator.evaluate(one, P).costs.dpsi for one in (plan, turned))
+    once, again = (evaluator.evaluate(candidate, P).costs.dpsi for candidate in (plan, turned))
     assert again == pytest.approx(once, rel=1e-9, abs=1e-12)
 
 
 def test_without_the_heading_error_the_baseline_loses_only_its_cost(world):
     with_it, without = (
-        seen(world, world.lane_change(), controller='frenet', heading=on) for on in (True, False)
+        evaluate(world, world.lane_change(), controller='frenet', heading=on)
+        for on in (True, False)
     )
     assert with_it.costs.dpsi.sum() > 0 == without.costs.dpsi.sum()
     for name in set(with_it.costs._fields) - {'dpsi'}:
@@ -83,14 +84,14 @@ def test_without_the_heading_error_the_baseline_loses_only_its_cost(world):
 
 def test_along_a_straight_path_distances_are_those_on_the_ground(world):
     situation = world.straight(obstacles=world.lane_change().obstacles.items)
-    ground, path = (seen(world, situation, distance=where) for where in ('cartesian', 'path'))
+    ground, path = (evaluate(world, situation, distance=where) for where in ('cartesian', 'path'))
     for mine, other in zip(ground.v2o[:1] + ground.v2e, path.v2o[:1] + path.v2e):
         assert mine == pytest.approx(other, abs=1e-6)
 
 
 def test_beside_a_bend_only_the_distances_change_with_the_measure(world):
     ground, path = (
-        seen(world, world.lane_change(), distance=where) for where in ('cartesian', 'path')
+        evaluate(world, world.lane_change(), distance=where) for where in ('cartesian', 'path')
     )
     assert 0.05 < np.abs(ground.v2o[0] - path.v2o[0]).max() < 1.0
     # across the path an edge is at most 1 / cos(heading) farther than where it is nearest
@@ -101,9 +102,9 @@ def test_beside_a_bend_only_the_distances_change_with_the_measure(world):
 
 def test_the_step_doubles_the_cost_of_contact_and_leaves_the_rest_quadratic():
     D = np.array([-0.5, -0.1, 0.1, 0.3, D_SFT, 0.6])
-    found = [float(distance.intrusion(d, D_SFT, distance.step_priority)) for d in D]
+    costs = [float(distance.intrusion(d, D_SFT, distance.step_priority)) for d in D]
     factor = np.array([2, 2, 1, 1, 1, 0])
-    assert found == pytest.approx(factor * (D - D_SFT) ** 2, rel=1e-3)
+    assert costs == pytest.approx(factor * (D - D_SFT) ** 2, rel=1e-3)
 
 
 def test_the_step_is_blended_over_centimetres_without_a_jump_or_a_dip():
@@ -119,7 +120,7 @@ def test_the_step_is_blended_over_centimetres_without_a_jump_or_a_dip():
     assert risen == pytest.approx([1.0, 2.0], abs=0.02)
 
 
-def test_an_intrusion_costs_the_step_at_least_what_it_costs_the_gaussian():
+def test_an_intrusion_costs_at_least_as_much_with_the_step_as_with_the_gaussian():
     for D in np.linspace(-0.3, D_SFT, 40):
         gaussian = float(distance.intrusion(D, D_SFT))
         assert float(distance.intrusion(D, D_SFT, distance.step_priority)) >= gaussian
@@ -158,7 +159,7 @@ def test_a_term_whose_tolerance_is_left_out_is_not_in_the_problem(world, vehicle
 def test_the_lateral_jerk_term_makes_a_lane_change_smoother(world):
     def peak_jerk(**changes):
         controller = Controller(*world.load(**changes))
-        run = world.drive(world.tell(controller, world.lane_change()), 90)
+        run = world.drive(world.set_inputs(controller, world.lane_change()), 90)
         assert {why.values['rung'] for why in run.whys} <= {'solved', 'stopped_early'}
         return np.abs(np.diff(run.states.r * run.states.vx)).max() / DT
 

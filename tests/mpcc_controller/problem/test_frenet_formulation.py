@@ -1,4 +1,4 @@
-"""The baseline's problem: cost, limits, motion, and its way to the map and back."""
+"""The baseline's problem: cost, limits, motion, and its conversion to the map and back."""
 
 import numpy as np
 import pytest
@@ -55,8 +55,8 @@ def test_weights_and_errors_have_the_same_names(frenet):
     numeric = named_vector.build(
         formula.template, [1.0] * len(named_vector.leaves(formula.template))
     )
-    found = formula.errors(FrenetState(*[0.5] * 8), Input(*[0.5] * 4), numeric)
-    assert set(found) == set(numeric.weights._fields)
+    errors = formula.errors(FrenetState(*[0.5] * 8), Input(*[0.5] * 4), numeric)
+    assert set(errors) == set(numeric.weights._fields)
 
 
 def test_common_weights_are_those_of_the_mpcc(world, baseline, params):
@@ -78,12 +78,12 @@ def test_errors_by_hand_on_the_straight_before_the_lane_change(car, scene, frene
     numbers = frenet.stage_parameters(scene, plan.X)
     stage = named_vector.build(numbers.stages, numbers.P[0])
     inside = FrenetState(*frenet_formulation.plan_to_frenet(plan, scene.path).X[0])
-    found = frenet.ocp.errors(inside, Input(0.1, 2e3, 0.6, 0.2), stage)
-    assert float(found['e']) == pytest.approx(0.4**2)
-    assert float(found['dpsi']) == pytest.approx(0.1**2)
-    assert float(found['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
-    assert float(found['lambda_b']) == pytest.approx((0.6 - car.l_r / (car.l_f + car.l_r)) ** 2)
-    assert (float(found['v2o']), float(found['v2e'])) == (0, 0)
+    errors = frenet.ocp.errors(inside, Input(0.1, 2e3, 0.6, 0.2), stage)
+    assert float(errors['e']) == pytest.approx(0.4**2)
+    assert float(errors['dpsi']) == pytest.approx(0.1**2)
+    assert float(errors['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
+    assert float(errors['lambda_b']) == pytest.approx((0.6 - car.l_r / (car.l_f + car.l_r)) ** 2)
+    assert (float(errors['v2o']), float(errors['v2e'])) == (0, 0)
 
 
 def test_the_track_limit_is_the_road_less_the_circle(car, scene, frenet):
@@ -92,11 +92,11 @@ def test_the_track_limit_is_the_road_less_the_circle(car, scene, frenet):
     numbers = frenet.stage_parameters(scene, plan.X)
     stage = named_vector.build(numbers.stages, numbers.P[0])
     inside = FrenetState(*frenet_formulation.plan_to_frenet(plan, scene.path).X[0])
-    found = frenet.ocp.constraints(inside, Input(0, 0, 0.7, 0.25), stage)
+    values = frenet.ocp.constraints(inside, Input(0, 0, 0.7, 0.25), stage)
     # the road reaches from -2.5 to 6: its centre is 1.75, its half 4.25, the car's circle 1.1
-    assert float(found.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
+    assert float(values.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
     Fz = single_track.loads(-8000.0, car)
-    assert float(found.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
+    assert float(values.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
 
 
 @quick
@@ -133,7 +133,7 @@ def test_both_formulations_move_the_same_car(car, scene, swerve, frenet):
         assert after == pytest.approx(there, abs=2e-6)
 
 
-def test_a_plan_that_leaves_and_enters_again_is_the_same(scene, swerve):
+def test_conversion_of_a_plan_to_the_map_and_back_is_the_identity(scene, swerve):
     inside = frenet_formulation.plan_to_frenet(swerve, scene.path)
     outside = frenet_formulation.plan_to_map(inside, scene.path)
     again = frenet_formulation.plan_to_frenet(outside, scene.path)
@@ -161,7 +161,7 @@ def test_the_frame_turns_along_a_guess_as_the_path_does(scene, swerve):
     assert standing == pytest.approx(np.repeat(arcs.kappa[9:10], 5))
 
 
-def test_a_plan_that_is_not_finite_leaves_as_one(scene, swerve):
+def test_a_plan_that_is_not_finite_stays_not_finite_in_the_map(scene, swerve):
     broken = frenet_formulation.plan_to_frenet(swerve, scene.path)
     broken.X[7:] = np.nan
     left = frenet_formulation.plan_to_map(broken, scene.path)
@@ -181,7 +181,7 @@ def test_bounds_hold_the_same_quantities(baseline, car):
 
 
 @pytest.mark.parametrize('wrong', [{'distance': 'cartesian'}, {'lag': True}])
-def test_the_baseline_has_no_rule_of_the_mpcc(world, vehicle, wrong):
+def test_the_baseline_rejects_the_formulation_parameters_of_the_mpcc(world, vehicle, wrong):
     params, _ = world.load('frenet', **{f'formulation__{k}': v for k, v in wrong.items()})
     with pytest.raises(formulation.ParameterError, match='formulation: frenet'):
         formulation.make(params, stage_parameters.car(params, vehicle))

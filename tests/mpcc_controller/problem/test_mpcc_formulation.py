@@ -66,8 +66,8 @@ def test_weights_and_errors_have_the_same_names():
     numeric = named_vector.build(
         formula.template, [1.0] * len(named_vector.leaves(formula.template))
     )
-    found = formula.errors(State(*[1.0] * 9), Input(*[0.5] * 4), numeric)
-    assert set(found) == set(numeric.weights._fields)
+    errors = formula.errors(State(*[1.0] * 9), Input(*[0.5] * 4), numeric)
+    assert set(errors) == set(numeric.weights._fields)
 
 
 def test_weights_are_one_over_the_squared_tolerances(world):
@@ -104,15 +104,15 @@ def test_errors_are_those_of_the_paper(car, scene, mpcc):
     x = State(21.0, 0.4, 0.0, 18.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
     stage = named_vector.build(numbers.stages, numbers.P[0])
-    found = mpcc.ocp.errors(x, Input(0.1, 2000.0, 0.6, 0.2), stage)
-    assert float(found['con']) == pytest.approx(0.4**2)
-    assert float(found['lag']) == pytest.approx(1.0)
-    assert float(found['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
-    assert float(found['d_delta']) == pytest.approx(0.01)
-    assert float(found['d_Fx']) == pytest.approx(2000.0**2)
-    assert float(found['lambda_b']) == pytest.approx((0.6 - car.l_r / (car.l_f + car.l_r)) ** 2)
-    assert float(found['slack']) == pytest.approx(0.04)
-    assert (float(found['v2o']), float(found['v2e'])) == (0, 0)
+    errors = mpcc.ocp.errors(x, Input(0.1, 2000.0, 0.6, 0.2), stage)
+    assert float(errors['con']) == pytest.approx(0.4**2)
+    assert float(errors['lag']) == pytest.approx(1.0)
+    assert float(errors['vel']) == pytest.approx((18 - 20) ** 2, rel=1e-3)
+    assert float(errors['d_delta']) == pytest.approx(0.01)
+    assert float(errors['d_Fx']) == pytest.approx(2000.0**2)
+    assert float(errors['lambda_b']) == pytest.approx((0.6 - car.l_r / (car.l_f + car.l_r)) ** 2)
+    assert float(errors['slack']) == pytest.approx(0.04)
+    assert (float(errors['v2o']), float(errors['v2e'])) == (0, 0)
 
 
 @pytest.mark.parametrize('offsets', [(0.0,), (-1.1, 1.1)])
@@ -122,7 +122,7 @@ def test_every_circle_counts_against_every_obstacle_and_edge(world, scene, offse
     x = State(71.0, 4.9, 0.0, 20.0, 0.0, 0.0, 71.0, 0.0, 0.0)
     numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
     stage = named_vector.build(numbers.stages, numbers.P[0])
-    found = mpcc.ocp.errors(x, Input(0, 0, 0.5, 0), stage)
+    errors = mpcc.ocp.errors(x, Input(0, 0, 0.5, 0), stage)
     D_o = [np.hypot(71.0 + o - 72.0, 4.9 - 1.5) - 2.1 for o in offsets]
     D_e = 6.0 - 4.9 - 1.1
 
@@ -130,8 +130,8 @@ def test_every_circle_counts_against_every_obstacle_and_edge(world, scene, offse
         q = 1 if D < 0 else np.exp(-2 * D**2 / D_sft**2) if D_sft >= D else 0
         return q * (D - D_sft) ** 2
 
-    assert float(found['v2o']) == pytest.approx(sum(cost(D, 0.5) for D in D_o), abs=1e-5)
-    assert float(found['v2e']) == pytest.approx(len(offsets) * cost(D_e, 0.5), abs=1e-6)
+    assert float(errors['v2o']) == pytest.approx(sum(cost(D, 0.5) for D in D_o), abs=1e-5)
+    assert float(errors['v2e']) == pytest.approx(len(offsets) * cost(D_e, 0.5), abs=1e-6)
 
 
 def test_obstacles_move_with_their_velocity(car, scene, mpcc):
@@ -147,8 +147,8 @@ def test_obstacles_move_with_their_velocity(car, scene, mpcc):
 
 
 def test_of_many_obstacles_the_ones_nearest_to_the_plan_count(car, scene, mpcc):
-    one = scene.obstacles.items[0]
-    row = [one._replace(id=i, X=20.0 + 0.0 * i, Y=3.0 * i) for i in range(9, 0, -1)]
+    obstacle = scene.obstacles.items[0]
+    row = [obstacle._replace(id=i, X=20.0 + 0.0 * i, Y=3.0 * i) for i in range(9, 0, -1)]
     crowd = scene._replace(obstacles=scene.obstacles._replace(items=tuple(row)))
     plan = initial_guess.guess_from_path(
         scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT
@@ -169,31 +169,31 @@ def test_constraints_are_the_paper_s_per_axle_and_for_the_road(car, scene, mpcc)
     x = State(20.0, 3.0, 0.0, 20.0, 0.0, 0.0, 20.0, 0.0, -8000.0)
     numbers = mpcc.stage_parameters(scene, np.tile(x, (N + 1, 1)))
     stage = named_vector.build(numbers.stages, numbers.P[0])
-    found = mpcc_formulation.constraints(x, Input(0, 0, 0.7, 0.25), stage)
+    values = mpcc_formulation.constraints(x, Input(0, 0, 0.7, 0.25), stage)
     Fz = single_track.loads(-8000.0, car)
-    assert float(found.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
-    assert float(found.rear) == pytest.approx(-2400 / (car.mu_r * Fz.r))
+    assert float(values.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
+    assert float(values.rear) == pytest.approx(-2400 / (car.mu_r * Fz.r))
     # the road reaches from -2.5 to 6: its centre is 1.75, its half 4.25, the car's circle 1.1
-    assert float(found.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
-    assert float(found.speed) == pytest.approx(20.25)
+    assert float(values.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
+    assert float(values.speed) == pytest.approx(20.25)
 
 
 def test_friction_bounds_are_the_safety_factor(params, car):
-    found = bounds.build(params.limits, car, -3000.0, N, DT)
-    assert np.all(found.g_high[:, :3] == params.limits.friction_use)
-    assert np.all(found.h_low == -params.limits.friction_use)
+    solver_bounds = bounds.build(params.limits, car, -3000.0, N, DT)
+    assert np.all(solver_bounds.g_high[:, :3] == params.limits.friction_use)
+    assert np.all(solver_bounds.h_low == -params.limits.friction_use)
 
 
 def test_a_force_beyond_a_slippery_road_leaves_the_problem_feasible(world):
     params, vehicle = world.load(model__friction=0.3)
     car = stage_parameters.car(params, vehicle)
     Fx = -12000.0
-    found = bounds.build(params.limits, car, Fx, N, DT)
+    solver_bounds = bounds.build(params.limits, car, Fx, N, DT)
     beyond = abs(ocp.total_friction_use(Fx, car))
     assert beyond > 1 > params.limits.friction_use
-    assert found.g_high[0, 0] > beyond
+    assert solver_bounds.g_high[0, 0] > beyond
     force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))
-    assert np.all(found.g_high[force_gone:, :3] == params.limits.friction_use)
+    assert np.all(solver_bounds.g_high[force_gone:, :3] == params.limits.friction_use)
 
 
 @quick

@@ -1,4 +1,4 @@
-"""The car's own problem, driven along its plans: cold, warm, disturbed, and with a surprise."""
+"""The Riccati solver on the MPCC: cold, warm, disturbed, and with an obstacle that appears."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ class Drive:
         limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
         return np.array(x0), P, limits, plan
 
-    def moved_on(self, plan):
+    def shifted(self, plan):
         return initial_guess.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
 
 
@@ -72,7 +72,7 @@ def fatrop(drive):
 
 
 @pytest.fixture(scope='module')
-def own(drive):
+def riccati(drive):
     return make_solver(drive.problem, options('riccati', 1e-6))
 
 
@@ -80,39 +80,39 @@ def options(name, tolerance):
     return SolverOptions(name, 200, tolerance, time_limit_s=None, compiled=False)
 
 
-def test_cold_start_finds_the_cost_that_fatrop_finds(drive, own, fatrop):
+def test_a_cold_start_reaches_the_same_cost_as_fatrop(drive, riccati, fatrop):
     numbers = drive.numbers(X_START)
-    mine, reference = own.solve(*numbers), fatrop.solve(*numbers)
-    assert mine.status == reference.status == SOLVED
-    assert mine.cost == pytest.approx(reference.cost, rel=1e-6)
-    assert np.allclose(mine.plan.X, reference.plan.X, rtol=1e-4, atol=1e-3)
+    solution, reference = riccati.solve(*numbers), fatrop.solve(*numbers)
+    assert solution.status == reference.status == SOLVED
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-6)
+    assert np.allclose(solution.plan.X, reference.plan.X, rtol=1e-4, atol=1e-3)
 
 
-def test_drive_past_an_obstacle_stays_warm_and_as_cheap_as_fatrop(drive, own, fatrop):
-    found = own.solve(*drive.numbers(X_START))
+def test_drive_past_an_obstacle_stays_warm_and_as_cheap_as_fatrop(drive, riccati, fatrop):
+    solution = riccati.solve(*drive.numbers(X_START))
     for _ in range(12):
-        plan = drive.moved_on(found.plan)
+        plan = drive.shifted(solution.plan)
         numbers = drive.numbers(State(*plan.X[0]), plan)
-        found, reference = own.solve(*numbers), fatrop.solve(*numbers)
-        assert found.status == SOLVED
-        assert found.iterations <= 10
-        assert found.primal_residual < 1e-5
-        assert found.cost == pytest.approx(reference.cost, rel=1e-4)
+        solution, reference = riccati.solve(*numbers), fatrop.solve(*numbers)
+        assert solution.status == SOLVED
+        assert solution.iterations <= 10
+        assert solution.primal_residual < 1e-5
+        assert solution.cost == pytest.approx(reference.cost, rel=1e-4)
 
 
-def test_disturbed_states_are_solved_from_the_old_plan(drive, own):
+def test_disturbed_states_are_solved_from_the_old_plan(drive, riccati):
     rng = np.random.default_rng(12)
-    plan = own.solve(*drive.numbers(X_START)).plan
+    plan = riccati.solve(*drive.numbers(X_START)).plan
     for _ in range(20):
         x0 = State(*(np.array(X_START) + rng.standard_normal(9) * NOISE))
-        found = own.solve(*drive.numbers(x0, plan))
-        assert found.status == SOLVED
-        assert found.primal_residual < 1e-5
+        solution = riccati.solve(*drive.numbers(x0, plan))
+        assert solution.status == SOLVED
+        assert solution.primal_residual < 1e-5
 
 
-def test_obstacle_that_pops_up_is_avoided_at_once(drive, own):
-    before = own.solve(*drive.numbers(X_START))
-    after = own.solve(*drive.numbers(X_START, before.plan, (IN_THE_WAY, POPS_UP)))
+def test_an_obstacle_that_appears_is_avoided_at_once(drive, riccati):
+    before = riccati.solve(*drive.numbers(X_START))
+    after = riccati.solve(*drive.numbers(X_START, before.plan, (IN_THE_WAY, POPS_UP)))
     assert after.status == SOLVED
     gaps = []
     for plan in (before.plan, after.plan):
@@ -121,12 +121,12 @@ def test_obstacle_that_pops_up_is_avoided_at_once(drive, own):
     assert gaps[1] > gaps[0]
 
 
-def test_guess_without_inputs_and_far_from_the_dynamics_is_good_enough(drive, own, fatrop):
+def test_guess_without_inputs_and_far_from_the_dynamics_is_good_enough(drive, riccati, fatrop):
     x0, P, limits, plan = drive.numbers(X_START)
     X = plan.X.copy()
     X[1:, State._fields.index('vx')] += 3.0
     X[1:, State._fields.index('Y')] += 1.0
     bent = Plan(X, 0 * plan.U)
-    mine, reference = own.solve(x0, P, limits, bent), fatrop.solve(x0, P, limits, bent)
-    assert mine.status == SOLVED
-    assert mine.cost <= reference.cost * (1 + 1e-4)
+    solution, reference = riccati.solve(x0, P, limits, bent), fatrop.solve(x0, P, limits, bent)
+    assert solution.status == SOLVED
+    assert solution.cost <= reference.cost * (1 + 1e-4)

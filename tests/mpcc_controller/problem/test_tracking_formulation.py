@@ -24,14 +24,14 @@ def standing(theta):
     return np.tile(State(theta, 0.4, 0.0, 5.0, 0.0, 0.0, theta, 0.0, 0.0), (N + 1, 1))
 
 
-def test_the_reference_moves_at_the_desired_speed_from_the_car_on(tracking, world, scene):
+def test_the_reference_starts_at_the_car_and_moves_at_the_desired_speed(tracking, world, scene):
     path = reference_path.build(world.straight(v=20.0).reference)
     stages = tracking.stage_parameters(scene._replace(path=path), standing(10.0)).stages
     assert stages.path.theta == pytest.approx(10.0 + 20.0 * 0.05 * np.arange(N + 1))
     assert stages.v_ref == pytest.approx(np.full(N + 1, 20.0))
 
 
-def test_the_errors_are_those_to_the_moving_point_wherever_the_path_distance_is(tracking, scene):
+def test_the_errors_are_relative_to_the_moving_point_for_every_theta(tracking, scene):
     stage = tracking.stage_parameters(scene, standing(10.0)).stages
     later = stage._replace(path=type(stage.path)(*(column[7] for column in stage.path)))
     x = State(10.0, 0.4, 0.1, 5.0, 0.0, 0.0, 10.0, 0.0, 0.0)
@@ -47,7 +47,7 @@ def test_the_errors_are_those_to_the_moving_point_wherever_the_path_distance_is(
 def test_it_drives_a_lane_change_past_an_obstacle(world):
     controller = Controller(*world.load('tracking'))
     situation = world.lane_change()
-    run = world.drive(world.tell(controller, situation), 110)
+    run = world.drive(world.set_inputs(controller, situation), 110)
     obstacle = situation.obstacles.items[0]
     gap = np.hypot(run.states.X - obstacle.X, run.states.Y - obstacle.Y) - obstacle.r_obs - 1.1
     assert np.min(gap) > 0.2

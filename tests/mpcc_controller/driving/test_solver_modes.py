@@ -1,4 +1,4 @@
-"""One step where it is enough, the preparation of the next tick, and the time of both solvers."""
+"""The modes of the solver: converged, one step, prepared; and the time of both solvers."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ TICKS = 40
 
 @pytest.fixture(scope='module')
 def controllers(world):
-    """Return a controller per mode; `tell` starts each anew."""
+    """Return a controller per mode; `set_inputs` resets each."""
 
     def make(**settings):
         params, vehicle = world.load(**{f'solver__{k}': v for k, v in settings.items()})
@@ -27,36 +27,42 @@ def controllers(world):
     }
 
 
-def driven(world, controller, ticks=TICKS):
+def drive_lane_change(world, controller, ticks=TICKS):
     """Drive through the lane change with the prediction model as the car, preparing each tick."""
-    world.tell(controller, world.lane_change())
-    seen = world.Spoilt(controller.planner.first_solver)
+    world.set_inputs(controller, world.lane_change())
+    solver = world.ModifiedSolver(controller.planner.first_solver)
     answers, step = [], controller.step
 
-    def noted(*state):
-        answered = step(*state)
+    def recorded_step(*state):
+        record = step(*state)
         answers.append(
-            (controller.planner.last_problem, controller.planner.fallback.plan, seen.solutions[-1])
+            (
+                controller.planner.last_problem,
+                controller.planner.fallback.plan,
+                solver.solutions[-1],
+            )
         )
         controller.prepare()
-        return answered
+        return record
 
-    controller.planner.first_solver, controller.step = seen, noted
+    controller.planner.first_solver, controller.step = solver, recorded_step
     try:
         return world.drive(controller, ticks), answers
     finally:
-        controller.planner.first_solver, controller.step = seen.inner, step
+        controller.planner.first_solver, controller.step = solver.inner, step
 
 
 def cost(controller, answers):
-    """Return the sum of the stage costs of what was driven."""
-    of = controller.planner.problem.stage_cost
-    return sum(float(of(plan.X[0], plan.U[0], posed.parameters.P[0])) for posed, plan, _ in answers)
+    """Return the sum of the costs of the first stages of all plans."""
+    stage_cost = controller.planner.problem.stage_cost
+    return sum(
+        float(stage_cost(plan.X[0], plan.U[0], posed.parameters.P[0])) for posed, plan, _ in answers
+    )
 
 
 @pytest.fixture(scope='module')
 def drives(world, controllers):
-    return {name: driven(world, controller) for name, controller in controllers.items()}
+    return {name: drive_lane_change(world, controller) for name, controller in controllers.items()}
 
 
 @pytest.mark.parametrize('mode', ['one_step', 'prepared'])
@@ -82,7 +88,7 @@ def test_most_ticks_need_one_iteration_and_more_of_them_when_prepared(drives):
     assert np.mean(prepared == 1) > np.mean(stepped == 1)
 
 
-def test_one_step_keeps_its_own_limits_and_says_so(drives, controllers):
+def test_one_step_keeps_its_own_limits_and_reports_its_reason(drives, controllers):
     rules = controllers['one_step'].params.solver
     drive, answers = drives['one_step']
     kinds = set()
@@ -90,28 +96,28 @@ def test_one_step_keeps_its_own_limits_and_says_so(drives, controllers):
         kinds.add((solution.status, why.values['reason']))
         if solution.status == ONE_STEP:
             assert solution.primal_residual <= rules.one_step_residual
-        told = encode.why(why._replace(stamp_ns=why.stamp_ns + 1))  # the first stamp is 0
-        assert not conformance.check('/controller/why', told)
+        message = encode.why(why._replace(stamp_ns=why.stamp_ns + 1))  # the first stamp is 0
+        assert not conformance.check('/controller/why', message)
     assert kinds == {(SOLVED, 'converged'), (ONE_STEP, 'one_step')}
 
 
-def test_what_is_driven_obeys_the_prediction_model_exactly(drives, controllers):
+def test_plans_of_one_step_satisfy_the_prediction_model_exactly(drives, controllers):
     motion, car = (getattr(controllers['one_step'].planner, name) for name in ('step', 'car'))
     for _, plan, _ in drives['one_step'][1]:
-        ahead = motion(plan.X[0], plan.U[0], np.array(car)).full().ravel()
-        assert plan.X[1] == pytest.approx(ahead, abs=1e-6)
+        predicted = motion(plan.X[0], plan.U[0], np.array(car)).full().ravel()
+        assert plan.X[1] == pytest.approx(predicted, abs=1e-6)
 
 
 def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
-    """Its numbers are those around the last plan moved on; only the first guess is another one."""
-    prepared = world.tell(controllers['prepared'], world.lane_change())
+    """The stage parameters are those of the shifted last plan; only the initial guess differs."""
+    prepared = world.set_inputs(controllers['prepared'], world.lane_change())
     world.tick(prepared, world.rolling(X=45.0))
     kept = prepared.planner.fallback.plan
     prepared.prepare()
     assert prepared.planner.fallback.plan is kept
     expected = prepared.planner.prepared
     assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
-    solves = prepared.planner.first_solver = world.Spoilt(prepared.planner.first_solver)
+    solves = prepared.planner.first_solver = world.ModifiedSolver(prepared.planner.first_solver)
     try:
         *_, why = world.tick(prepared, world.rolling(X=46.0, stamp_ns=50_000_000))
     finally:
@@ -122,68 +128,70 @@ def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
 
 
 def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controllers, world):
-    made = world.tell(controllers['prepared'], world.lane_change())
-    assert made.planner.prepare(made.scene) is None
-    world.tick(made, world.rolling(X=25.0))
-    made.prepare()
-    assert made.planner.prepared is not None
-    genuine = made.planner.first_solver
-    made.planner.first_solver = world.Spoilt(genuine, lambda s: s._replace(status=FAILED))
-    made.planner.second_solver, second = None, made.planner.second_solver
+    controller = world.set_inputs(controllers['prepared'], world.lane_change())
+    assert controller.planner.prepare(controller.scene) is None
+    world.tick(controller, world.rolling(X=25.0))
+    controller.prepare()
+    assert controller.planner.prepared is not None
+    genuine = controller.planner.first_solver
+    controller.planner.first_solver = world.ModifiedSolver(
+        genuine, lambda s: s._replace(status=FAILED)
+    )
+    controller.planner.second_solver, second = None, controller.planner.second_solver
     try:
-        world.tick(made, world.rolling(X=26.0, stamp_ns=50_000_000))
-        made.prepare()
+        world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))
+        controller.prepare()
     finally:
-        made.planner.first_solver, made.planner.second_solver = genuine, second
-    assert made.planner.prepared is None
+        controller.planner.first_solver, controller.planner.second_solver = genuine, second
+    assert controller.planner.prepared is None
 
 
-def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(changing, world):
-    world.tick(changing, world.rolling(X=25.0))
-    changing.prepare()
-    assert changing.planner.prepared is None
+def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(controller, world):
+    world.tick(controller, world.rolling(X=25.0))
+    controller.prepare()
+    assert controller.planner.prepared is None
     assert (
-        world.tick(changing, world.rolling(X=26.0, stamp_ns=50_000_000))[2].values.get(
+        world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))[2].values.get(
             'time.ahead_ms'
         )
         is None
     )
 
 
-def test_a_mode_that_a_solver_has_not_is_refused_with_its_name(world):
+def test_an_unsupported_solver_mode_is_rejected_and_named(world):
     params, vehicle = world.load(solver__name='fatrop', solver__mode='one_step')
     with pytest.raises(ParameterError, match=r'solver\.mode: one_step .* allowed with fatrop'):
         Controller(params, vehicle)
 
 
-def test_the_second_solver_gets_all_the_time_that_the_first_one_left(late, world):
-    """The first one of `late` takes 15 ms of the 10 s that both have."""
+def test_the_second_solver_gets_the_remaining_time_of_the_first(realtime, world):
+    """The first solver of the fixture takes 15 ms of the 10 s that both share."""
     limits = []
 
-    class Second(world.Spoilt):
+    class Second(world.ModifiedSolver):
         def set_time_limit(self, seconds):
             limits.append(seconds)
 
-    first = late.planner.first_solver
-    first.spoil = lambda solution: solution._replace(status=FAILED)
-    late.planner.second_solver = Second(first.inner)
-    *_, why = world.tick(late, world.rolling())
+    first = realtime.planner.first_solver
+    first.modify = lambda solution: solution._replace(status=FAILED)
+    realtime.planner.second_solver = Second(first.inner)
+    *_, why = world.tick(realtime, world.rolling())
     assert why.values['rung'] == 'second_solver'
     assert limits == [pytest.approx(10.0 - 0.015)]
 
 
 @pytest.mark.parametrize('v', [20.0, 22.0])
-@pytest.mark.parametrize('ahead', [16.0, 18.0, 20.0, 28.0, 40.0])
+@pytest.mark.parametrize('distance', [16.0, 18.0, 20.0, 28.0, 40.0])
 def test_an_obstacle_that_appears_on_the_plan_is_solved_by_the_first_solver(
-    changing, world, v, ahead
+    controller, world, v, distance
 ):
-    """Also dead ahead, where the slope of the distance vanishes: 10 of these 60 once did not."""
+    """Also straight ahead, where the distance has no gradient: 10 of these 60 once failed."""
     for side in (-0.1, -0.02, 0.0):
         for radius in (1.0, 1.2):
-            world.tell(changing, world.straight(v=v, left=6.0, right=-2.5))
-            world.tick(changing, world.rolling(v=v, X=12.0))
+            world.set_inputs(controller, world.straight(v=v, left=6.0, right=-2.5))
+            world.tick(controller, world.rolling(v=v, X=12.0))
             X = 12.0 + v * 0.05
-            surprise = Obstacle(1, X + ahead, side, radius, 0.0, 0.0)
-            changing.set_obstacles(Obstacles(0, (surprise,)))
-            *_, why = world.tick(changing, world.rolling(v=v, X=X, stamp_ns=50_000_000))
+            surprise = Obstacle(1, X + distance, side, radius, 0.0, 0.0)
+            controller.set_obstacles(Obstacles(0, (surprise,)))
+            *_, why = world.tick(controller, world.rolling(v=v, X=X, stamp_ns=50_000_000))
             assert why.values['solver.status'] == SOLVED, (side, radius)

@@ -1,0 +1,88 @@
+"""Braking on stale inputs, and the warm-up before the first command."""
+
+from itertools import pairwise
+
+import pytest
+
+from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.tick import Arrival, unknown_state
+from msgs_yaml import conformance, encode
+from msgs_yaml.types import Actuators
+from stage_solver.solution import SOLVED
+
+TICK = 50_000_000
+
+
+def decision(why):
+    """Return fallback level, reason and line of the lookahead point."""
+    return why.values['rung'], why.values['reason'], why.values.get('guide')
+
+
+def test_with_a_stale_state_it_brakes_straight_at_once_within_the_limits(controller, world):
+    first, *_ = world.tick(controller, world.rolling(X=40.0))
+    limits = controller.params.limits
+    commands = [first]
+    for k in range(1, 6):
+        command, prediction, why = world.tick(
+            controller, unknown_state(k * TICK), fault='state_stale'
+        )
+        assert decision(why) == (BRAKING, 'state_stale', 'none')
+        assert why.values['gate'] == 'passed'
+        assert not len(prediction.X)
+        assert not conformance.check('/controller/why', encode.why(why))
+        commands.append(command)
+    forces = [c.Fxf + c.Fxr for c in commands]
+    steps = [b - a for a, b in pairwise(forces)]
+    assert steps[0] == pytest.approx(-limits.force_rate_nps * 0.05, rel=1e-6)
+    assert min(steps) >= -limits.force_rate_nps * 0.05 * (1 + 1e-6)
+    assert forces[-1] < -8000.0
+    assert commands[-1].delta == 0.0
+
+
+def test_after_braking_without_a_state_it_starts_from_the_measured_actuators(controller, world):
+    world.tick(controller, world.rolling(X=40.0))
+    world.tick(controller, unknown_state(TICK), fault='state_stale')
+    controller.reset(Actuators(2 * TICK, -0.03, 0.0, -3000.0, -1000.0, (0.0,) * 4))
+    command, _, why = world.tick(controller, world.rolling(X=42.0, stamp_ns=2 * TICK))
+    assert decision(why)[:2] == (SOLVED, 'converged')
+    assert why.values['set_point.delta'] == pytest.approx(-0.03)
+    assert why.values['set_point.Fx'] == pytest.approx(-4000.0)
+    assert abs(command.delta + 0.03) <= controller.params.limits.steer_rate_radps * 0.05 * 1.001
+
+
+@pytest.mark.parametrize('fault', ['obstacles_stale', 'reference_stale', 'edges_stale'])
+def test_with_stale_surroundings_it_brakes_along_the_last_plan(controller, world, fault):
+    world.tick(controller, world.rolling(X=40.0))
+    *_, why = world.tick(controller, world.rolling(X=41.0, stamp_ns=TICK), fault=fault)
+    assert decision(why) == (BRAKING, fault, 'plan')
+    assert 'time.solve_ms' not in why.values
+    *_, why = world.tick(controller, world.rolling(X=42.0, stamp_ns=2 * TICK))
+    assert decision(why)[:2] == (SOLVED, 'converged')
+    assert not why.values['solver.warm']
+
+
+def test_braking_does_not_change_the_latency_estimate(realtime, world):
+    world.tick(realtime, world.rolling(stamp_ns=TICK))
+    expected = realtime.latency.estimate(0.0)
+    for k in range(2, 30):
+        world.tick(realtime, unknown_state(k * TICK), fault='state_stale')
+    assert realtime.latency.estimate(0.0) == expected
+
+
+def test_the_arrival_of_the_state_is_reported_if_it_is_known(controller, world):
+    arrival = Arrival(received_ns=77, wait_s=0.002)
+    *_, why = world.tick(controller, world.rolling(stamp_ns=TICK), arrival=arrival)
+    assert (why.values['time.heard_ns'], why.values['time.wait_ms']) == (77, pytest.approx(2.0))
+    assert not conformance.check('/controller/why', encode.why(why))
+    *_, why = world.tick(controller, world.rolling(stamp_ns=2 * TICK))
+    assert 'time.heard_ns' not in why.values
+
+
+def test_the_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime, world):
+    x = world.rolling(X=10.0, stamp_ns=TICK)
+    stamps = [record.command.stamp_ns for record in realtime.warm_up(x, 5)]
+    assert stamps == [(1 + k) * TICK for k in range(1, 6)]
+    assert realtime.planner.fallback.plan is None
+    assert realtime.planner.theta is None
+    assert not realtime.gate.rejections
+    assert realtime.latency.estimate(0.0) == pytest.approx(0.015 + 0.001)
