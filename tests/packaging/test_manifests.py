@@ -1,4 +1,4 @@
-"""package.xml and setup.py name everything that a package and its launch files import."""
+"""package.xml and setup.cfg name everything that a package and its launch files import."""
 
 import ast
 import re
@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 from installation import PACKAGES, ROOT
+from setuptools.config.setupcfg import read_configuration
 
 # rosdep keys of modules that do not come with a ROS package; None: there is no key, pip installs it
 ROSDEP_KEYS = {
@@ -70,10 +71,8 @@ def test_what_pip_installs_for_want_of_a_key_is_in_the_installation_for_ubuntu()
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_setup_names_every_import_that_pip_installs(package):
-    listed = re.search(
-        r'install_requires=\[(.*?)\]', (ROOT / package / 'setup.py').read_text(), re.S
-    )
-    installed = set(re.findall(r"'([\w-]+)", listed.group(1))) - {'setuptools'}
+    required = read_configuration(ROOT / package / 'setup.cfg')['options']['install_requires']
+    installed = {re.match(r'[\w-]+', entry).group() for entry in required} - {'setuptools'}
     outside = imports(package) & set(ROSDEP_KEYS)
     assert installed == {DISTRIBUTIONS.get(module, module) for module in outside}
 

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from setuptools.config.setupcfg import read_configuration
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = {
@@ -87,12 +88,14 @@ def test_share_data_is_installed_both_ways(colcon, package):
 @pytest.mark.parametrize('package', EXECUTABLES)
 def test_package_manifest_and_setup_agree(package):
     manifest = ElementTree.parse(ROOT / package / 'package.xml').getroot()
-    setup = (ROOT / package / 'setup.py').read_text()
+    setup = read_configuration(ROOT / package / 'setup.cfg')
     assert manifest.get('format') == '3'
     assert manifest.findtext('name') == package
-    assert f"version='{manifest.findtext('version')}'" in setup
+    for name in ('name', 'version', 'license'):
+        assert manifest.findtext(name) == setup['metadata'][name]
     assert manifest.findtext('license') == 'Apache-2.0'
     assert manifest.findtext('export/build_type') == 'ament_python'
+    commands = setup['options'].get('entry_points', {}).get('console_scripts', ())
+    assert {line.split(' = ')[0] for line in commands} == set(EXECUTABLES[package])
     for name in EXECUTABLES[package]:
-        assert f"'{name} = {package}." in setup
         assert os.access(ROOT / package / 'scripts' / name, os.X_OK)
