@@ -33,7 +33,8 @@ class Template:
         """Raise KeyError for a topic that is not in `flat_fields.TYPES`."""
         self._fields = flat_fields.load(topic)
         described = contract.load().topics[topic]
-        writer = _LAYOUTS[described.type](described)
+        writer = _Writer(described)
+        _LAYOUTS[described.type](writer, described)
         self._buffer = writer.buffer
         offsets = [writer.offsets[path] for path in self._fields.paths]
         order = sorted(range(len(offsets)), key=offsets.__getitem__)
@@ -101,8 +102,7 @@ class _Writer:
         self.buffer += bytes(-(len(self.buffer) - len(ENCAPSULATION)) % size)
 
 
-def _odometry(topic: Topic) -> _Writer:
-    writer = _Writer(topic)
+def _odometry(writer: _Writer, topic: Topic) -> None:
     writer.text(topic.child_frame)
     writer.numbers('pose.pose.position.{}', 'xyz')
     writer.numbers('pose.pose.orientation.{}', 'xyzw')
@@ -110,29 +110,24 @@ def _odometry(topic: Topic) -> _Writer:
     writer.numbers('twist.twist.linear.{}', 'xyz')
     writer.numbers('twist.twist.angular.{}', 'xyz')
     writer.constants(_COVARIANCE_6D)
-    return writer
 
 
-def _imu(topic: Topic) -> _Writer:
-    writer = _Writer(topic)
+def _imu(writer: _Writer, _: Topic) -> None:
     writer.constants(_IDENTITY)
     writer.constants(_NO_ORIENTATION)
     writer.numbers('angular_velocity.{}', 'xyz')
     writer.constants(_COVARIANCE_3D)
     writer.numbers('linear_acceleration.{}', 'xyz')
     writer.constants(_COVARIANCE_3D)
-    return writer
 
 
-def _joint_state(topic: Topic) -> _Writer:
-    writer = _Writer(topic)
+def _joint_state(writer: _Writer, topic: Topic) -> None:
     writer.count(len(topic.joints))
     for name in topic.joints:
         writer.text(name)
     for array in contract.JOINT_ARRAYS:
         writer.count(len(topic.joints))
         writer.numbers(array + '[{}]', topic.joints)
-    return writer
 
 
 _LAYOUTS = {

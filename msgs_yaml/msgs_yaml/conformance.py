@@ -6,6 +6,7 @@ returns its violations; what depends on the topic only is computed once, when th
 
 import math
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -182,7 +183,7 @@ def _diagnostic_values(topic) -> Check:
 
     @lru_cache(_CACHED_KEYS)
     def path_of(key):
-        return next((p for pattern, p in patterns.items() if field_paths.fits(key, pattern)), None)
+        return next((p for pattern, p in patterns.items() if fnmatchcase(key, pattern)), None)
 
     def run(message):
         pairs = [pair for status in message.status for pair in status.values]

@@ -3,6 +3,7 @@
 The format is described at the top of topics.yaml. No ROS is needed to read it.
 """
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,7 @@ JOINT_ARRAYS = ('position', 'velocity', 'effort')
 UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns', '-', 'word')
 WORD = 'word'
 ContractError = YamlError
+_TOPIC_NAME = re.compile(r'(/[a-z][a-z0-9_]*)+')
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Topic:
         """Names of a JointState in the order of the message."""
         if self.type != JOINT_STATE:
             return ()
-        return tuple(dict.fromkeys(field_paths.selector(path) for path in self.fields))
+        return tuple(dict.fromkeys(field_paths.parse(path)[0].selector for path in self.fields))
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def _qos(name, item):
 def _topic(name, item, profiles):
     required = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos', 'fields')
     m = item.members(required, ('child_frame', 'sizes'))
-    if not field_paths.is_topic_name(name):
+    if not _TOPIC_NAME.fullmatch(name):
         raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
     kind = m['type'].word(TYPES)
     qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}

@@ -91,19 +91,11 @@ def odometry_as_received(x: VehicleState) -> VehicleState:
     return x._replace(psi=heading_as_received(x.psi))
 
 
-def reference_as_received(x: Reference) -> Reference:
-    """Return decode.reference(encode.reference(x))."""
-    return x._replace(psi=_headings(x.psi), t=_times(x.stamp_ns, x.t))
+def reference_as_received(x: Reference | Prediction) -> Reference | Prediction:
+    """Return decode.reference(encode.reference(x)), or the same of a prediction."""
+    times = [ns_to_s(add_seconds(x.stamp_ns, t) - x.stamp_ns) for t in x.t]
+    headings = [heading_as_received(float(psi)) for psi in x.psi]
+    return x._replace(psi=np.unwrap(headings), t=np.array(times))
 
 
-def prediction_as_received(x: Prediction) -> Prediction:
-    """Return decode.prediction(encode.prediction(x))."""
-    return x._replace(psi=_headings(x.psi), t=_times(x.stamp_ns, x.t))
-
-
-def _headings(psi):
-    return np.unwrap([heading_as_received(float(p)) for p in psi])
-
-
-def _times(stamp_ns, t):
-    return np.array([ns_to_s(add_seconds(stamp_ns, t_i) - stamp_ns) for t_i in t])
+prediction_as_received = reference_as_received

@@ -6,25 +6,12 @@ of the same name in `encode`.
 """
 
 import struct
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from msgs_yaml import conformance, conversions, flat_fields
-from msgs_yaml.types import (
-    Actuators,
-    Command,
-    Health,
-    Imu,
-    Obstacle,
-    Obstacles,
-    Prediction,
-    Reference,
-    RoadEdges,
-    VehicleState,
-    Wheels,
-    Why,
-)
+from msgs_yaml import conformance, conversions, flat_fields, types
 
 UNIT_TOLERANCE = 1e-3  # of the squared length of a quaternion
 _CDR_ORDERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
@@ -40,34 +27,27 @@ class DecodeError(ValueError):
     """A message violates the contract."""
 
 
-def odometry(msg: Any) -> VehicleState:
+def _flat(topic, msg):
+    """Return the value of a topic of `flat_fields.TYPES`."""
+    _check(topic, msg)
+    return flat_fields.load(topic).to_value(conversions.stamp_to_ns(msg.header.stamp), msg)
+
+
+# each takes a message and returns the value of `types` that is named alike
+imu = partial(_flat, '/vehicle/imu')
+actuators = partial(_flat, '/vehicle/actuators')
+wheels = partial(_flat, '/vehicle/wheels')
+command = partial(_flat, '/controller/command')
+
+
+def odometry(msg: Any) -> types.VehicleState:
     """Return the vehicle state of /vehicle/odometry."""
     state = _flat('/vehicle/odometry', msg)
     _check_quaternion('/vehicle/odometry', msg.pose.pose.orientation)
     return state
 
 
-def imu(msg: Any) -> Imu:
-    """Return the accelerations and the yaw rate of /vehicle/imu."""
-    return _flat('/vehicle/imu', msg)
-
-
-def actuators(msg: Any) -> Actuators:
-    """Return the state of the actuators of /vehicle/actuators."""
-    return _flat('/vehicle/actuators', msg)
-
-
-def wheels(msg: Any) -> Wheels:
-    """Return the wheels of /vehicle/wheels."""
-    return _flat('/vehicle/wheels', msg)
-
-
-def command(msg: Any) -> Command:
-    """Return the set-points of /controller/command."""
-    return _flat('/controller/command', msg)
-
-
-def reference(msg: Any) -> Reference:
+def reference(msg: Any) -> types.Reference:
     """Return the path of /scenario/reference; pose stamps must increase."""
     stamp_ns, X, Y, psi, t = _path('/scenario/reference', msg)
     if np.any(np.diff(t) <= 0.0):
@@ -76,16 +56,16 @@ def reference(msg: Any) -> Reference:
             f'/scenario/reference: poses[{i}].header.stamp is {t[i]:.9f} s after the first pose; '
             f'allowed above {t[i - 1]:.9f} s, the pose before it'
         )
-    return Reference(stamp_ns, X, Y, np.unwrap(psi), t - t[0])
+    return types.Reference(stamp_ns, X, Y, np.unwrap(psi), t - t[0])
 
 
-def prediction(msg: Any) -> Prediction:
+def prediction(msg: Any) -> types.Prediction:
     """Return the plan of /controller/prediction."""
     stamp_ns, X, Y, psi, t = _path('/controller/prediction', msg)
-    return Prediction(stamp_ns, X, Y, np.unwrap(psi), t)
+    return types.Prediction(stamp_ns, X, Y, np.unwrap(psi), t)
 
 
-def road_edges(msg: Any) -> RoadEdges:
+def road_edges(msg: Any) -> types.RoadEdges:
     """Return the edges of /scenario/road_edges."""
     _check(_EDGES, msg)
     lines = {}
@@ -94,10 +74,10 @@ def road_edges(msg: Any) -> RoadEdges:
         lines[marker.ns] = np.array([(float(p.x), float(p.y)) for p in marker.points])
     if len(lines) != 2:
         raise DecodeError(f'{_EDGES}: markers are both {msg.markers[0].ns!r}; allowed left, right')
-    return RoadEdges(_stamp_ns(_EDGES, msg.markers), lines['left'], lines['right'])
+    return types.RoadEdges(_stamp_ns(_EDGES, msg.markers), lines['left'], lines['right'])
 
 
-def obstacles(msg: Any) -> Obstacles:
+def obstacles(msg: Any) -> types.Obstacles:
     """Return the obstacles of /scenario/obstacles, in the order of their cylinders."""
     _check(_OBSTACLES, msg)
     added = [marker for marker in msg.markers if marker.action != _DELETEALL]
@@ -109,22 +89,18 @@ def obstacles(msg: Any) -> Obstacles:
         lost = min(arrows.keys() - cylinders.keys())
         raise DecodeError(f'{_OBSTACLES}: velocity {lost} belongs to no obstacle; allowed same id')
     items = tuple(_obstacle(c, arrows.get(number)) for number, c in cylinders.items())
-    return Obstacles(_stamp_ns(_OBSTACLES, msg.markers), items)
+    return types.Obstacles(_stamp_ns(_OBSTACLES, msg.markers), items)
 
 
-def why(msg: Any) -> Why:
+def why(msg: Any) -> types.Why:
     """Return the diagnostics of a tick from /controller/why."""
-    status = _status('/controller/why', msg)
-    return Why(
-        conversions.stamp_to_ns(msg.header.stamp), _level(status), status.message, _values(status)
-    )
+    stamp_ns, _, *status = _status('/controller/why', msg)
+    return types.Why(stamp_ns, *status)
 
 
-def health(msg: Any) -> Health:
+def health(msg: Any) -> types.Health:
     """Return the health of one node from /diagnostics."""
-    status = _status('/diagnostics', msg)
-    stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
-    return Health(stamp_ns, status.name, _level(status), status.message, _values(status))
+    return types.Health(*_status('/diagnostics', msg))
 
 
 def clock(msg: Any) -> int:
@@ -145,16 +121,9 @@ def stamp_ns_of(raw: bytes) -> int:
     return sec * conversions.NS_PER_S + nanosec
 
 
-def _check(topic: str, msg: Any) -> None:
+def _check(topic: str, msg: Any, check=conformance.check) -> None:
     """Raise DecodeError with the first violation of the contract in a message."""
-    violations = conformance.check(topic, msg)
-    if violations:
-        raise DecodeError(str(violations[0]))
-
-
-def _check_form(topic: str, msg: Any) -> None:
-    """Raise DecodeError for wrong sizes, names, frames and stamps, whatever the numbers are."""
-    violations = conformance.check_form(topic, msg)
+    violations = check(topic, msg)
     if violations:
         raise DecodeError(str(violations[0]))
 
@@ -163,12 +132,6 @@ def _check_quaternion(topic: str, q: Any) -> None:
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if abs(norm - 1.0) > UNIT_TOLERANCE:
         raise DecodeError(f'{topic}: orientation has the squared length {norm:g}; allowed 1')
-
-
-def _flat(topic, msg):
-    """Return the value of a topic of `flat_fields.TYPES`."""
-    _check(topic, msg)
-    return flat_fields.load(topic).to_value(conversions.stamp_to_ns(msg.header.stamp), msg)
 
 
 def _path(topic, msg):
@@ -186,20 +149,17 @@ def _path(topic, msg):
 
 
 def _status(topic, msg):
-    """Return the only status; its numbers are not checked: a failed tick must stay readable."""
-    _check_form(topic, msg)
+    """Return stamp, name, level, message and values of the only status.
+
+    Its numbers are not checked: a failed tick must stay readable.
+    """
+    _check(topic, msg, conformance.check_form)
     (status,) = msg.status
-    return status
-
-
-def _level(status):
-    """Return the level as a number: rclpy holds a byte, others an integer."""
-    level = status.level
-    return level[0] if isinstance(level, bytes) else int(level)
-
-
-def _values(status):
-    return {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
+    # rclpy holds a byte, others an integer
+    level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+    values = {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
+    stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
+    return stamp_ns, status.name, level, status.message, values
 
 
 def _obstacle(cylinder, arrow):
@@ -215,7 +175,7 @@ def _obstacle(cylinder, arrow):
         vX, vY = float(tip.x) - float(tail.x), float(tip.y) - float(tail.y)
     position = cylinder.pose.position
     X, Y = float(position.x), float(position.y)
-    return Obstacle(int(cylinder.id), X, Y, 0.5 * diameter, vX, vY)
+    return types.Obstacle(int(cylinder.id), X, Y, 0.5 * diameter, vX, vY)
 
 
 def _expect(topic, marker, kinds):

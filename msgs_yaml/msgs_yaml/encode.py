@@ -4,6 +4,7 @@ Every function is the inverse of the one of the same name in `decode`.
 """
 
 import math
+from functools import partial
 from operator import attrgetter
 
 from builtin_interfaces.msg import Duration, Time
@@ -11,25 +12,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu as ImuMessage
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msgs_yaml import contract, conversions, flat_fields
-from msgs_yaml.types import (
-    Actuators,
-    Command,
-    Health,
-    Imu,
-    Obstacles,
-    Prediction,
-    Reference,
-    RoadEdges,
-    VehicleState,
-    Wheels,
-    Why,
-)
+from msgs_yaml import contract, conversions, flat_fields, types
 
 # appearance in RViz and Foxglove
 _EDGE_WIDTH_M = 0.15
@@ -40,46 +27,56 @@ _RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
 _NO_ORIENTATION = -1.0  # sensor_msgs/Imu: first covariance of what is not measured
 
 
-def odometry(x: VehicleState) -> Odometry:
+def odometry(x: types.VehicleState) -> Odometry:
     """Return /vehicle/odometry."""
     msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
     msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
     return _with_numbers(msg, '/vehicle/odometry', x)
 
 
-def imu(x: Imu) -> ImuMessage:
+def imu(x: types.Imu) -> Imu:
     """Return /vehicle/imu."""
-    msg = ImuMessage(header=_header('/vehicle/imu', x.stamp_ns))
+    msg = Imu(header=_header('/vehicle/imu', x.stamp_ns))
     msg.orientation_covariance[0] = _NO_ORIENTATION
     return _with_numbers(msg, '/vehicle/imu', x)
 
 
-def actuators(x: Actuators) -> JointState:
-    """Return /vehicle/actuators."""
-    return _joint_state('/vehicle/actuators', x)
+def _joint_state(topic, x):
+    joints, fields = contract.load().topics[topic].joints, flat_fields.load(topic)
+    n = len(joints)
+    numbers = [0.0] * (3 * n)
+    for index, number in zip(fields.joint_indices, fields.to_numbers(x)):
+        numbers[index] = number
+    return JointState(
+        header=_header(topic, x.stamp_ns),
+        name=list(joints),
+        position=numbers[:n],
+        velocity=numbers[n : 2 * n],
+        effort=numbers[2 * n :],
+    )
 
 
-def wheels(x: Wheels) -> JointState:
-    """Return /vehicle/wheels."""
-    return _joint_state('/vehicle/wheels', x)
+# each takes the value of `types` that is named alike
+actuators = partial(_joint_state, '/vehicle/actuators')
+wheels = partial(_joint_state, '/vehicle/wheels')
+command = partial(_joint_state, '/controller/command')
 
 
-def command(x: Command) -> JointState:
-    """Return /controller/command."""
-    return _joint_state('/controller/command', x)
+def _path(topic, x):
+    msg = Path(header=_header(topic, x.stamp_ns))
+    for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
+        pose = PoseStamped(header=_header(topic, conversions.add_seconds(x.stamp_ns, t)))
+        pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
+        pose.pose.orientation.z, pose.pose.orientation.w = conversions.heading_to_quaternion(psi)
+        msg.poses.append(pose)
+    return msg
 
 
-def reference(x: Reference) -> Path:
-    """Return /scenario/reference."""
-    return _path('/scenario/reference', x)
+reference = partial(_path, '/scenario/reference')
+prediction = partial(_path, '/controller/prediction')
 
 
-def prediction(x: Prediction) -> Path:
-    """Return /controller/prediction."""
-    return _path('/controller/prediction', x)
-
-
-def road_edges(x: RoadEdges) -> MarkerArray:
+def road_edges(x: types.RoadEdges) -> MarkerArray:
     """Return /scenario/road_edges."""
     markers = []
     for ns, line in (('left', x.left), ('right', x.right)):
@@ -90,7 +87,7 @@ def road_edges(x: RoadEdges) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def obstacles(x: Obstacles) -> MarkerArray:
+def obstacles(x: types.Obstacles) -> MarkerArray:
     """Return /scenario/obstacles."""
     markers = [_cylinder(x.stamp_ns, obstacle) for obstacle in x.items]
     markers += [_arrow(x.stamp_ns, o) for o in x.items if o.vX or o.vY]
@@ -100,12 +97,12 @@ def obstacles(x: Obstacles) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def why(x: Why) -> DiagnosticArray:
+def why(x: types.Why) -> DiagnosticArray:
     """Return /controller/why; raise ValueError for a word that would be read as a number."""
     return _diagnostics('/controller/why', x.stamp_ns, 'controller', x)
 
 
-def health(x: Health) -> DiagnosticArray:
+def health(x: types.Health) -> DiagnosticArray:
     """Return /diagnostics; raise ValueError for a word that would be read as a number."""
     return _diagnostics('/diagnostics', x.stamp_ns, x.name, x)
 
@@ -130,31 +127,6 @@ def _with_numbers(msg, topic, x):
     for path, number in zip(fields.paths, fields.to_numbers(x)):
         parent, _, attribute = path.rpartition('.')
         setattr(attrgetter(parent)(msg), attribute, number)
-    return msg
-
-
-def _joint_state(topic, x):
-    joints, fields = contract.load().topics[topic].joints, flat_fields.load(topic)
-    n = len(joints)
-    numbers = [0.0] * (3 * n)
-    for index, number in zip(fields.joint_indices, fields.to_numbers(x)):
-        numbers[index] = number
-    return JointState(
-        header=_header(topic, x.stamp_ns),
-        name=list(joints),
-        position=numbers[:n],
-        velocity=numbers[n : 2 * n],
-        effort=numbers[2 * n :],
-    )
-
-
-def _path(topic, x):
-    msg = Path(header=_header(topic, x.stamp_ns))
-    for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
-        pose = PoseStamped(header=_header(topic, conversions.add_seconds(x.stamp_ns, t)))
-        pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
-        pose.pose.orientation.z, pose.pose.orientation.w = conversions.heading_to_quaternion(psi)
-        msg.poses.append(pose)
     return msg
 
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 _STEP = re.compile(r'([a-z][a-z0-9_]*)(?:\[([A-Za-z0-9_.*]+)\])?')
 _PATH = re.compile(rf'{_STEP.pattern}(?:\.{_STEP.pattern})*')
-_TOPIC = re.compile(r'(/[a-z][a-z0-9_]*)+')
 _LABELS = ('ns', 'name', 'key')
 
 
@@ -29,21 +28,6 @@ def parse(path: str) -> list[Step]:
     if not _PATH.fullmatch(path):
         raise ValueError(f'{path!r} is no field path such as poses[*].pose.position.x')
     return [Step(*match.groups()) for match in _STEP.finditer(path)]
-
-
-def selector(path: str) -> str:
-    """Return the joint name of a JointState path: `steer` of `position[steer]`."""
-    return parse(path)[0].selector
-
-
-def is_topic_name(name: str) -> bool:
-    """Tell whether a name is an absolute topic name."""
-    return _TOPIC.fullmatch(name) is not None
-
-
-def fits(label: str, pattern: str) -> bool:
-    """Tell whether a namespace, name or key fits the word in a selector."""
-    return fnmatchcase(label, pattern)
 
 
 def getter(path: str) -> Callable[[Any], list]:
@@ -74,7 +58,7 @@ def _follow(steps):
 def _chooser(pattern):
     if pattern == '*':
         return list
-    return lambda array: [e for e in array if fits(_label(e), pattern)]
+    return lambda array: [e for e in array if fnmatchcase(_label(e), pattern)]
 
 
 def _label(element):

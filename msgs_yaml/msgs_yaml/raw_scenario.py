@@ -150,9 +150,8 @@ def _in_range(column, field):
 
 def _poses_in_range(values):
     fields = contract.load().topics[REFERENCE].fields
-    for path, field in fields.items():
-        if not _in_range(values[path.removeprefix(_POSE_PREFIX)], field):
-            return False
+    if not all(_in_range(values[p.removeprefix(_POSE_PREFIX)], f) for p, f in fields.items()):
+        return False
     square = sum(values[f'orientation.{axis}'] ** 2 for axis in 'xyzw')
     return bool(np.all(np.abs(square - 1.0) <= UNIT_TOLERANCE))
 

@@ -13,7 +13,8 @@ def path(package: str, *relative: str) -> Path:
     AMENT_PREFIX_PATH (a ROS installation or a colcon workspace); the prefix of this Python (a
     virtual environment). Raises FileNotFoundError that names every path tried.
     """
-    tried = [root.joinpath(*relative) for root in _roots(package)]
+    roots = _source_tree(package) + [Path(prefix, 'share', package) for prefix in _prefixes()]
+    tried = [root.joinpath(*relative) for root in roots]
     for candidate in tried:
         if candidate.exists():
             return candidate
@@ -39,16 +40,10 @@ def _prefixes():
     return [*filter(None, ament), sys.prefix]
 
 
-def _roots(package):
-    source = _source_tree(package)
-    installed = [Path(prefix, 'share', package) for prefix in _prefixes()]
-    return [source, *installed] if source else installed
-
-
 def _source_tree(package):
-    """Return the folder that holds package.xml beside the imported module, or None."""
+    """Return the folder that holds package.xml beside the imported module, [] without one."""
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
-        return None
+        return []
     folder = Path(spec.origin).resolve().parent.parent
-    return folder if (folder / 'package.xml').is_file() else None
+    return [folder] if (folder / 'package.xml').is_file() else []
