@@ -6,6 +6,7 @@ frenet_formulation      the baseline, in path coordinates
 tracking_formulation    trajectory tracking
 cost_terms              the one list of cost terms, with their weights
 ocp                     constraints, and the stage problem of a formulation
+priorities              weight of a distance: Gaussian, or a step at contact
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 distance_frame          where distances are measured: Cartesian or path coordinates
 bounds                  limits of actuators, speed and friction

@@ -18,7 +18,7 @@ import casadi as ca
 
 from mpcc_controller.model import single_track
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import distance
+from mpcc_controller.problem import priorities
 
 
 class StageQuantities(NamedTuple):
@@ -56,7 +56,7 @@ def periodic_square(angle):
 
 def intrusions(distances, D_sft, priority):
     """Return the sum of the squared errors of distances within D_sft (paper, section 3.3)."""
-    return sum(distance.intrusion(D, D_sft, priority) for circles in distances for D in circles)
+    return sum(priorities.intrusion(D, D_sft, priority) for circles in distances for D in circles)
 
 
 def _brake_split_error(q: StageQuantities):
@@ -103,6 +103,16 @@ FRENET = (
     VELOCITY,
     *DISTANCES,
     *INPUTS,
+)
+
+# the weights that are tuned in every formulation
+TUNED = (
+    'tolerances.contouring_m',
+    'tolerances.velocity_mps',
+    'tolerances.steer_rate_radps',
+    'tolerances.force_rate_nps',
+    'priorities.obstacle',
+    'priorities.edge',
 )
 
 # without the optional terms, for problems without parameters

@@ -14,11 +14,11 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import distance, frenet_frame, reference_path
+from mpcc_controller.path import frenet_frame, reference_path
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.frenet_frame import FrenetEdges, FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.ocp import (
@@ -74,7 +74,7 @@ class FrenetErrors(NamedTuple):
 class Rules(NamedTuple):
     """What can be exchanged in the cost."""
 
-    priority: Any = distance.step_priority  # (D, D_sft) -> q / P_k
+    priority: Any = priorities.step_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.BASELINE
 
 
@@ -166,21 +166,13 @@ class FrenetFormulation:
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
     name = 'frenet'
-    tuned_weights = (
-        'tolerances.contouring_m',
-        'tolerances.velocity_mps',
-        'tolerances.steer_rate_radps',
-        'tolerances.force_rate_nps',
-        'priorities.obstacle',
-        'priorities.edge',
-        'tolerances.heading_rad',
-    )
+    tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
     distances = ('path',)
     has_lag = False
 
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car
-        priority = stage_parameters.PRIORITIES[params.formulation.priority]
+        priority = priorities.PRIORITIES[params.formulation.priority]
         self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 

@@ -16,7 +16,7 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, distance, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES, DistanceFrame
 from mpcc_controller.problem.ocp import (
@@ -59,7 +59,7 @@ class Rules(NamedTuple):
     """What can be exchanged in the cost."""
 
     frame: DistanceFrame = CARTESIAN
-    priority: Any = distance.gaussian_priority  # (D, D_sft) -> q / P_k
+    priority: Any = priorities.gaussian_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.PAPER
 
 
@@ -122,15 +122,7 @@ class MpccFormulation:
     """The paper's MPCC; see `formulation.Formulation`."""
 
     name = 'mpcc'
-    tuned_weights = (
-        'tolerances.contouring_m',
-        'tolerances.velocity_mps',
-        'tolerances.steer_rate_radps',
-        'tolerances.force_rate_nps',
-        'priorities.obstacle',
-        'priorities.edge',
-        'tolerances.lag_m',
-    )
+    tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
@@ -141,7 +133,7 @@ class MpccFormulation:
         options = params.formulation
         self.rules = Rules(
             FRAMES[options.distance],
-            stage_parameters.PRIORITIES[options.priority],
+            priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
         )
         size = stage_parameters.size(params)

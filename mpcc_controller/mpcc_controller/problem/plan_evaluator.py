@@ -22,7 +22,6 @@ class PlanValues(NamedTuple):
     priority_o: tuple  # q / P_k per obstacle slot
     priority_e: tuple  # q / P_k, left and right
     friction: Axles  # -, tyre force over mu Fz
-    split_ideal: Any  # -
     tracking: Any  # the tracking errors of the formulation
 
 
@@ -67,7 +66,6 @@ def _values(symbolic, x, u, p) -> PlanValues:
             f=ca.hypot(F.F_xf, F.F_yf) / (p.car.mu_f * Fz.f),
             r=ca.hypot(F.F_xr, F.F_yr) / (p.car.mu_r * Fz.r),
         ),
-        split_ideal=single_track.ideal_split(x.Fx, p.car),
         tracking=quantities.tracking,
     )
 

@@ -19,8 +19,6 @@ from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 
-PRIORITIES = {'gaussian': distance.gaussian_priority, 'step': distance.step_priority}
-
 
 class Scene(NamedTuple):
     """The surroundings of the car; None where an input was never set."""

@@ -10,7 +10,7 @@ from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import arc, reference_path
 from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, mpcc_formulation
+from mpcc_controller.problem import mpcc_formulation
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.mpcc_formulation import MpccFormulation, Rules, Stage, TrackingErrors
 
@@ -27,7 +27,6 @@ class TrackingFormulation(MpccFormulation):
     """Trajectory tracking; see `formulation.Formulation`."""
 
     name = 'tracking'
-    terms = cost_terms.MPCC
     quantities = staticmethod(quantities)
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:

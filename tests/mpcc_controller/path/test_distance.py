@@ -1,4 +1,4 @@
-"""Distances and their priority (paper, section 3.3), against closed forms."""
+"""Distances to obstacles and road edges (paper, section 3.3), against closed forms."""
 
 import casadi as ca
 import numpy as np
@@ -10,47 +10,6 @@ from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Circle, Disc, Edge, Edges
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
-D_SFT = 0.8
-
-
-def curve(D):
-    """Return the cost of a distance per P_k, and its slope and curvature."""
-    symbol = ca.SX.sym('D')
-    f = distance.intrusion(symbol, D_SFT)
-    hessian, gradient = ca.hessian(f, symbol)
-    return [float(value) for value in ca.Function('f', [symbol], [f, gradient, hessian])(D)]
-
-
-@pytest.mark.parametrize(
-    ('share', 'cost'),
-    [(-0.5, 2.25), (0.0, 1.0), (0.2, 0.591), (0.4, 0.261), (0.6, 0.078), (0.8, 0.011), (1.0, 0.0)],
-)
-def test_cost_of_a_distance_has_its_closed_form(share, cost):
-    assert curve(share * D_SFT)[0] == pytest.approx(cost * D_SFT**2, abs=6e-4)
-
-
-def test_priority_is_full_in_contact_and_e_to_the_minus_two_at_the_safety_distance():
-    assert float(distance.gaussian_priority(-0.3, D_SFT)) == 1
-    assert float(distance.gaussian_priority(0.0, D_SFT)) == 1
-    assert float(distance.gaussian_priority(D_SFT, D_SFT)) == pytest.approx(np.exp(-2))
-    assert float(distance.gaussian_priority(1.0001 * D_SFT, D_SFT)) == 0
-
-
-@pytest.mark.parametrize('corner', [0.0, D_SFT])
-def test_cost_of_a_distance_has_no_corner(corner):
-    before, after = curve(corner - 1e-7), curve(corner + 1e-7)
-    assert before[0] == pytest.approx(after[0], abs=1e-6)
-    assert before[1] == pytest.approx(after[1], abs=1e-5)
-
-
-@quick
-@given(st.floats(-2, 3), st.floats(1e-3, 1))
-def test_nearer_never_costs_less(D, step):
-    assert curve(D)[0] >= curve(D + step)[0]
-
-
-def test_far_obstacles_cost_nothing_and_have_no_gradient():
-    assert curve(1e4) == [0, 0, 0]
 
 
 @quick

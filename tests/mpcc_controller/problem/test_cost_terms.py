@@ -2,7 +2,6 @@
 
 from typing import get_type_hints
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Formulation
-from mpcc_controller.path import distance, reference_path, road_edges
+from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene
@@ -98,32 +97,6 @@ def test_beside_a_bend_only_the_distances_change_with_the_measure(world):
     assert np.all(path.v2e[0] > ground.v2e[0] - 1e-3)
     for name in set(ground.costs._fields) - {'v2o', 'v2e'}:
         assert np.array_equal(getattr(ground.costs, name), getattr(path.costs, name)), name
-
-
-def test_the_step_doubles_the_cost_of_contact_and_leaves_the_rest_quadratic():
-    D = np.array([-0.5, -0.1, 0.1, 0.3, D_SFT, 0.6])
-    costs = [float(distance.intrusion(d, D_SFT, distance.step_priority)) for d in D]
-    factor = np.array([2, 2, 1, 1, 1, 0])
-    assert costs == pytest.approx(factor * (D - D_SFT) ** 2, rel=1e-3)
-
-
-def test_the_step_is_blended_over_centimetres_without_a_jump_or_a_dip():
-    symbol = ca.SX.sym('D')
-    cost = distance.intrusion(symbol, D_SFT, distance.step_priority)
-    f = ca.Function('f', [symbol], [cost, ca.gradient(cost, symbol)])
-    D = np.linspace(-1.0, D_SFT, 3001)
-    values, slopes = (row.full().ravel() for row in f(ca.DM(D).T))
-    assert np.all(np.diff(values) < 0)
-    assert np.abs(np.diff(values)).max() < 0.01
-    assert np.gradient(values, D)[1:-1] == pytest.approx(slopes[1:-1], abs=0.02)
-    risen = [float(distance.step_priority(d, D_SFT)) for d in (0.04, -0.04)]
-    assert risen == pytest.approx([1.0, 2.0], abs=0.02)
-
-
-def test_an_intrusion_costs_at_least_as_much_with_the_step_as_with_the_gaussian():
-    for D in np.linspace(-0.3, D_SFT, 40):
-        gaussian = float(distance.intrusion(D, D_SFT))
-        assert float(distance.intrusion(D, D_SFT, distance.step_priority)) >= gaussian
 
 
 @pytest.mark.parametrize(
