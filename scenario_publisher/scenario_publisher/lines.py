@@ -19,6 +19,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 # a spline is measured on intervals this many times shorter than the spacing
 _REFINEMENT = 4
 ROUNDING = 1e-9
+# m; laps whose distances differ by less are equally near
+LAP_TOLERANCE_M = 1.0
 
 
 class Curve(NamedTuple):
@@ -184,9 +186,18 @@ def offset_point(frame: Frame, offset: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def nearest_sample(line: Line, X: float, Y: float) -> int:
-    """Return the index of the sample nearest to a point; where laps overlap, of the first."""
-    distance = np.hypot(line.X - X, line.Y - Y)
-    return int(np.argmax(distance <= distance.min() + np.diff(line.s).max() / 2))
+    """Return the index of the sample nearest to a point.
+
+    Of several laps the first one within LAP_TOLERANCE_M of the nearest is taken.
+    """
+    dX, dY, to_X, to_Y = np.diff(line.X), np.diff(line.Y), X - line.X[:-1], Y - line.Y[:-1]
+    share = np.clip((to_X * dX + to_Y * dY) / (dX**2 + dY**2), 0.0, 1.0)
+    distance = np.hypot(to_X - share * dX, to_Y - share * dY)
+    near = distance <= distance.min() + LAP_TOLERANCE_M
+    first = int(np.argmax(near))
+    length = int(np.argmin(near[first:]))  # 0: all that follow are near
+    segment = first + int(np.argmin(distance[first : first + length if length else None]))
+    return segment + int(share[segment] > 0.5)
 
 
 def _sample_stations(length, spacing):

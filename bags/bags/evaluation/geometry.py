@@ -10,6 +10,7 @@ import numpy as np
 
 TIE = 1e-9  # m, below which two distances count as equal
 NEAR = 1e-6  # m, more than rounding and a few ties
+LAP_TOLERANCE = 1.0  # m; laps of a road count as equally near: their vertices do not coincide
 BLOCK = 64  # points that are projected at a time
 
 
@@ -78,11 +79,16 @@ def _near(points, polyline, along):
     """
     middle = points.mean(axis=0)
     radius = np.hypot(*(points - middle).T).max()
-    relative = middle - polyline[:-1]
-    share = np.sum(relative * along, axis=1) / np.sum(along**2, axis=1)
-    gap = np.hypot(*(relative - np.clip(share, 0.0, 1.0)[:, None] * along).T)
+    gap = _gaps(middle, polyline, along)
     # NaN, and only that, leaves all of them
     return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
+
+
+def _gaps(point, polyline, along):
+    """Return the distance (n - 1,) [m] of one point to each segment."""
+    relative = point - polyline[:-1]
+    share = np.sum(relative * along, axis=1) / np.sum(along**2, axis=1)
+    return np.hypot(*(relative - np.clip(share, 0.0, 1.0)[:, None] * along).T)
 
 
 def _distance(points, polyline, chosen):
@@ -121,12 +127,14 @@ def project_drive(points, polyline, ahead):
     """Project a drive on a polyline without jumping to another lap or to a crossing branch.
 
     `points` (m, 2) are in driving order. Each is projected on the part of the polyline within
-    `ahead` [m] of the foot of the previous point; the first one on all of it. Return a Projection.
+    `ahead` [m] of the foot of the previous point; the first one on all of it, where of several laps
+    the first one within LAP_TOLERANCE of the nearest is taken. Return a Projection.
     """
     points = np.asarray(points, dtype=float)
     vertex = arc_length(polyline)
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
-    parts = [_feet(points[:1], polyline, vertex, 0, len(vertex) - 1)]
+    start = _first_pass(_gaps(points[0], polyline, np.diff(polyline, axis=0)))
+    parts = [_feet(points[:1], polyline, vertex, *start)]
     done, size = 1, BLOCK
     while done < len(points):
         # many points at once, on all segments that any of them may need; kept while the result is
@@ -147,6 +155,14 @@ def project_drive(points, polyline, ahead):
         np.concatenate([getattr(part, k) for part in parts]) for k in Projection._fields
     )
     return Projection(distance, offset)
+
+
+def _first_pass(gaps):
+    """Return the first segment, and the one behind the last, of the first of equally near laps."""
+    near = gaps <= gaps.min() + LAP_TOLERANCE
+    first = int(np.argmax(near))
+    length = int(np.argmin(near[first:]))  # 0: all that follow are near
+    return first, first + length if length else len(gaps)
 
 
 class _Feet(NamedTuple):

@@ -9,7 +9,7 @@ from mpcc_controller.path.arc import Arc
 from msgs_yaml.types import Reference
 
 # laps whose distances differ by less count as equally close: their chords do not coincide
-LAP_TOLERANCE_M = 0.5
+LAP_TOLERANCE_M = 1.0
 NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
 
 

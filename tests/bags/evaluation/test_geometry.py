@@ -46,6 +46,15 @@ def test_driving_two_laps_is_twice_the_circumference_and_never_jumps():
     assert foot.offset == pytest.approx(np.ones(len(drive)), abs=1e-3)
 
 
+@pytest.mark.parametrize(('nearer_by', 'lap'), [(0.1, 0), (0.9, 0), (1.1, 1)])
+def test_a_drive_begins_in_the_first_of_laps_that_are_about_equally_near(nearer_by, lap):
+    laps = np.concatenate([circle(20.0, 1.0, 501), circle(20.0 - nearer_by, 1.0, 501)])
+    laps[501:, 1] += nearer_by  # about the same centre
+    drive = circle(17.0, 0.2, 50)[20:] + np.array([0.0, 3.0])
+    foot = geometry.project_drive(drive, laps, ahead=5.0)
+    assert int(foot.distance[0] > 2.0 * np.pi * 20.0) == lap
+
+
 def test_a_crossing_branch_does_not_catch_the_foot():
     angle = np.linspace(0.0, 2.0 * np.pi, 801)
     eight = 50.0 * np.column_stack([np.sin(angle), np.sin(2.0 * angle) / 2.0])

@@ -159,6 +159,12 @@ def test_lateral_jerk_is_the_root_mean_square_of_the_slope(make_drive):
     short = slope._replace(stamp_ns=stamp_ns[:5], ax=slope.ax[:5], ay=slope.ay[:5])
     run = EvaluatedDrive(driven._replace(accelerations=short), None)
     assert driving.rms_lat_jerk_mps3(run) is None
+    gaps = np.where(np.arange(400) % 50 < 5, np.nan, slope.ay)
+    run = EvaluatedDrive(driven._replace(accelerations=slope._replace(ay=gaps)), None)
+    assert driving.rms_lat_jerk_mps3(run) == pytest.approx(3.0)
+    broken = slope._replace(ay=np.full(400, np.nan))
+    run = EvaluatedDrive(driven._replace(accelerations=broken), None)
+    assert driving.rms_lat_jerk_mps3(run) is None
 
 
 def test_contouring_is_a_root_mean_square(make_drive):

@@ -109,8 +109,8 @@ def test_of_two_legs_the_first_counts_only_where_both_are_about_as_near(world):
     def foot(y):
         return reference_path.project(path, 20.0, y, None, 10.0)
 
-    assert foot(3.9) == foot(4.2) == pytest.approx(20.0, abs=1e-6)
-    assert foot(4.4) == foot(6.0) == pytest.approx(path.length - 20.0, abs=1e-3)
+    assert foot(3.9) == foot(4.45) == pytest.approx(20.0, abs=1e-6)
+    assert foot(4.55) == foot(6.0) == pytest.approx(path.length - 20.0, abs=1e-3)
 
 
 @pytest.mark.parametrize('turn', [1, -1])

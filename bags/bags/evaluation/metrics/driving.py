@@ -118,14 +118,18 @@ def peak_lat_acc_mps2(run):
 
 @metric()
 def rms_lat_jerk_mps3(run):
-    """Root mean square of the lateral jerk: the slope of the measured acceleration over 0.1 s."""
+    """Root mean square of the lateral jerk: the slope of the measured acceleration over 0.1 s.
+
+    Times at which the acceleration is not finite do not count; None without any other.
+    """
     stamp_ns, ay = run.drive.accelerations.stamp_ns, run.drive.accelerations.ay
     t = (stamp_ns - stamp_ns[:1]) * NS
     if not ay.size or t[-1] - t[0] < JERK_WINDOW_S:
         return None
     inner = t[(t >= JERK_WINDOW_S / 2) & (t <= t[-1] - JERK_WINDOW_S / 2)]
     ahead, behind = (np.interp(inner + side * JERK_WINDOW_S / 2, t, ay) for side in (1, -1))
-    return float(np.sqrt(np.mean(((ahead - behind) / JERK_WINDOW_S) ** 2)))
+    jerk = (ahead - behind)[np.isfinite(ahead - behind)] / JERK_WINDOW_S
+    return float(np.sqrt(np.mean(jerk**2))) if jerk.size else None
 
 
 @metric()

@@ -10,7 +10,6 @@ from bags.evaluation.metrics.registry import EvaluatedDrive, metric
 from bags.evaluation.series import SEARCH_M
 
 REACHED_M = 0.1  # how closely the stop has to be reached
-PASSED_M = 1.0  # two laps pass the stop equally closely, except for the sampling of the path
 SLIDING_DEG = 30.0  # sideslip that no controller here plans: twice that of the tyres' limit
 SPUN_DEG = 90.0  # beyond it a car moves backwards
 OUTLINE_STEP_S = 0.01  # between two poses at which the outline is checked
@@ -159,7 +158,7 @@ def stop_station(reference: np.ndarray, stop: tuple[float, float], from_m: float
     first = min(max(0, first), len(vertex) - 2)
     ahead = geometry.project_drive(point, reference[first:], SEARCH_M)
     anywhere = geometry.project_drive(point, reference, SEARCH_M)
-    if abs(ahead.offset[0]) > abs(anywhere.offset[0]) + PASSED_M:
+    if abs(ahead.offset[0]) > abs(anywhere.offset[0]) + geometry.LAP_TOLERANCE:
         return float(anywhere.distance[0] - REACHED_M)
     return float(vertex[first] + ahead.distance[0] - REACHED_M)
 
