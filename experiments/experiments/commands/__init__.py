@@ -4,6 +4,8 @@ Modules import what they need in `run`, so that `experiments --help` answers at 
 """
 
 import argparse
+from pathlib import Path
+from typing import Any
 
 
 def positive_number(text: str) -> float:
@@ -12,3 +14,17 @@ def positive_number(text: str) -> float:
     if not 0.0 < value < float('inf'):
         raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
     return value
+
+
+def add_out(parser: argparse.ArgumentParser, default: Path, content: str) -> None:
+    """Add the option --out for the folder that receives `content`."""
+    text = f'receives {content} (default: {default})'
+    parser.add_argument('--out', type=Path, default=default, metavar='DIR', help=text)
+
+
+def add_list(
+    parser: argparse.ArgumentParser, option: str, text: str, default: str = '', **settings: Any
+) -> None:
+    """Add an option that may be given several times; `default` describes what an empty list is."""
+    text += '; may be given several times' + (f' (default: {default})' if default else '')
+    parser.add_argument(option, action='append', default=[], help=text, **settings)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from experiments.commands import add_out
+
 HELP = 'replace the golden recordings by new runs'
 EXAMPLE = 'experiments golden'
 REFERENCE = Path('bags', 'reference')
@@ -14,13 +16,7 @@ CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments golden`."""
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=REFERENCE,
-        metavar='DIR',
-        help=f'receives <scenario>/<controller>/ (default: {REFERENCE})',
-    )
+    add_out(parser, REFERENCE, '<scenario>/<controller>/')
 
 
 def run(options: argparse.Namespace) -> int:

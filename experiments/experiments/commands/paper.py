@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from experiments.commands import add_out
+
 HELP = 'figures, tables and claims of the paper from scratch'
 EXAMPLE = 'experiments paper --quick --out /tmp/paper'
 OUT = Path('paper')
@@ -12,9 +14,7 @@ OUT = Path('paper')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments paper`."""
-    parser.add_argument(
-        '--out', type=Path, default=OUT, metavar='DIR', help=f'receives all files (default: {OUT})'
-    )
+    add_out(parser, OUT, 'all files')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
     parser.add_argument(
         '--jobs', type=int, metavar='N', help='runs in parallel (default: one per core)'

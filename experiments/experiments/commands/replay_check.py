@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from experiments.commands import add_list
+
 HELP = "recorded states through today's controller: the same commands and costs?"
 EXAMPLE = 'experiments replay-check bags/reference/double_lane_change/mpcc'
 
@@ -12,15 +14,8 @@ EXAMPLE = 'experiments replay-check bags/reference/double_lane_change/mpcc'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments replay-check`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='folder of a recording')
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='param=value',
-        help='change a parameter of the recorded controller, to see its effect; may be given '
-        'several times',
-    )
+    text = 'change a parameter of the recorded controller, to see its effect'
+    add_list(parser, '--set', text, dest='settings', metavar='param=value')
 
 
 def run(options: argparse.Namespace) -> int:

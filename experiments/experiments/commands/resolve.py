@@ -6,6 +6,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from experiments.commands import add_list
+
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
 EXAMPLE = 'experiments resolve bags/reference/double_lane_change/mpcc --tick 45 --set weights.lag=0'
 
@@ -16,15 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--tick', type=int, required=True, metavar='K', help='number of the tick, from 0'
     )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NAME=VALUE',
-        help='what if: <parameter of the controller>=<value>, or weights.<term>=<factor>; may be '
-        'given several times',
-    )
+    text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
+    add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')
     parser.add_argument(
         '--sensitivities',
         action='store_true',

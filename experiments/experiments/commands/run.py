@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import positive_number
+from experiments.commands import add_list, add_out, positive_number
 
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
@@ -16,13 +16,8 @@ TIME_LIMIT_S = 900.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments run`."""
     parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
-    parser.add_argument(
-        '--controller',
-        action='append',
-        metavar='C',
-        help='a name in mpcc_controller/config, or a YAML file; may be given several times '
-        '(default: mpcc)',
-    )
+    text = 'a name in mpcc_controller/config, or a YAML file'
+    add_list(parser, '--controller', text, 'mpcc', metavar='C')
     parser.add_argument(
         '--mode',
         choices=('lockstep', 'realtime'),
@@ -30,22 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='lockstep: simulated time, as fast as possible, repeatable; realtime: wall clock '
         '(default: lockstep)',
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=RUNS,
-        metavar='DIR',
-        help=f'receives <scenario>/<controller>/ and the comparison (default: {RUNS})',
-    )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NODE.param=value',
-        help='set a parameter of the plant, controller, scenario or recorder; may be given several '
-        'times',
-    )
+    add_out(parser, RUNS, '<scenario>/<controller>/ and the comparison')
+    text = 'set a parameter of the plant, controller, scenario or recorder'
+    add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
     parser.add_argument(
         '--markers',
         action='store_true',

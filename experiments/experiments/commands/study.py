@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
+from experiments.commands import add_list, add_out
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
@@ -23,9 +24,7 @@ QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments study`."""
     parser.add_argument('part', choices=PARTS, help='the part of the study')
-    parser.add_argument(
-        '--out', type=Path, default=OUT, metavar='DIR', help=f'receives the tables (default: {OUT})'
-    )
+    add_out(parser, OUT, 'the tables')
     parser.add_argument(
         '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per probe)'
     )
@@ -40,15 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: one per core)')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
-    parser.add_argument(
-        '--tuned',
-        action='append',
-        type=Path,
-        default=[],
-        metavar='FILE',
-        help='a tuned controller as a further row of ablation and limit; may be given several '
-        'times (default: every *_tuned.yaml in mpcc_controller/config)',
-    )
+    text = 'a tuned controller as a further row of ablation and limit'
+    default = 'every *_tuned.yaml in mpcc_controller/config'
+    add_list(parser, '--tuned', text, default, type=Path, metavar='FILE')
     parser.add_argument(
         '--role',
         action='append',
@@ -56,13 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='ROLE=C',
         help='controller in the role mpcc, mpcc_no_ca or frenet: a name or a YAML file',
     )
-    parser.add_argument(
-        '--row',
-        action='append',
-        default=[],
-        metavar='NAME',
-        help='limit: only this row; may be given several times (default: all)',
-    )
+    add_list(parser, '--row', 'limit: only this row', 'all', metavar='NAME')
     parser.add_argument(
         '--cache', type=Path, metavar='DIR', help='keeps results (default: beside the solvers)'
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.commands import positive_number
+from experiments.commands import add_list, add_out, positive_number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
@@ -45,28 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='runs in parallel (default: one per core); does not change the result',
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=OUT,
-        metavar='DIR',
-        help='receives <controller>/ with the history; a search in that folder is continued '
-        f'(default: {OUT})',
-    )
+    content = '<controller>/ with the history; a search in that folder is continued'
+    add_out(parser, OUT, content)
     parser.add_argument(
         '--write',
         type=Path,
         metavar='DIR',
         help='receives <controller>_tuned.yaml (default: DIR of the history)',
     )
-    parser.add_argument(
-        '--also',
-        action='append',
-        default=[],
-        metavar='C',
-        help='another controller that gets the tuned tolerances and keeps its priorities; may be '
-        'given several times',
-    )
+    text = 'another controller that gets the tuned tolerances and keeps its priorities'
+    add_list(parser, '--also', text, metavar='C')
 
 
 def _count(text):

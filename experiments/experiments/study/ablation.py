@@ -9,7 +9,7 @@ from experiments.study.claims import STABLE_DEG
 from experiments.study.distributions import POINT_KPH, RUNS, run_at_speed
 from experiments.study.run_statistics import BY_NAME, summarise_runs
 from experiments.study.runner import Record, Runner
-from experiments.study.variants import SCENARIO, SWITCHES, Switch, Variant
+from experiments.study.variants import SWITCHES, Switch, Variant
 
 SPEEDS_KPH = tuple(60.0 + 5.0 * step for step in range(8))  # 60 .. 95
 CLEARANCES_M = (0.3, 0.5, 0.7)  # D_sft,O, the requested clearance
@@ -61,8 +61,6 @@ def run(
     clearances_m: Sequence[float] = CLEARANCES_M,
     tuned: Iterable[Path] = (),
     roles: Mapping[str, str] = variants.ROLES,
-    scenario: str = SCENARIO,
-    seed: int = run_spec.SEED,
 ) -> Ablation:
     """Simulate `runs` draws per row at the operating point, `sweep_runs` in every cell of a sweep.
 
@@ -73,29 +71,23 @@ def run(
     """
     from experiments.study import study_figures
 
-    chosen = [
-        *variants.ablation_variants(roles, scenario),
-        *variants.further_variants(roles, tuned),
-    ]
-    point = run_at_speed(runner, chosen, POINT_KPH, run_spec.draw_runs(runs, seed), scenario)
-    draws = run_spec.draw_runs(sweep_runs, seed)
+    chosen = [*variants.ablation_variants(roles), *variants.further_variants(roles, tuned)]
+    point = run_at_speed(runner, chosen, POINT_KPH, run_spec.draw_runs(runs))
+    draws = run_spec.draw_runs(sweep_runs)
     sweep = {}
     for clearance in clearances_m:
         for kph in speeds_kph:
             cell, setting = Cell(clearance, kph), {'safety.obstacle_m': clearance}
-            sweep[cell] = run_at_speed(runner, chosen, kph, draws, scenario, setting, cell.name)
+            sweep[cell] = run_at_speed(runner, chosen, kph, draws, setting, cell.name)
     by_name = {variant.name: variant for variant in chosen}
     undisturbed = {
-        frame: undisturbed_run.simulate(by_name[name], POINT_KPH, scenario)
-        for frame, name in FRAMES.items()
+        frame: undisturbed_run.simulate(by_name[name], POINT_KPH) for frame, name in FRAMES.items()
     }
     intrusions = undisturbed_run.planned_intrusions(undisturbed['cartesian'])
     frames = {frame: undisturbed_run.view_obstacles(run) for frame, run in undisturbed.items()}
     origin = tables.build_provenance(
         'experiments study ablation',
-        scenario,
-        seed,
-        {variant.name: variant.controller for variant in variants.role_variants(roles)},
+        variants.role_variants(roles),
         runs=runs,
         sweep_runs=sweep_runs,
         speeds_kph=list(speeds_kph),

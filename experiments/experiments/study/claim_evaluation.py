@@ -8,24 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.evaluation import frame_distances
-from experiments.study import distributions, run_spec, run_statistics, tables, variants
-from experiments.study.claims import (
-    CLAIMS,
-    CONVERGENCE,
-    NOT,
-    PARTLY,
-    REPRODUCED,
-    Claim,
-    Runs,
-    Shown,
-    decide,
-    find_reasons,
-    verdict,
-)
-from experiments.study.distributions import POINT_KPH, RUNS, SPEEDS_KPH
+from experiments.study import claims, run_spec, run_statistics, tables, variants
+from experiments.study.claims import NOT, Claim, Runs, Shown
+from experiments.study.distributions import POINT_KPH, RUNS, SPEEDS_KPH, run_at_speed
 from experiments.study.run_statistics import BY_NAME, Quantity, summarise
 from experiments.study.runner import Record, Runner
-from experiments.study.variants import BASE, BASELINE, SCENARIO, SWITCHES, Switch
+from experiments.study.variants import BASE, BASELINE, SWITCHES, Switch
 
 STEM = 'claims'
 COMMAND = 'experiments study claims'
@@ -43,7 +31,6 @@ class Evaluation(NamedTuple):
     """The result of `experiments study claims`."""
 
     rows: list[dict[str, Any]]  # of claims.json
-    markdown: str  # the table as in claims.md
     files: list[Path]
 
 
@@ -54,8 +41,6 @@ def run(
     cause_runs: int | None = None,
     speeds_kph: Sequence[float] = SPEEDS_KPH,
     roles: Mapping[str, str] = variants.ROLES,
-    scenario: str = SCENARIO,
-    seed: int = run_spec.SEED,
     command: str = COMMAND,
 ) -> Evaluation:
     """Evaluate every claim over paired runs; write claims.md, .csv and claims.json (a list).
@@ -64,40 +49,30 @@ def run(
     `cause_runs` of the draws, by default all, are used to find causes; `command` is recorded in the
     files. Raises BagError.
     """
+    cause_runs = cause_runs or runs
     compared = variants.role_variants(roles)
-    draws = run_spec.draw_runs(runs, seed)
-    paired = {
-        kph: pair_runs(distributions.run_at_speed(runner, compared, kph, draws, scenario))
-        for kph in speeds_kph
-    }
-    ablation = distributions.run_at_speed(
-        runner,
-        variants.ablation_variants(roles, scenario),
-        POINT_KPH,
-        run_spec.draw_runs(cause_runs or runs, seed),
-        scenario,
-    )
+    draws = run_spec.draw_runs(runs)
+    paired = {kph: pair_runs(run_at_speed(runner, compared, kph, draws)) for kph in speeds_kph}
+    switched, cause_draws = variants.ablation_variants(roles), run_spec.draw_runs(cause_runs)
+    ablation = run_at_speed(runner, switched, POINT_KPH, cause_draws)
     at_point, *_ = paired.values()
     elsewhere = {kph: draws for kph, draws in paired.items() if kph != speeds_kph[0]}
-    rows = [_row(claim, at_point, ablation, elsewhere) for claim in CLAIMS]
+    rows = [_row(claim, at_point, ablation, elsewhere) for claim in claims.CLAIMS]
     rows += [_convergence_row(ablation), overestimation_row()]
     origin = tables.build_provenance(
         command,
-        scenario,
-        seed,
-        {variant.name: variant.controller for variant in compared},
+        compared,
         runs=runs,
-        cause_runs=cause_runs or runs,
+        cause_runs=cause_runs,
         speeds_kph=list(speeds_kph),
     )
-    table = claims_table(rows)
-    text = f'{table}\n{_legend(cause_runs or runs)}\n{undecided_list(rows)}'
+    text = f'{claims_table(rows)}\n{_legend(cause_runs)}\n{undecided_list(rows)}'
     files = tables.write_tables(out, STEM, 'The claims of the paper', rows, text, origin)
     # claims.json is a plain list for other programs, in which each row holds its reasons
-    listed = [row | {'reasons': find_reasons([row['verdict']])} for row in rows]
+    listed = [row | {'reasons': claims.find_reasons([row['verdict']])} for row in rows]
     (out / f'{STEM}.json').write_text(tables.dump_json(listed))
     (out / f'{STEM}_provenance.json').write_text(tables.dump_json(origin))
-    return Evaluation(listed, table, [*files, out / f'{STEM}_provenance.json'])
+    return Evaluation(listed, [*files, out / f'{STEM}_provenance.json'])
 
 
 def pair_runs(records: Mapping[str, Sequence[Record]]) -> list[Runs]:
@@ -113,7 +88,7 @@ def _row(
     names: Mapping[str, str] = variants.ROLES,
 ) -> dict[str, Any]:
     strict, loose = (_share(rule, draws) for rule in (claim.strict, claim.loose))
-    outcome = decide(strict, loose)
+    outcome = claims.decide(strict, loose)
     cause, cause_data = find_cause(claim, draws, ablation, outcome)
     return {
         'key': claim.key,
@@ -121,7 +96,7 @@ def _row(
         'paper': claim.paper,
         'ours': summarise_claim(claim.shown, draws, names),
         'operating_point': f'{POINT_KPH:g} km/h, {len(draws)} paired runs',
-        'verdict': verdict(claim.undecided, outcome),
+        'verdict': claims.verdict(claim.undecided, outcome),
         'rule_outcome': outcome,
         'interval': _interval(strict),
         'strict': {'rule': claim.strict.text, **strict._asdict()},
@@ -149,7 +124,7 @@ def _convergence_row(ablation):
         {'mpcc': gaussian, 'frenet': step}
         for gaussian, step in zip(ablation[BASE], ablation['cartesian lag step'])
     ]
-    return _row(CONVERGENCE, pairs, ablation, {}, {'mpcc': 'Gaussian', 'frenet': 'step'})
+    return _row(claims.CONVERGENCE, pairs, ablation, {}, {'mpcc': 'Gaussian', 'frenet': 'step'})
 
 
 def find_cause(
@@ -290,9 +265,9 @@ def overestimation_row() -> dict[str, Any]:
     sides = overestimation_by_side()
     inside, outside = sides['inside'], sides['outside']
     if all(side['grows'] == side['of'] for side in sides.values()):
-        outcome = REPRODUCED
+        outcome = claims.REPRODUCED
     else:
-        outcome = PARTLY if inside['grows'] == inside['of'] else NOT
+        outcome = claims.PARTLY if inside['grows'] == inside['of'] else NOT
     empty = {'rule': 'closed form', 'holds': None, 'runs': None, 'low': None, 'high': None}
     return {
         'key': 'overestimation',
@@ -334,7 +309,7 @@ def claims_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def undecided_list(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the reasons for the claims that are not decided, as a Markdown list."""
-    reasons = find_reasons(row['verdict'] for row in rows)
+    reasons = claims.find_reasons(row['verdict'] for row in rows)
     if not reasons:
         return ''
     lines = ''.join(f'- ({key}) {reason}\n' for key, reason in reasons.items())

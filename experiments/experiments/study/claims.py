@@ -5,6 +5,7 @@ paper's size or position within the stated margins, the loose rule its direction
 of the draws in which they hold, with their Wilson intervals, give the verdict (`decide`).
 """
 
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -47,7 +48,6 @@ PERIOD_MS = 50.0
 PAPER_MEAN_MS, PAPER_MAX_MS = 15.6, 18.6
 V2O, V2O_1, V2O_2 = 'min_v2o_m', 'min_v2o_per_obstacle_m.1', 'min_v2o_per_obstacle_m.2'
 V2E, V2E_RIGHT = 'min_v2e_m', 'min_v2e_per_edge_m.right'
-SLIP, LAT_SHARE, BRAKE_SHARE = 'peak_sideslip_deg', 'peak_lat_acc_share', 'peak_brake_share'
 MEAN_MS, MAX_MS = 'solve_cpu_ms.mean', 'solve_cpu_ms.max'
 ITERATIONS, FAILED = 'solver.iterations_mean', 'solver.failed'
 
@@ -117,25 +117,33 @@ def _brakes_earlier(name, earlier_m):
     return holds
 
 
-def _above(name, role, other):
-    return lambda runs: runs[role].value(name) > runs[other].value(name)
-
-
-def _all_roles(name, holds):
-    return lambda runs: all(holds(run.value(name)) for run in runs.values())
-
-
-def _any_role(name, holds):
-    return lambda runs: any(holds(run.value(name)) for run in runs.values())
-
-
 def _show(*names, roles=('mpcc', 'frenet')):
     return tuple(Shown(role, name) for name in names for role in roles)
 
 
-def _solves_within_paper(runs):
-    solve = runs['mpcc'].value('solve_cpu_ms')
-    return solve['mean'] <= PAPER_MEAN_MS and solve['max'] <= PAPER_MAX_MS
+def _comparison(key, claim, paper, name, strict, holds, loose, roles=('frenet', 'mpcc'), why='a'):
+    """Return the claim that a quantity is greater in the first role than in the second.
+
+    `strict` and `loose` are the texts of the rules, `holds` is the strict rule of both values.
+    """
+
+    def rule(text, condition):
+        return Rule(text, lambda runs: condition(*(runs[role].value(name) for role in roles)))
+
+    rules = rule(strict, holds), rule(loose, operator.gt)
+    return Claim(key, claim, paper, *rules, _show(name), switched='frenet', undecided=why)
+
+
+def _limit_claim(key, claim, paper, name, strict, holds, **more):
+    """Return the claim on a share of mu g of all roles; `holds` is the rule of one of them."""
+
+    def rule(text, quantifier):
+        return Rule(text, lambda runs: quantifier(holds(run.value(name)) for run in runs.values()))
+
+    rules = rule(f'all three {strict} {AT_LIMIT:g} mu g', all), rule('one of them does', any)
+    return Claim(
+        key, claim, paper, *rules, _show(name, roles=('mpcc', 'mpcc_no_ca', 'frenet')), **more
+    )
 
 
 def _braking_claim(name, key, force):
@@ -221,62 +229,45 @@ CLAIMS = (
         switched='frenet',
         undecided='a',
     ),
-    Claim(
+    _comparison(
         'sideslip',
         'sideslip peak of the baseline 9 deg against 3 deg',
         '9 deg, 3 deg',
-        Rule(
-            f'baseline >= {SLIDES_DEG:g} deg and MPCC <= {STABLE_DEG:g} deg',
-            lambda runs: (
-                runs['frenet'].value(SLIP) >= SLIDES_DEG and runs['mpcc'].value(SLIP) <= STABLE_DEG
-            ),
-        ),
-        Rule('baseline above MPCC', _above(SLIP, 'frenet', 'mpcc')),
-        _show(SLIP),
-        switched='frenet',
-        undecided='ab',
+        'peak_sideslip_deg',
+        f'baseline >= {SLIDES_DEG:g} deg and MPCC <= {STABLE_DEG:g} deg',
+        lambda frenet, mpcc: frenet >= SLIDES_DEG and mpcc <= STABLE_DEG,
+        'baseline above MPCC',
+        why='ab',
     ),
     _braking_claim('brake_onset_at_m', 'brakes_earlier', '-500 N'),
     _braking_claim('brake_onset_hard_at_m', 'brakes_earlier_hard', '-1500 N'),
-    Claim(
+    _comparison(
         'min_speed',
         'the MPCC keeps a higher minimum speed',
         'higher',
-        Rule(
-            f'minimum speed of MPCC at least {NOTICEABLE_MPS:g} m/s above that of the baseline',
-            lambda runs: (
-                runs['mpcc'].value('min_speed_mps') - runs['frenet'].value('min_speed_mps')
-                >= NOTICEABLE_MPS
-            ),
-        ),
-        Rule('above that of the baseline', _above('min_speed_mps', 'mpcc', 'frenet')),
-        _show('min_speed_mps'),
-        switched='frenet',
-        undecided='a',
+        'min_speed_mps',
+        f'minimum speed of MPCC at least {NOTICEABLE_MPS:g} m/s above that of the baseline',
+        lambda mpcc, frenet: mpcc - frenet >= NOTICEABLE_MPS,
+        'above that of the baseline',
+        roles=('mpcc', 'frenet'),
     ),
-    Claim(
+    _limit_claim(
         'lateral_limit',
         'all three reach the lateral limit',
         'all',
-        Rule(
-            f'all three reach {AT_LIMIT:g} mu g',
-            _all_roles(LAT_SHARE, lambda share: share >= AT_LIMIT),
-        ),
-        Rule('one of them does', _any_role(LAT_SHARE, lambda share: share >= AT_LIMIT)),
-        _show(LAT_SHARE, roles=('mpcc', 'mpcc_no_ca', 'frenet')),
+        'peak_lat_acc_share',
+        'reach',
+        lambda share: share >= AT_LIMIT,
         reason='entry speed and coarse path',
         undecided='ac',
     ),
-    Claim(
+    _limit_claim(
         'braking_limit',
         'none reaches the braking limit',
         'none',
-        Rule(
-            f'all three stay below {AT_LIMIT:g} mu g',
-            _all_roles(BRAKE_SHARE, lambda share: share < AT_LIMIT),
-        ),
-        Rule('one of them does', _any_role(BRAKE_SHARE, lambda share: share < AT_LIMIT)),
-        _show(BRAKE_SHARE, roles=('mpcc', 'mpcc_no_ca', 'frenet')),
+        'peak_brake_share',
+        'stay below',
+        lambda share: share < AT_LIMIT,
         reason='the grip is used for steering around: the demanded speed stays reachable',
         undecided='a',
     ),
@@ -286,7 +277,10 @@ CLAIMS = (
         '15.6 / 18.6 ms',
         Rule(
             f'processor time: mean <= {PAPER_MEAN_MS:g} ms and max <= {PAPER_MAX_MS:g} ms',
-            _solves_within_paper,
+            lambda runs: (
+                runs['mpcc'].value(MEAN_MS) <= PAPER_MEAN_MS
+                and runs['mpcc'].value(MAX_MS) <= PAPER_MAX_MS
+            ),
         ),
         Rule(
             f'processor time: max < {PERIOD_MS:g} ms, the period',
@@ -296,33 +290,23 @@ CLAIMS = (
         reason='another solver on another processor: no statement on FORCESPro',
         undecided='f',
     ),
-    Claim(
+    _comparison(
         'counter_steers',
         'the baseline needs to counter-steer',
         'baseline only',
-        Rule(
-            'baseline steers against its turn at least twice as long',
-            lambda runs: (
-                runs['frenet'].value('counter_steer_s') >= 2 * runs['mpcc'].value('counter_steer_s')
-                and _above('counter_steer_s', 'frenet', 'mpcc')(runs)
-            ),
-        ),
-        Rule(
-            'baseline steers against its turn longer', _above('counter_steer_s', 'frenet', 'mpcc')
-        ),
-        _show('counter_steer_s'),
-        switched='frenet',
-        undecided='a',
+        'counter_steer_s',
+        'baseline steers against its turn at least twice as long',
+        lambda frenet, mpcc: frenet >= 2 * mpcc and frenet > mpcc,
+        'baseline steers against its turn longer',
     ),
-    Claim(
+    _comparison(
         'brakes_longer',
         'the baseline brakes for a longer time',
         'longer',
-        Rule('baseline below -500 N for longer', _above('braking_s', 'frenet', 'mpcc')),
-        Rule('the same', _above('braking_s', 'frenet', 'mpcc')),
-        _show('braking_s'),
-        switched='frenet',
-        undecided='a',
+        'braking_s',
+        'baseline below -500 N for longer',
+        operator.gt,
+        'the same',
     ),
 )
 # evaluated on the MPCC's own states, everything but the priority equal
@@ -338,7 +322,10 @@ CONVERGENCE = Claim(
             and runs[GAUSSIAN].value(FAILED) <= runs[STEP].value(FAILED)
         ),
     ),
-    Rule('fewer iterations on average', _above(ITERATIONS, STEP, GAUSSIAN)),
+    Rule(
+        'fewer iterations on average',
+        lambda runs: runs[GAUSSIAN].value(ITERATIONS) < runs[STEP].value(ITERATIONS),
+    ),
     _show(ITERATIONS, FAILED, MEAN_MS, roles=(GAUSSIAN, STEP)),
     switched='frenet',
     undecided='e',

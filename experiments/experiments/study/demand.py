@@ -7,7 +7,6 @@ passes the obstacles; the program minimises the largest |a|. The result is a pro
 no controller and no tyre model is involved.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +16,8 @@ from scipy.optimize import linprog
 from bags.errors import BagError
 from experiments import simulation
 from experiments.configuration.inputs import KPH
-from experiments.study import run_spec, tables
-from experiments.study.variants import SCENARIO
+from experiments.study import tables
+from experiments.study.variants import SCENARIO, Variant
 from node_runtime import parameters
 from vehicle_plant import circular_driving
 from vehicle_plant import parameters as plant_parameters
@@ -85,26 +84,26 @@ def least_peak(task: Task, speed: float, start: float | None = None) -> float:
     return float(solution.fun) if solution.success else float('inf')
 
 
-def build_task(scenario: str = SCENARIO) -> tuple[Task, float]:
-    """Return the task of a scenario and the duration of the controller's horizon [s].
+def build_task() -> tuple[Task, float]:
+    """Return the task of SCENARIO and the duration of the controller's horizon [s].
 
     Raises BagError for a road that is not straight along x, for a moving obstacle, and for a car
     that does not start on the x axis.
     """
-    setup = simulation.prepare(scenario, CONTROLLER)
+    setup = simulation.prepare(SCENARIO, CONTROLLER)
     scn, params = setup.scn, setup.params
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     edges = {'left': scn.edges.left, 'right': scn.edges.right}
     if any(np.any(np.diff(edge[:, 0]) <= 0.0) for edge in (path, *edges.values())):
-        raise BagError(f'{scenario}: the linear program needs a straight road along x')
+        raise BagError(f'{SCENARIO}: the linear program needs a straight road along x')
     if scn.start.Y or scn.start.psi:
-        raise BagError(f'{scenario}: the linear program needs a start on the x axis')
+        raise BagError(f'{SCENARIO}: the linear program needs a start on the x axis')
     x = np.arange(scn.start.X, scn.stop.X + STEP_M / 2, STEP_M)
     room = params.body.circle_radius_m + params.safety.edge_m
     circles = []
     for obstacle in scn.obstacles.items:
         if obstacle.vX or obstacle.vY:
-            raise BagError(f'{scenario}: the linear program needs obstacles that stand still')
+            raise BagError(f'{SCENARIO}: the linear program needs obstacles that stand still')
         radius = obstacle.r_obs + params.body.circle_radius_m + params.safety.obstacle_m
         on_left = bool(np.interp(obstacle.X, *path.T) > obstacle.Y)
         circles.append(Circle(obstacle.X, obstacle.Y, radius, on_left))
@@ -117,21 +116,18 @@ def build_task(scenario: str = SCENARIO) -> tuple[Task, float]:
     return task, params.model.horizon * params.model.step_s
 
 
-def run(
-    out: Path, scenario: str = SCENARIO, speeds_kph: Sequence[float] = SPEEDS_KPH
-) -> list[Path]:
+def run(out: Path) -> list[Path]:
     """Write demand.md, .csv and .json into the folder `out`; return their paths.
 
-    One row per speed: the least peak acceleration when the whole road is known from the start, and
-    when an obstacle is known from the controller's horizon on; both also as shares of what the
-    plant holds in a steady turn. Raises BagError.
+    One row per speed of SPEEDS_KPH: the least peak acceleration when the whole road is known from
+    the start, and when an obstacle is known from the controller's horizon on; both also as shares
+    of what the plant holds in a steady turn. Raises BagError.
     """
-    task, horizon_s = build_task(scenario)
-    limit = lateral_limit(simulation.prepare(scenario, CONTROLLER).plant)
-    rows = [_row(task, horizon_s, limit, kph) for kph in speeds_kph]
-    origin = tables.build_provenance(
-        COMMAND, scenario, run_spec.SEED, {'limits': CONTROLLER}, plant_limit_mps2=limit
-    )
+    task, horizon_s = build_task()
+    limit = lateral_limit(simulation.prepare(SCENARIO, CONTROLLER).plant)
+    rows = [_row(task, horizon_s, limit, kph) for kph in SPEEDS_KPH]
+    limits_of = [Variant('limits', CONTROLLER)]
+    origin = tables.build_provenance(COMMAND, limits_of, plant_limit_mps2=limit)
     text = _markdown(rows, limit)
     return tables.write_tables(out, STEM, 'What the task demands', rows, text, origin)
 
@@ -164,21 +160,11 @@ def _row(task, horizon_s, limit, kph) -> dict[str, Any]:
 def _markdown(rows, limit):
     header = [
         'speed [km/h]',
-        'needed, road known from the start [m/s²]',
-        'share of the plant',
-        'needed, obstacle known from the horizon on [m/s²]',
-        'share of the plant',
+        *('needed, road known from the start [m/s²]', 'share of the plant'),
+        *('needed, obstacle known from the horizon on [m/s²]', 'share of the plant'),
     ]
-    lines = [
-        [
-            f'{row["speed_kph"]:g}',
-            f'{row["needed_mps2"]:.2f}',
-            f'{row["share"]:.0%}',
-            f'{row["needed_within_horizon_mps2"]:.2f}',
-            f'{row["share_within_horizon"]:.0%}',
-        ]
-        for row in rows
-    ]
+    forms = ('g', '.2f', '.0%', '.2f', '.0%')
+    lines = [[f'{value:{form}}' for value, form in zip(row.values(), forms)] for row in rows]
     return (
         'Least peak lateral acceleration with which a point mass at constant speed keeps the '
         f'safety distances. The plant holds {limit:.2f} m/s² in a steady turn.\n\n'

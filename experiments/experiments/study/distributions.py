@@ -9,7 +9,7 @@ from experiments.study.claims import D_SFT, KEPT, STABLE_DEG
 from experiments.study.run_spec import Draw, RunSpec
 from experiments.study.run_statistics import QUANTITIES
 from experiments.study.runner import Record, Runner
-from experiments.study.variants import CONTROLLERS, SCENARIO, Variant
+from experiments.study.variants import CONTROLLERS, Variant
 
 POINT_KPH = 75.0  # the operating point, fixed before any tuning
 SPEEDS_KPH = (POINT_KPH, POINT_KPH - 5.0, POINT_KPH + 5.0)
@@ -42,8 +42,6 @@ def run(
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
     speeds_kph: Sequence[float] = SPEEDS_KPH,
-    scenario: str = SCENARIO,
-    seed: int = run_spec.SEED,
     command: str = COMMAND,
 ) -> Distributions:
     """Simulate `runs` draws per controller and speed; write distributions.md, .csv, .json, figures.
@@ -54,17 +52,15 @@ def run(
     from experiments.study import study_figures
 
     chosen = variants.plain_variants(controllers)
-    draws = run_spec.draw_runs(runs, seed)
-    records = {kph: run_at_speed(runner, chosen, kph, draws, scenario) for kph in speeds_kph}
+    draws = run_spec.draw_runs(runs)
+    records = {kph: run_at_speed(runner, chosen, kph, draws) for kph in speeds_kph}
     medians = {
         kph: draws[run_statistics.find_median_run(by_name)] for kph, by_name in records.items()
     }
     rows = [row for kph in speeds_kph for row in _rows(kph, records[kph])]
     origin = tables.build_provenance(
         command,
-        scenario,
-        seed,
-        {variant.name: variant.controller for variant in chosen},
+        chosen,
         runs=runs,
         speeds_kph=list(speeds_kph),
         median_runs={f'{kph:g}': draw._asdict() for kph, draw in medians.items()},
@@ -82,7 +78,6 @@ def run_at_speed(
     chosen: Sequence[Variant],
     kph: float,
     draws: Sequence[Draw],
-    scenario: str,
     settings: Mapping[str, Any] = run_spec.NO_SETTINGS,
     label: str = '',
 ) -> dict[str, list[Record]]:
@@ -91,9 +86,7 @@ def run_at_speed(
     `settings` are further parameters of the controllers; `label` names the runs in the progress.
     """
     specs = [
-        run_spec.build_spec(variant, kph, draw, scenario, settings)
-        for draw in draws
-        for variant in chosen
+        run_spec.build_spec(variant, kph, draw, settings) for draw in draws for variant in chosen
     ]
     records = runner.run(specs, label or f'{kph:g} km/h, {len(chosen)} controllers')
     return {variant.name: records[k :: len(chosen)] for k, variant in enumerate(chosen)}

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from experiments.study import run_spec, run_statistics, tables, variants
 from experiments.study.run_spec import Draw
 from experiments.study.runner import Runner
-from experiments.study.variants import CONTROLLERS, SCENARIO, Variant
+from experiments.study.variants import CONTROLLERS, Variant
 
 SHARE = 0.95
 SLOWEST_KPH, FASTEST_KPH = 50.0, 140.0
@@ -46,8 +46,6 @@ def run(
     out: Path,
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
-    scenario: str = SCENARIO,
-    seed: int = run_spec.SEED,
 ) -> Limits:
     """Find the limit of every controller; write limit.md, .csv, .json.
 
@@ -55,14 +53,12 @@ def run(
     per probe, the same for every controller and speed. Raises BagError.
     """
     chosen = variants.plain_variants(controllers)
-    draws = run_spec.draw_runs(runs, seed, speed_kph=0.0)
-    limits = [find_limit(runner, variant, draws, scenario) for variant in chosen]
+    draws = run_spec.draw_runs(runs, speed_kph=0.0)
+    limits = [find_limit(runner, variant, draws) for variant in chosen]
     rows = [_row(limit, runs) for limit in limits]
     origin = tables.build_provenance(
         'experiments study limit',
-        scenario,
-        seed,
-        {variant.name: variant.controller for variant in chosen if not variant.settings},
+        [variant for variant in chosen if not variant.settings],
         runs=runs,
         share=SHARE,
         switched={variant.name: dict(variant.settings) for variant in chosen if variant.settings},
@@ -71,15 +67,13 @@ def run(
     return Limits(limits, files)
 
 
-def find_limit(
-    runner: Runner, variant: Variant, draws: Sequence[Draw], scenario: str = SCENARIO
-) -> Limit:
+def find_limit(runner: Runner, variant: Variant, draws: Sequence[Draw]) -> Limit:
     """Return the limit of one controller, by bisection on the grid of STEP_KPH."""
     probes: list[Probe] = []
 
     def holds(step):
         kph = SLOWEST_KPH + STEP_KPH * step
-        probes.append(probe_speed(runner, variant, kph, draws, scenario))
+        probes.append(probe_speed(runner, variant, kph, draws))
         return probes[-1].holds
 
     low, high = 0, round((FASTEST_KPH - SLOWEST_KPH) / STEP_KPH)
@@ -93,19 +87,13 @@ def find_limit(
     return Limit(variant.name, SLOWEST_KPH + STEP_KPH * low, probes)
 
 
-def probe_speed(
-    runner: Runner,
-    variant: Variant,
-    kph: float,
-    draws: Sequence[Draw],
-    scenario: str = SCENARIO,
-) -> Probe:
+def probe_speed(runner: Runner, variant: Variant, kph: float, draws: Sequence[Draw]) -> Probe:
     """Simulate the draws at one speed until it is known whether SHARE of them is cleared."""
     allowed = len(draws) - math.ceil(SHARE * len(draws))
     cleared = simulated = 0
     for start in range(0, len(draws), runner.jobs):
         batch = draws[start : start + runner.jobs]
-        specs = [run_spec.build_spec(variant, kph, draw, scenario) for draw in batch]
+        specs = [run_spec.build_spec(variant, kph, draw) for draw in batch]
         records = runner.run(specs, f'limit of {variant.name}', start, len(draws))
         simulated += len(records)
         cleared += sum(record.is_cleared for record in records)

@@ -21,7 +21,7 @@ from experiments import simulation
 from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.study import code_version
-from experiments.study.variants import Variant
+from experiments.study.variants import SCENARIO, Variant
 
 SEED = 1
 SPEED_SPREAD_KPH = 0.5  # either way
@@ -76,15 +76,11 @@ def draw_runs(runs: int, seed: int = SEED, speed_kph: float = SPEED_SPREAD_KPH) 
 
 
 def build_spec(
-    variant: Variant,
-    speed_kph: float,
-    draw: Draw,
-    scenario: str,
-    settings: Mapping[str, Any] = NO_SETTINGS,
+    variant: Variant, speed_kph: float, draw: Draw, settings: Mapping[str, Any] = NO_SETTINGS
 ) -> RunSpec:
     """Return the run of a variant at a nominal speed, changed by a draw and further settings."""
     return RunSpec(
-        scenario,
+        SCENARIO,
         variant.controller,
         (*variant.settings, *settings.items()),
         speed_kph + draw.speed_kph,

@@ -2,32 +2,31 @@
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from experiments.configuration import inputs
 from experiments.study import code_version, run_spec
+from experiments.study.variants import SCENARIO, Variant
 from node_runtime import provenance
 
 
-def build_provenance(
-    command: str, scenario: str, seed: int, roles: Mapping[str, str], **more: Any
-) -> dict[str, Any]:
+def build_provenance(command: str, compared: Iterable[Variant], **more: Any) -> dict[str, Any]:
     """Return the provenance of a table: command, code, versions, machine, seed and `more`.
 
-    `roles` are the controllers by the names that the table gives them.
+    `compared` are the controllers under the names that the table gives them.
     """
     return {
         'command': command,
         # the name of a file only: its folder on this machine means nothing elsewhere
-        'roles': {role: Path(controller).name for role, controller in roles.items()},
+        'roles': {variant.name: Path(variant.controller).name for variant in compared},
         'commit': provenance.commit(),
         'code_sha256': code_version.digest(),
-        'scenario': scenario,
-        'scenario_sha256': provenance.digest(inputs.load_scenario(scenario).text),
-        'seed': seed,
+        'scenario': SCENARIO,
+        'scenario_sha256': provenance.digest(inputs.load_scenario(SCENARIO).text),
+        'seed': run_spec.SEED,
         'spread': {
             'speed_kph': run_spec.SPEED_SPREAD_KPH,
             'grip': run_spec.GRIP_SPREAD,

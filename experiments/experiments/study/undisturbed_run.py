@@ -56,9 +56,9 @@ class Intrusions(NamedTuple):
     cost_share: float  # costs likewise
 
 
-def simulate(variant: Variant, speed_kph: float, scenario: str) -> UndisturbedRun:
+def simulate(variant: Variant, speed_kph: float) -> UndisturbedRun:
     """Simulate a variant once, undisturbed. Raises BagError."""
-    setup = run_spec.prepare(run_spec.build_spec(variant, speed_kph, UNDISTURBED, scenario))
+    setup = run_spec.prepare(run_spec.build_spec(variant, speed_kph, UNDISTURBED))
     return UndisturbedRun(setup.params, simulation.run(setup))
 
 

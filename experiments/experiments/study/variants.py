@@ -89,7 +89,7 @@ def further_variants(roles: Mapping[str, str], files: Iterable[Path] = ()) -> li
     return [variant for variant in further if not compared & {variant.controller, variant.name}]
 
 
-def ablation_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+def ablation_variants(roles: Mapping[str, str] = ROLES) -> list[Variant]:
     """Return the rows of the ablation without the tuned controllers. Raises BagError."""
     controllers = {variant.name: variant.controller for variant in role_variants(roles)}
     mpcc, frenet = controllers['mpcc'], controllers['frenet']
@@ -99,7 +99,7 @@ def ablation_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO
     heading, no_heading = {'formulation.heading': True}, {'formulation.heading': False}
     fixed_split = {f'limits.brake_front_share_{end}': FIXED_SPLIT for end in ('min', 'max')}
     smaller, larger = (
-        _scale_priorities(mpcc, factor, scenario) for factor in (EQUAL_PENALTY, 1 / EQUAL_PENALTY)
+        _scale_priorities(mpcc, factor) for factor in (EQUAL_PENALTY, 1 / EQUAL_PENALTY)
     )
     return [
         *_factorial_variants(mpcc),
@@ -111,16 +111,16 @@ def ablation_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO
         _variant(NO_PRIORITY, controllers['mpcc_no_ca'], {}),
         _variant(BASELINE, frenet, {}),
         _variant('frenet gaussian', frenet, gaussian),
-        _variant('frenet step/4', frenet, _scale_priorities(frenet, EQUAL_PENALTY, scenario)),
+        _variant('frenet step/4', frenet, _scale_priorities(frenet, EQUAL_PENALTY)),
         _variant('frenet no heading', frenet, no_heading),
         _variant('frenet fixed split', frenet, fixed_split),
     ]
 
 
-def switched_variants(roles: Mapping[str, str] = ROLES, scenario: str = SCENARIO) -> list[Variant]:
+def switched_variants(roles: Mapping[str, str] = ROLES) -> list[Variant]:
     """Return the rows of the ablation in which a factor is switched. Raises BagError."""
-    variants = ablation_variants(roles, scenario)
-    return [v for v in variants if v.name not in (BASE, BASELINE, NO_PRIORITY)]
+    plain = (BASE, BASELINE, NO_PRIORITY)
+    return [variant for variant in ablation_variants(roles) if variant.name not in plain]
 
 
 def _factorial_variants(controller):
@@ -145,9 +145,9 @@ def _variant(name, controller, settings):
     return Variant(name, controller, tuple(settings.items()))
 
 
-def _scale_priorities(controller, factor, scenario):
+def _scale_priorities(controller, factor):
     """Return the settings that multiply the priorities of a controller."""
-    priorities = simulation.prepare(scenario, controller).params.priorities
+    priorities = simulation.prepare(SCENARIO, controller).params.priorities
     return {
         'priorities.obstacle': factor * priorities.obstacle,
         'priorities.edge': factor * priorities.edge,

@@ -8,7 +8,7 @@ import pytest
 from experiments import cli
 from experiments.study import ablation, claim_evaluation, distributions, tables
 from experiments.study.claims import Shown
-from experiments.study.variants import CONTROLLERS, SWITCHES, Switch
+from experiments.study.variants import CONTROLLERS, SWITCHES, Switch, Variant
 
 
 @pytest.fixture(scope='module')
@@ -60,8 +60,7 @@ def test_every_claim_of_the_paper_has_a_verdict_an_interval_and_a_cause(judged):
 
 def test_the_markdown_table_is_generated_from_the_list(judged):
     (file,) = (path for path in judged.files if path.name == 'claims.md')
-    assert claim_evaluation.claims_table(judged.rows) == judged.markdown
-    assert judged.markdown in file.read_text()
+    assert claim_evaluation.claims_table(judged.rows) in file.read_text()
 
 
 def test_the_files_name_their_command_and_controllers(make_record, tmp_path):
@@ -78,8 +77,8 @@ def test_the_files_name_their_command_and_controllers(make_record, tmp_path):
 
 
 def test_the_folder_of_a_controller_is_not_recorded():
-    driven = {'mpcc': 'mpcc', 'mine': '/home/somebody/mine.yaml'}
-    found = tables.build_provenance('experiments study limit', 'double_lane_change', 1, driven)
+    driven = [Variant('mpcc', 'mpcc'), Variant('mine', '/home/somebody/mine.yaml')]
+    found = tables.build_provenance('experiments study limit', driven)
     assert found['roles'] == {'mpcc': 'mpcc', 'mine': 'mine.yaml'}
 
 

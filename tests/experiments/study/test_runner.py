@@ -15,7 +15,7 @@ TIMES = ('solve_ms', 'solve_cpu_ms')
 
 def specs(*numbers, variant=MPCC):
     draws = run_spec.draw_runs(max(numbers))
-    return [run_spec.build_spec(variant, 75.0, draws[n - 1], variants.SCENARIO) for n in numbers]
+    return [run_spec.build_spec(variant, 75.0, draws[n - 1]) for n in numbers]
 
 
 def test_a_run_equals_the_simulation_and_is_cached(tmp_path):

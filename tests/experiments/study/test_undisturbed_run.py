@@ -30,7 +30,7 @@ def test_deep_intrusions_weigh_alike_and_shallow_ones_a_seventh():
 
 @pytest.fixture(scope='module')
 def mpcc():
-    return undisturbed_run.simulate(variants.plain_variants(['mpcc'])[0], 75.0, variants.SCENARIO)
+    return undisturbed_run.simulate(variants.plain_variants(['mpcc'])[0], 75.0)
 
 
 def test_equal_penalty_is_what_the_mpcc_plans_with_at_the_operating_point(mpcc):
