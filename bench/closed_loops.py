@@ -5,12 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
 from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.tick import TickInputs, TickRecord
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.conversions import NS_PER_S
@@ -61,13 +59,6 @@ QUICK = (
 )
 
 
-class Tick(NamedTuple):
-    """One tick of a loop, after the controller's step."""
-
-    number: int
-    controller: Controller
-
-
 def controller_params(name: str) -> ControllerParams:
     """Return the parameters of a controller that comes with the package."""
     return parameters.load(
@@ -82,29 +73,23 @@ def with_solver(params: ControllerParams, name: str, **others) -> ControllerPara
 
 def load_scenario(name: str, speed: float | None) -> Scenario:
     """Return a scenario by name or from bench/scenarios, driven at another speed where given."""
-    scn = scenario.load(SCENARIOS / name if name.endswith(scenario.SUFFIX) else name)
-    if speed is None:
-        return scn
-    document = yaml.safe_load(scn.text)
-    document['speed'] = {'constant_mps': float(speed)}
-    return scenario.parse(yaml.safe_dump(document), f'{name} at {speed:.2f} m/s')
+    own = SCENARIOS / name
+    return inputs.load_scenario(str(own) if own.suffix == scenario.SUFFIX else name, speed)
 
 
-def drive(scn: Scenario, controller: Controller) -> Iterator[Tick]:
-    """Drive a scenario to its end, as `bags.simulation.run`, and stop to look at every tick."""
+def drive(scn: Scenario, controller: Controller) -> Iterator[TickRecord]:
+    """Drive a scenario to its end as `experiments.simulation.run`; yield after every answer."""
     car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller.reset(car.actuators)
     controller.set_reference(conversions.reference_as_received(scn.reference))
     controller.set_edges(scn.edges)
-    number = 0
     while not plant_side.outcome:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
         controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
         record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
-        yield Tick(number, controller)
+        yield record
         plant_side.tick(record.command)
-        number += 1
 
 
 def make_controller(params: ControllerParams, friction: float) -> Controller:

@@ -6,9 +6,7 @@ import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
-import casadi as ca
-import numpy as np
-
+from node_runtime import provenance
 from stage_solver import compile_cache
 
 GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
@@ -50,26 +48,22 @@ def pin() -> str:
 
 def named() -> dict[str, str | int]:
     """Return what decides how fast this machine is."""
-    kernel = platform.release().partition('-')[0]  # what follows names who built it
+    versions = provenance.versions()
     return {
         'cpu': _cpu(),
         'cores': os.cpu_count() or 0,
         'governor': _text(GOVERNOR).strip() or UNKNOWN,
         'load': f'{os.getloadavg()[0]:.1f}',
-        'system': f'{platform.system()} {kernel}',
+        'system': f'{platform.system()} {provenance.machine()["kernel"]}',
         'compiler': _compiler(),
-        'python': platform.python_version(),
-        'casadi': ca.__version__,
-        'numpy': np.__version__,
+        **{name: versions[name] for name in ('python', 'casadi', 'numpy')},
     }
 
 
 def _cpu():
-    lines = _text(Path('/proc/cpuinfo')).splitlines()
-    models = [line.split(':', 1)[1].strip() for line in lines if line.startswith('model name')]
-    model = models[0] if models else platform.processor() or platform.machine()
-    widest = next((s for s in ('avx512f', 'avx2', 'sse2') if any(s in x for x in lines)), UNKNOWN)
-    return f'{model} ({widest})'
+    flags = _text(Path('/proc/cpuinfo'))
+    widest = next((name for name in ('avx512f', 'avx2', 'sse2') if name in flags), UNKNOWN)
+    return f'{provenance.machine()["processor"]} ({widest})'
 
 
 def _compiler():

@@ -10,24 +10,20 @@ includes Python, CasADi, the compiled problem, and the plant, which a controller
 
 import argparse
 import sys
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from experiments.configuration import inputs
+import closed_loops
+
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
-from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import conversions, encode, share
-from msgs_yaml.conversions import NS_PER_S
-from node_runtime import parameters
+from msgs_yaml import encode
 from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
-from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import Simulator
-from vehicle_plant.stepping import LockstepStepper
 
 WARM_UP = 0.1  # share of the ticks after which nothing may grow any more
 MOST_MB = 250.0
@@ -48,28 +44,13 @@ def memory() -> Memory:
     return Memory(int(kb['VmRSS']) / 1e3, int(kb['VmHWM']) / 1e3)
 
 
-def controller_params(name: str) -> ControllerParams:
-    """Return the parameters of the MPCC with one of its solvers."""
-    params = parameters.load(ControllerParams, share.path('mpcc_controller', 'config', 'mpcc.yaml'))
-    return replace(params, solver=replace(params.solver, name=name)) if name else params
-
-
-def laps(controller, scn, plant):
+def drive_laps(controller: Controller, scn: Scenario) -> Iterator[None]:
     """Drive the scenario again and again; yield after every answered tick."""
     while True:
-        car = Simulator(plant, scn.friction, Start(*scn.start))
-        side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-        controller.reset(car.actuators)
-        controller.set_reference(conversions.reference_as_received(scn.reference))
-        controller.set_edges(scn.edges)
-        while not side.outcome:
-            t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-            controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-            record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
-            command, (prediction, why) = record.command, controller.report(record)
+        for record in closed_loops.drive(scn, controller):
+            prediction, why = controller.report(record)
             # as the node: messages are made, too
-            encode.command(command), encode.prediction(prediction), encode.why(why)
-            side.tick(command)
+            encode.command(record.command), encode.prediction(prediction), encode.why(why)
             yield
 
 
@@ -83,16 +64,18 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     bare = memory().now
-    scn, plant = scenario.load(arguments.scenario), plant_parameters.load()
-    Simulator(plant, scn.friction, Start(*scn.start))
+    scn = scenario.load(arguments.scenario)
+    Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
     with_plant = memory().now
-    params = controller_params(arguments.solver)
+    params = closed_loops.controller_params('mpcc')
+    if arguments.solver:
+        params = closed_loops.with_solver(params, arguments.solver)
     controller = Controller(params, car_file.load(params))
     print(f'libraries loaded {bare:.1f} MB, plant {with_plant - bare:+.1f} MB', end=', ')
     print(f'controller {memory().now - with_plant:+.1f} MB ({params.solver.name})')
     marks = {max(1, round(arguments.ticks * share)) for share in (WARM_UP, 0.25, 0.5, 0.75, 1.0)}
     seen = {0: memory()}
-    drive = laps(controller, scn, plant)
+    drive = drive_laps(controller, scn)
     for tick in range(1, arguments.ticks + 1):
         next(drive)
         if tick in marks:

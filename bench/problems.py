@@ -111,12 +111,12 @@ def recorded(controller: Controller, scn, ticks: range, random):
     """Drive and yield (tick, the problem's arrays by name, P with a pop-up obstacle or None)."""
     planner = controller.planner
     recorder = planner.first_solver = Recorder(planner.first_solver)
-    for tick in closed_loops.drive(scn, controller):
-        if tick.number >= ticks.stop:
+    for number, _ in enumerate(closed_loops.drive(scn, controller)):
+        if number >= ticks.stop:
             break
         (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None
         plan = planner.fallback.plan
-        if x0 is None or plan is None or tick.number not in ticks:
+        if x0 is None or plan is None or number not in ticks:
             continue
         state, path = State(*x0), controller.scene.path
         model = controller.params.model
@@ -132,8 +132,8 @@ def recorded(controller: Controller, scn, ticks: range, random):
             'driven_X': plan.X,
             'driven_U': plan.U,
         } | bounds._asdict()
-        has_pop_up = tick.number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
-        yield tick.number, row, popped_up(controller, state, start, random) if has_pop_up else None
+        has_pop_up = number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
+        yield number, row, popped_up(controller, state, start, random) if has_pop_up else None
 
 
 def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndarray:

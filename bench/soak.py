@@ -51,25 +51,7 @@ KEEPS_BACKLOG, BACKLOG_MB = 'recorder', 45.0  # in a short soak
 STARTED = 'started from the actuators'  # says the controller with the first command
 END_S = 30.0
 SLOWEST = 10.0  # wall time per simulated time, at most
-ROAD = """
-schema: 1
-name: soak
-description: A circle of 500 m radius at 15 m/s, driven for ten minutes.
-road:
-  centre_line:
-    start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
-    segments: [{arc: {length_m: 9600.0, curvature_1pm: 0.002}}]
-  edges: {left: {offset_m: 4.0}, right: {offset_m: -4.0}}
-path:
-  start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
-  segments: [{arc: {length_m: 9500.0, curvature_1pm: 0.002}}]
-speed: {constant_mps: 15.0}
-friction: 1.0
-start: {progress_m: 0.0}
-stop: {progress_m: 9400.0, time_s: 600.0}
-obstacles: []
-sampling: {path_m: 5.0, edges_m: 5.0}
-"""
+ROAD = Path(__file__).parent / 'scenarios/soak.yaml'
 
 
 class Look(NamedTuple):
@@ -134,9 +116,7 @@ def most_mb(node: str, minutes: float) -> float:
 
 def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth]:
     """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
-    road = folder / 'road.yaml'
-    road.write_text(ROAD)
-    facts = inputs.load_facts(str(road))
+    facts = inputs.load_facts(str(ROAD))
     # other programs may not stop the car: what is asked is what ten minutes leave behind
     wanted = realtime.FIFO if mode == 'realtime' else {}
     given = {role: {'realtime.priority': priority} for role, priority in wanted.items()}

@@ -13,15 +13,11 @@ class TextTable(NamedTuple):
     title: str
     columns: tuple[str, ...]
     rows: list[tuple[str, ...]]
-    note: str = ''
 
 
 def show(console: Console, text_table: TextTable) -> None:
     """Print a table."""
-    table = Table(
-        title=text_table.title, title_justify='left', box=box.SIMPLE, caption=text_table.note
-    )
-    table.caption_justify = 'left'
+    table = Table(title=text_table.title, title_justify='left', box=box.SIMPLE)
     for i, name in enumerate(text_table.columns):
         table.add_column(name, justify='right' if i else 'left')
     for row in text_table.rows:
@@ -32,13 +28,8 @@ def show(console: Console, text_table: TextTable) -> None:
 def markdown(text_table: TextTable) -> str:
     """Return a table as Markdown."""
     rule = ['---'] + ['---:'] * (len(text_table.columns) - 1)
-    lines = [_line(row) for row in (text_table.columns, rule, *text_table.rows)]
-    note = [text_table.note, ''] if text_table.note else []
-    return '\n'.join([f'## {text_table.title}', '', *lines, '', *note])
-
-
-def _line(cells):
-    return f'| {" | ".join(cells)} |'
+    lines = [f'| {" | ".join(row)} |' for row in (text_table.columns, rule, *text_table.rows)]
+    return '\n'.join([f'## {text_table.title}', '', *lines, ''])
 
 
 def number(value: float) -> str:
