@@ -110,8 +110,7 @@ class RiccatiSolver:
         self._memory = np.zeros(size + ALIGNMENT, np.uint8)
         address = self._memory.ctypes.data
         self._workspace = address + -address % ALIGNMENT
-        shapes = _shapes(problem)
-        self._arrays = {name: np.zeros(shapes[name]) for name in ARRAYS}
+        self._arrays = {name: np.zeros(problem.shapes[name]) for name in ARRAYS}
         call = self._call = Call(**{name: a.ctypes.data for name, a in self._arrays.items()})
         call.max_iterations = options.max_iterations
         call.tolerance = options.tolerance
@@ -166,14 +165,3 @@ def _load(library):
     loaded.riccati_solve.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
     loaded.riccati_solve.restype = None
     return loaded.riccati_solve, loaded.riccati_bytes()
-
-
-def _shapes(problem):
-    """Return the shape of each array of the call."""
-    N, nx, nu = problem.horizon, problem.nx, problem.nu
-    states = dict.fromkeys(('X', 'x_low', 'x_high', 'm_x'), (N + 1, nx))
-    inputs = dict.fromkeys(('U', 'u_low', 'u_high', 'm_u'), (N, nu))
-    constraints = dict.fromkeys(('g_low', 'g_high', 'm_g'), (N, problem.ng))
-    terminal = dict.fromkeys(('h_low', 'h_high', 'm_h'), (problem.nh,))
-    others = {'x0': (nx,), 'P': (N + 1, problem.np), 'm_dynamics': (N, nx)}
-    return states | inputs | constraints | terminal | others

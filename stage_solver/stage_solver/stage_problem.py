@@ -105,6 +105,15 @@ class StageProblem:
         """Number of general constraints of the last stage."""
         return self.terminal_constraints.numel_out(0)
 
+    @cached_property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of x0, P, the bounds, X and U of a plan, and its multipliers as m_<name>."""
+        N, nx, nu = self.horizon, self.nx, self.nu
+        limited = {'x': (N + 1, nx), 'u': (N, nu), 'g': (N, self.ng), 'h': (self.nh,)}
+        shapes = {'x0': (nx,), 'P': (N + 1, self.np), 'X': limited['x'], 'U': limited['u']}
+        shapes |= {f'{x}_{end}': limited[x] for x in limited for end in ('low', 'high')}
+        return shapes | {f'm_{x}': limited[x] for x in limited} | {'m_dynamics': (N, nx)}
+
     def _defaults(self):
         x, u, p = (ca.SX.sym(*name) for name in (('x', self.nx), ('u', self.nu), ('p', self.np)))
         return {
@@ -174,23 +183,13 @@ class Plan(NamedTuple):
 
 def no_bounds(problem: StageProblem) -> Bounds:
     """Return infinite bounds; assign the finite limits of a problem to their elements."""
-    N = problem.horizon
-    shapes = {
-        'x': (N + 1, problem.nx),
-        'u': (N, problem.nu),
-        'g': (N, problem.ng),
-        'h': (problem.nh,),
-    }
     limits = {'low': -np.inf, 'high': np.inf}
-    return Bounds(
-        **{f'{x}_{end}': np.full(shapes[x], limits[end]) for x in shapes for end in limits}
-    )
+    return Bounds(*(np.full(problem.shapes[n], limits[n[2:]]) for n in Bounds._fields))
 
 
 def zero_plan(problem: StageProblem) -> Plan:
     """Return a plan of zeros, in SI units."""
-    N = problem.horizon
-    return Plan(np.zeros((N + 1, problem.nx)), np.zeros((N, problem.nu)))
+    return Plan(np.zeros(problem.shapes['X']), np.zeros(problem.shapes['U']))
 
 
 def rk2(f: Callable[[Any, Any, Any], Any], dt: float) -> Callable[[Any, Any, Any], Any]:

@@ -12,11 +12,9 @@ def check_shapes(
     problem: StageProblem, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan
 ) -> None:
     """Raise ProblemError for the first argument whose shape does not fit the problem."""
-    N, nx, nu, ng = problem.horizon, problem.nx, problem.nu, problem.ng
-    states, inputs, g, h = (N + 1, nx), (N, nu), (N, ng), (problem.nh,)
-    shapes = [(nx,), (N + 1, problem.np), *(s for s in (states, inputs, g, h) for _ in range(2))]
     arrays = {'x0': x0, 'P': P} | bounds._asdict() | {'guess.X': guess.X, 'guess.U': guess.U}
-    for (name, array), shape in zip(arrays.items(), [*shapes, states, inputs]):
+    for name, array in arrays.items():
+        shape = problem.shapes[name.removeprefix('guess.')]
         if np.shape(array) != shape:
             raise ProblemError(f'{name} has shape {np.shape(array)}; {shape} is needed')
 
