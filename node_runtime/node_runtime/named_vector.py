@@ -17,11 +17,10 @@ from typing import Any, get_type_hints
 
 def leaves(value: Any) -> list:
     """Return the leaves of an instance in the order of `names`."""
-    if isinstance(value, tuple):
-        return [leaf for child in value for leaf in leaves(child)]
-    if is_dataclass(value):
-        return [leaf for field in fields(value) for leaf in leaves(getattr(value, field.name))]
-    return [value]
+    children = _children(value)
+    if children is None:
+        return [value]
+    return [leaf for child in children.values() for leaf in leaves(child)]
 
 
 def names(template: Any) -> tuple[str, ...]:

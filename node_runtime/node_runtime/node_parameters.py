@@ -10,8 +10,9 @@ Every node takes, beside its own parameters, those of COMMON:
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import closest
@@ -21,18 +22,18 @@ from node_runtime.parameters import BASE, Choice, Leaf, ParameterError, Range
 MODE = 'mode'
 RECORDERS = 'recorders'
 REALTIME = 'realtime'
-COMMON = {
-    MODE: Leaf(str, False, Choice(*contract.MODES)),
-    RECORDERS: Leaf(int, False, Range(0, 10, 'recorders that must be listening before it starts')),
-    BASE: Leaf(str, False, None),
-    **{f'{REALTIME}.{k}': v for k, v in parameters.leaves(scheduling.SchedulingOptions).items()},
-}
-_COMMON_DEFAULTS = {
-    MODE: contract.MODES[0],
-    RECORDERS: 0,
-    BASE: '',
-    **{f'{REALTIME}.{k}': v for k, v in parameters.flatten(scheduling.DEFAULTS).items()},
-}
+
+
+@dataclass(frozen=True)
+class _Common:
+    mode: Annotated[str, Choice(*contract.MODES)]
+    recorders: Annotated[int, Range(0, 10, 'recorders that must be listening before it starts')]
+    base: str
+    realtime: scheduling.SchedulingOptions
+
+
+COMMON = parameters.leaves(_Common)
+_DEFAULTS = parameters.flatten(_Common(contract.MODES[0], 0, '', scheduling.DEFAULTS))
 _SOURCE = 'command line or parameter file'
 NO_SOURCES: Mapping[str, str] = {}
 # what rclpy declares for every node
@@ -74,11 +75,11 @@ def resolve(
     overrides = {k: _from_ros(known[k], v) for k, v in given.items() if k in known}
     values = file.values | overrides
     common = {
-        name: parameters.check(leaf, values.get(name, _COMMON_DEFAULTS[name]), name, source)
+        name: parameters.check(leaf, values.get(name, _DEFAULTS[name]), name, source)
         for name, leaf in COMMON.items()
     }
     own_values = {key: value for key, value in values.items() if key in own or key not in COMMON}
-    params = parameters.build_from(cls, own_values, source)
+    params = parameters.build(cls, own_values, source)
     final = {**common, **parameters.flatten(params)}
     return params, tuple(
         Declaration(name, final[name], leaf, _description(file.comments.get(name), leaf))

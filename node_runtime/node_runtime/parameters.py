@@ -33,6 +33,7 @@ from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
 BASE = 'base'
+_ANY = {bool: 'true or false', str: 'any text'}
 _UNIONS = (typing.Union, types.UnionType)
 
 
@@ -48,6 +49,20 @@ class Range:
     high: float
     unit: str
 
+    @property
+    def allowed(self) -> str:
+        """The allowed values as text."""
+        return f'{self.low:g} to {self.high:g} {self.unit}'
+
+    def fault(self, kind: type, value: Any) -> str:
+        """Return why a value is no such int or float, as `must be finite, is`, or ''."""
+        if isinstance(value, bool) or not isinstance(value, int if kind is int else int | float):
+            return f'must be a {"whole number" if kind is int else "number"}, is'
+        # math.isfinite raises for a whole number beyond all floats
+        if isinstance(value, float) and not math.isfinite(value):
+            return 'must be finite, is'
+        return '' if self.low <= value <= self.high else 'is out of range with'
+
 
 @dataclass(frozen=True, init=False)
 class Choice:
@@ -57,6 +72,11 @@ class Choice:
 
     def __init__(self, *words: str):
         object.__setattr__(self, 'words', words)
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values as text."""
+        return ' or '.join(self.words)
 
 
 # quantities that several packages take: what a scenario allows, nodes accept
@@ -76,11 +96,7 @@ class Leaf(NamedTuple):
     @property
     def allowed(self) -> str:
         """The allowed values as text."""
-        if isinstance(self.rule, Range):
-            return f'{self.rule.low:g} to {self.rule.high:g} {self.rule.unit}'
-        if isinstance(self.rule, Choice):
-            return ' or '.join(self.rule.words)
-        return {bool: 'true or false', str: 'any text'}[self.kind]
+        return self.rule.allowed if self.rule else _ANY[self.kind]
 
 
 def leaves(cls: type) -> dict[str, Leaf]:
@@ -114,16 +130,14 @@ def _leaf(field, hint):
     return Leaf(kind, many, rule)
 
 
-def build(cls: type[T], mapping: Mapping[str, Any], source: str) -> T:
+def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str] | str | Path) -> T:
     """Build a parameter dataclass from a nested mapping, strictly.
 
-    Raises ParameterError `<source>: <dotted.key>: <what>; allowed <range> <unit>`.
+    `source`, or source(dotted_key), is where a value comes from. Raises ParameterError
+    `<source>: <dotted.key>: <what>; allowed <range> <unit>`.
     """
-    return build_from(cls, mapping, lambda key: source)
-
-
-def build_from(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]) -> T:
-    """Like `build`; `source(dotted_key)` returns where a value comes from, for errors."""
+    if not callable(source):
+        return build(cls, mapping, lambda key: source)
     known = leaves(cls)
     given = flatten_mapping(mapping)
     for key in given:
@@ -161,23 +175,13 @@ def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any
 
 
 def _scalar(leaf, value, error):
-    is_whole = isinstance(value, int) and not isinstance(value, bool)
-    has_type = {
-        bool: isinstance(value, bool),
-        int: is_whole,
-        float: is_whole or isinstance(value, float),
-        str: isinstance(value, str),
-    }
-    if not has_type[leaf.kind]:
-        names = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
-        raise error(f'must be {names[leaf.kind]}, is {value!r}')
     if isinstance(leaf.rule, Range):
-        # math.isfinite raises for a whole number beyond all floats
-        if isinstance(value, float) and not math.isfinite(value):
-            raise error(f'must be finite, is {value!r}')
-        if not leaf.rule.low <= value <= leaf.rule.high:
-            raise error(f'is out of range with {value!r}')
-    if isinstance(leaf.rule, Choice) and value not in leaf.rule.words:
+        fault = leaf.rule.fault(leaf.kind, value)
+        if fault:
+            raise error(f'{fault} {value!r}')
+    elif not isinstance(value, leaf.kind):
+        raise error(f'must be {"true or false" if leaf.kind is bool else "a text"}, is {value!r}')
+    elif leaf.rule and value not in leaf.rule.words:
         raise error(f'is {value!r}{closest(value, leaf.rule.words)}')
     return leaf.kind(value)
 
@@ -200,7 +204,7 @@ def load(cls: type[T], path: Path, config: Path | None = None) -> T:
     Raises ParameterError that names the file, the line and the dotted key.
     """
     file = read_file(path, config)
-    return build_from(cls, file.values, lambda key: file.sources.get(key, str(path)))
+    return build(cls, file.values, lambda key: file.sources.get(key, str(path)))
 
 
 def read_file(path: Path, config: Path | None = None) -> ParameterFile:

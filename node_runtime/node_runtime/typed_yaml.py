@@ -14,7 +14,6 @@ what is allowed. Flat parameters of nodes, which may also come from ROS, are tho
 """
 
 import dataclasses
-import math
 import re
 import types
 import typing
@@ -37,7 +36,7 @@ class Pattern:
     """Allowed texts: a regular expression and its meaning in words."""
 
     expression: str
-    words: str
+    allowed: str
 
 
 def field_types(schema: type) -> dict[str, typing.Any]:
@@ -57,10 +56,7 @@ def describe_allowed(hint) -> str:
         return ' or '.join(map(repr, typing.get_args(hint)))
     if typing.get_origin(hint) is not typing.Annotated:
         return ''
-    rule = typing.get_args(hint)[1]
-    if isinstance(rule, Pattern):
-        return rule.words
-    return f'{rule.low:g} to {rule.high:g} {rule.unit}'
+    return typing.get_args(hint)[1].allowed
 
 
 def parse_value(hint, item: Item):
@@ -79,7 +75,10 @@ def parse_value(hint, item: Item):
         return scalar
     base, rule = arguments
     if isinstance(rule, Range):
-        return _check_number(base, rule, scalar, item, allowed)
+        fault = rule.fault(base, scalar)
+        if fault:
+            raise item.error(f'{fault} {_shown(item)}; allowed {allowed}')
+        return base(scalar)
     if not isinstance(scalar, str) or not re.fullmatch(rule.expression, scalar):
         raise item.error(f'is {_shown(item)}; allowed {allowed}')
     return scalar
@@ -125,17 +124,6 @@ def _parse_list(arguments, item):
     if len(elements) != len(arguments):
         raise item.error(f'has {len(elements)} elements; allowed exactly {len(arguments)}')
     return tuple(parse_value(hint, element) for hint, element in zip(arguments, elements))
-
-
-def _check_number(base, rule, value, item, allowed):
-    if isinstance(value, bool) or not isinstance(value, int if base is int else int | float):
-        kind = 'whole number' if base is int else 'number'
-        raise item.error(f'must be a {kind}, is {_shown(item)}; allowed {allowed}')
-    if isinstance(value, float) and not math.isfinite(value):
-        raise item.error(f'must be finite, is {_shown(item)}; allowed {allowed}')
-    if not rule.low <= value <= rule.high:
-        raise item.error(f'is out of range with {_shown(item)}; allowed {allowed}')
-    return base(value)
 
 
 def _parse_scalar(item):

@@ -107,7 +107,7 @@ def load(path: Path) -> TyreCoefficients:
     _check_units(file)
     formula = _formula(file)
     raw = _coefficients(file)
-    checked = parameters.build_from(TyreCoefficients, raw, lambda key: _source(file, key))
+    checked = parameters.build(TyreCoefficients, raw, lambda key: _source(file, key))
     values = {key.rpartition('.')[2]: v for key, v in parameters.flatten(checked).items()}
     values = _scaled(file, values)
     if formula == '5.2':

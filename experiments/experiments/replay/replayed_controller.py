@@ -95,7 +95,7 @@ def recorded_params(
     known = [parameters.leaves(cls) for cls in classes]
     try:
         params, vehicle = [
-            parameters.build_from(cls, {k: v for k, v in given.items() if k in own}, source)
+            parameters.build(cls, {k: v for k, v in given.items() if k in own}, source)
             for cls, own in zip(classes, known)
         ]
         _refuse_unknown(given, known, source)
