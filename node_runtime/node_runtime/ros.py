@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -25,6 +26,7 @@ from rclpy.qos import (
 )
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from msgs_yaml import cdr_templates, contract
 from msgs_yaml.contract import Qos
@@ -35,6 +37,10 @@ from node_runtime.parameters import Choice, Range
 T = TypeVar('T')
 _RETRY_S = 0.001
 _TIMEOUT_S = 30.0  # DDS forgets a dead process after 20 s
+_RANGES = {
+    float: ('floating_point_range', FloatingPointRange),
+    int: ('integer_range', IntegerRange),
+}
 HEALTH = '/diagnostics'  # no node waits for its subscriptions
 
 
@@ -71,12 +77,9 @@ def _descriptor(declaration):
         dynamic_typing=declaration.value is None,
     )
     rule, kind = declaration.leaf.rule, declaration.leaf.kind
-    if isinstance(rule, Range) and kind is float:
-        ends = {'from_value': float(rule.low), 'to_value': float(rule.high)}
-        descriptor.floating_point_range = [FloatingPointRange(**ends)]
-    elif isinstance(rule, Range):
-        ends = {'from_value': int(rule.low), 'to_value': int(rule.high)}
-        descriptor.integer_range = [IntegerRange(**ends)]
+    if isinstance(rule, Range):
+        field, make = _RANGES[kind]
+        setattr(descriptor, field, [make(from_value=kind(rule.low), to_value=kind(rule.high))])
     elif isinstance(rule, Choice):
         descriptor.additional_constraints = declaration.leaf.allowed
     return descriptor
@@ -106,6 +109,11 @@ def polled_node(node: Node, name: str) -> Node:
         start_parameter_services=False,
         enable_rosout=False,
     )
+
+
+def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Timer:
+    """Return a timer on the monotonic clock, whatever clock the node follows."""
+    return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def publisher(node: Node, topic: str) -> Publisher:
@@ -143,17 +151,15 @@ def missing_subscriptions(node: Node, listeners: Mapping[str, int]) -> list[str]
     return missing
 
 
+serialize = serialize_message  # message -> its bytes, as they are published
+
+
 def deserialize(topic: str, raw: bytes) -> Any:
     """Return the message of a topic from its bytes; raise DecodeError for other bytes."""
     try:
         return deserialize_message(raw, message_type(topic))
     except RuntimeError as error:  # the base of what the middleware raises
         raise DecodeError(f'{topic}: {len(raw)} bytes are no message of its type') from error
-
-
-def serialize(msg: Any) -> bytes:
-    """Return the bytes of a message, as they are published."""
-    return serialize_message(msg)
 
 
 def message_type(topic: str) -> type:
@@ -178,19 +184,16 @@ class BlockingPublisher:
         node that was asked to end does not wait.
         """
         end = time.monotonic() + _TIMEOUT_S
-        while not (self._is_ending or self._try_send(raw, end)):
+        while not self._is_ending:
+            try:
+                self._publisher.publish(raw)
+                return
+            except RuntimeError:  # the queue is full
+                # each further attempt would block for 0.1 s
+                self._is_ending = getattr(self._node, 'finished', False)
+                if time.monotonic() > end or not self._publisher.get_subscription_count():
+                    raise
             time.sleep(_RETRY_S)
-
-    def _try_send(self, raw, end):
-        try:
-            self._publisher.publish(raw)
-        except RuntimeError:  # the queue is full
-            # each further attempt would block for 0.1 s
-            self._is_ending = getattr(self._node, 'finished', False)
-            if time.monotonic() > end or not self._publisher.get_subscription_count():
-                raise
-            return False
-        return True
 
 
 class TemplatePublisher:

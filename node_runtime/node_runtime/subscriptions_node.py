@@ -7,7 +7,6 @@ PublisherMonitor                                  warns of a second publisher of
 
 from collections.abc import Mapping
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 from rclpy.subscription import Subscription
@@ -105,7 +104,7 @@ class PublisherMonitor:
         self._node, self._subscriptions = node, subscriptions
         self._counts = dict.fromkeys(subscriptions, 1)
         self._warnings: dict[str, str] = {}  # by topic
-        node.create_timer(PERIOD_S, self.update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        ros.steady_timer(node, PERIOD_S, self.update)
 
     def update(self) -> None:
         """Count; log topics that now have several publishers, and those that have one again."""

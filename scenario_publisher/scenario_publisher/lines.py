@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # a submodule loads when it is first used: an unknown name waits for none
 
+from scenario_publisher.polyline import running_sum, steps
+
 # rad, greatest heading of a lane change; steeper ones would drive across the road
 MAX_LANE_CHANGE_HEADING = 1.2
 # Gauss-Legendre quadrature over a lane change: exact to rounding up to that heading
@@ -146,8 +148,8 @@ def _sample_curve(curve, start, spacing):
     dX, dY = half * (np.cos(psi) @ _WEIGHTS), half * (np.sin(psi) @ _WEIGHTS)
     return Line(
         start.s + s,
-        start.X + _running_sum(dX),
-        start.Y + _running_sum(dY),
+        start.X + running_sum(dX),
+        start.Y + running_sum(dY),
         start.psi + curve.turn(s),
         curve.kappa(s),
     )
@@ -158,14 +160,14 @@ def line_through_points(points: np.ndarray, spacing: float) -> Line:
 
     Heading and curvature are continuous. The points must not repeat.
     """
-    chord = np.hypot(*np.diff(points, axis=0).T)
-    spline = scipy.interpolate.CubicSpline(_running_sum(chord), points)
-    parts = _running_sum(np.ceil(_REFINEMENT * chord / spacing))
+    chord = steps(points)
+    spline = scipy.interpolate.CubicSpline(running_sum(chord), points)
+    parts = running_sum(np.ceil(_REFINEMENT * chord / spacing))
     fine = np.interp(np.arange(parts[-1] + 1), parts, spline.x)
     half = np.diff(fine) / 2
     inside = fine[:-1, None] + half[:, None] * (_NODES + 1)
     speed = np.hypot(*np.moveaxis(spline(inside, 1), -1, 0))
-    station = _running_sum(half * (speed @ _WEIGHTS))
+    station = running_sum(half * (speed @ _WEIGHTS))
     s = _sample_stations(station[-1], spacing)
     u = scipy.interpolate.CubicSpline(station, fine)(s)
     (X, Y), (dX, dY), (ddX, ddY) = (spline(u, order).T for order in range(3))
@@ -203,7 +205,3 @@ def nearest_sample(line: Line, X: float, Y: float) -> int:
 def _sample_stations(length, spacing):
     # a length that is a multiple of the spacing must not get one more interval by rounding
     return np.linspace(0.0, length, 1 + max(1, int(np.ceil(length / spacing - ROUNDING))))
-
-
-def _running_sum(steps):
-    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -11,6 +11,11 @@ def steps(points: np.ndarray) -> np.ndarray:
     return np.hypot(*np.diff(points, axis=0).T)
 
 
+def running_sum(steps: np.ndarray) -> np.ndarray:
+    """Return 0 and the sums of the first 1, 2, ... n steps, (n + 1,)."""
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def turns(points: np.ndarray) -> np.ndarray:
     """Return the change of direction (n - 2,) [rad] at each inner point, 0 to pi."""
     chord = np.diff(points, axis=0)
@@ -21,7 +26,7 @@ def turns(points: np.ndarray) -> np.ndarray:
 
 def refine(points: np.ndarray, spacing: float) -> np.ndarray:
     """Return the same polyline with points at most `spacing` [m] apart."""
-    parts = np.concatenate([[0.0], np.cumsum(np.ceil(steps(points) / spacing - TIE))])
+    parts = running_sum(np.ceil(steps(points) / spacing - TIE))
     ticks = np.arange(parts[-1] + 1)
     return np.column_stack([np.interp(ticks, parts, column) for column in points.T])
 

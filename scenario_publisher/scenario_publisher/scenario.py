@@ -1,8 +1,8 @@
 """Scenarios: path, edges, friction, obstacles, start and end of a run from a name or a file."""
 
-import math
 import os
 from dataclasses import dataclass
+from math import remainder, tau
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from scenario_publisher import actors, lines, plausibility, road_geometry, scena
 from scenario_publisher.actors import Actor
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
+from scenario_publisher.polyline import running_sum
 from scenario_publisher.scenario_file import ScenarioError
 
 PACKAGE = 'scenario_publisher'
@@ -176,8 +177,7 @@ def _travel_times(path: Line, speed: np.ndarray) -> np.ndarray:
     Between two samples the speed is that desired in the middle.
     """
     middle = (path.s[:-1] + path.s[1:]) / 2
-    steps = np.diff(path.s) / np.interp(middle, *speed.T)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return running_sum(np.diff(path.s) / np.interp(middle, *speed.T))
 
 
 def _place_actors(blocks, centre, error):
@@ -193,13 +193,14 @@ def _place_actors(blocks, centre, error):
 
 def _start(block, path, speed, error):
     if isinstance(block, schema.StartPose):
-        return Start(block.x_m, block.y_m, _wrap_angle(block.yaw_rad), block.speed_mps)
+        return Start(block.x_m, block.y_m, remainder(block.yaw_rad, tau), block.speed_mps)
     if block.progress_m > path.s[-1]:
         what = f'is {block.progress_m:g} m, beyond the end of the path'
         raise error('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
     X, Y, psi = map(float, lines.pose_at(path, block.progress_m))
     desired = float(np.interp(block.progress_m, *speed.T))
-    return Start(X, Y, _wrap_angle(psi), desired if block.speed_mps is None else block.speed_mps)
+    speed = desired if block.speed_mps is None else block.speed_mps
+    return Start(X, Y, remainder(psi, tau), speed)
 
 
 def _stop(block, path: Line, start: Start):
@@ -211,9 +212,4 @@ def _stop(block, path: Line, start: Start):
     # laps cross the line before: it counts from half way after the last crossing
     last = float(path.s[1:][crossing & between].max(initial=begin))
     armed_after = (last + block.progress_m) / 2 - begin
-    return Stop(X, Y, _wrap_angle(psi), armed_after, block.time_s)
-
-
-def _wrap_angle(psi):
-    """Return the same heading in [-pi, pi]."""
-    return math.remainder(psi, math.tau)
+    return Stop(X, Y, remainder(psi, tau), armed_after, block.time_s)

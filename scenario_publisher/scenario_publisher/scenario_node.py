@@ -2,7 +2,6 @@
 
 import sys
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from msgs_yaml import contract, decode, encode, raw_scenario, share
@@ -31,18 +30,17 @@ class ScenarioNode(Node):
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
         # serialised once: building the messages takes longer than the time between two obstacles
-        self.path = ros.serialize(encode.reference(self.timeline.reference(scenario.START_NS)))
-        self.edges = ros.serialize(encode.road_edges(self.timeline.edges(scenario.START_NS)))
+        self.path = ros.serialize(encode.reference(scn.reference))
+        self.edges = ros.serialize(encode.road_edges(scn.edges))
         self.pending_ns = None  # simulated instant that is not answered yet
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
-            self.polling = self.create_timer(POLL_S, self.answer, clock=steady)
+            self.polling = ros.steady_timer(self, POLL_S, self.answer)
             self.publish_road(scenario.START_NS)
         else:
             self.wall = SteadyClock()
             ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
-            self.create_timer(1.0 / self.timeline.rate_hz, self.on_timer, clock=steady)
+            ros.steady_timer(self, 1.0 / self.timeline.rate_hz, self.on_timer)
         self.get_logger().info(f'{scn.name}: {scn.description}')
         if not self.timeline.has_plant:
             self.get_logger().info('obstacles wait for the plant')

@@ -2,7 +2,7 @@
 
 from msgs_yaml import contract, conversions
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
+from msgs_yaml.types import Health, Obstacles
 from node_runtime.input_monitor import OK, STALE
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -57,14 +57,6 @@ class Timeline:
         """Return the obstacles at a stamp; before the run, those of its start."""
         start_ns = stamp_ns if self._start_ns is None else self._start_ns
         return scenario.obstacles_at(self._scn, conversions.ns_to_s(stamp_ns - start_ns), stamp_ns)
-
-    def reference(self, stamp_ns: int) -> Reference:
-        """Return the coarse path under a stamp."""
-        return self._scn.reference._replace(stamp_ns=stamp_ns)
-
-    def edges(self, stamp_ns: int) -> RoadEdges:
-        """Return the road edges under a stamp."""
-        return self._scn.edges._replace(stamp_ns=stamp_ns)
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of the node."""

@@ -92,7 +92,7 @@ def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
 
 def test_everything_carries_the_stamp_asked_for():
     timeline = Timeline(MOVING, 'lockstep')
-    for value in (timeline.obstacles, timeline.reference, timeline.edges, timeline.health):
+    for value in (timeline.obstacles, timeline.health):
         assert value(5 * START_NS).stamp_ns == 5 * START_NS
 
 

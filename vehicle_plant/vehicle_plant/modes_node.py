@@ -37,7 +37,7 @@ class LockstepMode:
         self.stepper = LockstepStepper(car, RunEnd(self.node.params.stop, car.now))
         self.monitor = health.HealthMonitor(self.stepper)
         self.publish_state()
-        self.repeat_timer = self.node.create_wall_timer(REPEAT_S, self.publish_state)
+        self.repeat_timer = ros.steady_timer(self.node, REPEAT_S, self.publish_state)
 
     def publish_state(self):
         """Publish the present state."""
@@ -73,7 +73,7 @@ class LockstepMode:
             return
         self.repeat_timer.cancel()
         timeout_s = self.node.params.lockstep_timeout_s / 2
-        self.silence_timer = self.node.create_wall_timer(timeout_s, self.on_silence)
+        self.silence_timer = ros.steady_timer(self.node, timeout_s, self.on_silence)
 
     def on_silence(self):
         """Repeat the state once, for a controller that was restarted; then go on without it."""
@@ -84,7 +84,7 @@ class LockstepMode:
             return
         self.node.get_logger().error('no command comes: braking straight')
         self.silence_timer.cancel()
-        self.silence_timer = self.node.create_wall_timer(NO_CONTROLLER_S, self.on_no_controller)
+        self.silence_timer = ros.steady_timer(self.node, NO_CONTROLLER_S, self.on_no_controller)
 
     def on_no_controller(self):
         """Advance a tick without a command."""
@@ -120,7 +120,7 @@ class RealtimeMode:
         self.node.simulator_at(self.now_ns()).advance(None, TICK_STEPS)
         scheduling.freeze_garbage()
         self.node.get_logger().info('holding the car at its start until a command answers it')
-        self.timer = self.node.create_wall_timer(HOLD_S, self.on_hold)
+        self.timer = ros.steady_timer(self.node, HOLD_S, self.on_hold)
 
     def on_hold(self):
         """Publish the state at the start with the present time."""
@@ -149,7 +149,7 @@ class RealtimeMode:
         self.stepper, self.monitor = stepper, health.HealthMonitor(stepper)
         self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
-        self.timer = self.node.create_wall_timer(STEP_NS / 1e9, self.on_step)
+        self.timer = ros.steady_timer(self.node, STEP_NS / 1e9, self.on_step)
 
     def on_unreadable(self, _, reason):
         """Count a command that violates the contract; the last valid one stands."""
@@ -172,7 +172,7 @@ class RealtimeMode:
         self.node.destroy_timer(self.timer)
         self.node.destroy_publisher(self.node.odometry_pub.publisher)
         # the executor has to release the publisher first, which it does while it spins
-        self.timer = self.node.create_wall_timer(SHUTDOWN_S, self.finish)
+        self.timer = ros.steady_timer(self.node, SHUTDOWN_S, self.finish)
 
     def finish(self):
         """End the node."""

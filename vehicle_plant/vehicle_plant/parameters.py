@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
 CAR_KEY, TYRE_KEY = 'tyre_set', 'reference.FNOMIN'  # parameters that no other file has
+_find = partial(node_parameters.find_named_config, 'vehicle_plant')
 START_FROM = Choice('reference', 'parameters')  # of start.from; the first is the default
 
 
@@ -72,12 +74,12 @@ def config_file(name: str) -> Path:
 
 def car_file(name: str, named_by: str = 'plant_params') -> Path:
     """Return the path of the car that a parameter or option names. Raises ParameterError."""
-    return node_parameters.find_named_config('vehicle_plant', named_by, name, CAR_KEY)
+    return _find(named_by, name, CAR_KEY)
 
 
 def load_tyre(name: str, named_by: str = 'tyre_set') -> TyreCoefficients:
     """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
-    return _tyre(node_parameters.find_named_config('vehicle_plant', named_by, name, TYRE_KEY))
+    return _tyre(_find(named_by, name, TYRE_KEY))
 
 
 def _tyre(path):
@@ -91,10 +93,7 @@ def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> P
 
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
-    path = node_parameters.find_named_config(
-        'vehicle_plant', 'tyre_set', node.tyre_set, TYRE_KEY, sources
-    )
-    return PlantParams(node.car, _tyre(path))
+    return PlantParams(node.car, _tyre(_find('tyre_set', node.tyre_set, TYRE_KEY, sources)))
 
 
 def load(path: Path | None = None) -> PlantParams:

@@ -2,10 +2,8 @@
 
 import sys
 import time
-from pathlib import Path
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from msgs_yaml import conversions, decode, encode
@@ -30,9 +28,10 @@ class PlantNode(Node):
 
     def __init__(self):
         super().__init__(health.NODE)
-        self.wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.starts_at_reference = self._declare_start()
-        self.params = ros.declare(self, parameters.NodeParams, self._declare_car())
+        about_car = 'file of the car: in config/, or a path'
+        car = self._declare_text('plant_params', parameters.DEFAULT_CAR, about_car)
+        self.params = ros.declare(self, parameters.NodeParams, parameters.car_file(car))
         self.plant = parameters.plant_params(self.params)
         self.patches = road_friction.patches_from_parameters(self.params.patches)
         integrator.library()  # compiles, if need be, before time starts
@@ -49,26 +48,18 @@ class PlantNode(Node):
         self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
         self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
         self.rejections = RejectionLog(COMMAND)
-        self.start_timer = self.create_wall_timer(POLL_S, self.on_poll)
+        self.start_timer = ros.steady_timer(self, POLL_S, self.on_poll)
 
     def _declare_start(self) -> bool:
-        choices = parameters.START_FROM.words
-        descriptor = ParameterDescriptor(description=' or '.join(choices), read_only=True)
-        value = self.declare_parameter('start.from', choices[0], descriptor).value
-        if value not in choices:
-            raise ParameterError(f'start.from is {value!r}; allowed {" or ".join(choices)}')
+        choice = parameters.START_FROM
+        value = self._declare_text('start.from', choice.words[0], choice.allowed)
+        if value not in choice.words:
+            raise ParameterError(f'start.from is {value!r}; allowed {choice.allowed}')
         return value == 'reference'
 
-    def _declare_car(self) -> Path:
-        descriptor = ParameterDescriptor(
-            description='file of the car: in config/, or a path', read_only=True
-        )
-        name = self.declare_parameter('plant_params', parameters.DEFAULT_CAR, descriptor).value
-        return parameters.car_file(name)
-
-    def create_wall_timer(self, seconds, callback):
-        """Return a timer on the wall clock."""
-        return self.create_timer(seconds, callback, clock=self.wall)
+    def _declare_text(self, name, default, description) -> str:
+        descriptor = ParameterDescriptor(description=description, read_only=True)
+        return self.declare_parameter(name, default, descriptor).value
 
     def on_reference(self, raw):
         """Keep the path for the start."""
