@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgs_yaml.types import Command
 from node_runtime import named_vector
 from vehicle_plant import integrator
-from vehicle_plant.actuators import DelayLine, DelaySteps, SetPointRamp
+from vehicle_plant.actuators import DelayLine, SetPointRamp
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import START_NS, Simulator
 from vehicle_plant.state import SetPoints, State, join_trajectories
@@ -188,7 +188,7 @@ def test_delay_is_a_shift_of_samples_however_they_are_cut(delays, pieces):
     total = sum(pieces)
     samples = rng.normal(size=(total + 1, 3))
     held = SetPoints(*samples[0])
-    line = DelayLine(DelaySteps(*delays), held)
+    line = DelayLine(SetPoints(*delays), held)
     begin, last, out = 0, samples[0], [samples[:1]]
     for n in pieces:
         late = line.shift(samples[begin : begin + n + 1])

@@ -9,11 +9,10 @@ position loop, x'' = 2 zeta w (v - x'), v = w / (2 zeta) (u - x) limited to the 
 without limits this is x'' = w^2 (u - x) - 2 zeta w x'. Limiting v instead of x'' avoids wind-up.
 """
 
-from typing import Any, NamedTuple
-
 import casadi as ca
 import numpy as np
 
+from vehicle_plant.car import AxleForce, Car, Steering
 from vehicle_plant.state import Servo, SetPoints
 
 
@@ -46,24 +45,21 @@ class SetPointRamp:
         return path
 
 
-class DelaySteps(NamedTuple):
-    """Delay of each set-point in steps, in the order of `SetPoints`."""
-
-    delta: int
-    Fxf: int
-    Fxr: int
+def servo_parameters(car: Car) -> tuple[Steering, AxleForce, AxleForce]:
+    """Return the parameters of the servos, in the order of `SetPoints` and `Servos`."""
+    return car.steering, car.force.front, car.force.rear
 
 
-def delay_steps(car) -> DelaySteps:
-    """Return the delays of a `car.Car`; a step is 1 ms."""
-    return DelaySteps(car.steering.delay_ms, car.force.front.delay_ms, car.force.rear.delay_ms)
+def delay_steps(car: Car) -> SetPoints:
+    """Return the delay of each set-point in steps of 1 ms."""
+    return SetPoints(*(servo.delay_ms for servo in servo_parameters(car)))
 
 
 class DelayLine:
     """The last samples of each delayed set-point."""
 
-    def __init__(self, delays: DelaySteps, held: SetPoints):
-        """Fill the line with the set-points held until now."""
+    def __init__(self, delays: SetPoints, held: SetPoints):
+        """Fill the line with the set-points held until now; delays in steps."""
         self._lines = {
             i: np.full(n + 1, value) for i, (n, value) in enumerate(zip(delays, held)) if n
         }
@@ -81,36 +77,27 @@ class DelayLine:
         return delayed
 
 
-class ServoLimits(NamedTuple):
-    """Smallest and greatest position, greatest rate."""
-
-    low: Any
-    high: Any
-    rate: Any
-
-
-def steering_limits(p) -> ServoLimits:
-    """Return the limits of `car.Steering` [rad, rad/s]."""
-    return ServoLimits(-p.limit_rad, p.limit_rad, p.rate_radps)
-
-
-def force_limits(p) -> ServoLimits:
-    """Return the limits of `car.AxleForce` [N, N/s], braking negative."""
-    return ServoLimits(-p.brake_n, p.drive_n, p.rate_nps)
-
-
-def servo_derivative(x: Servo, target, p, limits: ServoLimits) -> Servo:
+def servo_derivative(x: Servo, target, p: Steering | AxleForce) -> Servo:
     """Return the time derivative of a servo with the parameters p that follows a set-point."""
+    low, high, greatest_rate = _limits(p)
     damping = 2 * p.damping * p.natural_frequency_radps
     gain = p.natural_frequency_radps**2 / damping
-    rate = gain * (_clip(target, limits.low, limits.high) - x.position)
-    return Servo(x.rate, damping * (_clip(rate, -limits.rate, limits.rate) - x.rate))
+    rate = gain * (_clip(target, low, high) - x.position)
+    return Servo(x.rate, damping * (_clip(rate, -greatest_rate, greatest_rate) - x.rate))
 
 
-def stop_at_limits(x: Servo, limits: ServoLimits) -> Servo:
+def stop_at_limits(x: Servo, p: Steering | AxleForce) -> Servo:
     """Return the servo within its mechanical stops: beyond one it is at rest on it."""
-    outside = ca.logic_or(x.position < limits.low, x.position > limits.high)
-    return Servo(_clip(x.position, limits.low, limits.high), ca.if_else(outside, 0, x.rate))
+    low, high, _ = _limits(p)
+    outside = ca.logic_or(x.position < low, x.position > high)
+    return Servo(_clip(x.position, low, high), ca.if_else(outside, 0, x.rate))
+
+
+def _limits(p):
+    """Return the lowest and highest position and the greatest rate; braking is negative."""
+    if isinstance(p, Steering):
+        return -p.limit_rad, p.limit_rad, p.rate_radps
+    return -p.brake_n, p.drive_n, p.rate_nps
 
 
 def _clip(x, low, high):

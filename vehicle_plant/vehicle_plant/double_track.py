@@ -78,7 +78,8 @@ def derivative(x: State, u: SetPoints, plant, friction: PerWheel) -> tuple[State
         )
     )
     outputs = Outputs(acceleration, FourLoads(*loads))
-    return State(planar_dot, ride_dot, wheels_dot, _servos(x.servos, u, p)), outputs
+    servos_dot = map(actuators.servo_derivative, x.servos, u, actuators.servo_parameters(p))
+    return State(planar_dot, ride_dot, wheels_dot, Servos(*servos_dot)), outputs
 
 
 class _Tyre(NamedTuple):
@@ -156,24 +157,9 @@ def _vertical(travels, loads, contact_forces, corners):
     return body_forces, lifts
 
 
-def _servos(servos: Servos, u: SetPoints, p) -> Servos:
-    steering = actuators.steering_limits(p.steering)
-    front = actuators.force_limits(p.force.front)
-    rear = actuators.force_limits(p.force.rear)
-    return Servos(
-        actuators.servo_derivative(servos.steer, u.delta, p.steering, steering),
-        actuators.servo_derivative(servos.front, u.Fxf, p.force.front, front),
-        actuators.servo_derivative(servos.rear, u.Fxr, p.force.rear, rear),
-    )
-
-
 def project_constraints(x: State, p) -> State:
     """Return the state within its constraints: lining wind-up, mechanical stops (p: `Car`)."""
     return x._replace(
         wheels=FourWheels(*(wheel.limit_windup(w) for w in x.wheels)),
-        servos=Servos(
-            actuators.stop_at_limits(x.servos.steer, actuators.steering_limits(p.steering)),
-            actuators.stop_at_limits(x.servos.front, actuators.force_limits(p.force.front)),
-            actuators.stop_at_limits(x.servos.rear, actuators.force_limits(p.force.rear)),
-        ),
+        servos=Servos(*map(actuators.stop_at_limits, x.servos, actuators.servo_parameters(p))),
     )

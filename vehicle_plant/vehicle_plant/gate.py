@@ -9,11 +9,11 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Command
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import SetPoints
 
-NS_PER_S = 1_000_000_000
 OLDEST_TICKS = 3  # a command is due after one tick and held for two more (see `stepping`)
 UNREADABLE = 'unreadable'
 

@@ -25,21 +25,17 @@ from vehicle_plant.manoeuvres import (
     straight_braking,
     turn_braking,
 )
-from vehicle_plant.manoeuvres.procedure import Case, Manoeuvre, Number
+from vehicle_plant.manoeuvres.procedure import Case, Number
 
-
-def _manoeuvre(module, about: str) -> Manoeuvre:
-    return Manoeuvre(about, module.runs, module.numbers, module.draw)
-
-
-MANOEUVRES = {
-    'steady_circle': _manoeuvre(steady_circle, 'understeer gradient on a circle, ISO 4138'),
-    'step_steer': _manoeuvre(step_steer, 'rise time and overshoot after a step, ISO 7401'),
-    'sine_sweep': _manoeuvre(sine_sweep, 'frequency response against closed forms, ISO 7401'),
-    'straight_braking': _manoeuvre(straight_braking, 'stopping distance against the closed form'),
-    'turn_braking': _manoeuvre(turn_braking, 'brakes on a circle, steering held, ISO 7975'),
-    'sine_with_dwell': _manoeuvre(sine_with_dwell, 'stability and agility, FMVSS 126'),
+_ABOUT = {
+    steady_circle: 'understeer gradient on a circle, ISO 4138',
+    step_steer: 'rise time and overshoot after a step, ISO 7401',
+    sine_sweep: 'frequency response against closed forms, ISO 7401',
+    straight_braking: 'stopping distance against the closed form',
+    turn_braking: 'brakes on a circle, steering held, ISO 7975',
+    sine_with_dwell: 'stability and agility, FMVSS 126',
 }
+MANOEUVRES = {module.__name__.rpartition('.')[2]: module for module in _ABOUT}
 
 
 def perform(name: str, case: Case) -> tuple[dict[str, Number], Figure]:
@@ -80,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.list:
         for name, manoeuvre in MANOEUVRES.items():
-            print(f'{name:<18}{manoeuvre.about}')
+            print(f'{name:<18}{_ABOUT[manoeuvre]}')
         return 0
     if options.name is None:
         parser.error('which manoeuvre? --list names them')

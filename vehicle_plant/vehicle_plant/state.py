@@ -44,22 +44,13 @@ class WheelState(NamedTuple):
     tan_alpha: Any  # -, transient side slip, Vy / |Vx|
 
 
-class PerWheel(NamedTuple):
-    """A value per wheel, in the order of `msgs_yaml.types.WHEELS`."""
-
-    fl: Any
-    fr: Any
-    rl: Any
-    rr: Any
+def _per_wheel(name, kind):
+    """Return a named tuple with a value per wheel, in the order of `msgs_yaml.types.WHEELS`."""
+    return NamedTuple(name, [(wheel, kind) for wheel in WHEELS])
 
 
-class FourWheels(NamedTuple):
-    """The states of the wheels."""
-
-    fl: WheelState
-    fr: WheelState
-    rl: WheelState
-    rr: WheelState
+PerWheel = _per_wheel('PerWheel', Any)
+FourWheels = _per_wheel('FourWheels', WheelState)
 
 
 class Servo(NamedTuple):
@@ -110,13 +101,7 @@ class WheelLoad(NamedTuple):
     Fy: Any  # N
 
 
-class FourLoads(NamedTuple):
-    """The loads of the wheels."""
-
-    fl: WheelLoad
-    fr: WheelLoad
-    rl: WheelLoad
-    rr: WheelLoad
+FourLoads = _per_wheel('FourLoads', WheelLoad)
 
 
 class Outputs(NamedTuple):

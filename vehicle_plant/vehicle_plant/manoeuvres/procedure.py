@@ -5,12 +5,12 @@ evaluate signals: t is time [s], x and y are arrays over the rows of a trajector
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from vehicle_plant import integrator
-from vehicle_plant.actuators import DelayLine, DelaySteps, delay_steps
+from vehicle_plant.actuators import DelayLine, delay_steps
 from vehicle_plant.car import PlantParams
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.manoeuvres.settings import Settings
@@ -51,15 +51,6 @@ class Number(NamedTuple):
     meaning: str
 
 
-class Manoeuvre(NamedTuple):
-    """A test procedure; trajectories are in the order of the runs."""
-
-    about: str
-    runs: Callable[[Case], tuple[Run, ...]]
-    numbers: Callable[[Case, tuple[Run, ...], list[Trajectory]], dict[str, Number]]
-    draw: Callable[[Case, tuple[Run, ...], list[Trajectory]], Any]  # a matplotlib Figure
-
-
 def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1) -> Trajectory:
     """Return the trajectory of a run, one row per millisecond, the first at 1 ms.
 
@@ -74,7 +65,7 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
     stride = max(round(integrator.STEP_S / step_s), 1)
     done = np.arange(steps + 1)[:, None] / steps
     delays = (round(n * integrator.STEP_S / step_s) for n in delay_steps(case.plant.car))
-    line = DelayLine(DelaySteps(*delays), SetPoints(0.0, 0.0, 0.0))
+    line = DelayLine(SetPoints(*delays), SetPoints(0.0, 0.0, 0.0))
     now = np.zeros(len(SetPoints._fields))
     rows = []
     for tick in range(1, round(run.seconds / TICK_S) + 1):
