@@ -16,21 +16,8 @@ import numpy as np
 
 from msgs_yaml import flat_fields
 
-STAMP = 'header.stamp'
 TOPICS = tuple(flat_fields.TYPES)  # those with a table
 Columns = tuple  # a table of TOPICS, or Values
-
-
-class Source(NamedTuple):
-    """Where the columns of a table are in the message.
-
-    A path such as 'pose.pose.position.x'; 'effort[rear_axle]' is the element of a JointState at the
-    index of that name; four paths make a column of four, those of z and w of a quaternion the yaw.
-    """
-
-    table: type
-    stamp: str
-    paths: dict[str, str | tuple[str, ...]]
 
 
 def _repr(table) -> str:
@@ -48,21 +35,18 @@ class Values(NamedTuple):
 
 
 @cache
-def source(topic: str) -> Source:
-    """Return the table of one of TOPICS, and where its columns are; KeyError for another topic."""
-    fields = flat_fields.load(topic)
-    name, columns = _class_name(topic), ('stamp_ns', 't_s', *fields.columns)
+def table_type(topic: str) -> type:
+    """Return the type of the table of one of TOPICS; KeyError for another topic."""
+    name, columns = _class_name(topic), ('stamp_ns', 't_s', *flat_fields.load(topic).columns)
     members = {'__doc__': f'{topic}: {", ".join(columns)}.', '__slots__': (), '__repr__': _repr}
-    table = type(name, (namedtuple(name, columns),), members | {'__module__': __name__})
-    paths = {name: group if len(group) > 1 else group[0] for name, group in fields.columns.items()}
-    return Source(table, STAMP, paths)
+    return type(name, (namedtuple(name, columns),), members | {'__module__': __name__})
 
 
 def __getattr__(name: str) -> type:
     """Return a table type by its name above, which needs the contract: not read at import."""
     for topic in TOPICS:
         if name == _class_name(topic):
-            return source(topic).table
+            return table_type(topic)
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 

@@ -20,7 +20,6 @@ from bags.storage.decoding import (
     decode_message,
     group_by_layout,
     header_stamps_ns,
-    raw_column,
 )
 from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages, Recording
 from bags.storage.rosbag2_metadata import BagTopic
@@ -162,7 +161,7 @@ def _has_contract_ranges(known, bytes_, layout):
     # a JointState's unused entries, too, must be finite
     for path in layout.numbers if known.joints else ():
         if path.startswith(JOINT_ARRAYS):
-            valid &= np.isfinite(raw_column(bytes_, layout, path))
+            valid &= np.isfinite(column(bytes_, layout, path))
     if f'{ORIENTATION}.w' in layout.numbers:
         parts = [column(bytes_, layout, f'{ORIENTATION}.{axis}') for axis in 'xyzw']
         valid &= np.abs(np.sum(np.square(parts), axis=0) - 1.0) <= UNIT_TOLERANCE

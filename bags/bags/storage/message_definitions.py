@@ -70,24 +70,11 @@ def type_hash(type_name: str) -> str:
 def _expand(package, name, seen):
     text = share.path(package, 'msg', f'{name}.msg').read_text(encoding='utf-8')
     parts = [text]
-    for dependency in _dependencies(text, package):
+    for dependency in sorted({field.base for field in _fields(text, package)} - PRIMITIVES):
         if dependency not in seen:
             seen.add(dependency)
             parts += [f'\n{SEPARATOR}\nMSG: {dependency}\n', _expand(*split_type(dependency), seen)]
     return ''.join(parts)
-
-
-def _dependencies(text, package):
-    """Sorted 'package/Name' of every type used that is no primitive."""
-    dependencies = set()
-    for line in text.splitlines():
-        code = line.partition('#')[0].split()
-        if not code:
-            continue
-        base = re.split(r'<=|\[', code[0])[0]
-        if base not in PRIMITIVES:
-            dependencies.add(base if '/' in base else f'{package}/{base}')
-    return sorted(dependencies)
 
 
 @lru_cache(maxsize=64)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage.columns import TOPICS, Columns, Values, source
+from bags.storage.columns import TOPICS, Columns, Values
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
@@ -203,7 +203,7 @@ def _table(bag, name, zero_ns):
     payloads = _drop_repeats(recorded.payloads)
     if name in TOPICS:
         try:
-            return build_columns(source(name), recorded.topic, payloads, zero_ns)
+            return build_columns(recorded.topic, payloads, zero_ns)
         except BagError as error:
             raise BagError(f'{bag.path}: {name}: {error}') from error
     decoded = _decoded(bag, recorded.topic, payloads)

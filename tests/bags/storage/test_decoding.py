@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from bags.storage.decoding import group_by_layout, raw_column
+from bags.storage.decoding import column, group_by_layout
 from bags.storage.message_definitions import schema_text
 
 TYPE = 'sensor_msgs/msg/JointState'
@@ -34,14 +34,14 @@ def test_messages_of_mixed_layout_keep_their_rows(sent):
     payloads = [bytes(STORE.serialize_cdr(message, TYPE)) for message in sent]
     rows_seen = []
     for rows, bytes_, where in group_by_layout(payloads, schema_text(TYPE), TYPE):
-        sec = raw_column(bytes_, where, 'header.stamp.sec')
+        sec = column(bytes_, where, 'header.stamp.sec')
         assert sec.tolist() == [sent[row].header.stamp.sec for row in rows]
         for row in rows:
             joints = [where.strings[f'name[{i}]'] for i in range(len(sent[row].name))]
             assert joints == sent[row].name
             assert where.strings['header.frame_id'] == sent[row].header.frame_id
         for i in range(len(sent[rows[0]].name)):
-            effort = raw_column(bytes_, where, f'effort[{i}]')
+            effort = column(bytes_, where, f'effort[{i}]')
             assert effort.tolist() == [sent[row].effort[i] for row in rows]
         rows_seen += rows.tolist()
     assert sorted(rows_seen) == list(range(len(sent)))
