@@ -1,9 +1,18 @@
-"""A program of subcommands: one module each, with HELP, add_arguments(parser) and run(args)."""
+"""A program of subcommands: one module each, with HELP, add_arguments(parser) and run(args).
+
+main           run a subcommand
+add_bag ...    arguments that several subcommands have
+print_summary  a summary as JSON, or for a person
+"""
 
 import argparse
+import json
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 from bags.errors import BagError
 from node_runtime.parameters import ParameterError
@@ -27,6 +36,52 @@ def main(
     except KeyboardInterrupt as interrupt:
         print(': '.join(('interrupted', *map(str, interrupt.args))), file=sys.stderr)
         return getattr(interrupt, 'exit_code', INTERRUPTED)
+
+
+def add_bag(parser: argparse._ActionsContainer, **options: Any) -> None:
+    """Add the argument of a bag."""
+    options = {'metavar': 'BAG', 'help': 'folder of a bag, or its MCAP file'} | options
+    parser.add_argument('bag', **options)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option that `print_summary` takes."""
+    parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
+
+
+def add_out(parser: argparse.ArgumentParser, receives: str, default: Path | str) -> None:
+    """Add the option of the folder for the results; a default that is a text only describes it."""
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=default if isinstance(default, Path) else None,
+        metavar='DIR',
+        help=f'receives {receives} (default: {default})',
+    )
+
+
+def print_summary(
+    summary: Mapping[str, Any], as_json: bool, show: Callable[[Mapping[str, Any], Any], None]
+) -> int:
+    """Print a summary as JSON, or by `show(summary, console)`; return exit code 0."""
+    from rich.console import Console
+
+    if as_json:
+        print(json.dumps(summary, indent=2))
+    else:
+        show(summary, Console())
+    return 0
+
+
+def print_paths(console: Any, paths: Mapping[str, Path]) -> None:
+    """Print where files were written, by what they are."""
+    for label, path in paths.items():
+        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+
+
+def number_text(value: float | None, form: str) -> str:
+    """Return a number as text, a dash for none."""
+    return '-' if value is None else f'{value:{form}}'
 
 
 def _message(error):

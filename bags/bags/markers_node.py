@@ -7,7 +7,6 @@ are best effort with a queue of one, so that it never slows a publisher. /tf nee
 import sys
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, TransformStamped
@@ -15,6 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from bags.storage.decoding import DECODERS
 from bags.viewers import marker_scene
 from bags.viewers.marker_scene import Shape
 from msgs_yaml import contract, conversions, decode, share
@@ -26,12 +26,7 @@ try:
 except ImportError:  # there is no wheel of it
     TFMessage = None
 
-DECODERS = {
-    marker_scene.STATE: decode.odometry,
-    marker_scene.PLAN: decode.prediction,
-    marker_scene.WHY: decode.why,
-}
-READERS = {  # of serialised messages
+READERS = {  # of serialised messages of any size
     marker_scene.REFERENCE: subscriptions_node.read_reference,
     marker_scene.EDGES: subscriptions_node.read_road_edges,
     marker_scene.OBSTACLES: subscriptions_node.read_obstacles,
@@ -71,7 +66,10 @@ class MarkersNode(Node):
             stamp_ns = decode.stamp_ns_of(raw) if topic == marker_scene.STATE else 0
             if not self.scene.needs(topic, stamp_ns):
                 return
-            value = read(topic, raw)
+            if topic in READERS:
+                value = READERS[topic](raw)
+            else:
+                value = DECODERS[topic](ros.deserialize(topic, raw))
         except decode.DecodeError as error:
             text = f'nothing is drawn of this: {error}'
             self.get_logger().warning(text, throttle_duration_sec=THROTTLE_S)
@@ -80,13 +78,6 @@ class MarkersNode(Node):
             self.pubs[drawing.topic].publish(marker_array(*drawing))
         if topic == marker_scene.STATE and self.tf:
             self.tf.publish(TFMessage(transforms=[transform(value)]))
-
-
-def read(topic: str, raw: bytes) -> Any:
-    """Return the value of a serialised message of a topic of WATCHED; DecodeError."""
-    if topic in READERS:
-        return READERS[topic](raw)
-    return DECODERS[topic](ros.deserialize(topic, raw))
 
 
 def marker_array(topic: str, stamp_ns: int, shapes: Sequence[Shape]) -> MarkerArray:

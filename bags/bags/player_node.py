@@ -17,12 +17,7 @@ from typing import Annotated
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.playback import Keyboard, Part, PlaybackClock, build_playlist

@@ -59,9 +59,8 @@ class RecorderNode(Node):
         self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
         self.received, self.warned = set(), set()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        if (
-            ros.mode(self) != LOCKSTEP
-        ):  # in lockstep a bag must not depend on the speed of the machine
+        # in lockstep a bag must not depend on the speed of the machine
+        if ros.mode(self) != LOCKSTEP:
             self.health = RecordingHealth(ros.mode(self))
             self.health_pub = ros.publisher(self, ros.HEALTH)
             period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
@@ -85,11 +84,18 @@ class RecorderNode(Node):
             bag = BagWriter(self.params.out, topics, records, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
+        publishers = [topic.publisher for topic in contract.load().topics.values()]
+        of_clock = contract.load().topics[CLOCK].publisher
         filings = [
             Filing(
-                topic, mode, partial(bag.write, index), time=self.time, **_publishing(topic.name)
+                topic,
+                mode,
+                partial(bag.write, k),
+                publisher != ANY,
+                self.time,
+                publisher == of_clock,
             )
-            for index, topic in enumerate(topics)
+            for k, (topic, publisher) in enumerate(zip(topics, publishers))
         ]
         return bag, filings
 
@@ -107,19 +113,31 @@ class RecorderNode(Node):
 
     def poll(self):
         """File the messages that have arrived; close a chunk when it is due."""
-        try:
-            if self.drain():
-                self.log_received_topics()
-                self.warn_of_misdated()
-            if time.monotonic() >= self.next_chunk:
-                self.bag.flush()
-                self.next_chunk = time.monotonic() + self.params.chunk_s
-        except ClockError as error:
-            self._refuse(error)
-        except BagError as error:
-            self._fail(error)
+        self._guard(self._file_arrived)
         if self.stopping:
             spin_node.finish(self, self.exit_code)
+
+    def _file_arrived(self):
+        if self.drain():
+            self.log_received_topics()
+            self.warn_of_misdated()
+        if time.monotonic() >= self.next_chunk:
+            self.bag.flush()
+            self.next_chunk = time.monotonic() + self.params.chunk_s
+
+    def _guard(self, write):
+        """Call what writes into the bag; an error ends the recording with exit code 1."""
+        try:
+            write()
+        except ClockError as error:
+            # the bag is completed with the messages so far
+            self.get_logger().fatal(f'{error}; the bag ends there and is complete')
+        except BagError as error:
+            self.get_logger().fatal(str(error))
+            self.bag = None
+        else:
+            return
+        self.stopping, self.exit_code = True, 1
 
     def drain(self) -> int:
         """File every message that has arrived; return how many there were."""
@@ -164,18 +182,9 @@ class RecorderNode(Node):
 
     def close(self):
         """File the messages still in transit, complete the bag."""
-        if self.bag is not None:
-            try:
-                self._drain_to_the_end()
-            except ClockError as error:
-                self._refuse(error)
-            except BagError as error:
-                self._fail(error)
-        if self.bag is not None:
-            try:
-                self._complete()
-            except BagError as error:
-                self._fail(error)
+        for write in (self._drain_to_the_end, self._complete):
+            if self.bag is not None:
+                self._guard(write)
 
     def destroy_node(self):
         """Remove the second node, too."""
@@ -212,15 +221,6 @@ class RecorderNode(Node):
                     'stamp'
                 )
 
-    def _refuse(self, error):
-        """End with an error; the bag is completed with the messages so far."""
-        self.get_logger().fatal(f'{error}; the bag ends there and is complete')
-        self.stopping, self.exit_code = True, 1
-
-    def _fail(self, error):
-        self.get_logger().fatal(str(error))
-        self.bag, self.stopping, self.exit_code = None, True, 1
-
 
 def _arrived(subscription):
     """Yield the messages of a subscription as arguments of `Filing.file`."""
@@ -237,16 +237,6 @@ def _arrived(subscription):
                 info['received_timestamp'],
                 info['publication_sequence_number'],
             )
-
-
-def _publishing(topic):
-    """Return whether a topic has a single publisher, and whether that publishes /clock."""
-    topics = contract.load().topics
-    publisher = topics[topic].publisher
-    return {
-        'single_publisher': publisher != ANY,
-        'publishes_clock': publisher == topics[CLOCK].publisher,
-    }
 
 
 def run_info(path: str, mode: str) -> dict[str, str]:

@@ -9,7 +9,7 @@ from rclpy.utilities import remove_ros_args
 
 from bags.errors import BagError
 from bags.storage.message_filing import bag_topics
-from bags.viewers.foxglove_server import PORT, Forwarder, Server, connection_hint
+from bags.viewers.foxglove_server import PORT, Server, connection_hint
 from bags.viewers.marker_scene import STATE, MarkerScene, ShapeParams
 from msgs_yaml import contract, decode, share
 from node_runtime import ros, spin_node
@@ -29,10 +29,9 @@ class ViewNode(Node):
         known = contract.load().topics
         topics = [t for t in bag_topics(contract.load(), REALTIME) if not known[t.name].on_request]
         try:
-            self.server = Server(topics, port)
+            self.server = Server(topics, port, MarkerScene(params))
         except BagError as error:
             raise ParameterError(str(error)) from error
-        self.forwarder = Forwarder(self.server, MarkerScene(params))
         self.now_ns = 0
         for topic in topics:
             profile = ros.observer_profile(known[topic.name].qos[REALTIME])
@@ -52,7 +51,7 @@ class ViewNode(Node):
                 self.get_logger().warning(text, throttle_duration_sec=THROTTLE_S)
                 return
             self.server.broadcast_time(self.now_ns)
-        self.forwarder.forward(topic, raw, self.now_ns)
+        self.server.forward(topic, raw, self.now_ns)
 
     def close(self):
         """End the server."""

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bags import command_line
+
 HELP = 'table, JSON, CSV, figures and interactive report of bags'
 
 
@@ -15,16 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--list-metrics', action=_ListMetrics, nargs=0, help='print what each metric means and exit'
     )
+    command_line.add_out(parser, 'the files', 'the folder of the first bag')
     parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='receives the files (default: the folder of the first bag)',
-    )
-    parser.add_argument(
-        '--force',
-        action='store_true',
-        help='compare runs of different scenarios or plants anyway',
+        '--force', action='store_true', help='compare runs of different scenarios or plants anyway'
     )
     parser.add_argument(
         '--claims',

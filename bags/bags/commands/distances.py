@@ -7,18 +7,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from bags import command_line
+
 HELP = 'distance to the obstacle on a circle, in two frames (experiment 1)'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags distances`."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='a run of circle_20m')
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='receives distances.json, .png and .svg (default: the folder of the bag)',
-    )
+    command_line.add_bag(parser, type=Path, help='a run of circle_20m')
+    command_line.add_out(parser, 'distances.json, .png and .svg', 'the folder of the bag')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,5 +44,4 @@ def show(files, console: Console) -> None:
     for i, gap in enumerate(values['gaps_m']):
         table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
     console.print(table)
-    for label, path in (('numbers', files.file), ('figure', files.figures[0])):
-        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+    command_line.print_paths(console, {'numbers': files.file, 'figure': files.figures[0]})

@@ -1,7 +1,6 @@
 """Print what a bag contains, and latency and deadline misses of the run."""
 
 import argparse
-import json
 import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -10,6 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from bags import command_line
+from bags.command_line import number_text
 from bags.errors import DamagedBagWarning
 
 HELP = 'contents of a bag, latency and deadline misses of the run'
@@ -19,8 +20,8 @@ LONGEST_VALUE = 100  # characters of a note of the run
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags info`."""
-    parser.add_argument('bag', metavar='BAG', help='folder of a bag, or its MCAP file')
-    parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
+    command_line.add_bag(parser)
+    command_line.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,11 +33,7 @@ def run(args: argparse.Namespace) -> int:
         # the damage is part of what is printed
         warnings.simplefilter('ignore', DamagedBagWarning)
         summary = summarize_bag(read.load(args.bag))
-    if args.json:
-        print(json.dumps(summary, indent=2))
-    else:
-        show(summary, Console())
-    return 0
+    return command_line.print_summary(summary, args.json, show)
 
 
 def show(summary: Mapping[str, Any], console: Console) -> None:
@@ -69,14 +66,14 @@ def topic_table(topics: Mapping[str, Mapping[str, Any]]) -> Table:
     for title in ('messages', 'rate in Hz', 'longest gap in s', 'lost'):
         table.add_column(title, justify='right')
     for name, counts in topics.items():
-        lost = _number(counts['lost'], 'd')
+        lost = number_text(counts['lost'], 'd')
         if counts['lost']:
             lost += f' in {counts["lost_places"]} places'
         table.add_row(
             name,
             Text(str(counts['messages']), style='' if counts['messages'] else 'red'),
-            _number(counts['rate_hz'], '.2f'),
-            _number(counts['longest_gap_s'], '.3f'),
+            number_text(counts['rate_hz'], '.2f'),
+            number_text(counts['longest_gap_s'], '.3f'),
             Text(lost, style='red' if counts['lost'] else ''),
         )
     return table
@@ -99,7 +96,3 @@ def _describe_run(summary) -> Iterator[str]:
         yield f'rungs: {rungs}'
         for reason, n in summary['fallbacks'].items():
             yield f'  fell back {n} times: {reason}'
-
-
-def _number(value, form):
-    return '-' if value is None else f'{value:{form}}'

@@ -4,12 +4,14 @@ import argparse
 import json
 import os
 
+from bags import command_line
+
 HELP = 'play the messages of a bag, with /clock'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags play`; the defaults are those of config/player.yaml."""
-    parser.add_argument('bag', metavar='BAG', help='folder of a bag, or its MCAP file')
+    command_line.add_bag(parser)
     number = {'type': float, 'metavar': 'S'}
     parser.add_argument('--rate', type=float, help='s of the bag per second (default: 1)')
     parser.add_argument('--start', dest='start_s', help='s after the first message', **number)
@@ -23,20 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--step', dest='step_s', help='s of the bag per step', **number)
 
 
-PARAMETERS = (
-    *('bag', 'rate', 'start_s', 'duration_s', 'loop', 'topics'),
-    *('clock_hz', 'paused', 'step_s'),
-)
-
-
 def run(args: argparse.Namespace) -> int:
     """Replace this process by the player, which then owns the terminal and its signals."""
     from msgs_yaml import share
 
     words = [*share.node_command('bags', 'player_node'), '--ros-args']
-    for name in PARAMETERS:
-        value = getattr(args, name)
-        if value is not None:
+    for name, value in vars(args).items():
+        if name != 'command' and value is not None:
             # JSON is YAML: a folder called 1.0 stays a string
             words += ['-p', f'{name}:={json.dumps(value)}']
     os.execv(words[0], words)

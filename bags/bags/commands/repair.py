@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from bags import command_line
 from bags.errors import BagError
 
 HELP = 'rebuild summary, footer and metadata.yaml after a kill'
@@ -10,7 +11,7 @@ HELP = 'rebuild summary, footer and metadata.yaml after a kill'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags repair`."""
-    parser.add_argument('bag', nargs='+', metavar='BAG', help='folder of a bag, or its MCAP file')
+    command_line.add_bag(parser, nargs='+')
 
 
 def run(args: argparse.Namespace) -> int:

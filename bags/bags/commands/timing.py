@@ -1,12 +1,14 @@
 """Print the latency of each part of a tick, missed ticks, and the intervals between commands."""
 
 import argparse
-import json
 from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+
+from bags import command_line
+from bags.command_line import number_text
 
 HELP = 'latency of each part of a tick, and missed ticks'
 TITLES = {
@@ -22,8 +24,8 @@ TITLES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags timing`."""
-    parser.add_argument('bag', metavar='BAG', help='folder of a bag, or its MCAP file')
-    parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
+    command_line.add_bag(parser)
+    command_line.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,12 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from bags.evaluation.tick_timing import timing_report
     from bags.storage import read
 
-    report = timing_report(read.load(args.bag))
-    if args.json:
-        print(json.dumps(report, indent=2))
-    else:
-        show(report, Console())
-    return 0
+    return command_line.print_summary(timing_report(read.load(args.bag)), args.json, show)
 
 
 def show(report: dict[str, Any], console: Console) -> None:
@@ -49,16 +46,13 @@ def show(report: dict[str, Any], console: Console) -> None:
     for name in QUANTILES:
         table.add_column(name, justify='right')
     for title, values in _rows(report):
-        table.add_row(title, *(_number((values or {}).get(name), 2) for name in QUANTILES))
+        table.add_row(title, *(number_text((values or {}).get(name), '.2f') for name in QUANTILES))
     console.print(table)
     for line in describe_invalid(report):
         console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
     console.print(describe_ticks(report['ticks']), highlight=False)
-    console.print(f'mean interval {_number(report["interval_ms"]["mean"], 3)} ms', highlight=False)
-
-
-def _number(value, decimals):
-    return '-' if value is None else f'{value:.{decimals}f}'
+    mean = number_text(report['interval_ms']['mean'], '.3f')
+    console.print(f'mean interval {mean} ms', highlight=False)
 
 
 def _rows(report) -> Iterator[tuple[str, dict[str, float] | None]]:

@@ -6,6 +6,7 @@ import signal
 import threading
 from importlib.util import find_spec
 
+from bags import command_line
 from bags.errors import BagError
 from msgs_yaml import share
 
@@ -17,7 +18,7 @@ FASTEST = 100.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags view`."""
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('bag', nargs='?', metavar='BAG', help='folder of a bag, or its MCAP file')
+    command_line.add_bag(source, nargs='?')
     source.add_argument('--live', action='store_true', help='the nodes of this ROS_DOMAIN_ID')
     parser.add_argument(
         '--port', type=_port, default=PORT, metavar='N', help=f'of the server (default: {PORT})'

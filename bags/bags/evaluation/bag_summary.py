@@ -14,6 +14,7 @@ from bags.evaluation.tick_timing import (
     command_latency,
     controller_reports,
     count_ticks,
+    quantiles,
     recording_stamps_ns,
     run_mode,
 )
@@ -74,12 +75,9 @@ def _summarize_ticks(bag):
         return {'latency_ms': None, 'ticks': None}
     latency_ms = MS_PER_S * command_latency(bag).latency_s
     counts = count_ticks(bag)
-    quantiles = None
-    if latency_ms.size:
-        p50, p99 = (float(np.percentile(latency_ms, q)) for q in (50, 99))
-        quantiles = {'p50': p50, 'p99': p99, 'max': float(latency_ms.max())}
+    known = quantiles(latency_ms)
     return {
-        'latency_ms': quantiles,
+        'latency_ms': {name: known[name] for name in ('p50', 'p99', 'max')} if known else None,
         'ticks': {
             'count': counts.count,
             'missed': counts.missed,

@@ -19,12 +19,8 @@ from bags.storage.read import LOCKSTEP
 from msgs_yaml.conversions import NS_PER_S
 
 REQUIRED_TOPICS = (
-    '/scenario/reference',
-    '/scenario/road_edges',
-    '/scenario/obstacles',
-    '/vehicle/odometry',
-    '/vehicle/actuators',
-    '/vehicle/imu',
+    *('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'),
+    *('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu'),
 )
 CONTROLLER_TOPICS = ('/controller/command', '/controller/why')  # absent without any answer
 FRESH_PLAN = ('solved', 'stopped_early')  # fallback levels (`rung`) that follow a fresh plan
@@ -136,19 +132,13 @@ def drive_from_columns(
 
     Raises BagError in lockstep when two controllers answered, and for missing parameters.
     """
-    odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
-    actuators = columns['/vehicle/actuators']
+    state, actuators, imu = (
+        columns[f'/vehicle/{name}'] for name in ('odometry', 'actuators', 'imu')
+    )
     if run_info.get('mode') == LOCKSTEP:
         _refuse_second_controller(columns, name)
     return Drive(
-        Motion(
-            odometry.stamp_ns,
-            odometry.x_m,
-            odometry.y_m,
-            odometry.yaw_rad,
-            odometry.vx_mps,
-            odometry.vy_mps,
-        ),
+        Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
         Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2),
         Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n),
         _ticks(columns),

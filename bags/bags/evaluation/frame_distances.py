@@ -12,6 +12,7 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.evaluation.drive import Drive
+from bags.evaluation.series import circle_centres
 
 ROUNDNESS = 1e-3  # relative deviation of a reference's radius below which it is a circle
 EARLY_LAPS = 0.01  # laps before the start of the path that still count as its start
@@ -29,6 +30,11 @@ class Circle(NamedTuple):
     station: float  # m along the path, of the obstacle
     inside: float  # m from the path towards its centre, of the obstacle's centre
     reach: float  # m, radii of obstacle and vehicle together
+
+    @property
+    def sides(self) -> dict[str, float]:
+        """How far inside the path an obstacle on either side of it is [m]."""
+        return {'inside': abs(self.inside), 'outside': -abs(self.inside)}
 
 
 class Distances(NamedTuple):
@@ -114,10 +120,7 @@ def _position_at_rest(obstacle):
 def driven_distances(drive, circle: Circle) -> DrivenDistances:
     """Return the distances at the recorded poses of a drive, first circle of the vehicle."""
     motion, path = drive.motion, drive.scene.reference
-    ahead = drive.facts.circles[0]
-    points = np.column_stack(
-        [motion.x + ahead * np.cos(motion.yaw), motion.y + ahead * np.sin(motion.yaw)]
-    )
+    (points,) = circle_centres(motion, drive.facts.circles[:1])
     station, inside = _coordinates(points, path, circle)
     place = _position_at_rest(drive.scene.obstacles[0])
     # the same station, mirrored at the path
@@ -136,7 +139,6 @@ def driven_distances(drive, circle: Circle) -> DrivenDistances:
 
 def distance_numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> dict[str, Any]:
     """Return all numbers of the figure, in metres: the contents of distances.json."""
-    sides = {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
     return {
         'scenario': drive.facts.scenario,
         'controller': drive.facts.controller,
@@ -146,12 +148,16 @@ def distance_numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> d
         'radii_together_m': circle.reach,
         'gaps_m': list(GAPS_M),
         'overestimation_m': {
-            side: _overestimation(circle, circle.radius, inside) for side, inside in sides.items()
+            side: _overestimation(circle, circle.radius, inside)
+            for side, inside in circle.sides.items()
         },
-        'outside_turns_at_m': turning_gap(circle.radius, sides['outside']),
+        'outside_turns_at_m': turning_gap(circle.radius, circle.sides['outside']),
         'over_curvature': [
             {'curvature_1pm': 1 / radius}
-            | {side: _overestimation(circle, radius, inside) for side, inside in sides.items()}
+            | {
+                side: _overestimation(circle, radius, inside)
+                for side, inside in circle.sides.items()
+            }
             for radius in (factor * circle.radius for factor in WIDER)
         ],
         'recorded': _drive_numbers(circle, driven),

@@ -19,6 +19,7 @@ class Projection(NamedTuple):
 
     distance: np.ndarray  # m, from the start of the polyline to the foot
     offset: np.ndarray  # m, from the foot to the point, left of the driving direction positive
+    segment: np.ndarray  # index of that of the foot
 
 
 class Outline(NamedTuple):
@@ -149,12 +150,9 @@ def project_drive(points, polyline, ahead):
         sound &= (wide[0] <= first) & (last <= wide[1])
         kept = len(sound) if sound.all() else int(np.argmin(sound))
         if kept:
-            parts.append(_Feet(*(column[:kept] for column in feet)))
+            parts.append(Projection(*(column[:kept] for column in feet)))
         done, size = done + kept, min(BLOCK, max(1, 2 * kept))
-    distance, offset = (
-        np.concatenate([getattr(part, k) for part in parts]) for k in Projection._fields
-    )
-    return Projection(distance, offset)
+    return Projection(*map(np.concatenate, zip(*parts)))
 
 
 def _first_pass(gaps):
@@ -165,14 +163,6 @@ def _first_pass(gaps):
     return first, first + length if length else len(gaps)
 
 
-class _Feet(NamedTuple):
-    """The nearest points of a polyline."""
-
-    distance: np.ndarray  # m, as in Projection
-    offset: np.ndarray  # m, as in Projection
-    segment: np.ndarray  # index
-
-
 def _segments(vertex, foot, reach):
     """Return the first segment, and the one behind the last, within `reach` [m] of a foot."""
     first = np.searchsorted(vertex, foot - reach) - 1
@@ -181,7 +171,7 @@ def _segments(vertex, foot, reach):
 
 
 def _feet(points, polyline, vertex, first, last):
-    """Return the _Feet of points on the segments from `first` up to, not including, `last`."""
+    """Return the Projection of points on the segments from `first` up to, not including, `last`."""
     tail, lengths = polyline[first:last], np.diff(vertex)[first:last]
     dx, dy = np.diff(polyline[first : last + 1], axis=0).T
     x, y = (points[:, None, axis] - tail[:, axis] for axis in (0, 1))
@@ -192,7 +182,7 @@ def _feet(points, polyline, vertex, first, last):
     row = np.arange(len(points))
     left = dx[k] * y[row, k] - dy[k] * x[row, k]
     distance = vertex[first + k] + share[row, k] * lengths[k]
-    return _Feet(distance, np.copysign(gap[row, k], left), first + k)
+    return Projection(distance, np.copysign(gap[row, k], left), first + k)
 
 
 def gap_to_circle(x, y, yaw, outline, circle_x, circle_y, radius):
@@ -233,14 +223,7 @@ def transform_to_map(points, x, y, yaw):
 
 def outline_corners(x, y, yaw, outline):
     """Return the four corners (4, 2) [m, map] of one vehicle, front left first, clockwise."""
-    half = outline.width / 2
-    body = np.array(
-        [
-            [outline.front, half],
-            [outline.front, -half],
-            [-outline.rear, -half],
-            [-outline.rear, half],
-        ]
-    )
+    front, rear, half = outline.front, -outline.rear, outline.width / 2
+    body = np.array([[front, half], [front, -half], [rear, -half], [rear, half]])
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return body @ turn + [x, y]

@@ -1,11 +1,12 @@
 """Distances and angles of a drive, sample by sample: the basis of metrics and figures."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from bags.evaluation import geometry
-from bags.evaluation.drive import Drive, Obstacle, Scene
+from bags.evaluation.drive import Drive, Motion, Obstacle, Scene
 
 SEARCH_M = 15.0  # how far the projection on the reference may move between two messages
 SIDESLIP_FROM = 3.0  # m/s, the sideslip angle of a standing car is undefined
@@ -77,23 +78,21 @@ def obstacle_position(
     return x, obstacle.y[latest] + obstacle.vy[latest] * age
 
 
-def _circle_centres(motion, ahead):
-    return motion.x + ahead * np.cos(motion.yaw), motion.y + ahead * np.sin(motion.yaw)
+def circle_centres(motion: Motion, circles: Sequence[float]) -> list[np.ndarray]:
+    """Return the centres (n, 2) [m, map] of the car's circles, so far ahead of its own centre."""
+    cos, sin = np.cos(motion.yaw), np.sin(motion.yaw)
+    return [np.column_stack([motion.x + d * cos, motion.y + d * sin]) for d in circles]
 
 
 def _v2o(motion, facts, x, y, radius):
     """Return D_V2O of the paper (eq. 3), the smallest over the vehicle's circles."""
-    gaps = []
-    for ahead in facts.circles:
-        X, Y = _circle_centres(motion, ahead)
-        gaps.append(np.hypot(X - x, Y - y) - radius - facts.vehicle_radius)
-    return np.min(gaps, axis=0)
+    centres = circle_centres(motion, facts.circles)
+    gaps = [np.hypot(*(at - np.column_stack([x, y])).T) - radius for at in centres]
+    return np.min(gaps, axis=0) - facts.vehicle_radius
 
 
 def _v2e(motion, facts, edge, inside):
     """Return the smallest D_V2E over the circles; `inside` is the sign of the road's side."""
-    gaps = []
-    for ahead in facts.circles:
-        centre = np.column_stack(_circle_centres(motion, ahead))
-        gaps.append(inside * geometry.distance_to_polyline(centre, edge) - facts.vehicle_radius)
-    return np.min(gaps, axis=0)
+    centres = circle_centres(motion, facts.circles)
+    gaps = [inside * geometry.distance_to_polyline(at, edge) for at in centres]
+    return np.min(gaps, axis=0) - facts.vehicle_radius

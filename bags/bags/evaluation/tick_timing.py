@@ -16,11 +16,11 @@ from bags.evaluation.metrics.driving import count_periods
 from bags.storage import read
 from bags.storage.decoding import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
+from bags.storage.read import LOCKSTEP, STATE
 from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Why
 
-STATE = '/vehicle/odometry'
 COMMAND = '/controller/command'
 CLOCK = '/clock'
 NS_PER_MS = 1e6
@@ -86,14 +86,9 @@ def recording_stamps_ns(recorded: read.Recording) -> np.ndarray:
     return header_stamps_ns(recorded.topic.name, recorded.payloads)
 
 
-def controller_period_ns(mode: str) -> int:
-    """Return the period of the controller in a mode, from the contract."""
-    return round(NS_PER_S / contract.load().topics[COMMAND].rate_hz[mode])
-
-
 def run_mode(bag: read.Bag) -> str:
     """Return lockstep or realtime: only lockstep has simulated time."""
-    return 'lockstep' if read.has_messages(bag, CLOCK) else 'realtime'
+    return LOCKSTEP if read.has_messages(bag, CLOCK) else 'realtime'
 
 
 def controller_reports(bag: read.Bag) -> list[Why]:
@@ -136,13 +131,13 @@ def count_ticks(bag: read.Bag) -> TickCounts:
     Raises BagError when there are no states or no commands.
     """
     mode = run_mode(bag)
-    period_ns = controller_period_ns(mode)
+    period_ns = round(NS_PER_S / contract.load().topics[COMMAND].rate_hz[mode])
     states = recording_stamps_ns(read.recording(bag, STATE))
     commands = recording_stamps_ns(read.recording(bag, COMMAND))
     answers = is_answer(commands, controller_reports(bag))
     count, answered = count_periods(states, commands[answers], period_ns)
     late = 0
-    if mode == 'realtime':
+    if mode != LOCKSTEP:
         late = int(np.count_nonzero(command_latency(bag).latency_s * NS_PER_S > period_ns))
     return TickCounts(count, count - answered, late, int(np.count_nonzero(~answers)))
 
@@ -166,7 +161,7 @@ def timing_report(bag: read.Bag) -> dict[str, Any]:
         'ticks': {**counts._asdict(), 'missed': counts.missed},
         'parts_ms': {name: quantiles(part) for name, part in tick_parts(bag)._asdict().items()},
         'interval_ms': {**quantiles(intervals), 'mean': mean},
-        'state_sent_after_its_stamp_ms': None if mode == 'lockstep' else quantiles(lateness),
+        'state_sent_after_its_stamp_ms': None if mode == LOCKSTEP else quantiles(lateness),
         **count_invalid(bag),
     }
 

@@ -186,8 +186,7 @@ def write_figures(runs, title, folder):
 
 def _sheet(runs, title):
     top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
-    figure = Figure(figsize=(SHEET_WIDTH, top + 8.6), layout='constrained')
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+    figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
     grid = figure.add_gridspec(3, 12, height_ratios=[top, 3.3, 3.3])
     draw_trajectories(figure.add_subplot(grid[0, :]), runs)
     for row, drawn in ((1, MIDDLE_ROW), (2, LAST_ROW)):
@@ -195,7 +194,6 @@ def _sheet(runs, title):
         for k, panel in enumerate(drawn):
             panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
     style.letter_panels(figure)
-    figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
     _legend(figure, runs, (draw_trajectories, panels.draw_v2e))
     return figure
 

@@ -10,17 +10,16 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 
 from bags.evaluation import frame_distances
 from bags.evaluation.drive import Drive, drive_from_bag
+from bags.evaluation.frame_distances import circle_distances
 from bags.figures import style
 from bags.storage import read
 
 FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
-DASHED = (0, (5, 1.5))
 MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
 SIZE = (15.0, 9.2)  # inch
 STEM = 'distances'
@@ -34,7 +33,7 @@ def sketch_cartesian(ax, drive, circle):
     """Sketch the scenario in Cartesian coordinates."""
     angle = np.linspace(0, 2 * np.pi, 241)
     ax.plot(*_point(circle, angle, 0.0), color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
-    spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in sides(circle).items()}
+    spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in circle.sides.items()}
     vehicle = _point(circle, _bearing(circle, -MOMENT_M), 0.0)
     _scene(ax, drive, circle, spots, vehicle, 'cartesian')
     ax.set(xlabel='X from the centre [m]', ylabel='Y from the centre [m]')
@@ -45,7 +44,7 @@ def sketch_cartesian(ax, drive, circle):
 def sketch_frenet(ax, drive, circle):
     """Sketch the same moment in path coordinates, in which the circle is a straight line."""
     ax.axhline(0.0, color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
-    left = {side: circle.turn * n for side, n in sides(circle).items()}
+    left = {side: circle.turn * n for side, n in circle.sides.items()}
     spots = {side: (circle.station, e) for side, e in left.items()}
     vehicle = (circle.station - MOMENT_M, 0.0)
     _scene(ax, drive, circle, spots, vehicle, 'frenet')
@@ -64,10 +63,8 @@ def _scene(ax, drive, circle, spots, vehicle, frame):
     ax.add_patch(
         Disc(vehicle, drive.facts.vehicle_radius, facecolor=(colour, 0.25), edgecolor=colour)
     )
-    inside = sides(circle)['inside']
-    D = getattr(
-        frame_distances.circle_distances(circle.radius, MOMENT_M, inside, circle.reach), frame
-    )
+    inside = circle.sides['inside']
+    D = getattr(circle_distances(circle.radius, MOMENT_M, inside, circle.reach), frame)
     middle = np.mean([vehicle, spots['inside']], axis=0)
     ax.annotate(
         f'$D_{{V2O}}$ = {D:.2f} m',
@@ -91,39 +88,24 @@ def _point(circle, bearing, inside):
     return reach * np.cos(bearing), reach * np.sin(bearing)
 
 
-def sides(circle):
-    """Return how far inside the path an obstacle on either side of it is [m]."""
-    return {'inside': abs(circle.inside), 'outside': -abs(circle.inside)}
-
-
 def dash(side):
     """Return the line style that stands for a side."""
-    return '-' if side == 'inside' else DASHED
+    return '-' if side == 'inside' else style.DASHED
 
 
 def write_figure(drive, circle, driven, folder):
     """Write the figure into `folder` as PNG and SVG; return the paths written."""
     with mpl.rc_context(style.RC):
-        figure = Figure(figsize=SIZE, layout='constrained')
-        figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+        title = f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames'
+        figure = style.new_sheet(SIZE, title)
         top, bottom = figure.subplots(2, 3)
         sketch_cartesian(top[0], drive, circle)
         sketch_frenet(top[1], drive, circle)
         over_curvature(top[2], circle)
-        for ax, side, inside in (
-            (bottom[0], 'inside', abs(circle.inside)),
-            (bottom[1], 'outside', -abs(circle.inside)),
-        ):
+        for ax, (side, inside) in zip(bottom, circle.sides.items()):
             over_distance(ax, circle, driven, side, inside)
         difference(bottom[2], circle, driven)
         style.letter_panels(figure)
-        figure.suptitle(
-            f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames',
-            x=0.012,
-            ha='left',
-            fontsize=14,
-            fontweight='bold',
-        )
         figure.legend(handles=_keys(drive), loc='outside lower center', ncols=5, handlelength=2.2)
         return style.save_figure(figure, folder / STEM)
 
@@ -132,12 +114,10 @@ def over_curvature(ax, circle):
     """Draw the overestimation over the curvature of the path."""
     curvature = np.linspace(1e-4, SHARE / circle.radius, 200)
     for gap, colour in CURVE_GAPS_M.items():
-        for side, inside in sides(circle).items():
+        for side, inside in circle.sides.items():
             # beyond half a lap the obstacle is nearer the other way round
             known = gap * curvature <= np.pi
-            distances = frame_distances.circle_distances(
-                1 / curvature[known], gap, inside, circle.reach
-            )
+            distances = circle_distances(1 / curvature[known], gap, inside, circle.reach)
             label = f'{gap:.0f} m before it' if side == 'inside' else None
             ax.plot(
                 curvature[known], distances.overestimation, color=colour, ls=dash(side), label=label
@@ -152,9 +132,7 @@ def over_distance(ax, circle, driven, side, inside):
     """Draw both distances over the distance driven, obstacle on one side of the path."""
     lap = np.linspace(circle.station - np.pi * circle.radius, circle.station, 400)
     lap = np.concatenate([lap, 2 * circle.station - lap[-2::-1]])
-    distances = frame_distances.circle_distances(
-        circle.radius, lap - circle.station, inside, circle.reach
-    )
+    distances = circle_distances(circle.radius, lap - circle.station, inside, circle.reach)
     own = driven.distances if inside * circle.inside > 0 else driven.beyond
     for name, colour in FRAMES.items():
         ax.plot(lap, getattr(distances, name), color=colour)
@@ -172,8 +150,8 @@ def difference(ax, circle, driven):
     """Draw by how much path coordinates overestimate while the obstacle comes nearer."""
     gap = np.linspace(0.0, 2 * MOMENT_M, 300)
     before = driven.station <= circle.station
-    for side, inside in reversed(sides(circle).items()):
-        distances = frame_distances.circle_distances(circle.radius, gap, inside, circle.reach)
+    for side, inside in reversed(circle.sides.items()):
+        distances = circle_distances(circle.radius, gap, inside, circle.reach)
         ax.plot(gap, distances.overestimation, color=style.INK, ls=dash(side), label=side)
         own = driven.distances if inside * circle.inside > 0 else driven.beyond
         ax.plot(
@@ -196,8 +174,7 @@ def _keys(drive):
     driven = f'poses driven by {drive.facts.controller}'
     for side in ('inside', 'outside'):
         keys.append(Line2D([], [], color=style.INK, ls=dash(side), label=f'obstacle {side}'))
-    keys.append(Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven))
-    return keys
+    return [*keys, Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven)]
 
 
 class FrameDistanceFiles(NamedTuple):

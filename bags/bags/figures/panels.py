@@ -26,6 +26,7 @@ FAR_M = 5.0  # distances beyond this are safe, and not drawn
 LEAST_SPAN_MPS = 2.0  # so that 0.1 m/s does not look like braking
 LEAST_MARGIN_M = 0.1  # of stations: a car that stands has only one
 KILO = 1e3
+PALE = 0.45  # opacity of the second line of a run
 STATION = 'station along the coarse path [m]'
 
 
@@ -103,11 +104,31 @@ class Run(NamedTuple):
         """Keyword arguments of the run's curves."""
         return {'color': self.colour, 'linestyle': style.line_style(self.name)}
 
+    def station_at(self, stamp_ns):
+        """Return the station (n,) [m] at each stamp."""
+        return np.interp(stamp_ns, self.drive.motion.stamp_ns, self.series.station)
+
+    @property
+    def is_dashed(self):
+        """Whether its curves are dashed."""
+        return style.line_style(self.name) == style.DASHED
+
+
+# of a run: stamps (n,) [ns] and values (n,)
+SIGNALS = {
+    'velocity': lambda run: (run.drive.motion.stamp_ns, run.drive.motion.vx),
+    'sideslip': lambda run: (run.drive.motion.stamp_ns, np.degrees(run.series.sideslip)),
+    'contouring': lambda run: (run.drive.motion.stamp_ns, run.series.contouring),
+    'lateral': lambda run: (run.drive.accelerations.stamp_ns, run.drive.accelerations.ay),
+    'steer': lambda run: (run.drive.inputs.stamp_ns, np.degrees(run.drive.inputs.steer)),
+    'force': lambda run: (run.drive.inputs.stamp_ns, run.drive.inputs.force / KILO),
+}
+
 
 def draw_v2e(ax, runs):
     """Draw the distance between the vehicle circle and each road edge (D_V2E)."""
     for run in runs:
-        for side, shade in (('right', 1.0), ('left', 0.45)):
+        for side, shade in (('right', 1.0), ('left', PALE)):
             gap = run.series.v2e[side]
             _curve(ax, run, gap, alpha=shade)
             _mark(ax, run, np.nanargmin(gap), gap)
@@ -139,62 +160,63 @@ def draw_v2o(ax, runs):
 
 def draw_velocity(ax, runs):
     """Draw the longitudinal velocity."""
-    for run in runs:
-        _curve(ax, run, run.drive.motion.vx)
+    _draw_signal(ax, runs, 'velocity', ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
     low, high = ax.get_ylim()
     spare = max(0.0, LEAST_SPAN_MPS - (high - low)) / 2
     ax.set_ylim(low - spare, high + spare)
-    _along(ax, runs)
-    ax.set(ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
 
 
 def draw_sideslip(ax, runs):
     """Draw the sideslip angle at the centre of gravity."""
+    _draw_signal(ax, runs, 'sideslip', ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
     for run in runs:
-        angle = np.degrees(run.series.sideslip)
-        _curve(ax, run, angle)
+        _, angle = SIGNALS['sideslip'](run)
         if not np.all(np.isnan(angle)):
             _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
-    _along(ax, runs)
-    ax.set(ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
 
 
 def draw_steer(ax, runs):
     """Draw the road-wheel angle after the actuator."""
-    for run in runs:
-        inputs = run.drive.inputs
-        station = _station_at(run, inputs.stamp_ns[::EVERY])
-        ax.plot(station, np.degrees(inputs.steer[::EVERY]), **run.line)
-    _along(ax, runs)
-    ax.set(ylabel='$\\delta$ [deg]', title='Road-wheel angle')
+    _draw_signal(ax, runs, 'steer', ylabel='$\\delta$ [deg]', title='Road-wheel angle')
 
 
 def draw_force(ax, runs):
     """Draw the longitudinal force of both axles after the actuator."""
-    for run in runs:
-        inputs = run.drive.inputs
-        station = _station_at(run, inputs.stamp_ns[::EVERY])
-        ax.plot(station, inputs.force[::EVERY] / KILO, **run.line)
+    label = '$F_x$ [kN], braking negative'
+    _draw_signal(ax, runs, 'force', ylabel=label, title='Longitudinal force input')
     ax.axhline(0.0, color=style.EDGE, lw=0.6, zorder=1)
+
+
+def _draw_signal(ax, runs, name, **labels):
+    for run in runs:
+        stamp_ns, values = (column[::EVERY] for column in SIGNALS[name](run))
+        ax.plot(run.station_at(stamp_ns), values, **run.line)
     _along(ax, runs)
-    ax.set(ylabel='$F_x$ [kN], braking negative', title='Longitudinal force input')
+    ax.set(**labels)
 
 
 def draw_gg(ax, runs):
     """Draw the accelerations at the centre of gravity within the friction circle."""
-    measured = [run.drive.accelerations for run in runs]
-    for run, acc in zip(runs, measured):
+    for run in runs:
+        acc = run.drive.accelerations
         ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 1.0, 'alpha': 0.85})
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    radius = GRAVITY * max(run.drive.facts.friction for run in runs)
-    ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=style.EDGE, lw=1.0, ls=':')
+    circle, reach = friction_circle(runs)
+    ax.plot(*circle, color=style.EDGE, lw=1.0, ls=':')
     note(ax, 'dotted: friction circle')
-    reach = 1.08 * max(radius, *(np.abs([*acc.ax, *acc.ay]).max(initial=0.0) for acc in measured))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
     # keeps its title level with those of its neighbours
     ax.set_anchor('N')
     ax.set(xlabel='$a_y$ [m/s²], left positive', ylabel='$a_x$ [m/s²]', title='G-G diagram')
+
+
+def friction_circle(runs):
+    """Return points (2, n) of the friction circle, and how far the axes go; all in m/s²."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    radius = GRAVITY * max(run.drive.facts.friction for run in runs)
+    measured = [run.drive.accelerations for run in runs]
+    reach = 1.08 * max(radius, *(np.abs([*a.ax, *a.ay]).max(initial=0.0) for a in measured))
+    return radius * np.array([np.cos(angle), np.sin(angle)]), reach
 
 
 def _curve(ax, run, values, **look):
@@ -205,10 +227,6 @@ def _mark(ax, run, k, values):
     """Put a dot on the extreme that the metrics report."""
     point = (run.series.station[k], values[k])
     ax.plot(*point, 'o', ms=4.5, color=run.colour, mec='white', mew=0.8, zorder=5)
-
-
-def _station_at(run, stamp_ns):
-    return np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station)
 
 
 def _along(ax, runs):

@@ -7,7 +7,6 @@ from pathlib import Path
 KNOWN = {'mpcc': '#0072B2', 'mpcc_no_ca': '#4D4D4D', 'frenet': '#D55E00'}
 OTHERS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 DASHED = (0, (5, 1.5))
-KNOWN_DASHES = {'mpcc_no_ca': DASHED}
 TUNED = '_tuned'  # suffix of a tuned controller, which is drawn like the untuned one
 
 INK = '#262626'
@@ -67,7 +66,17 @@ def assign_colours(names):
 
 def line_style(name):
     """Return the line style of a controller."""
-    return KNOWN_DASHES.get(name.removesuffix(TUNED), '-')
+    return DASHED if name.removesuffix(TUNED) == 'mpcc_no_ca' else '-'
+
+
+def new_sheet(size, title):
+    """Return a figure for several panels, `size` [inch]."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+    figure.suptitle(title, x=0.012, ha='left', fontsize=14, fontweight='bold')
+    return figure
 
 
 def letter_panels(figure) -> None:

@@ -17,7 +17,14 @@ from bags.evaluation.drive import Scene
 from bags.evaluation.series import obstacle_position
 from bags.figures import comparison_figures, style
 from bags.figures.panels import Run
-from bags.report import interactive_panels
+from bags.report.interactive_panels import (
+    BINS,
+    decimate,
+    float32,
+    line_look,
+    new_figure,
+    tag_run,
+)
 from msgs_yaml.conversions import NS_PER_S
 
 FRAME_NS = 20_000_000
@@ -53,7 +60,7 @@ def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
         'radius': facts.vehicle_radius,
         'end': float(series.t[-1]),
     }
-    return {**_float32_columns({'t': t, **data}), **body}
+    return {**float32(t=t, **data), **body}
 
 
 def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
@@ -65,7 +72,7 @@ def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
         for axis in ('X', 'Y')
     )
     t = np.array([(plan.stamp_ns - zero_ns) / NS_PER_S for plan in log.predictions])
-    return _float32_columns({'t': t, 'x': x, 'y': y})
+    return float32(t=t, x=x, y=y)
 
 
 def _row(values, length):
@@ -78,12 +85,7 @@ def obstacle_frames(scene: Scene, start_ns: int, t: np.ndarray) -> dict[str, Any
     stamp_ns = start_ns + np.round(t * NS_PER_S).astype(np.int64)
     positions = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
     x, y = (np.array([xy[axis] for xy in positions]).T for axis in (0, 1))
-    return _float32_columns({'t': t, 'x': x, 'y': y})
-
-
-def _float32_columns(columns: Mapping[str, np.ndarray]):
-    """Return columns as float32: more digits than visible, half the size."""
-    return {key: np.asarray(column, dtype=np.float32) for key, column in columns.items()}
+    return float32(t=t, x=x, y=y)
 
 
 class TopView(NamedTuple):
@@ -102,20 +104,16 @@ def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> To
     """
     low, high = comparison_figures.road_limits(runs)
     height = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
-    plot = figure(
-        name='film',
+    plot = new_figure(
+        'film',
+        'X [m]',
+        'Y [m]',
         x_range=Range1d(low[0], high[0]),
         y_range=Range1d(low[1], high[1]),
-        x_axis_label='X [m]',
-        y_axis_label='Y [m]',
         height=round(height),
-        sizing_mode='stretch_width',
         tools='pan,wheel_zoom,reset,save',
         active_drag='pan',
-        active_scroll=None,
-        output_backend='canvas',
     )
-    interactive_panels.style_figure(plot)
     scene, facts = runs[0].drive.scene, runs[0].drive.facts
     _draw_road(plot, scene, facts)
     t = frame_times(runs)
@@ -174,21 +172,10 @@ def _draw_obstacles(plot, scene, facts, still):
 
 def _trajectory(plot, run):
     motion = run.drive.motion
-    chosen = np.union1d(
-        interactive_panels.decimate(motion.y, interactive_panels.BINS),
-        interactive_panels.decimate(motion.x, interactive_panels.BINS),
-    )
-    source = ColumnDataSource(
-        {
-            'x': motion.x[chosen].astype(np.float32),
-            'y': motion.y[chosen].astype(np.float32),
-            'time': run.series.t[chosen].astype(np.float32),
-            'speed': run.series.speed[chosen].astype(np.float32),
-        }
-    )
-    line = interactive_panels.tag_run(
-        run, plot.line('x', 'y', source=source, **interactive_panels.line_look(run))
-    )
+    chosen = np.union1d(decimate(motion.y, BINS), decimate(motion.x, BINS))
+    columns = {'x': motion.x, 'y': motion.y, 'time': run.series.t, 'speed': run.series.speed}
+    source = ColumnDataSource(float32(**{name: c[chosen] for name, c in columns.items()}))
+    line = tag_run(run, plot.line('x', 'y', source=source, **line_look(run)))
     line.glyph.line_alpha = 0.6
     tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
     plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
@@ -206,5 +193,5 @@ def _moving(plot, run):
         plot.patch('x', 'y', source=body, **filled),
         plot.ellipse('x', 'y', 'width', 'width', source=circles, **hollow),
     ):
-        interactive_panels.tag_run(run, drawn)
+        tag_run(run, drawn)
     return {'horizon': horizon, 'body': body, 'circles': circles}

@@ -53,8 +53,8 @@ def _both(values):
 def plant_differences(infos: Sequence[Mapping[str, str]]) -> dict[str, list]:
     """Return the physical parameters of the plant that differ: name -> value of each run."""
     plants = [node_parameters(info).get('plant', {}) for info in infos]
-    differing = differences(plants)
-    return {name: values for name, values in differing.items() if name not in NOT_PHYSICAL}
+    rows = {name: [plant.get(name) for plant in plants] for name in sorted(set().union(*plants))}
+    return {n: row for n, row in rows.items() if n not in NOT_PHYSICAL and _differs(row)}
 
 
 def node_parameters(info: Mapping[str, str]) -> dict[str, dict]:
@@ -62,11 +62,8 @@ def node_parameters(info: Mapping[str, str]) -> dict[str, dict]:
     return json.loads(info.get('parameters', '{}'))
 
 
-def differences(mappings: Sequence[Mapping]) -> dict[str, list]:
-    """Return the entries that are not equal in all mappings: key -> values, None where absent."""
-    names = sorted({name for mapping in mappings for name in mapping})
-    rows = {name: [mapping.get(name) for mapping in mappings] for name in names}
-    return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
+def _differs(values):
+    return any(value != values[0] for value in values)
 
 
 class ProvenanceRow(NamedTuple):
@@ -98,24 +95,16 @@ def parameter_rows(infos: Sequence[Mapping[str, str]]) -> dict[str, list[Provena
     """Return every parameter of the runs by role of the node, in the order of their names."""
     runs = [node_parameters(info) for info in infos]
     roles = sorted({role for run in runs for role in run})
-    return {
-        role: [row for row in _rows([run.get(role, {}) for run in runs]) if _is_shown(role, row)]
-        for role in roles
-    }
-
-
-def _is_shown(role, row):
-    return role != 'recorder' or row.name not in PER_RUN
+    rows = {role: _rows([run.get(role, {}) for run in runs]) for role in roles}
+    if 'recorder' in rows:
+        rows['recorder'] = [row for row in rows['recorder'] if row.name not in PER_RUN]
+    return rows
 
 
 def _rows(runs: Sequence[Mapping[str, Any]]):
     names = dict.fromkeys(name for run in runs for name in run)
-    rows = []
-    for name in names:
-        values = [run.get(name) for run in runs]
-        differs = any(value != values[0] for value in values)
-        rows.append(ProvenanceRow(name, [_value_text(value) for value in values], differs))
-    return rows
+    rows = {name: [run.get(name) for run in runs] for name in names}
+    return [ProvenanceRow(n, list(map(_value_text, row)), _differs(row)) for n, row in rows.items()]
 
 
 def _value_text(value):

@@ -1,7 +1,6 @@
 """Compare runs from their bags: comparison.json, CSV, a table, figures and report.html."""
 
 import json
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
+from bags.command_line import print_paths
 from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog, read_controller_log
@@ -123,5 +123,4 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
         'figures': figure,
         'report': comparison.report,
     }
-    for label, path in places.items():
-        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+    print_paths(console, places)

@@ -4,7 +4,7 @@ Signals of 1 kHz are decimated so that every extreme stays visible.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh.models import (
@@ -21,9 +21,8 @@ from bokeh.plotting import figure
 from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Facts
 from bags.figures import style
-from bags.figures.panels import FAR_M, GRAVITY, KILO, Run
+from bags.figures.panels import FAR_M, PALE, SIGNALS, Run, friction_circle
 
-SOLID, DASHED = 'solid', 'dashed'
 BINS = 600  # a panel is at most about that many pixels wide
 HEIGHT = 260  # CSS pixels
 SQUARE = 330
@@ -62,10 +61,10 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
 class Curve(NamedTuple):
     """One line of a panel."""
 
-    label: str  # among the lines of the same run; '' for a single line
-    dash: str
     stamp_ns: np.ndarray  # (n,)
     values: np.ndarray  # (n,)
+    label: str = ''  # among the lines of the same run; '' for a single line
+    pale: bool = False
 
 
 class Panel(NamedTuple):
@@ -74,33 +73,14 @@ class Panel(NamedTuple):
     name: str  # also the id of its element on the page
     title: str
     axis: str  # label of the vertical axis, with its unit
-    curves: Callable[[Run, ControllerLog], Iterable[Curve]]
+    # None: the signal of this name in SIGNALS
+    lines: Callable[[Run, ControllerLog], Iterable[Curve]] | None = None
     # the safety distance of a run; None where that has no meaning
     unsafe: Callable[[Facts], float] | None = None
 
-
-def _speed(run, _):
-    yield Curve('', SOLID, run.drive.motion.stamp_ns, run.drive.motion.vx)
-
-
-def _steer(run, _):
-    yield Curve('', SOLID, run.drive.inputs.stamp_ns, np.degrees(run.drive.inputs.steer))
-
-
-def _force(run, _):
-    yield Curve('', SOLID, run.drive.inputs.stamp_ns, run.drive.inputs.force / KILO)
-
-
-def _sideslip(run, _):
-    yield Curve('', SOLID, run.drive.motion.stamp_ns, np.degrees(run.series.sideslip))
-
-
-def _lateral(run, _):
-    yield Curve('', SOLID, run.drive.accelerations.stamp_ns, run.drive.accelerations.ay)
-
-
-def _contouring(run, _):
-    yield Curve('', SOLID, run.drive.motion.stamp_ns, run.series.contouring)
+    def curves(self, run: Run, log: ControllerLog) -> Iterable[Curve]:
+        """Return the lines of a run."""
+        return self.lines(run, log) if self.lines else [Curve(*SIGNALS[self.name](run))]
 
 
 def _v2o(run, _):
@@ -109,36 +89,36 @@ def _v2o(run, _):
     if gaps:
         nearest = np.fmin.reduce(gaps)
         near = np.where(nearest < FAR_M, nearest, np.nan)
-        yield Curve('', SOLID, run.drive.motion.stamp_ns, near)
+        yield Curve(run.drive.motion.stamp_ns, near)
 
 
 def _v2e(run, _):
-    for side, dash in (('left', DASHED), ('right', SOLID)):
-        yield Curve(side, dash, run.drive.motion.stamp_ns, run.series.v2e[side])
+    for side in ('left', 'right'):
+        yield Curve(run.drive.motion.stamp_ns, run.series.v2e[side], side, pale=side == 'left')
 
 
 def _friction_use(_, log):
-    for axle, dash in (('front', SOLID), ('rear', DASHED)):
-        if log.numbers:
-            use = log.numbers[f'friction.{axle}']
-            yield Curve(axle, dash, log.report_ns, use)
+    for axle in ('front', 'rear') if log.numbers else ():
+        yield Curve(log.report_ns, log.numbers[f'friction.{axle}'], axle, pale=axle == 'rear')
 
 
 def _solve_time(_, log):
     if log.numbers:
-        yield Curve('', SOLID, log.report_ns, log.numbers['time.solve_ms'])
+        yield Curve(log.report_ns, log.numbers['time.solve_ms'])
 
 
 PANELS = (
     Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', _v2o, lambda r: r.safe_obstacle),
-    Panel('v2e', 'Distance to the road edges', 'D_V2E [m]', _v2e, lambda r: r.safe_edge),
-    Panel('contouring', 'Distance from the coarse path', 'left positive [m]', _contouring),
-    Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]', _speed),
-    Panel('sideslip', 'Sideslip angle', 'β [deg]', _sideslip),
-    Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]', _lateral),
-    Panel('steer', 'Road-wheel angle', 'δ [deg]', _steer),
-    Panel('force', 'Longitudinal force', 'F_x [kN]', _force),
-    Panel('friction', 'Friction use, as the controller sees it', 'F / µF_z', _friction_use),
+    Panel(
+        'v2e', 'Distance to the road edges (left: pale)', 'D_V2E [m]', _v2e, lambda r: r.safe_edge
+    ),
+    Panel('contouring', 'Distance from the coarse path', 'left positive [m]'),
+    Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]'),
+    Panel('sideslip', 'Sideslip angle', 'β [deg]'),
+    Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
+    Panel('steer', 'Road-wheel angle', 'δ [deg]'),
+    Panel('force', 'Longitudinal force', 'F_x [kN]'),
+    Panel('friction', 'Friction use in the controller (rear: pale)', 'F / µF_z', _friction_use),
     Panel('solve', 'Solve time per tick', '[ms]', _solve_time),
 )
 
@@ -155,15 +135,13 @@ def plot_panel(
     ]
     if not drawn:
         return None
-    plot = _figure(panel.name, panel.title, 'time [s]', panel.axis, x_range=time_axis)
+    plot = new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
     if panel.unsafe:
         _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), drawn)
     lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
-    hover = HoverTool(
-        renderers=lines, tooltips=[*where, ('station', '@station{0.0} m')], mode='vline'
-    )
-    plot.add_tools(hover)
+    where.append(('station', '@station{0.0} m'))
+    plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
     plot.add_layout(
         Span(dimension='height', location=0.0, line_color=style.QUIET, name=CURSOR, level='glyph')
     )
@@ -172,25 +150,17 @@ def plot_panel(
 
 def plot_gg(runs: Sequence[Run]) -> figure:
     """Return the accelerations at the centre of gravity within the friction circle."""
-    radius = GRAVITY * max(run.drive.facts.friction for run in runs)
-    measured = [run.drive.accelerations for run in runs]
-    reach = 1.08 * max(radius, *(np.abs([*a.ax, *a.ay]).max(initial=0.0) for a in measured))
+    circle, reach = friction_circle(runs)
     ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
-    plot = _figure('gg', 'G-G diagram', 'a_y [m/s²], left positive', 'a_x [m/s²]', **ranges)
+    labels = ('a_y [m/s²], left positive', 'a_x [m/s²]')
+    plot = new_figure('gg', *labels, title='G-G diagram', **ranges)
     plot.sizing_mode, plot.width, plot.height = 'fixed', SQUARE, SQUARE
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    circle = {'line_color': style.EDGE, 'line_dash': 'dotted'}
-    plot.line(radius * np.cos(angle), radius * np.sin(angle), **circle)
+    plot.line(*circle, line_color=style.EDGE, line_dash='dotted')
     for run in runs:
         acc = run.drive.accelerations
         chosen = np.union1d(decimate(acc.ax, BINS), decimate(acc.ay, BINS))
-        source = ColumnDataSource(
-            {
-                'x': _short(acc.ay[chosen]),
-                'y': _short(acc.ax[chosen]),
-                'time': _short(_since(run, acc.stamp_ns[chosen])),
-            }
-        )
+        time = _since(run, acc.stamp_ns[chosen])
+        source = ColumnDataSource(float32(x=acc.ay[chosen], y=acc.ax[chosen], time=time))
         line = tag_run(run, plot.line('x', 'y', source=source, **line_look(run)))
         tips = [('run', run.name), ('a_y', '@x{0.00}'), ('a_x', '@y{0.00}')]
         tips.append(('time', '@time{0.00} s'))
@@ -206,29 +176,22 @@ def tag_run(run: Run, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
 
 def line_look(run: Run) -> dict:
     """Return colour, width and dash of the lines of a run."""
-    dash = 'dashed' if run.name in style.KNOWN_DASHES else 'solid'
+    dash = 'dashed' if run.is_dashed else 'solid'
     return {'line_color': run.colour, 'line_width': 2, 'line_dash': dash}
 
 
-def _figure(name, title, x_label, y_label, **ranges):
+def new_figure(name: str, x_label: str, y_label: str, **options: Any) -> figure:
+    """Return a figure in the style of the page: transparent, few lines."""
+    options = {'tools': 'pan,box_zoom,wheel_zoom,reset,save', 'active_drag': 'box_zoom'} | options
     plot = figure(
         name=name,
-        title=title,
         x_axis_label=x_label,
         y_axis_label=y_label,
-        height=HEIGHT,
         sizing_mode='stretch_width',
-        tools='pan,box_zoom,wheel_zoom,reset,save',
-        active_drag='box_zoom',
         active_scroll=None,
         output_backend='canvas',
-        **ranges,
+        **{'height': HEIGHT, **options},
     )
-    return style_figure(plot)
-
-
-def style_figure(plot: figure) -> figure:
-    """Apply the style of the page to a figure: transparent, few lines; return it."""
     plot.background_fill_color = plot.border_fill_color = None
     plot.outline_line_color = None
     plot.title.text_color = style.INK
@@ -247,17 +210,11 @@ def style_figure(plot: figure) -> figure:
 def _plot_curve(plot, run, curve):
     chosen = decimate(curve.values, BINS)
     stamp_ns = curve.stamp_ns[chosen]
-    station = np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station)
-    source = ColumnDataSource(
-        {
-            'time': _short(_since(run, stamp_ns)),
-            'station': _short(station),
-            'value': _short(curve.values[chosen]),
-        }
-    )
+    time, station = _since(run, stamp_ns), run.station_at(stamp_ns)
+    source = ColumnDataSource(float32(time=time, station=station, value=curve.values[chosen]))
     label = f'{run.name}, {curve.label}' if curve.label else run.name
-    drawn = {**line_look(run), 'line_dash': curve.dash} if curve.label else line_look(run)
-    return tag_run(run, plot.line('time', 'value', source=source, name=label, **drawn), CURVE)
+    look = line_look(run) | ({'line_alpha': PALE} if curve.pale else {})
+    return tag_run(run, plot.line('time', 'value', source=source, name=label, **look), CURVE)
 
 
 def _shade(plot, safe, drawn):
@@ -274,6 +231,6 @@ def _since(run, stamp_ns):
     return (stamp_ns - run.drive.motion.stamp_ns[0]) * NS
 
 
-def _short(values):
-    """Return values as float32: more digits than visible, half the size."""
-    return np.asarray(values, dtype=np.float32)
+def float32(**columns: np.ndarray) -> dict[str, np.ndarray]:
+    """Return columns as float32: more digits than visible, half the size."""
+    return {name: np.asarray(column, dtype=np.float32) for name, column in columns.items()}

@@ -15,7 +15,6 @@ from bokeh.resources import Resources
 
 from bags.errors import BagError
 from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
-from bags.figures import style
 from bags.figures.panels import Run
 from bags.report import animation, interactive_panels, metrics_table
 from bags.report.comparability import origin_rows, parameter_rows
@@ -107,7 +106,7 @@ def report_html(data: ReportData) -> str:
     script, divs = _embedded(view, panels)
     return _template().render(
         scenario=data.values['scenario'],
-        runs=[(run.name, run.colour, run.name in style.KNOWN_DASHES) for run in runs],
+        runs=[(run.name, run.colour, run.is_dashed) for run in runs],
         damage=data.values.get('damage', {}),
         invalid=data.values.get(KEY, {}),
         verdicts={name: run['verdict'] for name, run in data.values['runs'].items()},

@@ -19,8 +19,7 @@ from bags.storage.rosbag2_metadata import (
     FileFacts,
     Span,
     build_metadata,
-    embedded_text,
-    file_text,
+    dump,
 )
 
 CHUNK_BYTES = 768 * 1024  # default of rosbag2
@@ -94,7 +93,7 @@ class McapFile:
         self._writer.flush()
         for record, values in records.items():
             self._writer.add_metadata(record, dict(values))
-        embedded = embedded_text(build_metadata(self.topics, [facts]))
+        embedded = dump(build_metadata(self.topics, [facts]))
         self._writer.add_metadata('rosbag2', {'serialized_metadata': embedded})
         self._writer.finish()
         self._stream.close()
@@ -163,6 +162,7 @@ class _WholeWrites:
 
 
 METADATA = 'metadata.yaml'
+INFORMATION = 'rosbag2_bagfile_information'  # its only key; the record in a file lacks it
 
 
 class Split(NamedTuple):
@@ -185,7 +185,7 @@ def write_metadata(folder: Path, information: dict):
     path = folder / METADATA
     draft = folder / f'.{METADATA}.{os.getpid()}'
     try:
-        draft.write_text(file_text(information), encoding='utf-8')
+        draft.write_text(dump({INFORMATION: information}), encoding='utf-8')
         os.replace(draft, path)
     except OSError as error:
         draft.unlink(missing_ok=True)

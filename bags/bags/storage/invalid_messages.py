@@ -7,7 +7,7 @@ whose stamp does not fit the time of the recording are dropped, too.
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -34,13 +34,6 @@ VEHICLE_TOPICS = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/v
 # How much the delay from stamp to log time may differ from the median: a plant that was stopped
 # for minutes sends what it missed, and no other clock is as near by chance.
 NEAR_NS = 600 * NS_PER_S
-
-
-class _Checked(NamedTuple):
-    """The value of one message, or why it is invalid."""
-
-    value: Any
-    reason: str  # '' when it is valid
 
 
 def drop_invalid(bag: Bag) -> Bag:
@@ -91,18 +84,20 @@ def _check(recorded) -> tuple[list[Any] | None, dict[int, str]]:
         payload = payloads[i]
         if payload not in known:
             known[payload] = _decode(topic, payload)
-        if known[payload].reason:
-            reasons[i] = known[payload].reason
+        _, reason = known[payload]
+        if reason:
+            reasons[i] = reason
     if valid.any():
         return None, reasons
-    return [known[payload].value for payload in payloads], reasons
+    return [known[payload][0] for payload in payloads], reasons
 
 
 def _decode(topic, payload):
+    """Return the value of a message and '', or None and why it is invalid."""
     try:
-        return _Checked(decode_message(topic, payload), '')
+        return decode_message(topic, payload), ''
     except DECODE_ERRORS as error:
-        return _Checked(None, str(error).removeprefix(f'{topic.name}: ') or type(error).__name__)
+        return None, str(error).removeprefix(f'{topic.name}: ') or type(error).__name__
 
 
 def _without(recorded: Recording, rows) -> Recording:

@@ -189,18 +189,16 @@ class _Gathering:
             heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]
         return Contents(
             topics,
-            **{name: _whole_numbers(heads[name]) for name in MESSAGE_HEADER.names},
+            **{
+                name: np.minimum(heads[name], np.uint64(LATEST_NS)).astype(np.int64)
+                for name in MESSAGE_HEADER.names
+            },
             payloads=payloads,
             records=self.records,
             damage=damage,
             nameless=len(known) - len(heads),
             indexed=self.indexed,
         )
-
-
-def _whole_numbers(column):
-    """Return a column as int64, clipped to LATEST_NS."""
-    return np.minimum(column, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def _parse(opcode, body):

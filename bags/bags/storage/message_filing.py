@@ -183,12 +183,8 @@ class Filing:
         self.counter = LossCounter()
         self.misdated = 0  # messages filed under another time than their stamp
         self.first_misdated: tuple[int, int] | None = None  # ns: stamp, and where it is filed
-        self._topic, self._single_publisher, self._publishes_clock = (
-            topic,
-            single_publisher,
-            publishes_clock,
-        )
-        self._write = write
+        self._topic, self._write = topic, write
+        self._single_publisher, self._publishes_clock = single_publisher, publishes_clock
         self._stamp_ns = stamp_reader(topic.type)
         self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
         self._last_log_ns = 0  # in lockstep never beyond /clock

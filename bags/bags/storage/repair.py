@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.storage.bag_writer import METADATA, McapFile, mcap_name, write_metadata
+from bags.storage.bag_writer import INFORMATION, METADATA, McapFile, mcap_name, write_metadata
 from bags.storage.mcap_reader import EMPTY_FILE, Contents, mcap_files, missing_before, read_mcap
 from bags.storage.mcap_scan import Damage
 from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, Span, build_metadata
@@ -142,7 +142,7 @@ def _complete_folder(folder, information, is_bag):
         return False
     try:
         text = (folder / METADATA).read_text(encoding='utf-8')
-        written = yaml.safe_load(text)['rosbag2_bagfile_information']
+        written = yaml.safe_load(text)[INFORMATION]
         if all(written[key] == information[key] for key in COMPARED):
             return False
     except (OSError, TypeError, *YAML_ERRORS):

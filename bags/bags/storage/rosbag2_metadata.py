@@ -48,7 +48,7 @@ def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
     deadline = INFINITE
     if deadline_ns is not None:
         deadline = dict(zip(('sec', 'nsec'), divmod(deadline_ns, NS_PER_S)))
-    return _dump(
+    return dump(
         [
             {
                 'history': history,
@@ -155,17 +155,8 @@ def _times(span):
     }
 
 
-def embedded_text(information: dict) -> str:
-    """Return the text of the MCAP metadata record 'rosbag2': the inner mapping only."""
-    return _dump(information)
-
-
-def file_text(information: dict) -> str:
-    """Return the text of metadata.yaml."""
-    return _dump({'rosbag2_bagfile_information': information})
-
-
-def _dump(value) -> str:
+def dump(value: list | dict) -> str:
+    """Return the YAML of a value as rosbag2 writes it."""
     return yaml.dump(value, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False)
 
 

@@ -17,7 +17,7 @@ from bags.playback import is_latched
 from bags.storage.decoding import DECODE_ERRORS, decode_message
 from bags.storage.rosbag2_metadata import BagTopic
 from bags.viewers import marker_scene
-from bags.viewers.marker_scene import Drawing, MarkerScene, Shape
+from bags.viewers.marker_scene import Drawing, MarkerScene
 from msgs_yaml import conversions, share
 from msgs_yaml.types import VehicleState
 
@@ -34,13 +34,15 @@ class Server(ServerListener):
         self,
         topics: Sequence[BagTopic],
         port: int,
+        scene: MarkerScene,
         span_ns: tuple[int, int] | None = None,
         control: Any = None,
     ):
         """Offer `topics` on `port` (0: any free one); BagError when it is taken.
 
-        `span_ns` and `control` belong to a recording: first and last time, and what is called to
-        play, pause and seek (on_playback_control_request of foxglove.ServerListener).
+        `scene` follows the messages. `span_ns` and `control` belong to a recording: first and last
+        time, and what is called to play, pause and seek (on_playback_control_request of
+        foxglove.ServerListener).
         """
         foxglove.set_log_level('ERROR')
         # channels live as long as their context
@@ -50,7 +52,7 @@ class Server(ServerListener):
         computed = [name for name in SCENES if name not in self._channels]
         self._scenes = {name: SceneUpdateChannel(name, context=context) for name in computed}
         self._frames = FrameTransformsChannel('/tf', context=context)
-        self._control = control
+        self._scene, self._control = scene, control
         capabilities = [Capability.Time] + ([Capability.PlaybackControl] if span_ns else [])
         try:
             self._server = foxglove.start_server(
@@ -77,14 +79,24 @@ class Server(ServerListener):
             self._latched[topic] = (payload, log_ns)
         self._channels[topic].log(payload, log_time=log_ns)
 
-    def send_drawing(self, drawing: Drawing, log_ns: int) -> None:
-        """Send a drawing, unless its topic is among the recorded ones."""
-        if drawing.topic in self._scenes:
-            self._scenes[drawing.topic].log(scene_update(drawing), log_time=log_ns)
+    def forward(self, topic: BagTopic, payload: bytes, log_ns: int) -> None:
+        """Send a message (CDR), and what it changes in the scene.
 
-    def send_transform(self, state: VehicleState, log_ns: int) -> None:
-        """Send the pose of the car."""
-        self._frames.log(frame_transforms(state), log_time=log_ns)
+        A message that breaks the contract is sent, too, but changes nothing in the scene. Drawings
+        whose topic is among the recorded ones are not sent.
+        """
+        self.send(topic.name, payload, log_ns)
+        if topic.name not in marker_scene.WATCHED or not self._scene.needs(topic.name, log_ns):
+            return
+        try:
+            value = decode_message(topic, payload)
+        except DECODE_ERRORS:
+            return
+        for drawing in self._scene.update(topic.name, value):
+            if drawing.topic in self._scenes:
+                self._scenes[drawing.topic].log(scene_update(drawing), log_time=log_ns)
+        if topic.name == marker_scene.STATE:
+            self._frames.log(frame_transforms(value), log_time=log_ns)
 
     def broadcast_time(self, now_ns: int) -> None:
         """Send the time of the recording, or of the running nodes."""
@@ -126,13 +138,12 @@ def _channel(topic, context):
 
 def frame_transforms(x: VehicleState) -> messages.FrameTransforms:
     """Return the pose of base_link in map."""
-    z, w = conversions.heading_to_quaternion(x.psi)
     transform = messages.FrameTransform(
         timestamp=_time(x.stamp_ns),
         parent_frame_id=FRAME,
         child_frame_id=CHILD_FRAME,
         translation=messages.Vector3(x=float(x.X), y=float(x.Y)),
-        rotation=messages.Quaternion(z=z, w=w),
+        rotation=_quaternion(x.psi),
     )
     return messages.FrameTransforms(transforms=[transform])
 
@@ -158,11 +169,17 @@ def _time(stamp_ns):
     return messages.Timestamp(*conversions.split_stamp(stamp_ns))
 
 
-def _pose(shape: Shape):
-    z, w = conversions.heading_to_quaternion(shape.yaw)
-    x, y, up = shape.at
-    position = messages.Vector3(x=x, y=y, z=up)
-    return messages.Pose(position=position, orientation=messages.Quaternion(z=z, w=w))
+def _look(shape):
+    """Return what every primitive has."""
+    x, y, z = shape.at
+    position, turn = messages.Vector3(x=x, y=y, z=z), _quaternion(shape.yaw)
+    pose = messages.Pose(position=position, orientation=turn)
+    return {'pose': pose, 'color': _colour(shape.colour)}
+
+
+def _quaternion(yaw):
+    z, w = conversions.heading_to_quaternion(yaw)
+    return messages.Quaternion(z=z, w=w)
 
 
 def _colour(rgba):
@@ -176,30 +193,27 @@ def _size(shape):
 
 
 def _box(shape):
-    return messages.CubePrimitive(pose=_pose(shape), size=_size(shape), color=_colour(shape.colour))
+    return messages.CubePrimitive(size=_size(shape), **_look(shape))
 
 
 def _disc(shape):
-    look = {'size': _size(shape), 'color': _colour(shape.colour)}
-    return messages.CylinderPrimitive(pose=_pose(shape), bottom_scale=1.0, top_scale=1.0, **look)
+    ends = {'bottom_scale': 1.0, 'top_scale': 1.0}
+    return messages.CylinderPrimitive(size=_size(shape), **ends, **_look(shape))
 
 
 def _line(shape):
-    width, _, _ = shape.size
     return messages.LinePrimitive(
         type=messages.LinePrimitiveLineType.LineStrip,
-        pose=_pose(shape),
-        thickness=width,
+        thickness=shape.size[0],
         points=[messages.Point3(x=float(x), y=float(y)) for x, y in shape.points],
-        color=_colour(shape.colour),
         colors=[_colour(colour) for colour in shape.colours],
+        **_look(shape),
     )
 
 
 def _text(shape):
-    height, _, _ = shape.size
-    look = {'billboard': True, 'font_size': height, 'color': _colour(shape.colour)}
-    return messages.TextPrimitive(pose=_pose(shape), text=shape.text, **look)
+    font = {'billboard': True, 'font_size': shape.size[0]}
+    return messages.TextPrimitive(text=shape.text, **font, **_look(shape))
 
 
 PRIMITIVES = {
@@ -208,28 +222,3 @@ PRIMITIVES = {
     marker_scene.LINE: _line,
     marker_scene.TEXT: _text,
 }
-
-
-class Forwarder:
-    """Passes messages on to a server, with the scene that follows from them."""
-
-    def __init__(self, server: Server, scene: MarkerScene):
-        self.server = server
-        self._scene = scene
-
-    def forward(self, topic: BagTopic, payload: bytes, log_ns: int) -> None:
-        """Send a message (CDR) and what it changes in the scene.
-
-        A message that breaks the contract is sent, too, but changes nothing in the scene.
-        """
-        self.server.send(topic.name, payload, log_ns)
-        if topic.name not in marker_scene.WATCHED or not self._scene.needs(topic.name, log_ns):
-            return
-        try:
-            value = decode_message(topic, payload)
-        except DECODE_ERRORS:
-            return
-        for drawing in self._scene.update(topic.name, value):
-            self.server.send_drawing(drawing, log_ns)
-        if topic.name == marker_scene.STATE:
-            self.server.send_transform(value, log_ns)

@@ -39,9 +39,9 @@ class Shape(NamedTuple):
     yaw: float  # rad
     size: tuple[float, float, float]  # m; of a line its width, of a text its height, comes first
     colour: tuple[float, float, float, float]  # red, green, blue, opacity: 0 to 1
-    points: np.ndarray  # (n, 2) m, of a line, in map
-    colours: np.ndarray  # (n, 4) of its points, (0, 4) where `colour` is that of all
-    text: str
+    points: np.ndarray = np.empty((0, 2))  # m, of a line, in map
+    colours: np.ndarray = np.empty((0, 4))  # of its points; none where `colour` is that of all
+    text: str = ''
 
 
 @dataclass(frozen=True)
@@ -189,8 +189,7 @@ def _line(ns, number, points, colour):
 
 def _shape(ns, number, kind, at, size, colour, yaw=0.0, text=''):
     at, size, colour = (tuple(float(v) for v in values) for values in (at, size, colour))
-    no_points, no_colours = np.empty((0, 2)), np.empty((0, 4))
-    return Shape(ns, number, kind, at, float(yaw), size, colour, no_points, no_colours, text)
+    return Shape(ns, number, kind, at, float(yaw), size, colour, text=text)
 
 
 VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'

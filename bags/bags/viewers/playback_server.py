@@ -10,7 +10,7 @@ from foxglove.websocket import PlaybackCommand, PlaybackState, PlaybackStatus
 from bags.evaluation.drive import facts_from_run_info
 from bags.playback import PlaybackClock, build_playlist, is_latched
 from bags.storage import read
-from bags.viewers.foxglove_server import Forwarder, Server
+from bags.viewers.foxglove_server import Server
 from bags.viewers.marker_scene import MarkerScene, OutlineParams, SafetyParams, ShapeParams
 from msgs_yaml import share
 from node_runtime import parameters
@@ -32,9 +32,9 @@ class PlaybackServer:
         self.next = 0  # message to send
         self.lock = threading.Lock()
         self.seeking = False
-        self.server = Server(topics, port, (first_ns, first_ns + length_ns), self.on_control)
+        scene, span_ns = MarkerScene(_shape_params(bag)), (first_ns, first_ns + length_ns)
+        self.server = Server(topics, port, scene, span_ns, self.on_control)
         self.url, self.close = self.server.url, self.server.close
-        self.forwarder = Forwarder(self.server, MarkerScene(_shape_params(bag)))
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Send what is due until `stopped`."""
@@ -96,7 +96,7 @@ class PlaybackServer:
 
     def _send(self, index, position_ns):
         topic = self.playlist.topics[self.playlist.topic[index]]
-        self.forwarder.forward(topic, self.playlist.payloads[index], self._log_ns(position_ns))
+        self.server.forward(topic, self.playlist.payloads[index], self._log_ns(position_ns))
 
 
 def _shape_params(bag):

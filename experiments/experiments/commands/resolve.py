@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bags import command_line
 from experiments.commands import add_list
 
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
@@ -25,12 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='of the cost and of the least distance to obstacles, to every weight',
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='receives the figure (default: figures/ beside the folder of the bag)',
-    )
+    command_line.add_out(parser, 'the figure', 'figures/ beside the folder of the bag')
 
 
 def run(options: argparse.Namespace) -> int:

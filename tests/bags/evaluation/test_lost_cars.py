@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from bags.evaluation import geometry, metrics
-from bags.evaluation.drive import Obstacle
+from bags.evaluation.drive import Obstacle, Ticks
 from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
 from experiments.run import batch, node_graph
@@ -173,14 +173,7 @@ def test_a_run_that_was_cut_says_where_and_how_fast(make_drive):
 
 def test_a_run_without_commands_says_so(make_drive):
     drive = make_drive()
-    silent = drive._replace(
-        ticks=drive.ticks._replace(
-            answered_ns=np.empty(0, dtype=np.int64),
-            solve_ms=np.empty(0),
-            solve_cpu_ms=np.empty(0),
-            fallback=np.empty(0),
-        )
-    )
+    silent = drive._replace(ticks=Ticks(np.empty(0, dtype=np.int64), *[np.empty(0)] * 3))
     assert metrics.compute_metrics(silent)['verdict'].endswith('; no command answered a state')
 
 
@@ -217,29 +210,17 @@ def test_nothing_is_green_beside_a_lost_car(lost_runs):
         assert True not in (off, spun), line.title
         if line.title in ('completed', 'collided', 'left the road', 'lost control'):
             assert sound is True, line.title
-    judged = {
-        line.title: [cell.text for cell in line.cells] for line in metrics_table.table_lines(result)
-    }
-    assert judged['lost control'] == ['no', 'no', 'spun']
-    assert judged['left the road'] == ['no', 'yes', 'no']
-    bad = {
-        line.title: [cell.good for cell in line.cells] for line in metrics_table.table_lines(result)
-    }
-    assert bad['lost control'][2] is False
-    assert bad['left the road'][1] is False
+    cells = {line.title: line.cells for line in metrics_table.table_lines(result)}
+    assert [cell.text for cell in cells['lost control']] == ['no', 'no', 'spun']
+    assert [cell.text for cell in cells['left the road']] == ['no', 'yes', 'no']
+    assert cells['lost control'][2].good is False
+    assert cells['left the road'][1].good is False
 
 
 def test_stations_of_losses_have_rows_only_where_there_was_one(make_drive, lost_runs):
-    titles = [
-        line.title
-        for line in metrics_table.table_lines({'one': metrics.compute_metrics(make_drive())})
-    ]
-    assert '  outline beyond the edge' not in titles
-    shown = [
-        line.title
-        for line in metrics_table.table_lines({'off': metrics.compute_metrics(lost_runs['off'])})
-    ]
-    assert '  outline beyond the edge' in shown
+    for drive, lost in ((make_drive(), False), (lost_runs['off'], True)):
+        lines = metrics_table.table_lines({'one': metrics.compute_metrics(drive)})
+        assert ('  outline beyond the edge' in [line.title for line in lines]) == lost
 
 
 def test_three_lost_cars_fit_into_a_plain_terminal(make_drive):
@@ -258,7 +239,7 @@ def test_every_verdict_is_in_the_json_below_the_table_and_in_the_report(lost_run
     page = ' '.join(compared.report.read_text().split())
     for name, result in json.loads(compared.file.read_text())['runs'].items():
         assert f'{name}: {result["verdict"]}\n' in console.file.getvalue()
-        assert f'<strong>{name}</strong> {result["verdict"]}</li>' in page
+        assert f'<strong>{name}</strong>: {result["verdict"]}</li>' in page
 
 
 def test_points_of_an_outline_begin_and_end_at_its_corners():

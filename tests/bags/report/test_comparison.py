@@ -9,7 +9,6 @@ from rich.console import Console
 
 from bags import cli
 from bags.evaluation import metrics
-from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics.registry import METRICS
 from bags.evaluation.series import compute_series
 from bags.figures import comparison_figures, panels, style
@@ -17,23 +16,11 @@ from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
 
 
-@pytest.fixture(scope='module')
-def drives(make_drive):
-    """Return three drives past an obstacle, one of which moves."""
-    scene = make_drive().scene
-    still, ones = np.zeros(101), np.ones(101)
-    moving = np.linspace(20.0, 45.0, 101)
-    scene = scene._replace(
-        obstacles=(
-            Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
-            Obstacle(2, moving, 4.0 * ones, 5.0 * ones, still, 0.5),
-        )
-    )
-    return {
-        'mpcc': make_drive(scene=scene, y=lambda x: 0.3 * np.sin(x / 15.0)),
-        'mpcc_no_ca': make_drive(scene=scene, controller='mpcc_no_ca'),
-        'own': make_drive(scene=scene, controller='own', force=lambda x: -20.0 * x),
-    }
+@pytest.fixture(scope='session')
+def drives(drives, make_drive):
+    """Return three drives past two obstacles, one of which moves."""
+    third = make_drive(scene=drives['mpcc'].scene, controller='mpcc_no_ca')
+    return {'mpcc': drives['mpcc'], 'mpcc_no_ca': third, 'own': drives['own']}
 
 
 @pytest.fixture(scope='module')
@@ -64,24 +51,17 @@ def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
         assert item.read_bytes() == other.read_bytes(), item.name
 
 
-def test_a_figure_shows_every_run_in_its_own_colour(drives):
-    colours = style.assign_colours(list(drives))
-    assert len(set(colours.values())) == len(drives)
-    runs = [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
+def test_a_figure_shows_every_run_in_its_own_colour(runs):
+    colours = {run.colour for run in runs}
+    assert len(colours) == len(runs)
     for panel in comparison_figures.NAMES:
         axes = comparison_figures.Figure().add_subplot()
         panel(axes, runs)
         drawn = {line.get_color() for line in axes.get_lines()}
-        assert drawn >= set(colours.values()), panel.__name__
+        assert drawn >= colours, panel.__name__
         assert axes.get_xlabel()
         assert axes.get_ylabel()
         assert '[' in axes.get_xlabel()
-
-
-@pytest.fixture(scope='module')
-def runs(drives):
-    colours = style.assign_colours(list(drives))
-    return [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
 
 
 @pytest.mark.parametrize(

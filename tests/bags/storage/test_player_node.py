@@ -244,18 +244,9 @@ def test_command_becomes_the_player_with_every_option(monkeypatch):
 
 
 def test_command_plays_a_bag(bag_folder):
+    options = ['--rate', '50', '--topics', '/clock']
     done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'bags.cli',
-            'play',
-            bag_folder,
-            '--rate',
-            '50',
-            '--topics',
-            '/clock',
-        ],
+        [sys.executable, '-m', 'bags.cli', 'play', bag_folder, *options],
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,

@@ -18,13 +18,17 @@ TIMEOUT_S = 90
 FULL_RATE_HZ = 2400  # messages of all topics of the contract together
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_signal_completes_the_bag_with_everything_delivered(
-    tmp_path, start_recorder, make_ring, messages, number
-):
+@pytest.fixture
+def recorder(tmp_path, start_recorder, make_ring, messages):
+    """Return a recorder to which everything was sent."""
     recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
     ring.wait_for_recorder()
     ring.publish_all(messages)
+    return recorder
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_completes_the_bag_with_everything_delivered(tmp_path, recorder, messages, number):
     code, output = recorder.end(number)
     assert code == 0, output
     assert counts(tmp_path / 'bag') == expected(messages)
@@ -33,11 +37,8 @@ def test_signal_completes_the_bag_with_everything_delivered(
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_more_signals_until_the_process_has_ended_change_nothing(
-    tmp_path, start_recorder, make_ring, messages, number
+    tmp_path, recorder, messages, number
 ):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
-    ring.publish_all(messages)
     ended = recorder.process.poll
 
     def insist():
