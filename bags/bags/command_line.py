@@ -49,15 +49,14 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
 
 
-def add_out(parser: argparse.ArgumentParser, receives: str, default: Path | str) -> None:
-    """Add the option of the folder for the results; a default that is a text only describes it."""
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=default if isinstance(default, Path) else None,
-        metavar='DIR',
-        help=f'receives {receives} (default: {default})',
-    )
+def add_out(parser: argparse.ArgumentParser, default: Path | str, content: str) -> None:
+    """Add the option --out for the folder that receives `content`.
+
+    A default that is a text describes what the command does without the option.
+    """
+    path = default if isinstance(default, Path) else None
+    text = f'receives {content} (default: {default})'
+    parser.add_argument('--out', type=Path, default=path, metavar='DIR', help=text)
 
 
 def print_summary(

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--list-metrics', action=_ListMetrics, nargs=0, help='print what each metric means and exit'
     )
-    command_line.add_out(parser, 'the files', 'the folder of the first bag')
+    command_line.add_out(parser, 'the folder of the first bag', 'the files')
     parser.add_argument(
         '--force', action='store_true', help='compare runs of different scenarios or plants anyway'
     )

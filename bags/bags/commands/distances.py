@@ -15,7 +15,7 @@ HELP = 'distance to the obstacle on a circle, in two frames (experiment 1)'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bags distances`."""
     command_line.add_bag(parser, type=Path, help='a run of circle_20m')
-    command_line.add_out(parser, 'distances.json, .png and .svg', 'the folder of the bag')
+    command_line.add_out(parser, 'the folder of the bag', 'distances.json, .png and .svg')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,7 +4,6 @@ Modules import what they need in `run`, so that `experiments --help` answers at 
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 
@@ -14,12 +13,6 @@ def positive_number(text: str) -> float:
     if not 0.0 < value < float('inf'):
         raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
     return value
-
-
-def add_out(parser: argparse.ArgumentParser, default: Path, content: str) -> None:
-    """Add the option --out for the folder that receives `content`."""
-    text = f'receives {content} (default: {default})'
-    parser.add_argument('--out', type=Path, default=default, metavar='DIR', help=text)
 
 
 def add_list(

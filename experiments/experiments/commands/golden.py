@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_out
+from bags.command_line import add_out
 
 HELP = 'replace the golden recordings by new runs'
 EXAMPLE = 'experiments golden'

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bags import command_line
+from bags.command_line import add_out
 from experiments.commands import add_list
 
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='of the cost and of the least distance to obstacles, to every weight',
     )
-    command_line.add_out(parser, 'the figure', 'figures/ beside the folder of the bag')
+    add_out(parser, 'figures/ beside the folder of the bag', 'the figure')
 
 
 def run(options: argparse.Namespace) -> int:

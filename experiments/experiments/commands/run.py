@@ -5,7 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_list, add_out, positive_number
+from bags.command_line import add_out
+from experiments.commands import add_list, positive_number
 
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'

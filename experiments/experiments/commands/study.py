@@ -10,8 +10,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bags.command_line import add_out
 from bags.errors import BagError
-from experiments.commands import add_list, add_out
+from experiments.commands import add_list
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
 EXAMPLE = 'experiments study distributions --quick --runs 10'

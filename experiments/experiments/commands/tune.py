@@ -6,8 +6,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bags.command_line import add_out
 from bags.errors import BagError
-from experiments.commands import add_list, add_out, positive_number
+from experiments.commands import add_list, positive_number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
