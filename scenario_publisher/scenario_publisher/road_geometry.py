@@ -64,19 +64,11 @@ def sample_line(block: schema.Line, key: str, spacing: float, error: ErrorAt) ->
 
 
 def _curve(segment, key, error):
-    match segment:
-        case schema.StraightSegment(straight=piece):
-            return lines.straight(piece.length_m)
-        case schema.ArcSegment(arc=piece):
-            return lines.arc(piece.length_m, piece.curvature_1pm)
-        case schema.ClothoidSegment(clothoid=piece):
-            ends = piece.start_curvature_1pm, piece.end_curvature_1pm
-            return lines.clothoid(piece.length_m, *ends)
-        case schema.LaneChangeSegment(lane_change=piece):
-            try:
-                return lines.lane_change(piece.length_m, piece.offset_m)
-            except ValueError as reason:
-                raise error(f'{key}.lane_change.offset_m', str(reason)) from None
+    ((kind, piece),) = vars(segment).items()
+    try:
+        return getattr(lines, kind)(*vars(piece).values())
+    except ValueError as reason:  # of a lane change
+        raise error(f'{key}.{kind}.offset_m', str(reason)) from None
 
 
 def check_points(rows: Sequence, key: str, max_turn: float, error: ErrorAt) -> np.ndarray:

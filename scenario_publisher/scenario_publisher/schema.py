@@ -3,8 +3,10 @@
 docs/scenarios.md gives the meaning of each key; a test keeps both equal.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
+from functools import reduce
 from math import inf
+from operator import or_
 from typing import Annotated, Literal
 
 from node_runtime import parameters
@@ -70,35 +72,14 @@ class LaneChange:
     offset_m: Offset
 
 
-@dataclass(frozen=True)
-class StraightSegment:
-    """A straight segment."""
-
-    straight: Straight
-
-
-@dataclass(frozen=True)
-class ArcSegment:
-    """An arc segment."""
-
-    arc: Arc
+def _one_of(**kinds: type):
+    """Return the alternatives of a block with one key, which names the kind of its value."""
+    blocks = (make_dataclass(key, [(key, kind)], frozen=True) for key, kind in kinds.items())
+    return reduce(or_, blocks)
 
 
-@dataclass(frozen=True)
-class ClothoidSegment:
-    """A clothoid segment."""
-
-    clothoid: Clothoid
-
-
-@dataclass(frozen=True)
-class LaneChangeSegment:
-    """A lane-change segment."""
-
-    lane_change: LaneChange
-
-
-Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
+# the functions of `lines` have these names, and their arguments the order of the fields
+Segment = _one_of(straight=Straight, arc=Arc, clothoid=Clothoid, lane_change=LaneChange)
 
 
 @dataclass(frozen=True)

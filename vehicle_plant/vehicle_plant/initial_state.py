@@ -35,12 +35,7 @@ def start_from_reference(path: Reference) -> Start:
 def rolling_state(params: PlantParams, start: Start) -> np.ndarray:
     """Return the flat state (n_x,) of a car that rolls straight ahead without slip."""
     x = dict.fromkeys(named_vector.names(State), 0.0)
-    x |= {
-        'planar.X': start.X,
-        'planar.Y': start.Y,
-        'planar.psi': start.psi,
-        'planar.vx': start.speed,
-    }
+    x |= zip(('planar.X', 'planar.Y', 'planar.psi', 'planar.vx'), start)
     for w in WHEELS:
         x[f'wheels.{w}.omega'] = start.speed / params.car.wheel.radius_m
         x[f'wheels.{w}.windup'] = float(np.sign(start.speed))

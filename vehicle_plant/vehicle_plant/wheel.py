@@ -80,7 +80,7 @@ def torques(wheel, axle_force, Fz, p, lining):
 
 
 def windup_rate(wheel, lining):
-    """Return the derivative of the lining's wind-up [1/s]; `slipped` ends it."""
+    """Return the derivative of the lining's wind-up [1/s]; `limit_windup` ends it."""
     return wheel.omega / lining.windup_rad
 
 
