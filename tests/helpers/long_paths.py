@@ -4,9 +4,7 @@ import time
 
 import numpy as np
 
-from msgs_yaml import encode
 from msgs_yaml.types import Reference, RoadEdges
-from node_runtime import ros
 
 S = 1_000_000_000
 LATER_NS = 1_795_000_000_987_654_321
@@ -26,16 +24,6 @@ def edges(points=LONGEST, stamp_ns=5 * S + 3):
     middle = path(points)
     left, right = (np.column_stack([middle.X, middle.Y + offset]) for offset in (3.5, -3.5))
     return RoadEdges(stamp_ns, left, right)
-
-
-def raw_path(**given):
-    """Return the bytes of a path."""
-    return ros.serialize(encode.reference(path(**given)))
-
-
-def raw_edges(**given):
-    """Return the bytes of edges."""
-    return ros.serialize(encode.road_edges(edges(**given)))
 
 
 def are_equal(ours, theirs):

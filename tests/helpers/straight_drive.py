@@ -9,7 +9,6 @@ from bags.evaluation.drive import (
     Facts,
     Inputs,
     Motion,
-    Obstacle,
     Scene,
     Ticks,
 )
@@ -41,12 +40,6 @@ def straight_scene(obstacles=()):
         obstacle_stamp_ns=START_NS + np.arange(0, 101) * 50 * MS,
         obstacles=tuple(obstacles),
     )
-
-
-def fixed_obstacle(number, x, y, radius=1.0):
-    """Return an obstacle that stands still throughout."""
-    still = np.zeros(101)
-    return Obstacle(number, np.full(101, x), np.full(101, y), still, still, radius)
 
 
 def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **facts):

@@ -6,117 +6,65 @@ negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in it
 vertical shift with camber: SHY3, a name of ours, is 1 for 6.1 and 0 for 5.2.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import Annotated
 
 from node_runtime.parameters import Range
 
-Number = Annotated[float, Range(-1e4, 1e4, '-')]
-Positive = Annotated[float, Range(1e-3, 1e3, '-')]
-Negative = Annotated[float, Range(-1e3, -1e-3, '-')]
-Shape = Annotated[float, Range(0.1, 5.0, '-')]
+_NUMBER = Range(-1e4, 1e4, '-')
+_FACTOR = Range(0.1, 10.0, '-')
+_MAY_BE_ZERO = ('LEX', 'LHX', 'LVX', 'LEY', 'LHY', 'LVY', 'LKYC', 'LVYKA')
+_RANGES = {  # where it is not the usual one of the group
+    'FNOMIN': Range(100.0, 20000.0, 'N'),
+    'NOMPRES': Range(50e3, 500e3, 'Pa'),
+    'PKY1': Range(-1e3, -1e-3, '-'),
+    'SHY3': Range(0.0, 1.0, '-'),
+    **dict.fromkeys(('PCX1', 'PCY1', 'RCX1', 'RCY1'), Range(0.1, 5.0, '-')),
+    **dict.fromkeys(('PKX1', 'PKY2', 'RBX1', 'RBY1'), Range(1e-3, 1e3, '-')),
+    **dict.fromkeys(_MAY_BE_ZERO, Range(0.0, 10.0, '-')),
+}
 
 
-@dataclass(frozen=True)
-class Reference:
-    """The conditions to which the coefficients refer."""
-
-    FNOMIN: Annotated[float, Range(100.0, 20000.0, 'N')]
-    NOMPRES: Annotated[float, Range(50e3, 500e3, 'Pa')]
-
-
-@dataclass(frozen=True)
-class Longitudinal:
-    """Pure longitudinal slip."""
-
-    PCX1: Shape
-    PDX1: Number
-    PDX2: Number
-    PDX3: Number
-    PEX1: Number
-    PEX2: Number
-    PEX3: Number
-    PEX4: Number
-    PKX1: Positive
-    PKX2: Number
-    PKX3: Number
-    PHX1: Number
-    PHX2: Number
-    PVX1: Number
-    PVX2: Number
-    PPX1: Number
-    PPX2: Number
-    PPX3: Number
-    PPX4: Number
+def _group(name, about, fields, usual=_NUMBER):
+    """Return a frozen dataclass of numbers, each with its range."""
+    kinds = [(field, Annotated[float, _RANGES.get(field, usual)]) for field in fields.split()]
+    namespace = {'__doc__': about, '__module__': __name__}
+    return make_dataclass(name, kinds, frozen=True, namespace=namespace)
 
 
-@dataclass(frozen=True)
-class Lateral:
-    """Pure side slip and camber."""
-
-    PCY1: Shape
-    PDY1: Number
-    PDY2: Number
-    PDY3: Number
-    PEY1: Number
-    PEY2: Number
-    PEY3: Number
-    PEY4: Number
-    PEY5: Number
-    PKY1: Negative
-    PKY2: Positive
-    PKY3: Number
-    PKY4: Number
-    PKY5: Number
-    PKY6: Number
-    PKY7: Number
-    PHY1: Number
-    PHY2: Number
-    PHY3: Number
-    SHY3: Annotated[float, Range(0.0, 1.0, '-')]
-    PVY1: Number
-    PVY2: Number
-    PVY3: Number
-    PVY4: Number
-    PPY1: Number
-    PPY2: Number
-    PPY3: Number
-    PPY4: Number
-    PPY5: Number
-
-
-@dataclass(frozen=True)
-class CombinedLongitudinal:
-    """Loss of longitudinal force by side slip."""
-
-    RBX1: Positive
-    RBX2: Number
-    RBX3: Number
-    RCX1: Shape
-    REX1: Number
-    REX2: Number
-    RHX1: Number
-
-
-@dataclass(frozen=True)
-class CombinedLateral:
-    """Loss of lateral force by longitudinal slip, and the side force which that slip induces."""
-
-    RBY1: Positive
-    RBY2: Number
-    RBY3: Number
-    RBY4: Number
-    RCY1: Shape
-    REY1: Number
-    REY2: Number
-    RHY1: Number
-    RHY2: Number
-    RVY1: Number
-    RVY2: Number
-    RVY3: Number
-    RVY4: Number
-    RVY5: Number
-    RVY6: Number
+Reference = _group(
+    'Reference',
+    'The conditions to which the coefficients refer.',
+    'FNOMIN NOMPRES',
+)
+Longitudinal = _group(
+    'Longitudinal',
+    'Pure longitudinal slip.',
+    'PCX1 PDX1 PDX2 PDX3 PEX1 PEX2 PEX3 PEX4 PKX1 PKX2 PKX3 PHX1 PHX2 PVX1 PVX2 PPX1 PPX2 PPX3 '
+    'PPX4',
+)
+Lateral = _group(
+    'Lateral',
+    'Pure side slip and camber.',
+    'PCY1 PDY1 PDY2 PDY3 PEY1 PEY2 PEY3 PEY4 PEY5 PKY1 PKY2 PKY3 PKY4 PKY5 PKY6 PKY7 PHY1 PHY2 '
+    'PHY3 SHY3 PVY1 PVY2 PVY3 PVY4 PPY1 PPY2 PPY3 PPY4 PPY5',
+)
+CombinedLongitudinal = _group(
+    'CombinedLongitudinal',
+    'Loss of longitudinal force by side slip.',
+    'RBX1 RBX2 RBX3 RCX1 REX1 REX2 RHX1',
+)
+CombinedLateral = _group(
+    'CombinedLateral',
+    'Loss of lateral force by longitudinal slip, and the side force which that slip induces.',
+    'RBY1 RBY2 RBY3 RBY4 RCY1 REY1 REY2 RHY1 RHY2 RVY1 RVY2 RVY3 RVY4 RVY5 RVY6',
+)
+TyreScaling = _group(
+    'TyreScaling',
+    'The factors lambda of Pacejka 4.3.1: 1 leaves the published tyre as it is.',
+    'LFZO LCX LMUX LEX LKX LHX LVX LCY LMUY LEY LKY LHY LVY LKYC LXAL LYKA LVYKA',
+    _FACTOR,
+)
 
 
 @dataclass(frozen=True)
@@ -128,26 +76,3 @@ class TyreCoefficients:
     lateral: Lateral
     combined_longitudinal: CombinedLongitudinal
     combined_lateral: CombinedLateral
-
-
-@dataclass(frozen=True)
-class TyreScaling:
-    """The factors lambda of Pacejka 4.3.1: 1 leaves the published tyre as it is."""
-
-    LFZO: Annotated[float, Range(0.1, 10.0, '-')]
-    LCX: Annotated[float, Range(0.1, 10.0, '-')]
-    LMUX: Annotated[float, Range(0.1, 10.0, '-')]
-    LEX: Annotated[float, Range(0.0, 10.0, '-')]
-    LKX: Annotated[float, Range(0.1, 10.0, '-')]
-    LHX: Annotated[float, Range(0.0, 10.0, '-')]
-    LVX: Annotated[float, Range(0.0, 10.0, '-')]
-    LCY: Annotated[float, Range(0.1, 10.0, '-')]
-    LMUY: Annotated[float, Range(0.1, 10.0, '-')]
-    LEY: Annotated[float, Range(0.0, 10.0, '-')]
-    LKY: Annotated[float, Range(0.1, 10.0, '-')]
-    LHY: Annotated[float, Range(0.0, 10.0, '-')]
-    LVY: Annotated[float, Range(0.0, 10.0, '-')]
-    LKYC: Annotated[float, Range(0.0, 10.0, '-')]
-    LXAL: Annotated[float, Range(0.1, 10.0, '-')]
-    LYKA: Annotated[float, Range(0.1, 10.0, '-')]
-    LVYKA: Annotated[float, Range(0.0, 10.0, '-')]
