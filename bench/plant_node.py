@@ -29,17 +29,16 @@ from node_runtime import ros, spin_node
 
 NS_PER_MS = 1e6
 TICK_S = 0.05
-CPU_TARGET = 35.0  # % of one core
-DEVIATION_TARGETS_MS = (0.2, 2.0)  # median, 99th percentile
+TARGETS = {'cpu_percent_of_a_core': 35.0, 'deviation_p50_ms': 0.2, 'deviation_p99_ms': 2.0}
 LATEST_S = 60.0
 
 
 class Driver(Node):
     """Weaves."""
 
-    def __init__(self, context, mode):
+    def __init__(self, context):
         super().__init__('controller', context=context)
-        self.declare_parameter('mode', mode)
+        self.declare_parameter('mode', 'realtime')
         self.raw = None
         self.pub = ros.publisher(self, '/controller/command')
         self.sub = ros.subscribe(self, '/vehicle/odometry', self.on_odometry, raw=True)
@@ -97,7 +96,7 @@ def drive(seconds: float, domain: int) -> dict:
         command = [sys.executable, __file__, '--inside', str(out), '--ros-args', *given]
         context = Context()
         rclpy.init(context=context, domain_id=domain)
-        node = Driver(context, 'realtime')
+        node = Driver(context)
         executor = EventsExecutor(context=context)
         executor.add_node(node)
         plant = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(domain)})
@@ -144,15 +143,9 @@ def main() -> int:
     if options.inside:
         return inside(options.inside)
     results = figures(drive(options.seconds, options.domain))
-    targets = dict(
-        zip(
-            ('cpu_percent_of_a_core', 'deviation_p50_ms', 'deviation_p99_ms'),
-            (CPU_TARGET, *DEVIATION_TARGETS_MS),
-        )
-    )
     print(f'{"":<26}{"found":>12}{"target":>10}')
     for name, value in results.items():
-        target = f'{targets[name]:10.1f}' if name in targets else ''
+        target = f'{TARGETS[name]:10.1f}' if name in TARGETS else ''
         print(f'{name:<26}{value:12.3f}{target}')
     options.json.write_text(json.dumps(results, indent=2) + '\n')
     return 0

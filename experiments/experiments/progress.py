@@ -18,6 +18,11 @@ BAR_WIDTH = 24
 LINE_EVERY_S = 5.0  # without a terminal
 
 
+def print_text(console: Console, text: str) -> None:
+    """Print a line as it is: without markup, colours and line breaks."""
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
 class ProgressDisplay:
     """A context that shows one bar per task; `note` is the text behind a bar."""
 
@@ -45,7 +50,7 @@ class ProgressDisplay:
     def print_line(self, text: str) -> None:
         """Print a line where there is no terminal."""
         if not self.console.is_terminal:
-            self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            print_text(self.console, text)
 
 
 class RunProgress(ProgressDisplay):

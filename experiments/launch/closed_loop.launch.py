@@ -11,14 +11,6 @@ Ctrl-C, an argument that cannot be used. The recording is kept.
 import os
 from pathlib import Path
 
-from launch.actions import (
-    DeclareLaunchArgument,
-    LogInfo,
-    OpaqueFunction,
-    SetEnvironmentVariable,
-    Shutdown,
-    TimerAction,
-)
 from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -26,32 +18,18 @@ from launch_ros.actions import Node
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config
 from experiments.run import node_graph, processes, staging
-from launch import LaunchDescription
+from launch import LaunchDescription, actions
 
-
-def argument(name, default, description, choices=None):
-    """Return the declaration of a launch argument."""
-    return DeclareLaunchArgument(
-        name, default_value=default, description=description, choices=choices
+MODES, SWITCH = ['lockstep', 'realtime'], ['true', 'false']
+ARGUMENTS = tuple(
+    actions.DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
+    for name, default, text, choices in (
+        ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file', None),
+        ('controller', 'mpcc', 'name of a file in mpcc_controller/config, or of a YAML file', None),
+        ('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
+        ('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet', None),
+        ('markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH),
     )
-
-
-ARGUMENTS = (
-    argument('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'),
-    argument('controller', 'mpcc', 'name of a file in mpcc_controller/config, or of a YAML file'),
-    argument(
-        'mode',
-        'lockstep',
-        'lockstep: simulated time; realtime: wall clock',
-        ['lockstep', 'realtime'],
-    ),
-    argument('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet'),
-    argument(
-        'markers',
-        'false',
-        'whether markers_node draws the run for RViz and Foxglove',
-        ['true', 'false'],
-    ),
 )
 # seconds from SIGINT until launch sends SIGTERM
 SHUTDOWN_S = {'recorder': node_graph.RECORDER_S}
@@ -78,8 +56,8 @@ class RunMonitor:
         if role == 'plant' and code == node_graph.FINISHED and not context.is_shutdown:
             self.is_finished = True
             # the final state is answered, too, and the answer is recorded
-            return TimerAction(
-                period=node_graph.SETTLE_S, actions=[Shutdown(reason='the plant ended')]
+            return actions.TimerAction(
+                period=node_graph.SETTLE_S, actions=[actions.Shutdown(reason='the plant ended')]
             )
         if code == 0 and context.is_shutdown and (self.is_finished or self.has_failed):
             return None
@@ -117,7 +95,7 @@ def start_nodes(context):
     monitor = RunMonitor()
     return [
         *(
-            LogInfo(msg=f'warning, {controller.name}: {text}')
+            actions.LogInfo(msg=f'warning, {controller.name}: {text}')
             for text in inputs.find_warnings(facts, checked)
         ),
         *(_start(node, folder, monitor) for node in nodes),
@@ -143,7 +121,10 @@ def generate_launch_description():
     return LaunchDescription(
         [
             *ARGUMENTS,
-            *(SetEnvironmentVariable(name, environment[name]) for name in (*defaults, *fixed)),
-            OpaqueFunction(function=start_nodes),
+            *(
+                actions.SetEnvironmentVariable(name, environment[name])
+                for name in (*defaults, *fixed)
+            ),
+            actions.OpaqueFunction(function=start_nodes),
         ]
     )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver import vector_codegen
+from stage_solver import stage_functions, vector_codegen
 from stage_solver.expression_graph import ExpressionGraph
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, StageProblem
 
@@ -47,21 +47,16 @@ class StageModel(NamedTuple):
 
 def make_stage(problem: StageProblem) -> StageModel:
     """Return the functions of stages 0..N-1."""
-    w = ca.SX.sym('w', problem.nu + problem.nx)
-    p = ca.SX.sym('p', problem.np)
-    u = w[: problem.nu] * ca.DM(problem.scale_u)
-    x = w[problem.nu :] * ca.DM(problem.scale_x)
-    F = problem.dynamics(x, u, p) / ca.DM(problem.scale_x)
-    return _model('stage', w, p, F, problem.stage_cost(x, u, p), problem.constraints(x, u, p))
+    w, p = ca.SX.sym('w', problem.nu + problem.nx), ca.SX.sym('p', problem.np)
+    values = stage_functions.evaluate_stage(problem, w[problem.nu :], w[: problem.nu], p)
+    return _model('stage', w, p, *values)
 
 
 def make_last_stage(problem: StageProblem) -> StageModel:
     """Return the functions of stage N, where w is the state alone and there are no dynamics."""
-    w = ca.SX.sym('w', problem.nx)
-    p = ca.SX.sym('p', problem.np)
-    x = w * ca.DM(problem.scale_x)
-    cost, g = problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
-    return _model('last', w, p, ca.SX(0, 1), cost, g)
+    w, p = ca.SX.sym('w', problem.nx), ca.SX.sym('p', problem.np)
+    values = stage_functions.evaluate_last_stage(problem, w, p)
+    return _model('last', w, p, ca.SX(0, 1), *values)
 
 
 @lru_cache(MAX_CACHED_PROBLEMS)

@@ -31,22 +31,29 @@ class StageFunctions(NamedTuple):
 
 def make_stage(problem: StageProblem) -> StageFunctions:
     """Return the functions of stages 0..N-1 of a problem."""
-    w = ca.SX.sym('w', problem.nx + problem.nu)
-    p = ca.SX.sym('p', problem.np)
-    x = w[: problem.nx] * ca.DM(problem.scale_x)
-    u = w[problem.nx :] * ca.DM(problem.scale_u)
-    x_next = problem.dynamics(x, u, p) / ca.DM(problem.scale_x)
-    c = ca.vertcat(-x_next, problem.constraints(x, u, p))
-    return _differentiate('stage', problem, w, p, problem.stage_cost(x, u, p), c)
+    w, p = ca.SX.sym('w', problem.nx + problem.nu), ca.SX.sym('p', problem.np)
+    x_next, cost, g = evaluate_stage(problem, w[: problem.nx], w[problem.nx :], p)
+    return _differentiate('stage', problem, w, p, cost, ca.vertcat(-x_next, g))
 
 
 def make_last_stage(problem: StageProblem) -> StageFunctions:
     """Return the functions of stage N, where w is the state alone and c is h."""
-    w = ca.SX.sym('w', problem.nx)
-    p = ca.SX.sym('p', problem.np)
-    x = w * ca.DM(problem.scale_x)
-    c = problem.terminal_constraints(x, p)
-    return _differentiate('last', problem, w, p, problem.terminal_cost(x, p), c)
+    w, p = ca.SX.sym('w', problem.nx), ca.SX.sym('p', problem.np)
+    return _differentiate('last', problem, w, p, *evaluate_last_stage(problem, w, p))
+
+
+def evaluate_stage(problem: StageProblem, x: ca.SX, u: ca.SX, p: ca.SX) -> tuple[ca.SX, ...]:
+    """Return next state, cost and g of a stage; states and inputs are in solver units."""
+    scale_x = ca.DM(problem.scale_x)
+    arguments = x * scale_x, u * ca.DM(problem.scale_u), p
+    x_next = problem.dynamics(*arguments) / scale_x
+    return x_next, problem.stage_cost(*arguments), problem.constraints(*arguments)
+
+
+def evaluate_last_stage(problem: StageProblem, x: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return cost and h of stage N; the state is in solver units."""
+    x = x * ca.DM(problem.scale_x)
+    return problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
 
 
 def _differentiate(name, problem, w, p, cost, c):

@@ -76,13 +76,23 @@ def drives(found):
     return any(sum(row) >= IN_A_ROW - 1 for row in rows)
 
 
+@pytest.fixture
+def whys_in_lockstep(highway, tmp_path, domain):
+    """Return a function that starts `restarted` again, waits for `role` to say so, and drives."""
+
+    def drive(restarted, role, message):
+        with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph:
+            begin(graph)
+            restart(graph, restarted)
+            graph.wait_for(role, message, PATIENCE_S)
+            return whys(graph)
+
+    return drive
+
+
 @pytest.mark.smoke
-def test_in_lockstep_a_controller_started_again_drives_on(highway, tmp_path, domain):
-    with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph:
-        begin(graph)
-        restart(graph, 'controller')
-        graph.wait_for('controller', 'started from the actuators', PATIENCE_S)
-        found = whys(graph)
+def test_in_lockstep_a_controller_started_again_drives_on(whys_in_lockstep):
+    found = whys_in_lockstep('controller', 'controller', 'started from the actuators')
     steps = np.diff([one.stamp_ns for one in found])
     # time waited; what was on its way when the old one died may be missing
     assert (steps > 0).all()
@@ -91,12 +101,8 @@ def test_in_lockstep_a_controller_started_again_drives_on(highway, tmp_path, dom
     assert {one.values['rung'] for one in found} == {'solved'}
 
 
-def test_in_lockstep_a_scenario_started_again_is_believed_again(highway, tmp_path, domain):
-    with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph:
-        begin(graph)
-        restart(graph, 'scenario')
-        graph.wait_for('plant', 'sending the present state again', PATIENCE_S)
-        found = whys(graph)
+def test_in_lockstep_a_scenario_started_again_is_believed_again(whys_in_lockstep):
+    found = whys_in_lockstep('scenario', 'plant', 'sending the present state again')
     assert not any(one.values['reason'] == 'obstacles_stale' for one in found)
 
 

@@ -91,7 +91,7 @@ def save_figure(figure, stem: Path) -> list[Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
-    paths = [stem.with_suffix('.png'), stem.with_suffix('.svg')]
+    paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
     figure.savefig(paths[0])
     # the layout is computed; computing it again takes half of the time
     figure.set_layout_engine('none')

@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run one part; 0 when it was written. Raises BagError."""
     # imported late: simulation and controllers take a second to load
-    from experiments.progress import CountProgress
+    from experiments.progress import CountProgress, print_text
     from experiments.study.runner import Runner
 
     roles = dict(_parse_role(text) for text in options.role)
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         files = run_part(options, runner, roles)
     console.print(f'{runner.simulated} runs simulated, the others were cached')
     for path in files:
-        console.print(str(path), markup=False, highlight=False, soft_wrap=True)
+        print_text(console, str(path))
     return 0
 
 
@@ -109,7 +109,7 @@ def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> l
         rows = [*compared, *variants.further_variants(roles, options.tuned)]
         if not quick:
             rows += variants.switched_variants(roles)
-        return limit.run(runner, out, _select_rows(options.row, rows), runs).files
+        return limit.run(runner, out, _select_rows(options.row, rows), runs)
     if part == 'claims':
         return claim_evaluation.run(runner, out, runs, options.cause_runs, speeds, roles).files
     sweep = QUICK_SWEEP if quick else {}

@@ -68,22 +68,23 @@ def _count(text):
 def run(options: argparse.Namespace) -> int:
     """Tune and show. Raises BagError."""
     try:
-        from experiments.tuning import problem, tune
+        from experiments.tuning import problem, search, tune
     except ModuleNotFoundError as error:
         if error.name != 'optuna':
             raise
         raise BagError(NO_OPTUNA) from None
     folder = options.out / Path(options.controller).stem
-    request = tune.Request(
+    plan = search.Plan(
         options.controller,
         options.seed,
         tuple(options.trials),
+        tune.RANDOM,
+        tune.BATCH,
+        problem.CONDITIONS,
         options.tracking,
-        options.jobs,
-        folder,
-        options.write or folder,
-        options.also,
     )
     console = Console()
-    tune.show(tune.tune(request, problem.CONDITIONS, console), console)
+    controllers = options.write or folder
+    result = tune.tune(plan, options.jobs, folder, controllers, options.also, console)
+    tune.show(result, console)
     return 0

@@ -93,7 +93,10 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     checked = {node.role: _load(node) for node in nodes if node.role in LOADERS}
     for node in nodes:
         if node.role == 'controller':
-            _refuse_impossible(node, *checked[node.role])
+            try:
+                car_file.check_limits(*checked[node.role], node.origins)
+            except parameters.ParameterError as error:
+                raise BagError(str(error)) from None
     return checked
 
 
@@ -113,13 +116,6 @@ def _load(node):
     except (parameters.ParameterError, OSError) as error:
         files = ''.join(f' ({file})' for file in node.files)
         raise BagError(f'the {node.role}{files} would not start: {error}') from None
-
-
-def _refuse_impossible(node, params, vehicle):
-    try:
-        car_file.check_limits(params, vehicle, node.origins)
-    except parameters.ParameterError as error:
-        raise BagError(str(error)) from None
 
 
 def file_values(checked: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, Any]]:

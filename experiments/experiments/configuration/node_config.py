@@ -3,6 +3,8 @@
 import contextlib
 import json
 from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -139,31 +141,22 @@ def build_nodes(
         **{f'stop.{name}': value for name, value in facts.stop.items()},
         **{f'patches.{name}': list(value) for name, value in facts.patches.items() if value},
     }
-    nodes = (
-        Node('recorder', 'bags', 'recorder_node', (), {'out': str(bag), 'run_info': str(run_info)}),
-        Node('scenario', 'scenario_publisher', 'scenario_node', (), {'scenario': facts.source}),
-        Node(
-            'controller',
-            'mpcc_controller',
-            'controller_node',
-            (controller.config,),
-            {'model.friction': facts.friction},
-        ),
-        Node('plant', 'vehicle_plant', 'plant_node', (), plant),
-    )
-    return [
-        node._replace(
-            parameters={
-                'mode': mode,
-                # the run starts when the recorder listens; the recorder does not wait for itself
-                'recorders': int(node.role != 'recorder'),
-                **node.parameters,
-                **overrides.get(node.role, {}),
-            },
-            origins=_origins(node, facts, overrides.get(node.role, {})),
-        )
-        for node in nodes
-    ]
+    by_role = {
+        'recorder': {'out': str(bag), 'run_info': str(run_info)},
+        'scenario': {'scenario': facts.source},
+        'controller': {'model.friction': facts.friction},
+        'plant': plant,
+    }
+    nodes = []
+    for role, own in by_role.items():
+        given = overrides.get(role, {})
+        # the run starts when the recorder listens; the recorder does not wait for itself
+        values = {'mode': mode, 'recorders': int(role != 'recorder'), **own, **given}
+        files = (controller.config,) if role == 'controller' else ()
+        origins = _scenario_origins(role, own, facts)
+        origins |= {name: f'--set {role}.{name}' for name in given}
+        nodes.append(Node(role, DEFAULTS[role][0], f'{role}_node', files, values, origins))
+    return nodes
 
 
 def build_mpcc_nodes(
@@ -176,14 +169,10 @@ def build_mpcc_nodes(
     return build_nodes(facts, mpcc, mode, folder / BAG_FOLDER, run_info, overrides)
 
 
-def _origins(node, facts, settings):
-    keys = SCENARIO_KEYS.get(node.role, {})
-    origins = {}
-    for name in node.parameters:
-        key = keys.get(name) or keys.get(name.partition('.')[0])
-        if key:
-            origins[name] = f'scenario {facts.source}: {key}'
-    return origins | {name: f'--set {node.role}.{name}' for name in settings}
+def _scenario_origins(role, names, facts):
+    keys = SCENARIO_KEYS.get(role, {})
+    found = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in names}
+    return {name: f'scenario {facts.source}: {key}' for name, key in found.items() if key}
 
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:
@@ -251,23 +240,18 @@ def defaults_file(node: Node) -> Path:
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that a node is given by dotted name: files first, then settings."""
-    values = {}
-    for file in node.files:
-        values |= _read(node, file).values
-    return values | node.parameters
+    return reduce(or_, (file.values for file in _files(node)), {}) | node.parameters
 
 
 def parameter_sources(node: Node) -> dict[str, str]:
     """Return the source of each given parameter: file and line, scenario key, or --set."""
-    sources = {}
+    return reduce(or_, (file.sources for file in _files(node)), {}) | dict(node.origins)
+
+
+def _files(node):
+    """Yield the parameter files of a node; their `base` may be in the config/ of the package."""
     for file in node.files:
-        sources |= _read(node, file).sources
-    return sources | dict(node.origins)
-
-
-def _read(node, file):
-    """Return a parameter file of a node; its `base` may be in the config/ of the package."""
-    return parameters.read_file(file, share.path(node.package, 'config'))
+        yield parameters.read_file(file, share.path(node.package, 'config'))
 
 
 def write_parameter_file(node: Node, folder: Path) -> Path:
@@ -276,7 +260,7 @@ def write_parameter_file(node: Node, folder: Path) -> Path:
     A `base` of the node's files is written with its path: ROS does not tell a node where its files
     are.
     """
-    bases = [str(base) for file in node.files if (base := _read(node, file).base)]
+    bases = [str(file.base) for file in _files(node) if file.base]
     values = {parameters.BASE: bases[-1], **node.parameters} if bases else node.parameters
     path = folder / f'{node.role}.yaml'
     path.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))

@@ -14,6 +14,7 @@ from bags.errors import BagError
 from bags.evaluation import metrics
 from experiments import simulation
 from experiments.study import tables
+from node_runtime import parameters
 
 FILE = 'operating_point.json'
 SCENARIO = 'double_lane_change'  # at its own speed, the operating point
@@ -53,13 +54,8 @@ def simulate(controller: str) -> dict[str, float]:
 
 def select(values: Mapping[str, Any]) -> dict[str, float]:
     """Return the numbers of TOLERANCES by dotted name from the metrics of a run."""
-    return {name: _look_up(values, name) for name in TOLERANCES}
-
-
-def _look_up(values, name):
-    for part in name.split('.'):
-        values = values[part]
-    return values
+    flat = parameters.flatten_mapping(values)
+    return {name: flat[name] for name in TOLERANCES}
 
 
 def write(folder: Path) -> Path:

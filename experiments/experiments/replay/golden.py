@@ -65,7 +65,7 @@ def cut(bag: read.Bag, folder: Path) -> Path:
             log_ns, publish_ns = int(recorded.log_ns[row]), int(recorded.publish_ns[row])
             message = (log_ns, publish_ns, recorded.payloads[row], int(recorded.sequence[row]))
             rows.append((log_ns, index, message))
-    for _, index, message in sorted(rows, key=lambda row: (row[0], row[1])):
+    for _, index, message in sorted(rows, key=lambda row: row[:2]):
         writer.write(index, *message)
     writer.close()
     size = sum(file.stat().st_size for file in folder.iterdir())

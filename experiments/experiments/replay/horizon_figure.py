@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -18,7 +17,7 @@ MARGIN_M = 3.0
 CIRCLE_EVERY = 5  # stages
 FAR_M = 5.0  # distances beyond this are not drawn
 KILO = 1e3
-CHANGED = style.KNOWN['frenet']
+CHANGED = {'color': style.KNOWN['frenet'], 'linestyle': style.DASHED}
 
 
 class Curves(NamedTuple):
@@ -51,21 +50,10 @@ PANELS = (
 def write(answer: Answer, stem):
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    drawn = [
-        Curves('solved again', answer.solved, {'color': style.KNOWN['mpcc'], 'linestyle': '-'})
-    ]
-    if answer.changed:
-        look = {'color': CHANGED, 'linestyle': style.DASHED}
-        drawn.append(Curves('changed', answer.changed, look))
+    looks = ({'color': style.KNOWN['mpcc'], 'linestyle': '-'}, CHANGED)
+    drawn = [Curves(*curves) for curves in zip(('solved again', 'changed'), answer.both, looks)]
     with mpl.rc_context(style.RC):
-        figure = _sheet(answer, drawn)
-        FigureCanvasAgg(figure)
-        paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
-        figure.savefig(paths[0])
-        # keep the layout: computing it again takes half of the time
-        figure.set_layout_engine('none')
-        figure.savefig(paths[1], metadata={'Date': None})
-    return paths
+        return style.save_figure(_sheet(answer, drawn), stem)
 
 
 def _sheet(answer, drawn):
@@ -92,10 +80,8 @@ def _sheet(answer, drawn):
 
 def _view(answer, drawn):
     """Return the corners (2,) [m] of plans and edges."""
-    positions = [
-        np.column_stack([curves.solved.states['X'], curves.solved.states['Y']]) for curves in drawn
-    ]
-    points = np.concatenate(positions)
+    states = [curves.solved.states for curves in drawn]
+    points = np.concatenate([np.column_stack([x['X'], x['Y']]) for x in states])
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     edges = answer.tick.inputs.edges
     for edge in (edges.left, edges.right):
@@ -109,14 +95,8 @@ def _from_above(ax, answer, drawn, low, high):
     inputs = answer.tick.inputs
     for edge in (inputs.edges.left, inputs.edges.right):
         ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
-    ax.plot(
-        inputs.reference.X,
-        inputs.reference.Y,
-        color=style.REFERENCE,
-        lw=1.0,
-        ls=(0, (6, 3)),
-        zorder=2,
-    )
+    path = inputs.reference
+    ax.plot(path.X, path.Y, color=style.REFERENCE, lw=1.0, ls=(0, (6, 3)), zorder=2)
     _unsafe(ax, drawn[0].solved)
     for curves in drawn:
         _plan(ax, curves)
@@ -132,15 +112,12 @@ def _plan(ax, curves):
     radius, offsets = curves.solved.circles
     x = curves.solved.states
     ax.plot(x['X'], x['Y'], zorder=4, **curves.look)
-    for k in range(0, len(curves.solved.t), CIRCLE_EVERY):
+    colour = curves.look['color']
+    look = {'facecolor': (colour, 0.06), 'edgecolor': (colour, 0.5), 'lw': 0.7}
+    for X, Y, psi in zip(*(x[name][::CIRCLE_EVERY] for name in ('X', 'Y', 'psi'))):
         for offset in offsets:
-            centre = (
-                x['X'][k] + offset * np.cos(x['psi'][k]), x['Y'][k] + offset * np.sin(x['psi'][k])
-            )  # fmt: skip
-            colour = curves.look['color']
-            ax.add_patch(
-                Circle(centre, radius, facecolor=(colour, 0.06), edgecolor=(colour, 0.5), lw=0.7)
-            )
+            centre = X + offset * np.cos(psi), Y + offset * np.sin(psi)
+            ax.add_patch(Circle(centre, radius, **look))
 
 
 def _unsafe(ax, solved):
@@ -149,11 +126,9 @@ def _unsafe(ax, solved):
     for obstacle in solved.obstacles:
         moves = np.hypot(obstacle.vX, obstacle.vY) * solved.t[-1] > obstacle.r_obs
         touch = obstacle.r_obs + solved.circles[0]
+        strength = 0.4 if moves else 1.0
         for t in solved.t[:: 2 * CIRCLE_EVERY] if moves else solved.t[:1]:
-            centre, strength = (
-                (obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t),
-                0.4 if moves else 1.0,
-            )
+            centre = obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t
             for reach, colour, alpha in (
                 (touch + safe[f'obstacle {obstacle.id}'], style.UNSAFE, 0.22),
                 (touch, style.COLLISION, 0.16),

@@ -17,18 +17,9 @@ from bags.evaluation.controller_log import report_number
 from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
+from msgs_yaml import types
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import (
-    Actuators,
-    Command,
-    Obstacles,
-    Prediction,
-    Reference,
-    RoadEdges,
-    VehicleState,
-    Why,
-)
 
 NS_PER_MS = NS_PER_S // 1000
 MAX_MS = 60_000.0  # no part of a tick takes a minute: other programs may report anything
@@ -48,11 +39,11 @@ REJECTED_BY_AGE = ('too_old', 'from_future')
 class RecordedInputs(NamedTuple):
     """The inputs of the controller at a tick; None where it had no valid message."""
 
-    state: VehicleState | None
-    reference: Reference | None
-    edges: RoadEdges | None
-    obstacles: Obstacles | None
-    actuators: Actuators | None  # at a (re)start only
+    state: types.VehicleState | None
+    reference: types.Reference | None
+    edges: types.RoadEdges | None
+    obstacles: types.Obstacles | None
+    actuators: types.Actuators | None  # at a (re)start only
     acts_ns: int  # stamp at which the command takes effect
     fault: str  # the reason of the watchdog for not planning, '' for none
 
@@ -68,9 +59,9 @@ class Tick(NamedTuple):
     stamp_ns: int  # of the state that it answers
     t_s: float  # since the first tick
     inputs: RecordedInputs
-    command: Command | None  # None where it was lost
-    why: Why
-    prediction: Prediction | None
+    command: types.Command | None  # None where it was lost
+    why: types.Why
+    prediction: types.Prediction | None
     gaps: tuple[str, ...]  # reasons why it cannot be repeated exactly
 
     def __repr__(self) -> str:
@@ -247,7 +238,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     return ticks
 
 
-def stale_input(why: Why) -> str:
+def stale_input(why: types.Why) -> str:
     """Return the reason for which an input was too old to plan with, '' when none was."""
     reason = why.values['reason']
     return reason if reason.endswith(STALE) else ''
@@ -258,7 +249,7 @@ def _has_no_state(why):
     return why.values['reason'] == STATE_STALE and HEARD not in why.values
 
 
-def find_gaps(why: Why, command: Command | None) -> Iterator[str]:
+def find_gaps(why: types.Why, command: types.Command | None) -> Iterator[str]:
     """Yield what a replay cannot repeat: lost messages, and decisions by the wall clock."""
     if command is None:
         yield 'its command was lost'
@@ -285,7 +276,8 @@ def _distinct_reports(topic):
 
 
 def has_same_content(
-    first: Reference | RoadEdges | None, second: Reference | RoadEdges | None
+    first: types.Reference | types.RoadEdges | None,
+    second: types.Reference | types.RoadEdges | None,
 ) -> bool:
     """Return whether two paths or edges are equal apart from their stamps."""
     if first is None or second is None:

@@ -1,7 +1,7 @@
 """The optimal control problem of one recorded tick, solved again as it was or changed. SI units."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -96,12 +96,14 @@ class Solved(NamedTuple):
         return float(np.min(distances)) if distances else np.nan
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """One problem with its solver."""
 
-    def __init__(self, planner: Planner, vehicle: CarParams, problem: TickProblem, stamp_ns: int):
-        self.planner, self.vehicle = planner, vehicle
-        self.tick_problem, self.stamp_ns = problem, stamp_ns
+    planner: Planner
+    vehicle: CarParams
+    tick_problem: TickProblem
+    stamp_ns: int
 
     @property
     def weights(self) -> dict[str, float]:
@@ -132,8 +134,7 @@ class Problem:
         """Return the same problem with another tolerance of the solver."""
         params = self.planner.params
         params = replace(params, solver=replace(params.solver, tolerance=tolerance))
-        planner = self._make_planner(params, self.vehicle)
-        return Problem(planner, self.vehicle, self.tick_problem, self.stamp_ns)
+        return replace(self, planner=self._make_planner(params, self.vehicle))
 
     def scale_weights(self, factors: Mapping[str, float]) -> 'Problem':
         """Return the same problem with some weights multiplied.
@@ -154,18 +155,16 @@ class Problem:
         weights = parameters.stages.weights._replace(**scaled)
         stages = parameters.stages._replace(weights=weights)
         matrix = stage_parameters.to_matrix(stages, parameters.obstacles, len(parameters.P))
-        return self._with(self.tick_problem._replace(parameters=matrix))
+        return replace(self, tick_problem=self.tick_problem._replace(parameters=matrix))
 
     def start_from(self, solved: Solved) -> 'Problem':
         """Return the same problem with a solution, multipliers included, as its initial guess."""
         local = self._to_local(solved.plan)
-        return self._with(self.tick_problem._replace(guess_map=solved.plan, guess_local=local))
+        problem = self.tick_problem._replace(guess_map=solved.plan, guess_local=local)
+        return replace(self, tick_problem=problem)
 
     def _make_planner(self, params, vehicle):
         return Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
-
-    def _with(self, problem):
-        return Problem(self.planner, self.vehicle, problem, self.stamp_ns)
 
     def _to_local(self, plan):
         return self.planner.formulation.to_local(plan, self.tick_problem.scene.path)
@@ -227,20 +226,15 @@ class Problem:
         P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
-        unscaled = np.ones(len(Constraints._fields))
+        one, unscaled, N = np.ones(1), np.ones(len(Constraints._fields)), problem.horizon
         scale_x, scale_u = np.array(problem.scale_x), np.array(problem.scale_u)
         groups = (
-            LimitGroup(
-                problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:], scale_x, 1
-            ),
-            LimitGroup(problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, scale_u),
-            LimitGroup(Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, unscaled),
-            LimitGroup(
-                ('total',), h, bounds.h_low[None], bounds.h_high[None], m.h[None], unscaled[:1],
-                problem.horizon,
-            ),
-        )  # fmt: skip
-        return tuple(limit for group in groups for limit in find_active_limits(group))
+            (problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:], scale_x, 1),
+            (problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, scale_u),
+            (Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, unscaled),
+            (('total',), h, *(row[None] for row in (bounds.h_low, bounds.h_high, m.h)), one, N),
+        )
+        return tuple(limit for group in groups for limit in find_active_limits(LimitGroup(*group)))
 
 
 def pose(controller: ReplayedController, tick: Tick) -> Problem:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config, set_option
-from experiments.progress import RunProgress
+from experiments.progress import RunProgress, print_text
 from experiments.run import domain, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
@@ -65,12 +65,10 @@ def _show_disagreement(outcomes, runs, console):
     for outcome in outcomes:
         run = runs.get(outcome.controller)
         if outcome.completed and run and not run['completed']:
-            console.print(
+            print_text(
+                console,
                 f'{outcome.controller}: not completed, although the plant reports '
                 f'"{outcome.message}": {run["verdict"]}; the exit code is 1',
-                markup=False,
-                highlight=False,
-                soft_wrap=True,
             )
 
 
@@ -87,14 +85,14 @@ def run_controllers(batch: Batch, console: Console) -> tuple[Path, list[RunOutco
         file_values[controller.name] = inputs.file_values(checked)
         for text in inputs.find_warnings(facts, checked):
             console.print(WARNING.format(controller.name), end='')
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+            print_text(console, text)
     with staging.created_folder(folder, f'--out {batch.out}'):
         return folder, _run_each(batch, facts, controllers, file_values, overrides, folder, console)
 
 
 def _run_each(batch, facts, controllers, file_values, overrides, folder, console):
     for line in staging.recover(folder):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        print_text(console, line)
     if compile_cache.find_compiler() is None:
         console.print(NO_COMPILER)
     outcomes = []

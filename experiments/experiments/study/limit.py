@@ -34,28 +34,20 @@ class Limit(NamedTuple):
     probes: list[Probe]
 
 
-class Limits(NamedTuple):
-    """The result of `experiments study limit`."""
-
-    limits: list[Limit]
-    files: list[Path]
-
-
 def run(
     runner: Runner,
     out: Path,
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
-) -> Limits:
-    """Find the limit of every controller; write limit.md, .csv, .json.
+) -> list[Path]:
+    """Find the limit of every controller; write limit.md, .csv, .json; return their paths.
 
     Bisection between SLOWEST_KPH and FASTEST_KPH to STEP_KPH, `runs` draws of grip and tolerance
     per probe, the same for every controller and speed. Raises BagError.
     """
     chosen = variants.plain_variants(controllers)
     draws = run_spec.draw_runs(runs, speed_kph=0.0)
-    limits = [find_limit(runner, variant, draws) for variant in chosen]
-    rows = [_row(limit, runs) for limit in limits]
+    rows = [_row(find_limit(runner, variant, draws), runs) for variant in chosen]
     origin = tables.build_provenance(
         'experiments study limit',
         [variant for variant in chosen if not variant.settings],
@@ -63,8 +55,7 @@ def run(
         share=SHARE,
         switched={variant.name: dict(variant.settings) for variant in chosen if variant.settings},
     )
-    files = tables.write_tables(out, STEM, 'Limit speed', rows, _markdown(rows, runs), origin)
-    return Limits(limits, files)
+    return tables.write_tables(out, STEM, 'Limit speed', rows, _markdown(rows, runs), origin)
 
 
 def find_limit(runner: Runner, variant: Variant, draws: Sequence[Draw]) -> Limit:

@@ -10,7 +10,7 @@ from typing import Any
 from experiments.configuration import inputs
 from experiments.study import code_version, run_spec
 from experiments.study.variants import SCENARIO, Variant
-from node_runtime import provenance
+from node_runtime import parameters, provenance
 
 
 def build_provenance(command: str, compared: Iterable[Variant], **more: Any) -> dict[str, Any]:
@@ -85,13 +85,6 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
-def _flatten(row, prefix=''):
-    flat = {}
-    for key, value in row.items():
-        if isinstance(value, Mapping):
-            flat |= _flatten(value, f'{prefix}{key}.')
-        elif isinstance(value, (list, tuple)):
-            flat[prefix + key] = ' '.join(map(str, value))
-        else:
-            flat[prefix + key] = value
-    return flat
+def _flatten(row):
+    flat = parameters.flatten_mapping(row).items()
+    return {n: ' '.join(map(str, v)) if isinstance(v, (list, tuple)) else v for n, v in flat}

@@ -15,9 +15,8 @@ from rich.table import Table
 
 from bags.errors import BagError
 from experiments.configuration import node_config
-from experiments.progress import CountProgress
+from experiments.progress import CountProgress, print_text
 from experiments.tuning import problem, search, tuning_figure
-from experiments.tuning.problem import Condition
 from experiments.tuning.search import Plan, Trial
 from experiments.worker_pool import WorkerPool
 from msgs_yaml import share
@@ -31,19 +30,6 @@ LIBRARIES = ('casadi', 'numpy', 'optuna', 'python')
 WIDTH = 100  # of the comments in a controller file
 
 
-class Request(NamedTuple):
-    """The arguments of `experiments tune`."""
-
-    controller: str
-    seed: int
-    trials: tuple[int, int]  # of each stage
-    tracking_m: float  # bound on the rms distance from the coarse path
-    jobs: int
-    folder: Path  # of the history
-    controllers: Path  # that receives the tuned files
-    also: Sequence[str]
-
-
 class Result(NamedTuple):
     """The result of a search, and its files."""
 
@@ -52,22 +38,18 @@ class Result(NamedTuple):
     figures: list[Path]
 
 
-def tune(request: Request, conditions: Sequence[Condition], console: Console) -> Result:
-    """Tune and write; raises BagError, and KeyboardInterrupt that says how to continue."""
-    for name in (request.controller, *request.also):
+def tune(
+    plan: Plan, jobs: int, folder: Path, controllers: Path, also: Sequence[str], console: Console
+) -> Result:
+    """Search with `jobs` processes, write as `write`; return the result.
+
+    Raises BagError, and KeyboardInterrupt that says how to continue.
+    """
+    for name in (plan.controller, *also):
         node_config.find_controller(name)
-    plan = Plan(
-        request.controller,
-        request.seed,
-        request.trials,
-        RANDOM,
-        BATCH,
-        tuple(conditions),
-        request.tracking_m,
-    )
     trials: list[Trial] = []
     runs = 0
-    with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
+    with CountProgress(console) as progress, WorkerPool(jobs) as pool:
 
         def show():
             note = _cost_note(trials) if trials else ''
@@ -81,19 +63,19 @@ def tune(request: Request, conditions: Sequence[Condition], console: Console) ->
         def on_trial(trial):
             nonlocal runs
             trials.append(trial)
-            runs = len(trials) * len(conditions)
+            runs = len(trials) * len(plan.conditions)
             show()
             if len(trials) % LINE_EVERY == 0:
                 done = f'{len(trials)} of {sum(plan.trials)} trials'
                 progress.print_line(f'{done}, {_cost_note(trials)}')
 
         try:
-            search.run(plan, request.folder, pool, on_run, on_trial)
+            search.run(plan, folder, pool, on_run, on_trial)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 f'{len(trials)} of {sum(plan.trials)} trials are kept; the same command goes on'
             ) from None
-    return write(plan, trials, request.folder, request.controllers, request.also)
+    return write(plan, trials, folder, controllers, also)
 
 
 def _cost_note(trials):
@@ -243,4 +225,4 @@ def show(result: Result, console: Console) -> None:
             console.print(f'{text}; its objective does not count', highlight=False, soft_wrap=True)
     for label, paths in (('controllers', result.files), ('history', result.figures[:1])):
         shown = ', '.join(os.path.relpath(path) for path in paths)
-        console.print(f'{label}: {shown}', markup=False, highlight=False, soft_wrap=True)
+        print_text(console, f'{label}: {shown}')
