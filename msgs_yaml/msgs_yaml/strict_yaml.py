@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -130,7 +131,7 @@ def read(path: Path) -> Item:
     """Return the root of a YAML file; raise YamlError when it is no YAML or empty."""
     path = Path(path)
     try:
-        node = yaml.compose(path.read_text(encoding='utf-8'), Loader=yaml.SafeLoader)
+        node = _compose(path.read_text(encoding='utf-8'))
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise YamlError(f'{path}:{line}: no valid YAML: {error.problem}') from None
@@ -139,6 +140,12 @@ def read(path: Path) -> Item:
     if node is None:
         raise YamlError(f'{path}:1: the file is empty')
     return Item(path, '', node)
+
+
+@lru_cache(maxsize=32)
+def _compose(text):
+    """Return the root node; the same few files are read again for every run of a program."""
+    return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
 def closest(name: str, known) -> str:
