@@ -10,9 +10,9 @@ machine slows all of them alike; the time of an instance is the median over the 
 
 import argparse
 import gc
+import itertools
 import platform
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,13 +86,9 @@ def make_chain(horizon: int, states: int) -> Case:
 def make_cases(quick: bool) -> dict[str, Case]:
     """Return the cases by their labels in the table."""
     cases = {}
-    for module, arguments in (
-        (cart_pole, ()),
-        (quadrotor, ()),
-        (point_robot, (point_robot.bend_curvature(),)),
-    ):
+    for module, *more in ((cart_pole,), (quadrotor,), (point_robot, point_robot.bend_curvature())):
         problem = module.make_problem()
-        cases[problem.name] = Case(problem, module.make_arguments(problem, *arguments))
+        cases[problem.name] = Case(problem, module.make_arguments(problem, *more))
     sizes = [(N, nx) for nx in STATES for N in STAGES]
     for N, nx in sizes[:1] if quick else sizes:
         cases[f'chain, {nx} states, {N} stages'] = make_chain(N, nx)
@@ -105,44 +101,26 @@ def run_case(case: Case, instances: int, passes: int) -> dict[tuple[str, str], R
     options = {'max_iterations': 300, 'tolerance': 1e-6}
     solvers = {name: make_solver(problem, SolverOptions(name, **options)) for name in SOLVERS}
     noise = np.abs(np.random.default_rng(SEED).standard_normal((2, instances, problem.nx)))
-    disturbances = DISTURBANCE * noise * problem.scale_x
-    plans = {}
-
-    def solve_cold(name, i):
-        solution = solvers[name].solve(x0 + disturbances[0][i], P, bounds, guess)
-        plans[name, i] = solution.plan
-        return solution
-
-    def solve_warm(name, i):
-        return solvers[name].solve(x0 + disturbances[1][i], P, bounds, plans[name, i])
-
-    results = run_in_turns(solve_cold, 'cold', instances, passes)
-    return results | run_in_turns(solve_warm, 'warm', instances, passes)
-
-
-def run_in_turns(
-    solve: Callable, start: str, instances: int, passes: int
-) -> dict[tuple[str, str], Result]:
-    """Call solve(name, instance) for every solver in turn; return the results by (start, name)."""
-    results = {
-        (start, name): Result(
-            np.zeros((passes, instances)), np.zeros(instances, int), np.zeros(instances, bool)
-        )
-        for name in SOLVERS
-    }
-    order = list(SOLVERS)
+    initial_states = x0 + DISTURBANCE * noise * problem.scale_x
+    results, plans, order = {}, {}, list(SOLVERS)
     gc.collect()
     gc.disable()  # no collection within a measured call
-    for a_pass in range(passes):
-        for i in range(instances):
+    for start, states in zip(('cold', 'warm'), initial_states):
+        for name in SOLVERS:
+            counts = np.zeros(instances, int), np.zeros(instances, bool)
+            results[start, name] = Result(np.zeros((passes, instances)), *counts)
+        for a_pass, i in itertools.product(range(passes), range(instances)):
             order = order[1:] + order[:1]  # no solver always follows the same one
             for name in order:
+                first = guess if start == 'cold' else plans[name, i]
                 began = time.perf_counter()
-                solution = solve(name, i)
+                solution = solvers[name].solve(states[i], P, bounds, first)
                 result = results[start, name]
                 result.seconds[a_pass, i] = time.perf_counter() - began
                 result.iterations[i] = solution.iterations
                 result.solved[i] = solution.status == SOLVED
+                if start == 'cold':
+                    plans[name, i] = solution.plan
     gc.enable()
     return results
 
@@ -168,6 +146,7 @@ def main():
     parser.add_argument('--passes', type=int, default=3)
     parser.add_argument('--out', type=Path, default=Path(__file__).parent, help='folder')
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     instances, passes = (2, 1) if options.quick else (options.instances, options.passes)
     results = {}
     for label, case in make_cases(options.quick).items():

@@ -24,7 +24,8 @@ def compile_functions(
     Returns `functions` unchanged, with one warning, where there is no working C compiler.
     """
     try:
-        library = compile_cache.compile_library(c_source(functions, name), name, flags)
+        source = c_source(tuple(functions.values()), name)
+        library = compile_cache.compile_library(source, name, flags)
     except compile_cache.CompileError as error:
         warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
         return functions
@@ -35,13 +36,9 @@ def compile_functions(
     return {name: ca.external(name, str(library)) for name in functions}
 
 
-def c_source(functions: dict[str, ca.Function], name: str) -> str:
-    """Return one C file with all functions; it contains code that they share once."""
-    return _c_source(tuple(functions.values()), name)
-
-
 @functools.lru_cache(MAX_CACHED_PROBLEMS)  # CasADi functions are compared by identity
-def _c_source(functions, name):
+def c_source(functions: tuple[ca.Function, ...], name: str) -> str:
+    """Return one C file with all functions; it contains code that they share once."""
     generator = ca.CodeGenerator(name)
     for function in functions:
         generator.add(function)

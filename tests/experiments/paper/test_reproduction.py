@@ -28,25 +28,6 @@ ROW = {
 }
 
 
-class Alike:
-    """Drives in process that all come out alike."""
-
-    jobs = 2
-
-    def __init__(self, make_record):
-        self.make_record, self.specs = make_record, []
-
-    def run(self, specs, label, done_before=0, total=None):
-        self.specs += specs
-        return [self.make_record()._replace(spec=spec) for spec in specs]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        pass
-
-
 class Graph:
     """The node graph, which comes out like `metrics` wherever it drives."""
 
@@ -63,11 +44,11 @@ class Graph:
 
 
 @pytest.fixture
-def paper(monkeypatch, tmp_path, make_record):
+def paper(monkeypatch, tmp_path, make_record, alike_runs):
     """Make the paper quickly into tmp_path; `metrics` are those of the node graph."""
 
     def made(**metrics):
-        drives = Alike(make_record)
+        drives = alike_runs()
         through = Graph({**make_record().metrics, **metrics})
         monkeypatch.setattr(reproduction, 'Runner', lambda jobs, show: drives)
         monkeypatch.setattr(reproduction, 'run_double_lane_change', through.run_double_lane_change)

@@ -16,6 +16,11 @@ def alike(make_record):
     return lambda **given: {role: given.get(role, make_record()) for role in ROLES}
 
 
+def rows_of(record, count):
+    """Return the rows of the ablation, all with the same record `count` times."""
+    return {row: [record] * count for one in variants.SWITCHES for row in (one.before, one.after)}
+
+
 @pytest.mark.parametrize(
     ('strict', 'loose', 'text'),
     [
@@ -107,13 +112,10 @@ def test_a_controller_that_never_brakes_does_not_brake_earlier(alike, make_recor
 
 def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     stable, sliding = make_record(peak_sideslip_deg=3.0), make_record(peak_sideslip_deg=9.0)
-    rows = {
-        row: [stable] * 20 for switch in variants.SWITCHES for row in (switch.before, switch.after)
-    }
-    rows['cartesian lag step'] = [sliding] * 20
+    rows = rows_of(stable, 20)
+    for name in ('cartesian lag step', 'frenet', 'path no-lag step heading'):
+        rows[name] = [sliding] * 20
     rows['path lag gaussian'] = [sliding] * 2 + [stable] * 18
-    rows['frenet'] = [sliding] * 20
-    rows['path no-lag step heading'] = [sliding] * 20
     draws = [alike(mpcc=stable, frenet=sliding)] * 20
     text, data = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
     assert 'alone brings it about in most runs: priority, equal P_k (20/20), in some' in text
@@ -127,22 +129,14 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
 
 
 def test_no_switch_as_cause_is_reported(alike, make_record):
-    rows = {
-        row: [make_record()] * 5
-        for switch in variants.SWITCHES
-        for row in (switch.before, switch.after)
-    }
+    rows = rows_of(make_record(), 5)
     text, _ = claim_evaluation.find_cause(BY_KEY['sideslip'], [alike()] * 5, rows, claims.PARTLY)
     assert text == 'no switch alone brings it about'
 
 
 @pytest.mark.parametrize('claim', [*CLAIMS, CONVERGENCE], ids=lambda claim: claim.key)
 def test_a_rejected_claim_gets_no_cause(claim, alike, make_record):
-    rows = {
-        row: [make_record()] * 20
-        for switch in variants.SWITCHES
-        for row in (switch.before, switch.after)
-    }
+    rows = rows_of(make_record(), 20)
     # without the priority every direction turns round
     turned = make_record(
         min_v2o_m=-0.1,

@@ -21,22 +21,10 @@ def written(tmp_path_factory):
     return out
 
 
-class Alike:
-    """Drives that all come out alike, so that a table can be made of many without driving."""
-
-    jobs = 2
-
-    def __init__(self, make_record):
-        self.make_record = make_record
-
-    def run(self, specs, label, done_before=0, total=None):
-        return [self.make_record() for _ in specs]
-
-
 @pytest.fixture(scope='module')
-def judged(make_record, tmp_path_factory):
+def judged(alike_runs, tmp_path_factory):
     """Return what the claims come to when every controller drives alike."""
-    return claim_evaluation.run(Alike(make_record), tmp_path_factory.mktemp('claims'), runs=20)
+    return claim_evaluation.run(alike_runs(), tmp_path_factory.mktemp('claims'), runs=20)
 
 
 def test_every_claim_of_the_paper_has_a_verdict_an_interval_and_a_cause(judged):
@@ -63,9 +51,9 @@ def test_the_markdown_table_is_generated_from_the_list(judged):
     assert claim_evaluation.claims_table(judged.rows) in file.read_text()
 
 
-def test_the_files_name_their_command_and_controllers(make_record, tmp_path):
+def test_the_files_name_their_command_and_controllers(alike_runs, tmp_path):
     roles = {name: f'{name}_tuned' for name in CONTROLLERS}
-    claim_evaluation.run(Alike(make_record), tmp_path, 2, roles=roles, command='experiments paper')
+    claim_evaluation.run(alike_runs(), tmp_path, 2, roles=roles, command='experiments paper')
     origin = json.loads((tmp_path / 'claims_provenance.json').read_text())
     assert origin['command'] == 'experiments paper'
     assert origin['roles'] == roles
@@ -90,8 +78,8 @@ def test_a_number_that_most_runs_do_not_have_is_shown_as_range_and_count(make_re
     assert text == 'brake onset, -500 N [m]: mpcc none, frenet 36.0 to 36.0 in 1 of 3 runs'
 
 
-def test_an_ablation_without_any_effect_turns_nothing(make_record, tmp_path):
-    found = ablation.run(Alike(make_record), tmp_path, 4, 1, (65.0, 75.0), (0.5,))
+def test_an_ablation_without_any_effect_turns_nothing(alike_runs, tmp_path):
+    found = ablation.run(alike_runs(), tmp_path, 4, 1, (65.0, 75.0), (0.5,))
     assert not [row for row in found.switches if row['turned_on'] or row['turned_off']]
     assert len(found.switches) == 2 * len(SWITCHES) * len(ablation.VERDICTS)
     assert {row['cleared'] for row in found.rows} == {1.0}
