@@ -7,7 +7,7 @@ returns its violations; what depends on the topic only is computed once, when th
 import math
 from collections.abc import Callable
 from fnmatch import fnmatchcase
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 from msgs_yaml import contract, conversions, field_paths
@@ -71,104 +71,78 @@ def _run(checks, message):
 def _checks(name):
     topic = contract.load().topics[name]
     # outer arrays before the arrays inside them
-    sizes = [_size(topic, path) for path in sorted(topic.sizes, key=len)]
-    form = [_header(topic, path) for path in _HEADERS.get(topic.type, ('header',))]
+    sizes = [partial(_size, topic, p, field_paths.getter(p)) for p in sorted(topic.sizes, key=len)]
+    headers = _HEADERS.get(topic.type, ('header',))
+    form = [partial(_header, topic, path, field_paths.getter(path)) for path in headers]
     if topic.child_frame is not None:
-        form.append(_child_frame(topic))
+        form.append(partial(_child_frame, topic))
     if topic.type == contract.DIAGNOSTICS:
         return _Checks(sizes, form, [_diagnostic_values(topic)])
-    fields = [_range(topic, path) for path in topic.fields]
+    make_getter = partial(_joint_getter, topic) if topic.joints else field_paths.getter
+    fields = [partial(_range, topic, path, make_getter(path)) for path in topic.fields]
     if topic.joints:
-        sizes.append(_joint_names(topic))
-        fields.insert(0, _finite_joints(topic))
+        sizes.append(partial(_joint_names, topic, list(topic.joints)))
+        fields.insert(0, partial(_finite_joints, topic))
     return _Checks(sizes, form, fields)
 
 
-def _size(topic, path) -> Check:
+def _size(topic, path, get, message):
     """Check the lengths of the arrays a path leads to."""
-    get, limit = field_paths.getter(path), topic.sizes[path]
+    limit = topic.sizes[path]
+    outside = [n for n in map(len, get(message)) if not limit.low <= n <= limit.high]
     allowed = f'{limit.low} to {limit.high} elements'
-
-    def run(message):
-        lengths = map(len, get(message))
-        outside = [n for n in lengths if not limit.low <= n <= limit.high]
-        return [Violation(topic.name, path, f'{n} long', allowed) for n in outside]
-
-    return run
+    return [Violation(topic.name, path, f'{n} long', allowed) for n in outside]
 
 
-def _joint_names(topic) -> Check:
+def _joint_names(topic, names, message):
     """Check the names of a JointState, and that every array has one number per name."""
-    names = list(topic.joints)
-
-    def run(message):
-        if len(message.name) != len(names) or list(message.name) != names:
-            found = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
-            return [Violation(topic.name, 'name', found, ', '.join(names))]
-        lengths = {array: len(getattr(message, array)) for array in JOINT_ARRAYS}
-        return [
-            Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
-            for array, length in lengths.items()
-            if length != len(names)
-        ]
-
-    return run
+    if len(message.name) != len(names) or list(message.name) != names:
+        found = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
+        return [Violation(topic.name, 'name', found, ', '.join(names))]
+    lengths = {array: len(getattr(message, array)) for array in JOINT_ARRAYS}
+    return [
+        Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
+        for array, length in lengths.items()
+        if length != len(names)
+    ]
 
 
-def _finite_joints(topic) -> Check:
+def _finite_joints(topic, message):
     """Check the unused numbers of a JointState too: NaN in them disturbs plots and viewers."""
-
-    def run(message):
-        return [
-            Violation(topic.name, array, 'not finite', 'finite numbers')
-            for array in JOINT_ARRAYS
-            if not all(map(math.isfinite, getattr(message, array)))
-        ]
-
-    return run
+    return [
+        Violation(topic.name, array, 'not finite', 'finite numbers')
+        for array in JOINT_ARRAYS
+        if not all(map(math.isfinite, getattr(message, array)))
+    ]
 
 
-def _header(topic, path) -> Check:
+def _header(topic, path, get, message):
     """Check frame and stamp of the headers a path leads to; ROS reads a stamp of 0 as no time."""
-    get = field_paths.getter(path)
-
-    def run(message):
-        violations = []
-        for header in get(message):
-            if header.frame_id != topic.frame:
-                found, allowed = repr(header.frame_id), repr(topic.frame)
-                violations.append(Violation(topic.name, f'{path}.frame_id', found, allowed))
-            if header.stamp.sec < 0 or header.stamp.sec == 0 == header.stamp.nanosec:
-                found = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
-                violations.append(Violation(topic.name, f'{path}.stamp', found, 'above 0 s'))
-        return violations
-
-    return run
+    violations = []
+    for header in get(message):
+        if header.frame_id != topic.frame:
+            found, allowed = repr(header.frame_id), repr(topic.frame)
+            violations.append(Violation(topic.name, f'{path}.frame_id', found, allowed))
+        if header.stamp.sec < 0 or header.stamp.sec == 0 == header.stamp.nanosec:
+            found = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
+            violations.append(Violation(topic.name, f'{path}.stamp', found, 'above 0 s'))
+    return violations
 
 
-def _child_frame(topic) -> Check:
+def _child_frame(topic, message):
     """Check the child frame of an Odometry."""
-
-    def run(message):
-        found = message.child_frame_id
-        if found == topic.child_frame:
-            return []
-        return [Violation(topic.name, 'child_frame_id', repr(found), repr(topic.child_frame))]
-
-    return run
+    found = message.child_frame_id
+    if found == topic.child_frame:
+        return []
+    return [Violation(topic.name, 'child_frame_id', repr(found), repr(topic.child_frame))]
 
 
-def _range(topic, path) -> Check:
+def _range(topic, path, get, message):
     """Check the range of every number a path leads to; NaN is in no range."""
-    get = _joint_getter(topic, path) if topic.joints else field_paths.getter(path)
-    low, high = topic.fields[path].low, topic.fields[path].high
-    label, allowed = _label(path, topic.fields[path])
-
-    def run(message):
-        outside = [value for value in get(message) if not low <= value <= high]
-        return [Violation(topic.name, label, outside[0], allowed)] if outside else outside
-
-    return run
+    field = topic.fields[path]
+    low, high = field.low, field.high
+    outside = [value for value in get(message) if not low <= value <= high]
+    return [_out_of_range(topic, path, field, outside[0])] if outside else outside
 
 
 def _joint_getter(topic, path):
@@ -201,9 +175,9 @@ def _check_pair(topic, path, pair):
     value = conversions.text_to_value(pair.value)
     if not isinstance(value, str) and field.low <= value <= field.high:
         return []
-    label, allowed = _label(pair.key, field)
-    return [Violation(topic.name, label, value, allowed)]
+    return [_out_of_range(topic, pair.key, field, value)]
 
 
-def _label(path, field: Field):
-    return f'{path} ({field.symbol})', f'{field.low:g} to {field.high:g} {field.unit}'
+def _out_of_range(topic, path, field: Field, found):
+    allowed = f'{field.low:g} to {field.high:g} {field.unit}'
+    return Violation(topic.name, f'{path} ({field.symbol})', found, allowed)
