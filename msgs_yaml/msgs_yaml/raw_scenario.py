@@ -25,20 +25,10 @@ REFERENCE = '/scenario/reference'
 ROAD_EDGES = '/scenario/road_edges'
 STAMP = [('sec', '<i4'), ('nanosec', '<u4')]
 FRAME = 'V8'  # length and characters of `map`, with the closing zero
-POSE = 'V56'
-HEAD = np.dtype(
-    [
-        ('encapsulation', 'V4'),
-        ('stamp', STAMP),
-        ('frame', FRAME),
-        ('poses', '<u4'),
-        ('first_stamp', STAMP),
-        ('first_frame', FRAME),
-        ('padding', 'V4'),  # only before the first pose: its doubles would not be aligned
-        ('first_pose', POSE),
-    ]
-)
-REST = np.dtype([('stamp', STAMP), ('frame', FRAME), ('pose', POSE)])
+HEAD = np.dtype([('encapsulation', 'V4'), ('stamp', STAMP), ('frame', FRAME), ('poses', '<u4')])
+POSE = np.dtype([('stamp', STAMP), ('frame', FRAME), ('pose', 'V56')])
+PADDING = slice(40, 44)  # only in the first pose: its doubles would not be aligned
+_LEAST_BYTES = HEAD.itemsize + PADDING.stop - PADDING.start
 _POSE_FIELDS = ('position.x', 'position.y', 'position.z', *(f'orientation.{a}' for a in 'xyzw'))
 _POSE_PREFIX = 'poses[*].pose.'
 _EXACT_NS = 2**53  # longer durations are no exact double
@@ -52,7 +42,7 @@ _UINT32 = struct.Struct('<I')
 
 def reference_size(poses: int) -> int:
     """Return the size of a serialised path of so many poses [bytes]."""
-    return HEAD.itemsize + (poses - 1) * REST.itemsize
+    return _LEAST_BYTES + poses * POSE.itemsize
 
 
 def read_reference(raw: bytes) -> Reference | None:
@@ -60,11 +50,11 @@ def read_reference(raw: bytes) -> Reference | None:
     views = _split(raw)
     if views is None or not _is_reference(*views):
         return None
-    head, rest = views
-    stamps, stamps_ns = _stamps(head, rest)
+    head, poses = views
+    stamps, stamps_ns = _stamps(head, poses)
     durations_ns = stamps_ns[1:] - stamps_ns[0]
-    poses = np.concatenate((head['first_pose'], rest['pose']))
-    values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(poses.view('<f8').reshape(-1, 7).T)))
+    columns = np.ascontiguousarray(poses['pose']).view('<f8').reshape(-1, 7).T
+    values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(columns)))
     # nanoseconds may be more than a second: the sum can be positive where the seconds are not
     if np.any(stamps['sec'] < 0) or np.any(stamps_ns == 0):
         return None
@@ -83,17 +73,15 @@ def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
 
     Raises ValueError if the layout is another.
     """
-    buffer = bytearray(raw)
-    views = _split(buffer)
+    views = _split(raw)
     if views is None:
         raise ValueError(f'{len(raw)} bytes are no serialised {REFERENCE}')
-    head, rest = views
-    _, before_ns = _stamps(head, rest)
+    _, before_ns = _stamps(*views)
     after_ns = before_ns - int(before_ns[0]) + stamp_ns
-    fields = (head['stamp'], head['first_stamp'], rest['stamp'])
-    for field, shifted in zip(fields, np.split(after_ns, (1, 2))):
-        field['sec'], field['nanosec'] = np.divmod(shifted, NS_PER_S)
-    return bytes(buffer)
+    for view, shifted in zip(views, np.split(after_ns, (1,))):
+        view['stamp']['sec'], view['stamp']['nanosec'] = np.divmod(shifted, NS_PER_S)
+    packed = b''.join(view.tobytes() for view in views)
+    return packed[: PADDING.start] + raw[PADDING] + packed[PADDING.start :]
 
 
 def is_repeat(new: bytes, old: bytes | None) -> bool:
@@ -107,7 +95,7 @@ def is_repeat(new: bytes, old: bytes | None) -> bool:
     new_views, old_views = _split(new), _split(old)
     if new_views is None or old_views is None:
         return False
-    names = (('frame', 'poses', 'first_frame', 'first_pose'), ('frame', 'pose'))
+    names = (('frame', 'poses'), ('frame', 'pose'))
     for fields, a, b in zip(names, new_views, old_views):
         if not all((a[name] == b[name]).all() for name in fields):
             return False
@@ -116,31 +104,32 @@ def is_repeat(new: bytes, old: bytes | None) -> bool:
 
 
 def _split(raw):
-    """Return views of a path, (1,) HEAD and (n - 1,) REST; None if its layout is another."""
-    if len(raw) < HEAD.itemsize or (len(raw) - HEAD.itemsize) % REST.itemsize:
+    """Return copies of a path, (1,) HEAD and (n,) POSE; None if its layout is another."""
+    size = len(raw) - _LEAST_BYTES
+    if size <= 0 or size % POSE.itemsize or raw[: len(ENCAPSULATION)] != ENCAPSULATION:
         return None
-    if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
-        return None
-    head = np.frombuffer(raw, HEAD, count=1)
-    rest = np.frombuffer(raw, REST, offset=HEAD.itemsize)
-    return (head, rest) if head['poses'][0] == len(rest) + 1 else None
+    packed = bytearray(raw)
+    del packed[PADDING]
+    head = np.frombuffer(packed, HEAD, count=1)
+    poses = np.frombuffer(packed, POSE, offset=HEAD.itemsize)
+    return (head, poses) if head['poses'][0] == len(poses) else None
 
 
-def _stamps(head, rest):
+def _stamps(head, poses):
     """Return the stamps of the message and of each pose, as STAMP and in ns, shape (n + 1,)."""
-    stamps = np.concatenate((head['stamp'], head['first_stamp'], rest['stamp']))
+    stamps = np.concatenate((head['stamp'], poses['stamp']))
     return stamps, stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
 
 
-def _is_reference(head, rest):
+def _is_reference(head, poses):
     topic = contract.load().topics[REFERENCE]
     frame = np.void((len(topic.frame) + 1).to_bytes(4, 'little') + topic.frame.encode() + b'\x00')
     allowed = topic.sizes['poses']
     return (
         frame.dtype == np.dtype(FRAME)
         and allowed.low <= head['poses'][0] <= allowed.high
-        and head['frame'][0] == head['first_frame'][0] == frame
-        and bool((rest['frame'] == frame).all())
+        and head['frame'][0] == frame
+        and bool((poses['frame'] == frame).all())
     )
 
 

@@ -50,13 +50,10 @@ def freeze_garbage() -> None:
 def _set_affinity(options):
     if options.core == ANY:
         return ''
-    try:
-        for thread in _threads():
-            os.sched_setaffinity(thread, {options.core})
-    except OSError as error:
-        allowed = sorted(os.sched_getaffinity(0))
-        return f'realtime.core={options.core}: {error.strerror}; this process may use {allowed}'
-    return ''
+    reason = _refusal(lambda thread: os.sched_setaffinity(thread, {options.core}))
+    allowed = sorted(os.sched_getaffinity(0))
+    hint = f'realtime.core={options.core}: {reason}; this process may use {allowed}'
+    return hint if reason else ''
 
 
 def _lock_memory(options):
@@ -72,17 +69,17 @@ def _lock_memory(options):
 def _set_priority(options):
     if not options.priority:
         return ''
+    wanted = os.sched_param(options.priority)
+    reason = _refusal(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, wanted))
+    hint = f'`ulimit -r {options.priority}`, or `rtprio` in /etc/security/limits.conf'
+    return f'realtime.priority={options.priority}: {reason}; allow it with {hint}' if reason else ''
+
+
+def _refusal(change):
+    """Change every thread, DDS has some of its own; return why the system refuses, or ''."""
     try:
-        for thread in _threads():
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(options.priority))
+        for thread in THREADS.iterdir():
+            change(int(thread.name))
     except OSError as error:
-        return (
-            f'realtime.priority={options.priority}: {error.strerror}; allow it with '
-            f'`ulimit -r {options.priority}`, or `rtprio` in /etc/security/limits.conf'
-        )
+        return error.strerror
     return ''
-
-
-def _threads():
-    """Return every thread of this process: DDS delivers messages in threads of its own."""
-    return [int(thread.name) for thread in THREADS.iterdir()]
