@@ -44,8 +44,9 @@ def add_bag(parser: argparse._ActionsContainer, **options: Any) -> None:
     parser.add_argument('bag', **options)
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add the option that `print_summary` takes."""
+def add_summary_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a command that ends with `print_summary`."""
+    add_bag(parser)
     parser.add_argument('--json', action='store_true', help='print everything as one JSON object')
 
 

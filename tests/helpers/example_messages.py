@@ -1,11 +1,11 @@
-"""The valid messages of msgs_yaml/examples."""
+"""The valid messages of msgs_yaml/examples, and messages of values."""
 
 from importlib import import_module
 from typing import Any
 
 import yaml
 
-from msgs_yaml import share
+from msgs_yaml import encode, share
 from node_runtime import ros
 
 
@@ -34,3 +34,9 @@ def fill(message: Any, values: dict) -> Any:
             assert isinstance(value, (list, type(current))), f'{name}: {value!r}'
             setattr(message, name, value)
     return message
+
+
+def encoded(topic: str, value: Any) -> Any:
+    """Return the message of a value of a topic of the contract."""
+    name = 'health' if topic == '/diagnostics' else topic.rpartition('/')[2]
+    return getattr(encode, name)(value)

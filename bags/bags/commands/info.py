@@ -16,12 +16,7 @@ from bags.errors import DamagedBagWarning
 HELP = 'contents of a bag, latency and deadline misses of the run'
 MB = 1e6
 LONGEST_VALUE = 100  # characters of a note of the run
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `bags info`."""
-    command_line.add_bag(parser)
-    command_line.add_json(parser)
+add_arguments = command_line.add_summary_arguments
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,12 +20,7 @@ TITLES = {
     'publish': '  publish',
     'rest': '  rest',
 }
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `bags timing`."""
-    command_line.add_bag(parser)
-    command_line.add_json(parser)
+add_arguments = command_line.add_summary_arguments
 
 
 def run(args: argparse.Namespace) -> int:

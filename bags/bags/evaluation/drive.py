@@ -244,22 +244,18 @@ def drop_nonfinite(drive: Drive) -> Drive:
     Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
     metrics that sample every 10 ms take memory for all of that time.
     """
-    result = drive._replace(
-        motion=_finite_rows(drive.motion),
-        accelerations=_finite_rows(drive.accelerations),
-        inputs=_finite_rows(drive.inputs),
-    )
+    sampled = {n: _finite_rows(getattr(drive, n)) for n in ('motion', 'accelerations', 'inputs')}
     name = drive.facts.controller
-    if not result.motion.stamp_ns.size:
+    if not sampled['motion'].stamp_ns.size:
         raise BagError(f'{name}: no state of the car is finite')
-    for columns in (result.motion, result.accelerations, result.inputs):
+    for columns in sampled.values():
         span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
         if span_s > LONGEST_S:
             raise BagError(
                 f'{name}: the stamps of the car span {span_s:.0f} s; '
                 f'allowed up to {LONGEST_S:.0f} s'
             )
-    return result
+    return drive._replace(**sampled)
 
 
 def _finite_rows(columns):

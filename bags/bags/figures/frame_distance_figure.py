@@ -36,9 +36,8 @@ def sketch_cartesian(ax, drive, circle):
     spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in circle.sides.items()}
     vehicle = _point(circle, _bearing(circle, -MOMENT_M), 0.0)
     _scene(ax, drive, circle, spots, vehicle, 'cartesian')
-    ax.set(xlabel='X from the centre [m]', ylabel='Y from the centre [m]')
-    ax.set_title('Cartesian coordinates')
-    ax.set_aspect('equal', adjustable='datalim')
+    labels = {'xlabel': 'X from the centre [m]', 'ylabel': 'Y from the centre [m]'}
+    ax.set(**labels, title='Cartesian coordinates')
 
 
 def sketch_frenet(ax, drive, circle):
@@ -48,9 +47,7 @@ def sketch_frenet(ax, drive, circle):
     spots = {side: (circle.station, e) for side, e in left.items()}
     vehicle = (circle.station - MOMENT_M, 0.0)
     _scene(ax, drive, circle, spots, vehicle, 'frenet')
-    ax.set(xlabel='s [m]', ylabel='e [m], left positive')
-    ax.set_title('Path (Frenet) coordinates')
-    ax.set_aspect('equal', adjustable='datalim')
+    ax.set(xlabel='s [m]', ylabel='e [m], left positive', title='Path (Frenet) coordinates')
 
 
 def _scene(ax, drive, circle, spots, vehicle, frame):
@@ -76,6 +73,7 @@ def _scene(ax, drive, circle, spots, vehicle, frame):
     )
     ax.annotate('vehicle', vehicle, (6, -14), textcoords='offset points')
     ax.annotate('obstacle', spots['inside'], (8, 8), textcoords='offset points')
+    ax.set_aspect('equal', adjustable='datalim')
 
 
 def _bearing(circle, past):

@@ -86,7 +86,7 @@ def letter_panels(figure) -> None:
 
 
 def save_figure(figure, stem: Path) -> list[Path]:
-    """Write a figure as <stem>.png and .svg; return both paths."""
+    """Write a figure as <stem>.png and .svg, also where the stem has a dot; return both paths."""
     # nodes use the colours: they need not load matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

@@ -80,9 +80,19 @@ def _controller_log(one, name):
 
 
 @pytest.fixture(scope='session')
-def runs(drives):
-    colours = style.assign_colours(list(drives))
-    return [panels.Run(n, item, compute_series(item), colours[n]) for n, item in drives.items()]
+def make_runs():
+    """Return make_runs(drives): what the figures draw."""
+
+    def make(drives):
+        colours = style.assign_colours(list(drives))
+        return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def runs(make_runs, drives):
+    return make_runs(drives)
 
 
 @pytest.fixture(scope='session')

@@ -16,7 +16,7 @@ from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
 
 
-@pytest.fixture(scope='session')
+@pytest.fixture(scope='module')
 def drives(drives, make_drive):
     """Return three drives past two obstacles, one of which moves."""
     third = make_drive(scene=drives['mpcc'].scene, controller='mpcc_no_ca')
@@ -49,6 +49,11 @@ def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
     again = compare_drives(drives, tmp_path / 'again')
     for item, other in zip(comparison.figures, again.figures):
         assert item.read_bytes() == other.read_bytes(), item.name
+
+
+@pytest.fixture(scope='module')
+def runs(make_runs, drives):
+    return make_runs(drives)
 
 
 def test_a_figure_shows_every_run_in_its_own_colour(runs):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from example_messages import encoded
 from one_second import every_message
 from rclpy.duration import Duration
 from session_cache import build_once
@@ -19,24 +20,10 @@ from wait_until import wait_until
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
 from experiments.run.domain import reserved
-from msgs_yaml import contract, encode
+from msgs_yaml import contract
 from node_runtime import ros, spin_node
 
 TIMEOUT_S = 90
-
-ENCODERS = {
-    '/diagnostics': encode.health,
-    **{
-        f'/{group}/{name}': getattr(encode, name)
-        for group, names in {
-            'scenario': ('reference', 'road_edges', 'obstacles'),
-            'vehicle': ('odometry', 'actuators', 'imu', 'wheels'),
-            'controller': ('command', 'prediction', 'why'),
-        }.items()
-        for name in names
-    },
-    '/clock': encode.clock,
-}
 
 
 class Ring:
@@ -57,7 +44,7 @@ class Ring:
         )
 
     def publish(self, topic, value):
-        self.publishers[topic].publish(ENCODERS[topic](value))
+        self.publishers[topic].publish(encoded(topic, value))
 
     def publish_all(self, messages):
         """Publish everything, and wait until it has arrived."""
@@ -90,11 +77,8 @@ class Recorder:
         arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
         arguments += ['-r', f'__ns:={namespace}']
         self.log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as this
-        self.process = subprocess.Popen(
-            [sys.executable, *program, '--ros-args', *arguments],
-            stderr=self.log,
-            stdout=self.log,
-        )
+        words = [sys.executable, *program, '--ros-args', *arguments]
+        self.process = subprocess.Popen(words, stderr=self.log, stdout=self.log)
 
     def end(self, number=signal.SIGINT):
         """Send a signal; return (exit code, everything it said)."""
@@ -149,6 +133,19 @@ def make_ring(domain):
     yield make
     for ring in result:
         ring.close()
+
+
+@pytest.fixture
+def start_pair(start_recorder, make_ring):
+    """Factory of a recorder and publishers, of the same mode, that know each other."""
+
+    def start(out, **parameters):
+        mode = parameters.get('mode', 'lockstep')
+        recorder, ring = start_recorder(out, **parameters), make_ring(mode)
+        ring.wait_for_recorder()
+        return recorder, ring
+
+    return start
 
 
 @pytest.fixture(scope='session')

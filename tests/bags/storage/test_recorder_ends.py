@@ -36,9 +36,8 @@ def publish_until_it_ends(ring, recorder, messages):
 
 
 @pytest.mark.alone
-def test_kill_costs_less_than_the_last_second(tmp_path, start_recorder, make_ring, messages):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+def test_kill_costs_less_than_the_last_second(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag')
     end = time.monotonic() + 2.0
     sent = []
     for value in endless(messages['/vehicle/odometry']):
@@ -67,11 +66,8 @@ sys.exit(recorder_node.main())
 """
 
 
-def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(
-    tmp_path, start_recorder, make_ring, messages
-):
-    recorder, ring = start_recorder(tmp_path / 'bag', program=('-c', HELD)), make_ring()
-    ring.wait_for_recorder()
+def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag', program=('-c', HELD))
     ring.publish_all(messages)
     code, output = recorder.end()
     assert code == 0, output
@@ -102,10 +98,9 @@ def test_facts_that_are_no_json_object_are_refused(tmp_path, start_recorder, tex
 
 
 def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
-    tmp_path, start_recorder, make_ring, messages
+    tmp_path, start_pair, messages
 ):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+    recorder, ring = start_pair(tmp_path / 'bag')
     ring.publish('/clock', messages['/clock'][0])
     resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
     publish_until_it_ends(ring, recorder, messages)
@@ -117,10 +112,9 @@ def test_full_disk_ends_the_recorder_with_an_error_and_keeps_the_beginning(
 
 
 def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
-    tmp_path, start_recorder, make_ring, messages
+    tmp_path, start_pair, messages
 ):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+    recorder, ring = start_pair(tmp_path / 'bag')
     last = '/diagnostics'
     ring.publish_all({topic: sent for topic, sent in messages.items() if topic != last})
     wait_until(lambda: recorder.hears('/clock'), ENDS_S, recorder.said)
@@ -145,10 +139,9 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
 
 
 def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
-    tmp_path, start_recorder, make_ring, messages
+    tmp_path, start_pair, messages
 ):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+    recorder, ring = start_pair(tmp_path / 'bag')
     stray = {
         '/controller/command': 1_700_000_000 * 10**9,  # by the wall clock
         '/vehicle/odometry': 0,
@@ -196,10 +189,9 @@ def small_disk(tmp_path):
 
 
 def test_disk_that_fills_up_ends_the_recorder_and_every_chunk_on_it_is_recovered(
-    small_disk, tmp_path, start_recorder, make_ring, messages
+    small_disk, tmp_path, start_pair, messages
 ):
-    recorder, ring = start_recorder(small_disk / 'bag', chunk_s=0.05), make_ring()
-    ring.wait_for_recorder()
+    recorder, ring = start_pair(small_disk / 'bag', chunk_s=0.05)
     publish_until_it_ends(ring, recorder, messages)
     code, output = recorder.wait()
     assert code == 1, output

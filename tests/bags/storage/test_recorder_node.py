@@ -19,10 +19,9 @@ FULL_RATE_HZ = 2400  # messages of all topics of the contract together
 
 
 @pytest.fixture
-def recorder(tmp_path, start_recorder, make_ring, messages):
+def recorder(tmp_path, start_pair, messages):
     """Return a recorder to which everything was sent."""
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+    recorder, ring = start_pair(tmp_path / 'bag')
     ring.publish_all(messages)
     return recorder
 
@@ -65,9 +64,8 @@ def test_publisher_is_counted_and_its_clock_is_kept(bag_folder):
 
 
 @pytest.mark.alone
-def test_realtime_files_messages_under_their_arrival(tmp_path, start_recorder, make_ring, messages):
-    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
-    ring.wait_for_recorder()
+def test_realtime_files_messages_under_their_arrival(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag', mode='realtime')
     before_ns, end, wanted = time.time_ns(), time.monotonic() + TIMEOUT_S, None
     for sent, value in enumerate(endless(messages['/vehicle/odometry']), start=1):
         ring.publish('/vehicle/odometry', value)
@@ -105,11 +103,8 @@ def test_several_publishers_of_one_topic_are_no_loss(tmp_path, start_recorder, m
     assert 'lost' not in output
 
 
-def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(
-    tmp_path, start_recorder, make_ring, messages
-):
-    recorder, ring = start_recorder(tmp_path / 'bag'), make_ring()
-    ring.wait_for_recorder()
+def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag')
     # a second has 20 ticks; /clock is sent as a stamp of its own
     streams = {t: endless(v) for t, v in messages.items() if t != '/clock' and len(v) > 1}
 
@@ -141,9 +136,8 @@ def test_latency_joins_command_and_state_by_their_stamp(bag_folder, messages):
     assert joined.latency_s[3] == (command.publish_ns[3] - state.publish_ns[150]) / 1e9
 
 
-def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_recorder, make_ring, messages):
-    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
-    ring.wait_for_recorder()
+def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag', mode='realtime')
     for value in itertools.islice(endless(messages['/vehicle/odometry']), 100):
         ring.publish('/vehicle/odometry', value)  # the first is received: what follows is a loss
         time.sleep(0.01)
@@ -171,11 +165,8 @@ def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_recorder, mak
     assert f'/vehicle/odometry: {lost} messages lost' in output
 
 
-def test_recorder_splits_on_request_and_loses_nothing(
-    tmp_path, start_recorder, make_ring, messages
-):
-    recorder, ring = start_recorder(tmp_path / 'bag', split_s=0.4), make_ring()
-    ring.wait_for_recorder()
+def test_recorder_splits_on_request_and_loses_nothing(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag', split_s=0.4)
     ring.publish_all(messages)
     code, output = recorder.end()
     assert code == 0, output
@@ -184,11 +175,8 @@ def test_recorder_splits_on_request_and_loses_nothing(
     assert repair.repair_bag(tmp_path / 'bag').intact
 
 
-def test_bag_that_was_recorded_by_hand_says_by_what_and_where(
-    tmp_path, start_recorder, make_ring, messages
-):
-    recorder, ring = start_recorder(tmp_path / 'bag', mode='realtime'), make_ring('realtime')
-    ring.wait_for_recorder()
+def test_bag_that_was_recorded_by_hand_says_by_what_and_where(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag', mode='realtime')
     ring.publish_all({'/scenario/reference': messages['/scenario/reference']})
     assert recorder.end()[0] == 0
     known = read.run_info(tmp_path / 'bag')

@@ -7,28 +7,15 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from example_messages import encoded
 
 from bags import markers_node
 from bags.viewers import marker_scene
 from experiments import simulation
-from msgs_yaml import contract, encode, share
-from msgs_yaml.types import Actuators, Command, Health, Imu, VehicleState, Wheels
+from msgs_yaml import contract, flat_fields, share
+from msgs_yaml.types import Health
 
 FOXGLOVE, PLOTJUGGLER, RVIZ = 'foxglove.json', 'plotjuggler.xml', 'ring.rviz'
-ROWS = {
-    '/vehicle/odometry': VehicleState,
-    '/vehicle/actuators': Actuators,
-    '/vehicle/imu': Imu,
-    '/vehicle/wheels': Wheels,
-    '/controller/command': Command,
-}
-ENCODERS = {
-    '/scenario/reference': encode.reference,
-    '/scenario/road_edges': encode.road_edges,
-    '/scenario/obstacles': encode.obstacles,
-    '/controller/prediction': encode.prediction,
-    '/controller/why': encode.why,
-}
 RVIZ_TYPES = {
     'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
     'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
@@ -45,19 +32,16 @@ def text(name):
 def messages():
     """Return a message of every topic, of the middle of a drive of the default controller."""
     setup = simulation.prepare('double_lane_change', 'mpcc')
-    columns = simulation.run(setup)
-    result = {}
-    for topic, kind in ROWS.items():
-        table = columns[topic]
+    result = {'/diagnostics': encoded('/diagnostics', Health(1, 'plant', 0, 'ok', {}))}
+    for topic, table in simulation.run(setup).items():
         k = len(table.stamp_ns) // 2
-        _, _, *fields = (column[k] for column in table)
-        plain = [tuple(f.tolist()) if f.ndim else float(f) for f in fields]
-        result[topic] = getattr(encode, topic.rsplit('/', 1)[1])(
-            kind(int(table.stamp_ns[k]), *plain)
-        )
-    values = {topic: columns[topic].values[len(columns[topic].values) // 2] for topic in ENCODERS}
-    result |= {topic: ENCODERS[topic](value) for topic, value in values.items()}
-    result['/diagnostics'] = encode.health(Health(1, 'plant', 0, 'ok', {}))
+        if topic in flat_fields.TYPES:
+            _, _, *fields = (column[k] for column in table)
+            plain = [tuple(f.tolist()) if f.ndim else float(f) for f in fields]
+            value = flat_fields.TYPES[topic](int(table.stamp_ns[k]), *plain)
+        else:
+            value = table.values[k]
+        result[topic] = encoded(topic, value)
     return result
 
 

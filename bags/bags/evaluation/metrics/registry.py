@@ -19,8 +19,6 @@ from typing import Any, NamedTuple
 from bags.evaluation.drive import Drive
 from bags.evaluation.series import Series
 
-NO_LABELS: Mapping[str, Any] = MappingProxyType({})
-
 
 class EvaluatedDrive:
     """A drive of finite samples and its Series, the argument of every metric."""
@@ -43,12 +41,13 @@ class Metric(NamedTuple):
     title: str  # of its row in the table; '' without a row
     unit: str
     decimals: int
-    good_when: bool | None  # of a yes or no: which of both is good
-    yes: str  # how a yes is shown; names of other metrics in braces are filled in
-    optional: bool  # no row where no run has a value
-    row_after: str  # metric whose row is above this one; '' where that is the one before
-    labels: Mapping[str, str]  # of a dictionary: what `{}` in the title stands for, by key
-    paper: Mapping[str, float]  # of a dictionary: the value that the paper reports, by key
+    good_when: bool | None = None  # of a yes or no: which of both is good
+    yes: str = 'yes'  # how a yes is shown; names of other metrics in braces are filled in
+    optional: bool = False  # no row where no run has a value
+    row_after: str = ''  # metric whose row is above this one; '' where that is the one before
+    # of a dictionary, by key: what `{}` in the title stands for, and the value of the paper
+    labels: Mapping[str, str] = MappingProxyType({})
+    paper: Mapping[str, float] = MappingProxyType({})
 
     @property
     def name(self) -> str:
@@ -73,19 +72,10 @@ def table_metrics() -> list[Metric]:
     return rows
 
 
-def metric(
-    title: str = '',
-    unit: str = '',
-    decimals: int = 0,
-    *,
-    good_when: bool | None = None,
-    yes: str = 'yes',
-    optional: bool = False,
-    row_after: str = '',
-    labels: Mapping[str, str] = NO_LABELS,
-    paper: Mapping[str, float] = NO_LABELS,
-) -> Callable:
+def metric(title: str = '', unit: str = '', decimals: int = 0, **shown: Any) -> Callable:
     """Return a decorator that registers a metric under the name of its function.
+
+    `shown` are the other fields of Metric, for how it is shown.
 
     The function takes an EvaluatedDrive and returns a JSON value: a number, a bool, a text, None,
     a list of overshoots, or a dictionary of numbers, which has a row per key with `{}` in the
@@ -96,9 +86,7 @@ def metric(
         name = function.__name__
         if name in METRICS:
             raise ValueError(f'the metric {name} is registered already')
-        METRICS[name] = Metric(
-            function, title, unit, decimals, good_when, yes, optional, row_after, labels, paper
-        )
+        METRICS[name] = Metric(function, title, unit, decimals, **shown)
         return function
 
     return register
