@@ -64,23 +64,21 @@ def with_mode(params: ControllerParams, mode: str, **others) -> ControllerParams
 
 def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
     """Return the available variants, ours first; `interpreted` adds CasADi's interpreter."""
-    rules, variants = params.solver, []
-    for name in sorted(solver.SOLVERS, key=lambda name: (name != OWN, name)):
-        options = SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled=True)
-        if name == OWN:
-            one_step = solver_selection.first_solver_options(
-                with_mode(params, 'one_step'), limit_time=False
-            )
-            variants += [
-                Variant(OURS, options),
-                Variant(ONE_STEP, replace(one_step, compiled=True)),
-            ]
-            continue
-        variants.append(Variant(f'{name}_c', options))
+    rules = params.solver
+
+    def options(name, compiled=True):
+        return SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled)
+
+    one_step = solver_selection.first_solver_options(
+        with_mode(params, 'one_step'), limit_time=False
+    )
+    variants = [Variant(OURS, options(OWN)), Variant(ONE_STEP, replace(one_step, compiled=True))]
+    for name in sorted(solver.SOLVERS.keys() - {OWN}):
+        variants.append(Variant(f'{name}_c', options(name)))
         if f'{name}_c' == BASELINE:
-            variants.append(Variant(NATIVE, options, NATIVE_FLAGS))
+            variants.append(Variant(NATIVE, options(name), NATIVE_FLAGS))
         if interpreted:
-            variants.append(Variant(f'{name}_vm', replace(options, compiled=False)))
+            variants.append(Variant(f'{name}_vm', options(name, compiled=False)))
     return variants
 
 

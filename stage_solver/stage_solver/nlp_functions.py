@@ -60,12 +60,8 @@ class _Assembly:
     """The symbols of the NLP, and the results of all stages in the order of its variables."""
 
     def __init__(self, problem: StageProblem):
-        N, nx, nw, nc = (
-            problem.horizon,
-            problem.nx,
-            problem.nx + problem.nu,
-            problem.nx + problem.ng,
-        )
+        N, nx = problem.horizon, problem.nx
+        nw, nc = nx + problem.nu, nx + problem.ng
         self.problem = problem
         self.stage = stage_functions.make_stage(problem)
         self.last = stage_functions.make_last_stage(problem)
@@ -76,14 +72,20 @@ class _Assembly:
         W, w_last = ca.reshape(self.v[: N * nw], nw, N), self.v[N * nw :]
         P = ca.reshape(self.p, problem.np, N + 1)
         self.x_next = ca.horzcat(W[:nx, 1:], w_last)
-        # arguments of the functions of the stages and of the last stage, then of their Lagrangians
-        self.at_stages, self.at_last = (W, P[:, :N]), (w_last, P[:, N])
+        at, at_last = (W, P[:, :N]), (w_last, P[:, N])
         lam_c = ca.reshape(self.lam_g[: N * nc], nc, N)
         before = ca.horzcat(ca.MX.zeros(nx, 1), lam_c[:nx, : N - 1])
         multipliers = ca.repmat(self.lam_f, 1, N), lam_c, before
-        self.lagrangian_at_stages = *self.at_stages, *multipliers
         last_multipliers = self.lam_f, self.lam_g[N * nc :], lam_c[:nx, N - 1]
-        self.lagrangian_at_last = *self.at_last, *last_multipliers
+        # arguments of the stages and of the last stage
+        self._plain = at, at_last
+        self._with_multipliers = (*at, *multipliers), (*at_last, *last_multipliers)
+
+    def _evaluate(self, name, arguments):
+        """Return the results of one of the StageFunctions at the stages, and at the last stage."""
+        at, at_last = arguments
+        at_stages = getattr(self.stage, name).map(self.problem.horizon)(*at)
+        return at_stages, getattr(self.last, name)(*at_last)
 
     def _close_gaps(self, C, c_last):
         """Complete c = [-F; g] of all stages with the next states to the constraints of the NLP."""
@@ -92,29 +94,23 @@ class _Assembly:
 
     def values(self):
         """Return the cost and the constraints."""
-        N = self.problem.horizon
-        f = ca.sum2(self.stage.cost.map(N)(*self.at_stages))
-        C, c_last = (
-            self.stage.constraints.map(N)(*self.at_stages),
-            self.last.constraints(*self.at_last),
-        )
-        return f + self.last.cost(*self.at_last), self._close_gaps(C, c_last)
+        F, f_last = self._evaluate('cost', self._plain)
+        return ca.sum2(F) + f_last, self._close_gaps(*self._evaluate('constraints', self._plain))
 
     def gradient(self):
         """Return the gradient of the cost."""
-        gradients = self.stage.gradient.map(self.problem.horizon)(*self.at_stages)
-        return ca.vertcat(ca.vec(gradients), self.last.gradient(*self.at_last))
+        gradients, last = self._evaluate('gradient', self._plain)
+        return ca.vertcat(ca.vec(gradients), last)
 
     def lagrangian(self):
         """Return the outputs of `nlp_grad`."""
-        N = self.problem.horizon
-        F, C, S = self.stage.lagrangian.map(N)(*self.lagrangian_at_stages)
-        f_last, c_last, s_last = self.last.lagrangian(*self.lagrangian_at_last)
+        results = self._evaluate('lagrangian', self._with_multipliers)
+        (F, C, S), (f_last, c_last, s_last) = results
         return {
             'f': ca.sum2(F) + f_last,
             'g': self._close_gaps(C, c_last),
             'grad_gamma_x': ca.vertcat(ca.vec(S), s_last),
-            'grad_gamma_p': ca.MX((N + 1) * self.problem.np, 1),
+            'grad_gamma_p': ca.MX(self.p.numel(), 1),
         }
 
     def jacobian(self, guarded: bool):
@@ -126,8 +122,7 @@ class _Assembly:
         problem, pattern = self.problem, self.stage.jacobian_pattern
         last_pattern = self.last.jacobian_pattern
         N, nc = problem.horizon, problem.nx + problem.ng
-        C, J = self.stage.jacobian.map(N)(*self.at_stages)
-        c_last, j_last = self.last.jacobian(*self.at_last)
+        (C, J), (c_last, j_last) = self._evaluate('jacobian', self._plain)
         first = [i for i, row in enumerate(pattern.row()) if row >= nc]  # no stage before stage 0
         first_pattern = ca.vertsplit(pattern, [0, nc, 2 * nc])[1]
         height = N * nc + problem.nh
@@ -153,10 +148,9 @@ class _Assembly:
 
     def hessian(self):
         """Return gradient and Hessian of the Lagrangian."""
-        N, patterns = self.problem.horizon, (self.stage.hessian_pattern, self.last.hessian_pattern)
-        S, H = self.stage.hessian.map(N)(*self.lagrangian_at_stages)
-        s_last, h_last = self.last.hessian(*self.lagrangian_at_last)
-        pattern = ca.diagcat(*[patterns[0]] * N, patterns[1])
+        (S, H), (s_last, h_last) = self._evaluate('hessian', self._with_multipliers)
+        patterns = [self.stage.hessian_pattern] * self.problem.horizon
+        pattern = ca.diagcat(*patterns, self.last.hessian_pattern)
         nonzeros = ca.vertcat(ca.vec(H), h_last)
         return ca.vertcat(ca.vec(S), s_last), ca.sparsity_cast(nonzeros, pattern)
 
