@@ -81,10 +81,11 @@ def resolve(
     own_values = {key: value for key, value in values.items() if key in own or key not in COMMON}
     params = parameters.build(cls, own_values, source)
     final = {**common, **parameters.flatten(params)}
-    return params, tuple(
-        Declaration(name, final[name], leaf, _description(file.comments.get(name), leaf))
+    descriptions = {
+        name: '; '.join(filter(None, (file.comments.get(name), leaf.allowed)))
         for name, leaf in known.items()
-    )
+    }
+    return params, tuple(Declaration(k, final[k], v, descriptions[k]) for k, v in known.items())
 
 
 def describe_defaults(cls: type, given: Mapping[str, Any], defaults: Path) -> str:
@@ -161,8 +162,3 @@ def _from_ros(leaf, value):
     if leaf.many and value is None:
         return ()
     return None if leaf.optional and value == 'null' else value
-
-
-def _description(comment, leaf):
-    """Return the comment in the file and the allowed values."""
-    return f'{comment}; {leaf.allowed}' if comment else leaf.allowed

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
+from node_runtime import named_vector
 
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
@@ -147,16 +148,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
         if key not in given and not leaf.optional:
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
     values = {key: check(leaf, given.get(key), key, source) for key, leaf in known.items()}
-    return _assemble(cls, values, '')
-
-
-def _assemble(cls, values, prefix):
-    arguments = {}
-    for name, hint in typing.get_type_hints(cls).items():
-        key = f'{prefix}{name}'
-        nested = dataclasses.is_dataclass(hint)
-        arguments[name] = _assemble(hint, values, f'{key}.') if nested else values[key]
-    return cls(**arguments)
+    return named_vector.build(cls, values.values())
 
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:

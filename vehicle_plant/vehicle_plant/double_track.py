@@ -73,7 +73,7 @@ def derivative(x: State, u: SetPoints, plant, friction: PerWheel) -> tuple[State
     ride_dot = Ride(x.ride.vz, vz_dot, x.ride.p, p_dot, x.ride.q, q_dot)
     wheels_dot = FourWheels(
         *(
-            WheelState(w.vz, lift, spin, wheel.windup_rate(w, p.brake), *slip_dot)
+            WheelState(w.vz, lift, spin, w.omega / p.brake.windup_rad, *slip_dot)
             for w, lift, (spin, slip_dot) in zip(x.wheels, lifts, wheel_dots)
         )
     )

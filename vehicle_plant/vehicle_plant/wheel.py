@@ -79,11 +79,6 @@ def torques(wheel, axle_force, Fz, p, lining):
     return ca.fmax(per_wheel, 0), brake, rolling
 
 
-def windup_rate(wheel, lining):
-    """Return the derivative of the lining's wind-up [1/s]; `limit_windup` ends it."""
-    return wheel.omega / lining.windup_rad
-
-
 def limit_windup(wheel):
     """Return the wheel with the wind-up of its lining within -1 and 1, where the lining slips."""
     return wheel._replace(windup=ca.fmin(ca.fmax(wheel.windup, -1), 1))

@@ -80,18 +80,13 @@ def _full_brake_row(case: Case, trajectory: Trajectory) -> int:
     return int(np.flatnonzero(force > FULL_BRAKE_SHARE * (front + rear))[-1]) + 1
 
 
-def _standstill_row(trajectory: Trajectory) -> int:
-    """Return the row at which the car first stands."""
-    return int(np.flatnonzero(trajectory.column('planar.vx') <= 0)[0])
-
-
 def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return distances of the plant and of the closed form, and the deceleration."""
     (trajectory,), p = trajectories, case.settings.straight_braking
     settle_s, column = case.settings.settle_s, trajectory.column
     t, X, vx = procedure.times(trajectory), column('planar.X'), column('planar.vx')
     begin = round(settle_s * procedure.MS_PER_S)
-    full, end = _full_brake_row(case, trajectory), _standstill_row(trajectory)
+    full, end = _full_brake_row(case, trajectory), int(np.flatnonzero(vx <= 0)[0])  # stands
     high, low = FULL_FROM * p.speed_mps, FULL_TO * p.speed_mps
     X_high, X_low = (float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low))
     distance, expected = X[end] - X[full], float(closed_form(case).distance(vx[full]))
