@@ -86,6 +86,13 @@ def heading_as_received(psi: float) -> float:
     return quaternion_to_heading(*heading_to_quaternion(psi))
 
 
+def headings_as_received(psi: np.ndarray) -> np.ndarray:
+    """Return `heading_as_received` of headings (n,), with the same bits."""
+    half = (0.5 * psi).tolist()
+    doubled = [2.0 * math.atan2(math.sin(angle), math.cos(angle)) for angle in half]
+    return np.array([wrap_angle(angle) for angle in doubled])
+
+
 def odometry_as_received(x: VehicleState) -> VehicleState:
     """Return decode.odometry(encode.odometry(x))."""
     return x._replace(psi=heading_as_received(x.psi))
@@ -93,9 +100,8 @@ def odometry_as_received(x: VehicleState) -> VehicleState:
 
 def reference_as_received(x: Reference | Prediction) -> Reference | Prediction:
     """Return decode.reference(encode.reference(x)), or the same of a prediction."""
-    times = [ns_to_s(add_seconds(x.stamp_ns, t) - x.stamp_ns) for t in x.t]
-    headings = [heading_as_received(float(psi)) for psi in x.psi]
-    return x._replace(psi=np.unwrap(headings), t=np.array(times))
+    since_ns = np.round(np.asarray(x.t, float) * NS_PER_S)
+    return x._replace(psi=np.unwrap(headings_as_received(x.psi)), t=since_ns / NS_PER_S)
 
 
 prediction_as_received = reference_as_received

@@ -17,10 +17,11 @@ from typing import Any, get_type_hints
 
 def leaves(value: Any) -> list:
     """Return the leaves of an instance in the order of `names`."""
-    children = _children(value)
-    if children is None:
-        return [value]
-    return [leaf for child in children.values() for leaf in leaves(child)]
+    if isinstance(value, tuple):
+        return [leaf for child in value for leaf in leaves(child)]
+    if hasattr(type(value), '__dataclass_fields__'):
+        return [leaf for field in fields(value) for leaf in leaves(getattr(value, field.name))]
+    return [value]
 
 
 def names(template: Any) -> tuple[str, ...]:
@@ -34,11 +35,16 @@ def names(template: Any) -> tuple[str, ...]:
 
 def build(template: Any, values: Iterable) -> Any:
     """Return an instance with these leaves. Raises ValueError when their number is wrong."""
-    given, count = list(values), len(names(template))
-    if len(given) != count:
-        kind = template if isinstance(template, type) else type(template)
+    given = list(values)
+    remaining = iter(given)
+    try:
+        result = _build(template, remaining)
+    except StopIteration:
+        result = None
+    if result is None or next(remaining, None) is not None:
+        kind, count = _kind(template), len(names(template))
         raise ValueError(f'{kind.__name__} has {count} numbers, got {len(given)}')
-    return _build(template, iter(given))
+    return result
 
 
 def _build(template, remaining):
@@ -46,8 +52,12 @@ def _build(template, remaining):
     if children is None:
         return next(remaining)
     values = [_build(child, remaining) for child in children.values()]
-    kind = template if isinstance(template, type) else type(template)
+    kind = _kind(template)
     return tuple(values) if kind is tuple else kind(*values)
+
+
+def _kind(template):
+    return template if isinstance(template, type) else type(template)
 
 
 def _children(template) -> dict[str | int, Any] | None:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from stage_solver.buffered_function import BufferedFunction
 from stage_solver.solution import SolverOptions
 from stage_solver.stage_problem import StageProblem
 
@@ -43,31 +44,6 @@ class Termination(NamedTuple):
     solved: bool
     reason: str  # one of the constants above, or the solver's own text
     iterations: int
-
-
-class BufferedFunction:
-    """A CasADi function on flat arrays, allocated once; each call overwrites the results."""
-
-    def __init__(self, function: ca.Function):
-        self._buffer, self._evaluate = function.buffer()
-        names_in, names_out = function.name_in(), function.name_out()
-        self.arguments = {n: np.zeros(function.nnz_in(n)) for n in names_in}
-        self.results = {n: np.zeros(function.nnz_out(n)) for n in names_out}
-        for i, name in enumerate(names_in):
-            self._buffer.set_arg(i, memoryview(self.arguments[name]))
-        for i, name in enumerate(names_out):
-            self._buffer.set_res(i, memoryview(self.results[name]))
-
-    def __call__(self, **values) -> dict[str, np.ndarray]:
-        """Assign the given arguments, keep the values of the others, return the results."""
-        for name, value in values.items():
-            self.arguments[name][:] = value
-        self._evaluate()
-        return self.results
-
-    def stats(self) -> dict:
-        """Return CasADi's statistics of the last call."""
-        return self._buffer.stats()
 
 
 def make_nlpsol(

@@ -95,12 +95,12 @@ class StageProblem:
         """Number of parameters of one stage."""
         return len(self.parameters)
 
-    @property
+    @cached_property
     def ng(self) -> int:
         """Number of general constraints of a stage before the last."""
         return self.constraints.numel_out(0)
 
-    @property
+    @cached_property
     def nh(self) -> int:
         """Number of general constraints of the last stage."""
         return self.terminal_constraints.numel_out(0)
@@ -205,14 +205,15 @@ def rk2(f: Callable[[Any, Any, Any], Any], dt: float) -> Callable[[Any, Any, Any
     return step
 
 
-def shift(plan: Plan, dynamics: ca.Function, p: np.ndarray) -> Plan:
+def shift(plan: Plan, dynamics: Callable, p: np.ndarray) -> Plan:
     """Return the plan one stage later: the initial guess of the next solve.
 
-    Stage 0 is dropped, the last input is repeated and the last state is integrated with `dynamics`
-    under it and the stage parameters `p` (np,). Multipliers move with their stages.
+    Stage 0 is dropped, the last input is repeated and the last state is integrated with `dynamics`,
+    (x, u, p) -> the next state, under it and the stage parameters `p` (np,). Multipliers move with
+    their stages.
     """
     u_last = plan.U[-1]
-    x_end = dynamics(plan.X[-1], u_last, p).full().ravel()
+    x_end = np.asarray(dynamics(plan.X[-1], u_last, p), float).ravel()
     X = np.vstack([plan.X[1:], x_end])
     U = np.vstack([plan.U[1:], u_last])
     if plan.multipliers is None:

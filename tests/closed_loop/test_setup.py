@@ -15,6 +15,21 @@ def test_a_simulation_without_settings_uses_the_files(simulated):
     assert again.facts == recorded.facts
 
 
+def test_a_drive_that_is_not_explained_is_the_same_drive(simulated):
+    explained, _ = simulated.drive('double_lane_change', 'mpcc')
+    brief = simulation.run(simulation.prepare('double_lane_change', 'mpcc'), explain=False)
+    assert set(explained) - set(brief) == {'/controller/prediction'}
+    for topic in ('/vehicle/odometry', '/vehicle/wheels', '/controller/command'):
+        for own, other in zip(brief[topic], explained[topic]):
+            assert np.array_equal(own, other), topic
+    reports = (brief['/controller/why'].values, explained['/controller/why'].values)
+    for own, other in zip(*reports, strict=True):
+        assert own._replace(values={}) == other._replace(values={})
+        timeless = {name: v for name, v in own.values.items() if not name.startswith('time.')}
+        assert timeless == {name: other.values[name] for name in timeless}
+        assert {'solver.iterations', 'gate', 'theta'} <= set(own.values) < set(other.values)
+
+
 def test_settings_reach_controller_and_plant():
     settings = {'controller': {'tolerances.lag_m': 0.3}, 'plant': {'friction': 0.95}}
     made = simulation.prepare('double_lane_change', 'frenet', settings)

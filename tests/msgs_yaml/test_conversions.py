@@ -102,3 +102,10 @@ def test_numpy_numbers_are_written_as_plain_numbers():
 def test_a_word_that_reads_as_something_else_is_rejected(word):
     with pytest.raises(ValueError, match='would be read as'):
         conversions.value_to_text(word)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.lists(st.floats(-50.0, 50.0), max_size=20))
+def test_many_headings_have_the_bits_that_each_of_them_has(headings):
+    expected = [conversions.heading_as_received(psi) for psi in headings]
+    assert conversions.headings_as_received(np.array(headings)).tolist() == expected

@@ -139,6 +139,7 @@ def step_function() -> ca.Function:
     return ca.Function('step', [x, begin, end, h, p], [after, outputs])
 
 
+@cache
 def row_size() -> int:
     """Return the length of a row: state, then outputs."""
     return len(named_vector.names(State)) + len(named_vector.names(Outputs))

@@ -71,6 +71,9 @@ class RunEnd:
     def _update_standstill(self, piece: Trajectory) -> None:
         speed = np.hypot(piece.column('planar.vx'), piece.column('planar.vy'))
         stands = speed < _STANDSTILL_MPS
+        if not stands.any():
+            self._standing_s, self._moved = 0.0, True
+            return
         previous_ns = np.concatenate([self._last.stamp_ns, piece.stamp_ns[:-1]])
         step_s = (piece.stamp_ns - previous_ns) / NS_PER_S
         if stands.all():

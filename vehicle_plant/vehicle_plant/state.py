@@ -152,39 +152,52 @@ class Trajectory(NamedTuple):
         """Return the rows that a mask (n,) selects."""
         return Trajectory(self.stamp_ns[mask], self.rows[mask])
 
-    def states(self) -> list[VehicleState]:
-        """Return the planar motion at each row; the heading is wrapped to (-pi, pi]."""
-        return [
-            VehicleState(stamp_ns, X, Y, wrap_angle(psi), *velocities)
-            for stamp_ns, (X, Y, psi, *velocities) in self._stamped(_PLANAR)
-        ]
+    def state_columns(self) -> VehicleState:
+        """Return the planar motion, each field (n,); the heading is wrapped to (-pi, pi]."""
+        X, Y, psi, *velocities = self.rows[:, _PLANAR].T
+        return VehicleState(self.stamp_ns, X, Y, wrap_angle(psi), *velocities)
 
-    def actuators(self) -> list[Actuators]:
-        """Return the positions of the servos and the wheel torques at each row."""
-        torques = self.rows[:, _WHEELS['torque']].tolist()
-        return [
-            Actuators(stamp_ns, *servos, tuple(torque))
-            for (stamp_ns, servos), torque in zip(self._stamped(_SERVOS), torques)
-        ]
+    def actuator_columns(self) -> Actuators:
+        """Return the servos' positions, each (n,), and the wheel torques (n, 4)."""
+        servos = self.rows[:, _SERVOS].T
+        return Actuators(self.stamp_ns, *servos, self.rows[:, _WHEELS['torque']])
 
-    def imu(self) -> list[Imu]:
-        """Return accelerations of the CoG, yaw and roll rate at each row."""
-        return [Imu(stamp_ns, *values) for stamp_ns, values in self._stamped(_IMU)]
+    def imu_columns(self) -> Imu:
+        """Return accelerations of the CoG, yaw and roll rate, each (n,)."""
+        return Imu(self.stamp_ns, *self.rows[:, _IMU].T)
 
-    def wheels(self) -> list[Wheels]:
-        """Return the wheels at each row; slips are the transient ones."""
+    def wheel_columns(self) -> Wheels:
+        """Return the values of the wheels, each (n, 4); slips are the transient ones."""
         fields = {field: self.rows[:, columns] for field, columns in _WHEELS.items()}
         fields['alpha'] = np.arctan(fields['alpha'])
-        per_row = zip(self.stamp_ns.tolist(), *(values.tolist() for values in fields.values()))
-        return [Wheels(stamp_ns, *map(tuple, values)) for stamp_ns, *values in per_row]
+        return Wheels(self.stamp_ns, **fields)
 
-    def _stamped(self, columns):
-        return zip(self.stamp_ns.tolist(), self.rows[:, columns].tolist())
+    def states(self) -> list[VehicleState]:
+        """Return the message values of `state_columns`, one per row."""
+        return _rows(self.state_columns())
+
+    def actuators(self) -> list[Actuators]:
+        """Return the message values of `actuator_columns`, one per row."""
+        return _rows(self.actuator_columns())
+
+    def imu(self) -> list[Imu]:
+        """Return the message values of `imu_columns`, one per row."""
+        return _rows(self.imu_columns())
+
+    def wheels(self) -> list[Wheels]:
+        """Return the message values of `wheel_columns`, one per row."""
+        return _rows(self.wheel_columns())
 
 
-def wrap_angle(psi: float) -> float:
-    """Return a heading in (-pi, pi]."""
-    return float(np.pi - (np.pi - psi) % (2 * np.pi))
+def _rows(columns):
+    """Return a tuple of columns (n,) or (n, 4) as n tuples of its type."""
+    values = [map(tuple, c.tolist()) if c.ndim > 1 else c.tolist() for c in columns]
+    return [type(columns)(*row) for row in zip(*values)]
+
+
+def wrap_angle(psi):
+    """Return headings in (-pi, pi]; numbers or arrays."""
+    return np.pi - (np.pi - psi) % (2 * np.pi)
 
 
 def join_trajectories(trajectories: list[Trajectory]) -> Trajectory:

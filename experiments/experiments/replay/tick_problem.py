@@ -207,8 +207,9 @@ class Problem:
         return setpoints.command_to(target, now, car, params.model.step_s, self.stamp_ns)
 
     def _distances(self, view):
-        safe, weights = stage_parameters.safety_distance(self.planner.params), self.weights
-        obstacles = zip(self.tick_problem.parameters.obstacles, view.v2o, view.priority_o)
+        parameters, weights = self.tick_problem.parameters, self.weights
+        safe = parameters.stages.D_sft
+        obstacles = zip(parameters.obstacles, view.v2o, view.priority_o)
         for obstacle, D, priority in obstacles:
             yield Distance(f'obstacle {obstacle.id}', D, safe.o, weights['v2o'] * priority)
         for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):

@@ -1,6 +1,7 @@
 """Initial guesses of the plan: the last plan shifted by a tick, or the path itself. SI units."""
 
-import casadi as ca
+from collections.abc import Callable
+
 import numpy as np
 
 from mpcc_controller.model.single_track import Car, Input, State, ideal_split
@@ -49,7 +50,7 @@ def start_at(plan: Plan, x0: State) -> Plan:
     return plan._replace(X=X)
 
 
-def shift_to(plan: Plan, step: ca.Function, car: Car, x0: State) -> Plan:
+def shift_to(plan: Plan, step: Callable, car: Car, x0: State) -> Plan:
     """Return the plan one tick later, starting at the measured state `x0`.
 
     `step` is that of `single_track.step`: (x, u, car) -> the state one tick later.

@@ -10,13 +10,14 @@ from mpcc_controller.driving import fallback, initial_guess, solver_selection
 from mpcc_controller.driving.fallback import Decision, FallbackLogic
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import State
+from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from msgs_yaml.types import VehicleState
+from stage_solver.buffered_function import BufferedFunction
 from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Bounds, Plan, shift
@@ -79,7 +80,7 @@ class Planner:
             params, self.problem, limit_time, self.first_solver
         )
         self.evaluator = PlanEvaluator(symbolic)
-        self.step = single_track.step(params.model.step_s)
+        self._step = BufferedFunction(single_track.step(params.model.step_s))
         self.reset()
 
     def reset(self) -> None:
@@ -88,6 +89,10 @@ class Planner:
         self.theta: float | None = None  # m, last projection on the path
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
+
+    def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
+        """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""
+        return self._step(x=x, u=u, car=car)['x_next'].copy()
 
     def project(self, x: VehicleState, scene: Scene) -> float:
         """Return the distance [m] along the path of the point closest to the car."""
@@ -183,7 +188,7 @@ class Planner:
         """Return the decision for a tick with an unknown state: the plan goes on as planned."""
         plan = self.fallback.plan
         if plan is not None:
-            plan = shift(plan, self.step, np.array(self.car))
+            plan = shift(plan, self.step, self.car)
         return self.fallback.follow_shifted(reason, plan)
 
     def discard_plan(self) -> None:
@@ -219,7 +224,7 @@ class Planner:
             solution = Solution(guess, np.nan, *failed)
         plan = self.formulation.to_map(solution.plan, problem.scene.path)
         if solution.status == ONE_STEP:  # the driven step obeys the dynamics exactly
-            driven = self.step(plan.X[0], plan.U[0], np.array(self.car)).full().ravel()
+            driven = self.step(plan.X[0], plan.U[0], self.car)
             plan = plan._replace(X=np.vstack([plan.X[:1], driven, plan.X[2:]]))
         return solution._replace(plan=plan)
 

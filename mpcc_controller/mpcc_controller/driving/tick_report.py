@@ -42,21 +42,29 @@ class TickReporter:
         poses = np.array([(x.X, x.Y, x.psi)] if np.all(np.isfinite(x)) else np.empty((0, 3)))
         return Prediction(x.stamp_ns, *poses.T, np.zeros(len(poses)))
 
-    def why(self, record: TickRecord) -> Why:
-        """Return level, message and values of a tick; values of NaN are left out."""
+    def why(self, record: TickRecord, plan_values: bool = True) -> Why:
+        """Return level, message and values of a tick; values of NaN are left out.
+
+        Without `plan_values` distances, and what is evaluated from the plan, are left out: they
+        take longer to compute than all others.
+        """
         decision, gate = record.decision, record.gate_reason
         level = {SOLVED: OK, BRAKING: ERROR}.get(decision.level, WARN)
         message = f'{decision.level}: {decision.reason}'
         if gate:
             level, message = ERROR, f'{message}; gate: {gate}'
         values = {'rung': decision.level, 'reason': decision.reason, 'gate': gate or 'passed'}
-        values |= {name: v for name, v in self._values(record).items() if v == v}
+        values |= {name: v for name, v in self._values(record, plan_values).items() if v == v}
         return Why(record.inputs.state.stamp_ns, level, message, values)
 
-    def _values(self, record):
+    def _values(self, record, plan_values):
         values = {}
         if record.x0 is not None:
-            values |= _initial_state(record.x0) | self._plan_values(record)
+            values |= _initial_state(record.x0)
+            if record.attempt is not None:
+                values |= _solutions(record.attempt)
+            if plan_values:
+                values |= self._plan_values(record)
         if record.braking_line is not None:
             values['guide'] = record.braking_line
         values |= _command(record.command, self._formulation.car, record.rejections)
@@ -69,8 +77,7 @@ class TickReporter:
             return distances_now(record.x0, record.scene, near, self._params)
         problem = attempt.problem
         parameters, scene = problem.parameters, problem.scene
-        values = _solutions(attempt)
-        values |= distances_now(problem.x0, scene, parameters.obstacles, self._params)
+        values = distances_now(problem.x0, scene, parameters.obstacles, self._params)
         if attempt.plan is not None:
             plan = self._formulation.to_local(attempt.plan, scene.path)
             evaluated = self._evaluator.evaluate(plan, parameters.P)

@@ -213,4 +213,4 @@ def step(dt: float) -> ca.Function:
     car = ca.SX.sym('car', len(Car._fields))
     rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), Car(*ca.vertsplit(car)))
     f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
-    return ca.Function('step', [x, u, car], [rk2(f, dt)(x, u, car)])
+    return ca.Function('step', [x, u, car], [rk2(f, dt)(x, u, car)], ['x', 'u', 'car'], ['x_next'])

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpcc_controller.model import elementary_functions as functions
-from mpcc_controller.path import arc, distance, reference_path, road_edges
+from mpcc_controller.path import arc, compiled_queries, distance, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc
 from mpcc_controller.path.reference_path import ReferencePath
@@ -99,11 +99,20 @@ def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
     The path continues straight before its start and past its end. A point beyond the centre of a
     bend keeps the foot at the closest pose of the path.
     """
-    s = np.array([_closest_node(path, *point, near) for point in zip(X, Y)])
-    return refine(path, X, Y, s)
+    compiled = compiled_queries.library()
+    if compiled is None:
+        s = np.array([closest_node(path, *point, near) for point in zip(X, Y)])
+        return refine_by_numpy(path, X, Y, s)
+    X, Y = compiled_queries.row(X), compiled_queries.row(Y)
+    s, e = np.empty((2, len(X)))
+    compiled.path_to_frenet(
+        path.table.shape[1], path.table.ctypes.data, path.discs.ctypes.data,
+        len(X), X.ctypes.data, Y.ctypes.data, near, s.ctypes.data, e.ctypes.data,
+    )  # fmt: skip
+    return FrenetPoint(s, e)
 
 
-def _closest_node(path, X, Y, near):
+def closest_node(path, X, Y, near):
     """Return the theta of the nearer end of the chord closest to a point.
 
     The chord decides, not its ends: on a long one both are far from the foot.
@@ -117,11 +126,25 @@ def _closest_node(path, X, Y, near):
 
 def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
+    compiled = compiled_queries.library()
+    if compiled is None:
+        return refine_by_numpy(path, X, Y, s)
+    X, Y, s = compiled_queries.row(X), compiled_queries.row(Y), np.array(s, float)
+    e = np.empty(len(s))
+    compiled.path_refine(
+        path.table.shape[1], path.table.ctypes.data,
+        len(s), X.ctypes.data, Y.ctypes.data, s.ctypes.data, e.ctypes.data,
+    )  # fmt: skip
+    return FrenetPoint(s, e)
+
+
+def refine_by_numpy(path: ReferencePath, X, Y, s) -> FrenetPoint:
+    """Return `refine`: the definition of what the compiled code does."""
     for _ in range(PROJECTION_STEPS):
-        piece, _ = reference_path.arcs_at(path, s)
+        piece, _ = reference_path.arcs_by_numpy(path, s)
         left = -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
         s = np.where(piece.kappa * left < 1, to_frenet_on_arc(piece, X, Y).s, s)
-    piece, _ = reference_path.arcs_at(path, s)
+    piece, _ = reference_path.arcs_by_numpy(path, s)
     return FrenetPoint(s, -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y))
 
 
@@ -200,8 +223,7 @@ def _edge_to_frenet(line, pieces, window):
     pose = Pose(pieces.X, pieces.Y, pieces.psi)
     crossing = pose
     for _ in range(EDGE_STEPS):
-        s = road_edges.closest(line, crossing.X, crossing.Y)
-        edge = road_edges.tangent_parabolas(line, s, window)
+        edge = road_edges.edge_beside(line, crossing.X, crossing.Y, window)
         e, slope = _normal_crossing(pose, pieces.kappa, edge)
         crossing = offset_left(pose, e)
     return FrenetEdge(pieces.theta, e, slope)

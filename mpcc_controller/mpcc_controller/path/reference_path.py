@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.path import arc
+from mpcc_controller.path import arc, compiled_queries
 from mpcc_controller.path.arc import Arc
 from msgs_yaml.types import Reference
 
@@ -20,9 +20,26 @@ class PathError(ValueError):
 class ReferencePath(NamedTuple):
     """A path of n segments and its straight continuations: n + 2 arcs in order."""
 
-    arcs: Arc  # each field (n + 2,): the start of the arc, but the end of the first one
-    v: np.ndarray  # (n + 2,) m/s, desired speed
-    length: float  # m
+    table: np.ndarray  # (6, n + 2): the rows of `arcs`, then `v`
+    discs: np.ndarray | None  # of `compiled_queries`
+
+    @property
+    def arcs(self) -> Arc:
+        """The arcs, each field (n + 2,): the start of the arc, but the end of the first one."""
+        return Arc(*self.table[:-1])
+
+    @property
+    def v(self) -> np.ndarray:
+        """The desired speed (n + 2,) [m/s]."""
+        return self.table[-1]
+
+    @property
+    def length(self) -> float:
+        """The length [m] without the continuations."""
+        return float(self.table[-2, -1])
+
+    def __repr__(self):
+        return f'ReferencePath({self.table.shape[1] - 2} segments, {self.length:.1f} m)'
 
 
 def build(reference: Reference) -> ReferencePath:
@@ -60,7 +77,8 @@ def build(reference: Reference) -> ReferencePath:
         theta=np.concatenate((theta[:1], theta)),
     )
     v = ds / dt
-    return ReferencePath(arcs, np.concatenate((v[:1], v, v[-1:])), float(theta[-1]))
+    table = np.array((*arcs, np.concatenate((v[:1], v, v[-1:]))))
+    return ReferencePath(table, compiled_queries.make_discs(X, Y))
 
 
 def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
@@ -68,7 +86,20 @@ def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
 
     The path continues straight before its start and past its end.
     """
-    theta = np.asarray(theta, float)
+    compiled = compiled_queries.library()
+    theta = compiled_queries.row(theta)
+    if compiled is None:
+        return arcs_by_numpy(path, theta)
+    table, out = path.table, np.empty((5, *theta.shape))
+    compiled.path_at(
+        table.shape[1], table.ctypes.data, theta.size, theta.ctypes.data, out.ctypes.data
+    )
+    X, Y, psi, kappa, v = out
+    return Arc(X, Y, psi, kappa, theta), v
+
+
+def arcs_by_numpy(path: ReferencePath, theta: np.ndarray) -> tuple[Arc, np.ndarray]:
+    """Return `arcs_at`: the definition of what the compiled code does."""
     # the first arc is for every theta below 0, the last one past the end
     index = np.searchsorted(path.arcs.theta[1:], theta, side='right')
     piece = Arc(*(column[index] for column in path.arcs))
@@ -83,6 +114,17 @@ def project(path: ReferencePath, X: float, Y: float, near: float | None, reach: 
     crosses or repeats itself is not short-cut. With None all of it is searched; of several laps the
     first one within LAP_TOLERANCE_M of the closest is taken.
     """
+    compiled = compiled_queries.library()
+    if compiled is None or near is None:
+        return project_by_numpy(path, X, Y, near, reach)
+    table = path.table
+    return compiled.path_project(table.shape[1], table.ctypes.data, X, Y, near, reach)
+
+
+def project_by_numpy(
+    path: ReferencePath, X: float, Y: float, near: float | None, reach: float
+) -> float:
+    """Return `project`: the definition of what the compiled code does."""
     arcs = path.arcs
     first, last = 1, arcs.theta.size - 1
     if near is not None:
@@ -124,7 +166,7 @@ def feet_on_chords(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.nda
 def _refine(path, X, Y, theta):
     """Move along the path until the lag error vanishes (Newton)."""
     for _ in range(NEWTON_STEPS):
-        piece, _ = arcs_at(path, theta)
+        piece, _ = arcs_by_numpy(path, np.asarray(theta))
         pose = arc.pose_at(piece, theta)
         left = -arc.contouring_error(pose, X, Y)
         shrink = 1 - piece.kappa * left
@@ -145,5 +187,4 @@ def _require(valid, message):
 
 def is_equal(path: ReferencePath, other: ReferencePath) -> bool:
     """Return whether two paths are equal in every number."""
-    columns = zip((*path.arcs, path.v), (*other.arcs, other.v))
-    return all(np.array_equal(a, b) for a, b in columns)
+    return np.array_equal(path.table, other.table)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mpcc_controller.path import compiled_queries
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.distance import Edge, Edges
 from msgs_yaml.types import RoadEdges
@@ -19,9 +20,17 @@ class EdgeError(ValueError):
 class Polyline(NamedTuple):
     """Corners of an edge with its continuations."""
 
-    points: np.ndarray  # (n, 2) m, map
-    s: np.ndarray  # (n,) m, length up to each corner
-    chords: 'Chords'  # without the continuations
+    table: np.ndarray  # (3, n) m: X and Y in the map, length s up to each corner
+    discs: np.ndarray | None  # of `compiled_queries`, without the continuations
+
+    @property
+    def s(self) -> np.ndarray:
+        """The length (n,) [m] up to each corner."""
+        return self.table[2]
+
+    def __repr__(self):
+        length = self.s[-2] - CONTINUATION
+        return f'Polyline({self.table.shape[1] - 2} points, {length:.1f} m)'
 
 
 class Chords(NamedTuple):
@@ -69,9 +78,8 @@ def _polyline(side, points):
         )
     )
     s = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    (X, Y), (dX, dY) = points[1:-2].T, np.diff(points[1:-1], axis=0).T
-    chords = Chords(*map(np.ascontiguousarray, (X, Y, dX, dY, dX**2 + dY**2)))
-    return Polyline(points, s, chords)
+    table = compiled_queries.row(np.vstack((points.T, s)))
+    return Polyline(table, compiled_queries.make_discs(*points[1:-1].T))
 
 
 def _distinct(points):
@@ -93,18 +101,26 @@ def closest(line: Polyline, X, Y) -> np.ndarray:
     The continuations count only for points whose closest corner is an end of the edge: on a closed
     road they would run across it.
     """
-    near = _candidates(line.chords, X, Y)
-    chords = Chords(*(column[near] for column in line.chords))
+    every = chords_of(line)
+    near = _candidates(every, X, Y)
+    chords = Chords(*(column[near] for column in every))
     free, share, far = _feet(chords, X[:, None], Y[:, None])
     best = np.argmin(far, axis=1)
     rows = np.arange(len(best))
     along, free = share[rows, best], free[rows, best]
     best = near[best]
-    last = len(line.chords.X) - 1
+    last = len(every.X) - 1
     outside = ((best == 0) & (along == 0)) | ((best == last) & (along == 1))
     along = np.where(outside, free, along)
     s = line.s[1:-1]
     return s[best] + along * (s[best + 1] - s[best])
+
+
+def chords_of(line: Polyline) -> Chords:
+    """Return the chords of an edge without its continuations."""
+    corners = line.table[:2, 1:-1]
+    dX, dY = np.diff(corners)
+    return Chords(*corners[:, :-1], dX, dY, dX**2 + dY**2)
 
 
 def _feet(chords, X, Y):
@@ -150,12 +166,27 @@ def tangent_parabolas(line: Polyline, s, window: float) -> Edge:
 
 
 def _point(line, s):
-    return np.array([np.interp(s, line.s, line.points[:, axis]) for axis in (0, 1)])
+    X, Y, length = line.table
+    return np.array([np.interp(s, length, axis) for axis in (X, Y)])
+
+
+def edge_beside(line: Polyline, X, Y, window: float) -> Edge:
+    """Return the parabolas tangent to the line where it is closest to positions (k,)."""
+    compiled = compiled_queries.library()
+    if compiled is None:
+        return tangent_parabolas(line, closest(line, X, Y), window)
+    X, Y = compiled_queries.row(X), compiled_queries.row(Y)
+    out = np.empty((4, len(X)))
+    compiled.edge_beside(
+        line.table.shape[1], line.table.ctypes.data, line.discs.ctypes.data,
+        len(X), X.ctypes.data, Y.ctypes.data, window, out.ctypes.data,
+    )  # fmt: skip
+    return Edge(*out)
 
 
 def edges_near(road: Road, X, Y, window: float) -> Edges:
     """Return both edges beside the planned positions (k,)."""
-    return Edges(*(tangent_parabolas(line, closest(line, X, Y), window) for line in road))
+    return Edges(*(edge_beside(line, X, Y, window) for line in road))
 
 
 def track_beside(road: Road, path: Arc, window: float) -> Track:

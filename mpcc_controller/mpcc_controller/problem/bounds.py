@@ -3,6 +3,8 @@
 The constrained quantities are those of `ocp.constraints`.
 """
 
+from functools import cache
+
 import numpy as np
 
 from mpcc_controller.model.single_track import Car, Input, State
@@ -10,6 +12,7 @@ from mpcc_controller.parameters import Limits
 from mpcc_controller.problem.ocp import Constraints, total_friction_use
 from stage_solver.stage_problem import Bounds
 
+FRICTION = ('front', 'rear', 'total')  # the rows of g that are shares of the friction
 MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 
 
@@ -24,6 +27,18 @@ def build(
     restart), the friction bounds widen to what the rate limit of the force allows to reach: a state
     that cannot be changed must not make the problem infeasible.
     """
+    sf = friction_share(limits, car, Fx, horizon, dt)
+    constant = _without_friction(limits, horizon, state)
+    g_high, g_low = constant.g_high.copy(), constant.g_low.copy()
+    for name in FRICTION:
+        g_high[:, Constraints._fields.index(name)] = sf[:-1]
+        g_low[:, Constraints._fields.index(name)] = -sf[:-1]
+    return constant._replace(g_low=g_low, g_high=g_high, h_low=-sf[-1:], h_high=sf[-1:])
+
+
+@cache
+def _without_friction(limits, horizon, state) -> Bounds:
+    """Return the bounds that are equal at all times, as arrays that cannot be changed."""
     free = np.inf
     x_high = state(
         **dict.fromkeys(state._fields, free) | {'delta': limits.steer_rad, 'Fx': limits.drive_n}
@@ -43,25 +58,19 @@ def build(
         lambda_b=limits.brake_front_share_min,
         slack=-free,
     )
-    sf = friction_share(limits, car, Fx, horizon, dt)
-    ones = np.ones(horizon)
-    per_axle = {'front': sf[:-1], 'rear': sf[:-1], 'total': sf[:-1]}
-    g_high = Constraints(**per_axle, track=0 * ones, speed=free * ones)
-    g_low = Constraints(
-        **{name: -use for name, use in per_axle.items()},
-        track=-free * ones,
-        speed=limits.least_speed_mps * ones,
-    )
-    return Bounds(
-        x_low=np.tile(x_low, (horizon + 1, 1)),
-        x_high=np.tile(x_high, (horizon + 1, 1)),
-        u_low=np.tile(u_low, (horizon, 1)),
-        u_high=np.tile(u_high, (horizon, 1)),
-        g_low=np.column_stack(g_low),
-        g_high=np.column_stack(g_high),
-        h_low=-sf[-1:],
-        h_high=sf[-1:],
-    )
+    friction = dict.fromkeys(FRICTION, free)
+    g_high = Constraints(**friction, track=0.0, speed=free)
+    g_low = Constraints(**friction, track=-free, speed=limits.least_speed_mps)
+    rows = {'x': horizon + 1, 'u': horizon, 'g': horizon, 'h': 1}
+    limit = {'x': (x_low, x_high), 'u': (u_low, u_high), 'g': (g_low, g_high), 'h': (-free, free)}
+    arrays = {
+        f'{kind}_{end}': np.tile(values, rows[kind] if kind == 'h' else (rows[kind], 1))
+        for kind, ends in limit.items()
+        for end, values in zip(('low', 'high'), ends)
+    }
+    for array in arrays.values():
+        array.flags.writeable = False
+    return Bounds(**arrays)
 
 
 def friction_share(limits: Limits, car: Car, Fx: float, horizon: int, dt: float) -> np.ndarray:

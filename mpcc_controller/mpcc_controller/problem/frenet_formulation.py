@@ -5,7 +5,7 @@ control", IEEE T-IV 2019, as far as it is public; docs/baseline.md gives the sou
 Inputs, prediction model and limits are those of the paper's MPCC.
 """
 
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -117,6 +117,7 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     return ocp.constraints(x, u, p, gap - ((left - right) / 2 - p.body.radius))
 
 
+@cache
 def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
     rules = rules or Rules()
@@ -174,6 +175,8 @@ class FrenetFormulation:
         self.params, self.car = params, car
         priority = priorities.PRIORITIES[params.formulation.priority]
         self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params))
+        self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
+        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
@@ -186,16 +189,13 @@ class FrenetFormulation:
         window = params.surroundings.edge_window_m
         slots, obstacles = stage_parameters.obstacle_slots(params, FRENET, scene, x)
         stages = FrenetStage(
-            car=self.car,
-            weights=cost_terms.weights(self.rules.terms, params),
-            D_sft=stage_parameters.safety_distance(params),
-            body=stage_parameters.vehicle_circles(params),
+            **self.constants,
             kappa=mean_curvatures(arcs),
             v_ref=v_ref,
             edges=FRENET.road(scene.road, arcs, x, window),
             obstacles=slots,
         )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess))
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), self.constant_numbers)
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map in path coordinates; multipliers are kept."""

@@ -4,7 +4,7 @@ Everything that may change while driving is a number in `Stage`; the graph is bu
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -97,6 +97,7 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
     return ocp.constraints(x, u, p, gap - (p.half_width - p.body.radius))
 
 
+@cache
 def symbolic_ocp(
     circles: int,
     obstacles: int,
@@ -136,6 +137,8 @@ class MpccFormulation:
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
         )
+        self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
+        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         size = stage_parameters.size(params)
         self.ocp = symbolic_ocp(*size, self.rules, self.name, self.quantities)
 
@@ -149,10 +152,7 @@ class MpccFormulation:
         track = road_edges.track_beside(scene.road, arcs, window)
         slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
         stages = Stage(
-            car=self.car,
-            weights=cost_terms.weights(self.rules.terms, params),
-            D_sft=stage_parameters.safety_distance(params),
-            body=stage_parameters.vehicle_circles(params),
+            **self.constants,
             path=reference,
             v_ref=v_ref,
             centre=track.centre,
@@ -160,7 +160,7 @@ class MpccFormulation:
             edges=frame.road(scene.road, arcs, x, window),
             obstacles=slots,
         )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess))
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), self.constant_numbers)
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""

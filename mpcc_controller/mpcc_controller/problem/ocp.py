@@ -5,6 +5,7 @@ the sum of the cost and the evaluation of plans are the same for all.
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -15,6 +16,7 @@ from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
 from node_runtime import named_vector
 from stage_solver import stage_problem
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS
 
 # The solver's units of the inputs: forces in kN, everything else in SI
 SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
@@ -111,6 +113,7 @@ def total_friction_use(Fx, car: Car):
     return Fx / (car.mu_f * Fz.f + car.mu_r * Fz.r)
 
 
+@lru_cache(MAX_CACHED_PROBLEMS)
 def build(ocp: SymbolicOcp, horizon: int, dt: float) -> stage_problem.StageProblem:
     """Build the problem of `horizon` steps of `dt` [s]; afterwards only its parameters change."""
     (xs, us, ps), x, u, p = symbols(ocp)

@@ -1,5 +1,6 @@
 """Evaluates a plan: cost by term, distances, priorities, use of the friction. SI units."""
 
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -10,7 +11,8 @@ from mpcc_controller.model.single_track import Axles
 from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.ocp import SymbolicOcp
 from node_runtime import named_vector
-from stage_solver.stage_problem import Plan
+from stage_solver.buffered_function import BufferedFunction
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
 
 class PlanValues(NamedTuple):
@@ -26,14 +28,12 @@ class PlanValues(NamedTuple):
 
 
 class PlanEvaluator:
-    """Evaluates plans of one formulation."""
+    """Evaluates plans of one formulation. Its functions are built at the first evaluation."""
 
     def __init__(self, symbolic: SymbolicOcp):
-        flat, x, u, p = ocp.symbols(symbolic)
-        self._values = _values(symbolic, x, u, p)
+        self._symbolic = symbolic
         self._input_terms = tuple(term.name for term in symbolic.terms if term.of_input)
-        outputs = ca.vertcat(*named_vector.leaves(self._values))
-        self._evaluate = ca.Function('evaluate', list(flat), [outputs])
+        self._of_stages = cache(lambda count: BufferedFunction(_function(symbolic).map(count)))
 
     def evaluate(self, plan: Plan, P: np.ndarray) -> PlanValues:
         """Return the values of a plan in the states of the formulation, parameters P (N + 1, np).
@@ -42,13 +42,33 @@ class PlanEvaluator:
         that with the input of the stage before.
         """
         U = np.vstack((plan.U, plan.U[-1:]))
-        values = named_vector.build(self._values, self._evaluate(plan.X.T, U.T, P.T).full())
+        evaluate = self._of_stages(len(plan.X))
+        numbers = evaluate(X=plan.X.ravel(), U=U.ravel(), P=P.ravel())['values']
+        rows = numbers.reshape(len(plan.X), -1).T.copy()
+        values = named_vector.build(_values(self._symbolic), rows)
         for name in self._input_terms:
             getattr(values.costs, name)[-1] = 0
         return values
 
 
-def _values(symbolic, x, u, p) -> PlanValues:
+@lru_cache(MAX_CACHED_PROBLEMS)
+def _function(symbolic: SymbolicOcp) -> ca.Function:
+    """Return (X, U, P) -> the values of one stage, flat."""
+    outputs = ca.vertcat(*named_vector.leaves(_values(symbolic)))
+    return ca.Function(
+        'evaluate', list(_symbols(symbolic).flat), [outputs], ['X', 'U', 'P'], ['values']
+    )
+
+
+@lru_cache(MAX_CACHED_PROBLEMS)
+def _symbols(symbolic):
+    return ocp.symbols(symbolic)
+
+
+@lru_cache(MAX_CACHED_PROBLEMS)
+def _values(symbolic) -> PlanValues:
+    """Return the values of one stage as expressions in `_symbols`."""
+    _, x, u, p = _symbols(symbolic)
     quantities = symbolic.quantities(x, u, p)
     errors = cost_terms.squared_errors(symbolic.terms, quantities)
     v2o, v2e = (

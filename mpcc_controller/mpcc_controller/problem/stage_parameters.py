@@ -3,6 +3,7 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,11 +14,15 @@ from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
+from mpcc_controller.problem import cost_terms
+from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
+
+CONSTANTS = ('car', 'weights', 'D_sft', 'body')  # the first fields of the stages
 
 
 class Scene(NamedTuple):
@@ -59,14 +64,22 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
     )
 
 
-def safety_distance(params: ControllerParams) -> SafetyDistance:
-    """Return the safety distances D_sft."""
-    return SafetyDistance(params.safety.obstacle_m, params.safety.edge_m)
+def constant_parameters(
+    params: ControllerParams, car: Car, terms: Sequence[CostTerm]
+) -> dict[str, Any]:
+    """Return the first stage parameters of every formulation, by name: equal at all times."""
+    values = (
+        car,
+        cost_terms.weights(terms, params),
+        SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
+        VehicleCircles(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
+    )
+    return dict(zip(CONSTANTS, values, strict=True))
 
 
-def vehicle_circles(params: ControllerParams) -> VehicleCircles:
-    """Return the circles of the vehicle."""
-    return VehicleCircles(params.body.circle_radius_m, tuple(params.body.circle_offsets_m))
+def constant_numbers(stages) -> np.ndarray:
+    """Return the numbers of the constant parameters, the first fields of `stages`."""
+    return np.array(named_vector.leaves(stages[: len(CONSTANTS)]), float)
 
 
 def size(params: ControllerParams) -> tuple[int, int]:
@@ -87,10 +100,21 @@ def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene,
     return slots + (frame.empty_slot(x),) * empty, chosen
 
 
-def to_matrix(stages, obstacles: tuple[Obstacle, ...], count: int) -> StageParameters:
-    """Return the parameters of `count` stages, also as a matrix."""
-    columns = [np.broadcast_to(leaf, (count,)) for leaf in named_vector.leaves(stages)]
-    return StageParameters(stages, np.column_stack(columns), obstacles)
+def to_matrix(
+    stages, obstacles: tuple[Obstacle, ...], count: int, constants: np.ndarray | None = None
+) -> StageParameters:
+    """Return the parameters of `count` stages, also as a matrix.
+
+    constants: `constant_numbers(stages)` where they are known; to collect them takes time.
+    """
+    if constants is None:
+        constants = constant_numbers(stages)
+    varying = named_vector.leaves(stages[len(CONSTANTS) :])
+    P = np.empty((count, len(constants) + len(varying)))
+    P[:, : len(constants)] = constants
+    for column, leaf in enumerate(varying, len(constants)):
+        P[:, column] = leaf
+    return StageParameters(stages, P, obstacles)
 
 
 def scene_at(scene: Scene, stamp_ns: int) -> Scene:
@@ -112,8 +136,9 @@ def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Obstac
             for offset in params.body.circle_offsets_m
         )
 
-    count = params.surroundings.max_obstacles
-    closest = sorted(obstacles.items, key=smallest_distance)[:count]
+    count, closest = params.surroundings.max_obstacles, obstacles.items
+    if len(closest) > count:
+        closest = sorted(closest, key=smallest_distance)[:count]
     return tuple(sorted(closest, key=lambda o: o.id))
 
 

@@ -104,7 +104,7 @@ def test_one_step_keeps_its_own_limits_and_reports_its_reason(drives, controller
 def test_plans_of_one_step_satisfy_the_prediction_model_exactly(drives, controllers):
     motion, car = (getattr(controllers['one_step'].planner, name) for name in ('step', 'car'))
     for _, plan, _ in drives['one_step'][1]:
-        predicted = motion(plan.X[0], plan.U[0], np.array(car)).full().ravel()
+        predicted = motion(plan.X[0], plan.U[0], car)
         assert plan.X[1] == pytest.approx(predicted, abs=1e-6)
 
 

@@ -137,7 +137,7 @@ def test_on_a_long_road_only_chords_near_the_plan_are_candidates():
     x = np.arange(0.0, 5000.0, 5.0)
     road = road_edges.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
     X = np.linspace(2400.0, 2450.0, 51)
-    near = road_edges._candidates(road.left.chords, X, 0 * X)
+    near = road_edges._candidates(road_edges.chords_of(road.left), X, 0 * X)
     assert x[near[0]] < 2400.0
     assert x[near[-1]] > 2450.0 - 5.0
     assert len(near) < 25
@@ -148,4 +148,4 @@ def test_on_a_circle_of_many_laps_only_chords_near_the_plan_are_candidates():
     line = np.column_stack((R * np.sin(laps), R - R * np.cos(laps)))
     road = road_edges.build(RoadEdges(0, line, line))
     X, Y = line[5:15].T
-    assert len(road_edges._candidates(road.left.chords, X, Y)) < len(line) / 4
+    assert len(road_edges._candidates(road_edges.chords_of(road.left), X, Y)) < len(line) / 4

@@ -1,0 +1,320 @@
+"""How fast are a drive in process, its ticks and the node graph, and where does the time go?
+
+    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--json bench/loop.json]
+
+Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
+how a tick grows with obstacles, horizon, circles and the length of the path (compiles problems for
+minutes at the first run), --ring a recorded drive of the node graph in lockstep. Writes the JSON
+and a page beside it (.md).
+"""
+
+import argparse
+import gc
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import closed_loops
+import machine
+import numpy as np
+import scaling
+from rich.console import Console
+from tables import TextTable, markdown, number, show
+
+from bags.evaluation import tick_timing
+from bags.storage import read
+from experiments import simulation
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.tick import TickRecord
+from scenario_publisher import scenario
+
+SCENARIO = 'double_lane_change'
+CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
+TICK_S = 0.05
+MS = 1e3
+WARM_TICKS = 5  # at the start, before code and data are in the caches of the processor
+PARALLEL_S = 4.0  # how long the drives beside each other go on
+PATH_LENGTHS_M = (100.0, 1000.0, 20_000.0)
+POSE_M = 0.5  # between two poses of these paths: 40,000 on the longest
+MEASURED_TICKS = 40
+ROAD = """
+schema: 1
+name: straight
+description: A straight road of any length.
+sampling: {{path_m: {pose_m}, edges_m: {pose_m}}}
+road:
+  centre_line:
+    start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
+    segments: [{{straight: {{length_m: {length_m}}}}}]
+  edges: {{left: {{offset_m: 5.0}}, right: {{offset_m: -5.0}}}}
+path:
+  start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
+  segments: [{{straight: {{length_m: {length_m}}}}}]
+speed: {{constant_mps: 15.0}}
+friction: 1.0
+start: {{progress_m: {start_m}}}
+stop: {{progress_m: {stop_m}, time_s: 60.0}}
+obstacles: [{{station_m: {obstacle_m}, offset_m: 1.8, radius_m: 1.0}}]
+"""
+
+
+class TickTimes(NamedTuple):
+    """The parts of ticks, each (n,) [ms]; `total` is from the decoded state to the command."""
+
+    total: np.ndarray
+    prepare: np.ndarray  # projection, initial guess, numbers of the stages, bounds
+    solve: np.ndarray
+    rest: np.ndarray  # delay compensation, choice, set-points, gate
+    explain: np.ndarray  # after the command: /controller/prediction and /controller/why
+
+    @property
+    def outside(self) -> np.ndarray:
+        """The part that is no solver [ms]."""
+        return self.total - self.solve
+
+
+def tick_times(records: list[tuple[TickRecord, float]]) -> TickTimes:
+    """Return the times of ticks that solved once, from their records and explaining times [s]."""
+    rows = [
+        (r.computing_s, r.attempt.prepare_s, r.attempt.first.solve_s, explain_s)
+        for r, explain_s in records
+        if r.attempt is not None and r.attempt.second is None
+    ]
+    total, prepare, solve, explain = MS * np.array(rows[WARM_TICKS:]).T
+    return TickTimes(total, prepare, solve, total - prepare - solve, explain)
+
+
+def watched_drive(scn: scenario.Scenario, controller: Controller, most: int = 10**6) -> TickTimes:
+    """Return the times of the ticks of one drive, explained."""
+    records = []
+    for record in itertools.islice(closed_loops.drive(scn, controller), most):
+        began = time.perf_counter()
+        controller.report(record)
+        records.append((record, time.perf_counter() - began))
+    return tick_times(records)
+
+
+def cpu_of(call) -> tuple[float, object]:
+    """Return the processor time [s] of a call, and its result."""
+    gc.collect()
+    began = time.process_time()
+    result = call()
+    return time.process_time() - began, result
+
+
+def measure_drives(controller: str, repeats: int) -> dict:
+    """Return processor time, real-time factors and tick times of drives of one controller."""
+    setup = simulation.prepare(SCENARIO, controller)
+    columns = simulation.run(setup)
+    driven_s = float(columns['/vehicle/odometry'].t_s[-1])
+    cpu_s = {'explained': [], 'brief': [], 'evaluated': []}
+    calls = {
+        'explained': lambda: simulation.run(setup),
+        'brief': lambda: simulation.run(setup, explain=False),
+        'evaluated': lambda: simulation.drive(setup),
+    }
+    for _ in range(repeats):  # alternately: what disturbs the machine disturbs all of them
+        for name, call in calls.items():
+            cpu_s[name].append(cpu_of(call)[0])
+    ticks = [
+        watched_drive(setup.scn, Controller(setup.params, setup.vehicle)) for _ in range(repeats)
+    ]
+    every = TickTimes(*(np.concatenate(part) for part in zip(*ticks)))
+    factors = {name: driven_s / float(np.median(times)) for name, times in cpu_s.items()}
+    return {
+        'drive_s': driven_s,
+        'drive_cpu_s': {name: float(np.median(times)) for name, times in cpu_s.items()},
+        'real_time_factor': factors,
+        'tick_ms': {**quantiles(every.total), 'by_part': parts(every)},
+        'explain_ms': quantiles(every.explain),
+    }
+
+
+def parts(times: TickTimes) -> dict[str, dict[str, float]]:
+    """Return the quantiles of every part before the command."""
+    named = {name: getattr(times, name) for name in ('prepare', 'solve', 'rest', 'outside')}
+    return {name: quantiles(values) for name, values in named.items()}
+
+
+def quantiles(values: np.ndarray) -> dict[str, float]:
+    """Return median, 99th percentile and maximum."""
+    return {
+        'median': float(np.median(values)),
+        'p99': float(np.percentile(values, 99)),
+        'max': float(np.max(values)),
+    }
+
+
+def count_drives(_: int = 0) -> float:
+    """Return the drives per second of this process, without explaining."""
+    setup = simulation.prepare(SCENARIO, CONTROLLERS[0])
+    simulation.run(setup, explain=False)
+    count, began = 0, time.perf_counter()
+    while time.perf_counter() - began < PARALLEL_S:
+        simulation.run(setup, explain=False)
+        count += 1
+    return count / (time.perf_counter() - began)
+
+
+def measure_parallel() -> dict:
+    """Return the drives per second of one process and of one per core, side by side."""
+    cores = len(os.sched_getaffinity(0))
+    rates = {}
+    for workers in sorted({1, cores}):
+        with ProcessPoolExecutor(workers) as pool:
+            rates[workers] = sum(pool.map(count_drives, range(workers)))
+    return {
+        'drives_per_s': {str(workers): rate for workers, rate in rates.items()},
+        'speed_up': rates[cores] / rates[1],
+    }
+
+
+def measure_sizes() -> list[dict]:
+    """Return the tick times over horizon, obstacles and circles."""
+    params = closed_loops.controller_params('mpcc')
+    scn = closed_loops.load_scenario(scaling.ROAD.scenario, None)
+    rows = []
+    for size in [*scaling.sizes(params), scaling.Size(params.model.horizon, 20, 1)]:
+        sized = scaling.sized(params, size)
+        controller = closed_loops.make_controller(sized, scn.friction)
+        rows.append({**size._asdict(), **row(watched_drive(scn, controller, MEASURED_TICKS))})
+    return rows
+
+
+def measure_lengths() -> list[dict]:
+    """Return the tick times over the length of the path."""
+    params = closed_loops.controller_params('mpcc')
+    rows = []
+    for length_m in PATH_LENGTHS_M:
+        start_m = max(0.0, length_m / 2 - 40.0)
+        text = ROAD.format(
+            pose_m=POSE_M,
+            length_m=length_m,
+            start_m=start_m,
+            stop_m=start_m + 45.0,
+            obstacle_m=start_m + 40.0,
+        )
+        scn = scenario.parse(text, f'straight road of {length_m:g} m')
+        controller = closed_loops.make_controller(params, scn.friction)
+        times = watched_drive(scn, controller, MEASURED_TICKS)
+        rows.append({'path_m': length_m, 'poses': len(scn.reference.X), **row(times)})
+    return rows
+
+
+def row(times: TickTimes) -> dict[str, float]:
+    """Return the medians of a row of the scaling tables [ms]."""
+    named = ('total', 'solve', 'outside', 'explain')
+    return {f'{name}_ms': float(np.median(getattr(times, name))) for name in named}
+
+
+def measure_ring() -> dict:
+    """Return the wall time per tick of the node graph in lockstep, recorded."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, '-m', 'experiments.cli', 'run', SCENARIO]
+        command += ['--controller', CONTROLLERS[0], '--out', folder]
+        began = time.perf_counter()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        wall_s = time.perf_counter() - began
+        bag = read.load(Path(folder) / SCENARIO / CONTROLLERS[0])
+        report = tick_timing.timing_report(bag)
+    period_ms = report['interval_ms']['median']
+    return {
+        'tick_wall_ms': report['interval_ms'],
+        'real_time_factor': TICK_S * MS / period_ms,
+        'command_wall_s': wall_s,
+        'parts_ms': report['parts_ms'],
+    }
+
+
+def tables(results: dict) -> list[TextTable]:
+    """Return the figures as tables."""
+    drives = [
+        (
+            name,
+            *(number(MS * value) for value in one['drive_cpu_s'].values()),
+            *(number(value) for value in one['real_time_factor'].values()),
+        )
+        for name, one in results['drives'].items()
+    ]
+    kinds = ('explained', 'brief', 'evaluated')
+    listed = [
+        TextTable(
+            f'A drive of {SCENARIO} in process, per core',
+            ('controller', *(f'{k}, cpu ms' for k in kinds), *(f'{k}, x real time' for k in kinds)),
+            drives,
+            'brief: without predictions and values of the plan; evaluated: brief, as a drive for '
+            'the metrics',
+        ),
+        TextTable(
+            'State to command in process',
+            ('part', *(f'{q} ms' for q in ('median', 'p99', 'max'))),
+            [
+                (f'{name}: {part}', *(number(values[q]) for q in ('median', 'p99', 'max')))
+                for name, one in results['drives'].items()
+                for part, values in {
+                    'total': one['tick_ms'],
+                    **one['tick_ms']['by_part'],
+                    'explain, after it': one['explain_ms'],
+                }.items()
+            ],
+        ),
+        TextTable(
+            'Processes beside each other',
+            ('processes', 'drives per second'),
+            [(n, number(rate)) for n, rate in results['parallel']['drives_per_s'].items()],
+            f'speed-up {results["parallel"]["speed_up"]:.2f}',
+        ),
+    ]
+    for name, title in (('sizes', 'size of the problem'), ('lengths', 'length of the path')):
+        if name in results:
+            fields = tuple(results[name][0])
+            rows = [
+                tuple(number(v) if f.endswith('_ms') else f'{v:g}' for f, v in one.items())
+                for one in results[name]
+            ]
+            listed.append(TextTable(f'A tick by the {title}, medians', fields, rows))
+    if 'ring' in results:
+        ring = results['ring']
+        rows = [('wall time per tick, ms', number(ring['tick_wall_ms']['median']))]
+        rows += [('x real time', number(ring['real_time_factor']))]
+        rows += [('`experiments run`, s', number(ring['command_wall_s']))]
+        listed.append(TextTable('The node graph in lockstep, recorded', ('', 'mpcc'), rows))
+    return listed
+
+
+def main() -> None:
+    """Measure, print the tables, write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--repeats', type=int, default=10, help='drives per controller and kind')
+    parser.add_argument('--scaling', action='store_true', help='ticks by size and length')
+    parser.add_argument('--ring', action='store_true', help='the node graph, too')
+    parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
+    options = parser.parse_args()
+    results = {
+        'machine': machine.named(),
+        'drives': {name: measure_drives(name, options.repeats) for name in CONTROLLERS},
+        'parallel': measure_parallel(),
+    }
+    if options.scaling:
+        results |= {'sizes': measure_sizes(), 'lengths': measure_lengths()}
+    if options.ring:
+        results['ring'] = measure_ring()
+    listed = tables(results)
+    console = Console()
+    for table in listed:
+        show(console, table)
+    options.json.write_text(json.dumps(results, indent=2) + '\n')
+    about = ', '.join(f'{key} {value}' for key, value in results['machine'].items())
+    head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n'
+    options.json.with_suffix('.md').write_text(head + '\n'.join(markdown(t) for t in listed))
+
+
+if __name__ == '__main__':
+    main()
