@@ -9,6 +9,7 @@ Ctrl-C, an argument that cannot be used. The recording is kept.
 """
 
 import os
+from functools import partial
 from pathlib import Path
 
 from launch.logging import launch_config
@@ -48,26 +49,23 @@ class RunMonitor:
     def __init__(self):
         self.is_finished = self.has_failed = False
 
-    def on_exit(self, role, executable):
-        """Return the handler for the exit of a node."""
-        return lambda event, context: self._on_exit(role, executable, event.returncode, context)
-
-    def _on_exit(self, role, executable, code, context):
+    def on_exit(self, role, executable, event, context):
+        """Return what to do at the exit of a node."""
+        code = event.returncode
         if role == 'plant' and code == node_graph.FINISHED and not context.is_shutdown:
             self.is_finished = True
             # the final state is answered, too, and the answer is recorded
             return actions.TimerAction(
                 period=node_graph.SETTLE_S, actions=[actions.Shutdown(reason='the plant ended')]
             )
-        if code == 0 and context.is_shutdown and (self.is_finished or self.has_failed):
+        was_asked = code == 0 and context.is_shutdown
+        if was_asked and (self.is_finished or self.has_failed):
             return None
-        interrupted = code == 0 and context.is_shutdown
         self.has_failed = True
-        raise RunFailedError(
-            'the drive was interrupted'
-            if interrupted
-            else f'the drive failed: {executable} ended {processes.describe_exit(code)}'
-        )
+        if was_asked:
+            raise RunFailedError('the drive was interrupted')
+        end = processes.describe_exit(code)
+        raise RunFailedError(f'the drive failed: {executable} ended {end}')
 
 
 def start_nodes(context):
@@ -92,12 +90,9 @@ def start_nodes(context):
     node_config.write_run_info(facts, controller, mode, nodes, run_info, file_values)
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
-    monitor = RunMonitor()
+    monitor, warnings = RunMonitor(), inputs.find_warnings(facts, checked)
     return [
-        *(
-            actions.LogInfo(msg=f'warning, {controller.name}: {text}')
-            for text in inputs.find_warnings(facts, checked)
-        ),
+        *(actions.LogInfo(msg=f'warning, {controller.name}: {text}') for text in warnings),
         *(_start(node, folder, monitor) for node in nodes),
     ]
 
@@ -110,7 +105,7 @@ def _start(node, folder, monitor):
         parameters=[*map(str, node.files), str(parameter_file)],
         output='screen',
         sigterm_timeout=str(SHUTDOWN_S.get(node.role, processes.INTERRUPT_S)),
-        on_exit=monitor.on_exit(node.role, node.executable),
+        on_exit=partial(monitor.on_exit, node.role, node.executable),
     )
 
 

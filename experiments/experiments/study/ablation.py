@@ -9,7 +9,7 @@ from experiments.study.claims import STABLE_DEG
 from experiments.study.distributions import POINT_KPH, RUNS, run_at_speed
 from experiments.study.run_statistics import BY_NAME, summarise_runs
 from experiments.study.runner import Record, Runner
-from experiments.study.variants import SWITCHES, Switch, Variant
+from experiments.study.variants import SWITCHES, Switch
 
 SPEEDS_KPH = tuple(60.0 + 5.0 * step for step in range(8))  # 60 .. 95
 CLEARANCES_M = (0.3, 0.5, 0.7)  # D_sft,O, the requested clearance
@@ -43,13 +43,12 @@ class Cell(NamedTuple):
 class Ablation(NamedTuple):
     """The result of `experiments study ablation`."""
 
-    variants: list[Variant]
     rows: list[dict[str, Any]]  # one per cell and row
     switches: list[dict[str, Any]]  # see find_flips; at the point, then over the sweep
     files: list[Path]
 
     def __repr__(self) -> str:
-        return f'Ablation({len(self.variants)} variants, {len(self.rows)} rows)'
+        return f'Ablation({len(self.rows)} rows, {len(self.switches)} switches)'
 
 
 def run(
@@ -107,7 +106,7 @@ def run(
     text, title = _switches_markdown(switches), 'Which single switch turns which verdict'
     files += tables.write_tables(out, SWITCHES_STEM, title, switches, text, origin)
     files += study_figures.write_ablation(rows, out)
-    return Ablation(chosen, rows, switches, files)
+    return Ablation(rows, switches, files)
 
 
 def _row(where, kph, clearance, name, runs):

@@ -95,14 +95,15 @@ def probe_speed(runner: Runner, variant: Variant, kph: float, draws: Sequence[Dr
 
 def _row(limit, runs) -> dict[str, Any]:
     probe = next((probe for probe in limit.probes if probe.speed_kph == limit.speed_kph), None)
-    share = run_statistics.share_of_counts(probe.cleared, probe.runs) if probe else None
+    counts = run_statistics.share_of_counts(probe.cleared, probe.runs) if probe else [None] * 4
+    cleared, _, low, high = counts
     return {
         'controller': limit.name,
         'limit_kph': limit.speed_kph,
         'runs_per_probe': runs,
-        'cleared_at_limit': share.holds if share else None,
-        'low': share.low if share else None,
-        'high': share.high if share else None,
+        'cleared_at_limit': cleared,
+        'low': low,
+        'high': high,
         'probes': [f'{probe.speed_kph:g}:{probe.cleared}/{probe.runs}' for probe in limit.probes],
     }
 

@@ -40,10 +40,6 @@ class Record(NamedTuple):
         return self.value('completed') and is_safe
 
 
-def show_nothing(label: str, done: int, total: int) -> None:
-    """Ignore the progress."""
-
-
 class Runner:
     """A context that simulates runs; an interrupted study continues with the missing runs.
 
@@ -54,7 +50,10 @@ class Runner:
     """
 
     def __init__(
-        self, jobs: int | None = None, progress: Progress = show_nothing, cache: Path | None = None
+        self,
+        jobs: int | None = None,
+        progress: Progress = lambda *_: None,
+        cache: Path | None = None,
     ):
         self.jobs = jobs or len(os.sched_getaffinity(0))
         self.progress = progress
