@@ -2,7 +2,7 @@
 
 main           run a subcommand
 add_bag ...    arguments that several subcommands have
-print_summary  a summary as JSON, or for a person
+print_...      a summary as JSON or for a person, lines, paths
 """
 
 import argparse
@@ -73,10 +73,15 @@ def print_summary(
     return 0
 
 
+def print_text(console: Any, text: str, style: str | None = None) -> None:
+    """Print a line as it is: without markup, colours of its parts, and line breaks."""
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
 def print_paths(console: Any, paths: Mapping[str, Path]) -> None:
     """Print where files were written, by what they are."""
     for label, path in paths.items():
-        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+        print_text(console, f'{label}: {os.path.relpath(path)}')
 
 
 def number_text(value: float | None, form: str) -> str:

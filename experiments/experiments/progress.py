@@ -14,13 +14,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from bags.command_line import print_text
+
 BAR_WIDTH = 24
 LINE_EVERY_S = 5.0  # without a terminal
-
-
-def print_text(console: Console, text: str) -> None:
-    """Print a line as it is: without markup, colours and line breaks."""
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 class ProgressDisplay:

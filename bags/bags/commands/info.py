@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bags import command_line
-from bags.command_line import number_text
+from bags.command_line import number_text, print_text
 from bags.errors import DamagedBagWarning
 
 HELP = 'contents of a bag, latency and deadline misses of the run'
@@ -44,14 +44,14 @@ def show(summary: Mapping[str, Any], console: Console) -> None:
         console.print(Text(summary['damage'], style='red'))
     console.print(topic_table(summary['topics']))
     for line in describe_invalid(summary):
-        console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
+        print_text(console, line, 'red')
     for line in _describe_run(summary):
-        console.print(line, markup=False, highlight=False)
+        print_text(console, line)
     for name, value in summary['run'].items():
         text = ' '.join(value.split())
         text = text if len(text) <= LONGEST_VALUE else f'{text[:LONGEST_VALUE]} ...'
-        # soft_wrap: a hash stays one word, which can be copied
-        console.print(f'{name}: {text}', markup=False, highlight=False, soft_wrap=True)
+        # a hash stays one word, which can be copied
+        print_text(console, f'{name}: {text}')
 
 
 def topic_table(topics: Mapping[str, Mapping[str, Any]]) -> Table:

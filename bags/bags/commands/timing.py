@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bags import command_line
-from bags.command_line import number_text
+from bags.command_line import number_text, print_text
 
 HELP = 'latency of each part of a tick, and missed ticks'
 TITLES = {
@@ -44,7 +44,7 @@ def show(report: dict[str, Any], console: Console) -> None:
         table.add_row(title, *(number_text((values or {}).get(name), '.2f') for name in QUANTILES))
     console.print(table)
     for line in describe_invalid(report):
-        console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
+        print_text(console, line, 'red')
     console.print(describe_ticks(report['ticks']), highlight=False)
     mean = number_text(report['interval_ms']['mean'], '.3f')
     console.print(f'mean interval {mean} ms', highlight=False)

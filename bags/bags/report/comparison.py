@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from bags.command_line import print_paths
+from bags.command_line import print_paths, print_text
 from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog, read_controller_log
@@ -108,14 +108,13 @@ def compare_drives(
 def show_comparison(comparison: Comparison, console: Console) -> None:
     """Print the table and the paths of the files."""
     for damage in comparison.values.get('damage', {}).values():
-        console.print(damage, style='red', markup=False, highlight=False, soft_wrap=True)
+        print_text(console, damage, 'red')
     console.print(metrics_table.build_table(comparison.values))
     for name, run in comparison.values['runs'].items():
-        console.print(f'{name}: {run["verdict"]}', markup=False, highlight=False, soft_wrap=True)
+        print_text(console, f'{name}: {run["verdict"]}')
     for name, invalid in comparison.values.get(KEY, {}).items():
         for line in describe_invalid({KEY: invalid}):
-            line = f'{name}: {line}'
-            console.print(line, style='red', markup=False, highlight=False, soft_wrap=True)
+            print_text(console, f'{name}: {line}', 'red')
     figure = next(path for path in comparison.figures if path.suffix == '.png')
     places = {
         'numbers': comparison.file,

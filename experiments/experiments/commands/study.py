@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bags.command_line import add_out
+from bags.command_line import add_out, print_text
 from bags.errors import BagError
 from experiments.commands import add_list
 
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run one part; 0 when it was written. Raises BagError."""
     # imported late: simulation and controllers take a second to load
-    from experiments.progress import CountProgress, print_text
+    from experiments.progress import CountProgress
     from experiments.study.runner import Runner
 
     roles = dict(_parse_role(text) for text in options.role)

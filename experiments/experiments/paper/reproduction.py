@@ -5,7 +5,6 @@ medians without ranges, no shares and no causes; claims.md has these.
 """
 
 import json
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bags.command_line import print_paths
 from bags.errors import BagError
 from bags.figures import frame_distance_figure
 from bags.report.comparison import compare_bags, show_comparison
@@ -161,8 +161,7 @@ def show(result: Reproduction, console: Console) -> None:
     console.print(table)
     console.print(claim_evaluation.undecided_list(result.rows), markup=False, highlight=False)
     sheet = next(path for path in result.figures if path.suffix == '.png')
-    for label, path in (('claims', result.claims), ('figures', sheet)):
-        console.print(f'{label}: {os.path.relpath(path)}', markup=False, highlight=False)
+    print_paths(console, {'claims': result.claims, 'figures': sheet})
 
 
 def build_claims_block(file: Path) -> str:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 from rich.console import Console
 
+from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config, set_option
-from experiments.progress import RunProgress, print_text
+from experiments.progress import RunProgress
 from experiments.run import domain, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings

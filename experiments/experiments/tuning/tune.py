@@ -13,9 +13,10 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
+from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.configuration import node_config
-from experiments.progress import CountProgress, print_text
+from experiments.progress import CountProgress
 from experiments.tuning import problem, search, tuning_figure
 from experiments.tuning.search import Plan, Trial
 from experiments.worker_pool import WorkerPool
