@@ -12,7 +12,8 @@ import numpy as np
 
 from scenario_publisher import lines, schema
 from scenario_publisher.lines import Frame, Line
-from scenario_publisher.road_geometry import MIN_STRETCH, ErrorAt
+from scenario_publisher.road_geometry import MIN_STRETCH
+from scenario_publisher.scenario_file import KeyedError
 
 KEY = 'friction_patches'
 MAX_QUADRILATERALS = 16  # the plant takes no more
@@ -43,60 +44,60 @@ class Stripe(NamedTuple):
     left: np.ndarray  # m (n, 2)
 
 
-def build_patches(blocks: Sequence[schema.FrictionPatch], centre: Line, error: ErrorAt) -> Patches:
+def build_patches(blocks: Sequence[schema.FrictionPatch], centre: Line) -> Patches:
     """Return the patches of the file, in its order, on a road with a centre line.
 
-    Raises `error(key, what)` when a patch is empty, lies beyond the road, folds back inside a bend,
+    Raises KeyedError when a patch is empty, lies beyond the road, folds back inside a bend,
     or when the patches need more quadrilaterals than the plant takes.
     """
     if len(blocks) > MAX_QUADRILATERALS:
-        raise error(KEY, f'has {len(blocks)} patches; allowed at most {MAX_QUADRILATERALS}')
+        raise KeyedError(KEY, f'has {len(blocks)} patches; allowed at most {MAX_QUADRILATERALS}')
     corners, friction = [], []
     for i, block in enumerate(blocks):
         key = f'{KEY}[{i}]'
-        _check_extent(block, key, centre, error)
+        _check_extent(block, key, centre)
         free = MAX_QUADRILATERALS - len(friction)
-        quads = _quadrilaterals(_stripe(block, key, centre, error), free)
+        quads = _quadrilaterals(_stripe(block, key, centre), free)
         if len(quads) > free:
             what = f'needs more than {free} quadrilaterals to follow the road'
             allowed = f'allowed {MAX_QUADRILATERALS} for all patches'
-            raise error(key, f'{what}; {allowed}, {len(friction)} are taken by those before')
+            raise KeyedError(key, f'{what}; {allowed}, {len(friction)} are taken by those before')
         corners += quads.ravel().tolist()
         friction += [block.friction] * len(quads)
     return Patches(tuple(corners), tuple(friction))
 
 
-def _check_extent(block, key, centre, error):
+def _check_extent(block, key, centre):
     for low, high in (('from_m', 'to_m'), ('from_offset_m', 'to_offset_m')):
         first, last = getattr(block, low), getattr(block, high)
         if last - first < MIN_SIZE - lines.ROUNDING:
             what = f'is {last:g} m, not {MIN_SIZE:g} m beyond {low}'
-            raise error(f'{key}.{high}', f'{what}; allowed {first + MIN_SIZE:g} m or more')
+            raise KeyedError(f'{key}.{high}', f'{what}; allowed {first + MIN_SIZE:g} m or more')
     if block.to_m > centre.s[-1]:
         what = f'lies beyond the road with {block.to_m:g}'
-        raise error(f'{key}.to_m', f'{what}; allowed up to {centre.s[-1]:.2f} m')
+        raise KeyedError(f'{key}.to_m', f'{what}; allowed up to {centre.s[-1]:.2f} m')
 
 
-def _stripe(block, key, centre, error):
+def _stripe(block, key, centre):
     count = 1 + int(np.ceil((block.to_m - block.from_m) / STATION_STEP))
     s = np.linspace(block.from_m, block.to_m, count)
     frame = lines.pose_at(centre, s)
     sides = {}
     for name in ('from_offset_m', 'to_offset_m'):
         side = np.column_stack(lines.offset_point(frame, getattr(block, name)))
-        _check_fold(side, s, frame, f'{key}.{name}', error)
+        _check_fold(side, s, frame, f'{key}.{name}')
         sides[name] = side
     return Stripe(frame.psi, sides['from_offset_m'], sides['to_offset_m'])
 
 
-def _check_fold(side, s, frame: Frame, key, error):
+def _check_fold(side, s, frame: Frame, key):
     psi = (frame.psi[:-1] + frame.psi[1:]) / 2
     dX, dY = np.diff(side, axis=0).T
     stretch = (dX * np.cos(psi) + dY * np.sin(psi)) / np.diff(s)
     i = int(np.argmin(stretch))
     if stretch[i] < MIN_STRETCH:
         what = f'folds back in the bend at station {s[i]:.1f} m'
-        raise error(key, f'{what}; allowed less than {1 - MIN_STRETCH:g} of the radius')
+        raise KeyedError(key, f'{what}; allowed less than {1 - MIN_STRETCH:g} of the radius')
 
 
 def _quadrilaterals(stripe, limit):

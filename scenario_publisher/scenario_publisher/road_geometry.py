@@ -1,18 +1,17 @@
 """Lines, tables and the road of a scenario file as arrays, with checks beyond the schema.
 
-Metres, map frame. `error(key, what)` returns the error about a dotted key of the file; every
-function here raises it for geometry that cannot be driven or published.
+Metres, map frame. Every function here raises KeyedError for geometry that cannot be driven or
+published; keys are the dotted ones of the file.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from scenario_publisher import lines, polyline, schema
 from scenario_publisher.lines import Frame, Line
-
-ErrorAt = Callable[[str, str], Exception]
+from scenario_publisher.scenario_file import KeyedError
 
 MAX_SAMPLES = 5000  # of a published line, as topics.yaml allows
 MAX_KAPPA = 0.2  # 1/m, the tightest circle a passenger car can turn
@@ -44,93 +43,91 @@ class Outside(NamedTuple):
     ends: np.ndarray  # m before the start or behind the end, never negative
 
 
-def sample_line(block: schema.Line, key: str, spacing: float, error: ErrorAt) -> Line:
+def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
     """Return the line of the block `key`, sampled at most `spacing` [m] apart."""
     if isinstance(block, schema.PointLine):
-        points = check_points(block.points_m, key, MAX_TURN, error)
-        _check_steps(points, key, error)
-        _check_count(np.ceil(polyline.steps(points).sum() / spacing) + 1, key, error)
+        points = check_points(block.points_m, key, MAX_TURN)
+        _check_steps(points, key)
+        _check_count(np.ceil(polyline.steps(points).sum() / spacing) + 1, key)
         line = lines.line_through_points(points, spacing)
     else:
         if not block.segments:
-            raise error(f'{key}.segments', 'is empty; allowed at least 1 segment')
-        curves = [_curve(s, f'{key}.segments[{i}]', error) for i, s in enumerate(block.segments)]
+            raise KeyedError(f'{key}.segments', 'is empty; allowed at least 1 segment')
+        curves = [_curve(s, f'{key}.segments[{i}]') for i, s in enumerate(block.segments)]
         length = sum(curve.length for curve in curves)
-        _check_count(np.ceil(length / spacing) + 1, key, error)
+        _check_count(np.ceil(length / spacing) + 1, key)
         start = block.start
         line = lines.line_from_curves(curves, start.x_m, start.y_m, start.yaw_rad, spacing)
-    _check_curvature_and_extent(line, key, error)
+    _check_curvature_and_extent(line, key)
     return line
 
 
-def _curve(segment, key, error):
+def _curve(segment, key):
     ((kind, piece),) = vars(segment).items()
     try:
         return getattr(lines, kind)(*vars(piece).values())
     except ValueError as reason:  # of a lane change
-        raise error(f'{key}.{kind}.offset_m', str(reason)) from None
+        raise KeyedError(f'{key}.{kind}.offset_m', str(reason)) from None
 
 
-def check_points(rows: Sequence, key: str, max_turn: float, error: ErrorAt) -> np.ndarray:
+def check_points(rows: Sequence, key: str, max_turn: float) -> np.ndarray:
     """Return points (n, 2), n >= 2, that neither repeat nor turn by more than max_turn [rad]."""
     points = np.array(rows, dtype=float).reshape(-1, 2)
     if len(points) < 2:
-        raise error(f'{key}.points_m', f'has {len(points)} points; allowed at least 2')
+        raise KeyedError(f'{key}.points_m', f'has {len(points)} points; allowed at least 2')
     for i in np.flatnonzero(polyline.steps(points) < MIN_STEP):
         what = f'repeats the point before; allowed at least {MIN_STEP:g} m between them'
-        raise error(f'{key}.points_m[{i + 1}]', what)
+        raise KeyedError(f'{key}.points_m[{i + 1}]', what)
     turns = polyline.turns(points)
     for i in np.flatnonzero(turns > max_turn):
         what = f'the line turns by {np.degrees(turns[i]):.0f} deg here (a jump or a way back)'
         limit = f'allowed at most {np.degrees(max_turn):.0f} deg from point to point'
-        raise error(f'{key}.points_m[{i + 1}]', f'{what}; {limit}')
+        raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {limit}')
     return points
 
 
-def build_table(
-    stations: Sequence, values: Sequence, key: str, name: str, error: ErrorAt
-) -> np.ndarray:
+def build_table(stations: Sequence, values: Sequence, key: str, name: str) -> np.ndarray:
     """Return the rows (n, 2) of a table over increasing stations."""
     if len(stations) != len(values) or not stations:
         what = f'has {len(values)} values for {len(stations)} stations; allowed one for each'
-        raise error(f'{key}.{name}', what)
+        raise KeyedError(f'{key}.{name}', what)
     for i in np.flatnonzero(np.diff(stations) <= 0.0):
         what = 'is not larger than the station before; allowed only increasing stations'
-        raise error(f'{key}.stations_m[{i + 1}]', what)
+        raise KeyedError(f'{key}.stations_m[{i + 1}]', what)
     return np.column_stack([stations, values])
 
 
-def _check_steps(points, key, error):
+def _check_steps(points, key):
     steps = polyline.steps(points)
     longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
     for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
         what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
         allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
-        raise error(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
+        raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
 
 
-def _check_count(count, key, error):
+def _check_count(count, key):
     if count > MAX_SAMPLES:
         what = f'needs {count:.0f} samples; allowed at most {MAX_SAMPLES}'
-        raise error(key, f'{what} (shorten it, or widen `sampling`)')
+        raise KeyedError(key, f'{what} (shorten it, or widen `sampling`)')
 
 
-def _check_curvature_and_extent(line, key, error):
+def _check_curvature_and_extent(line, key):
     i = int(np.argmax(np.abs(line.kappa)))
     if abs(line.kappa[i]) > MAX_KAPPA:
         what = f'has a curvature of {line.kappa[i]:.3g} 1/m at station {line.s[i]:.1f} m'
-        raise error(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
+        raise KeyedError(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
     extent = max(np.abs(line.X).max(), np.abs(line.Y).max())
     if extent > MAX_COORDINATE:
         what = f'reaches a coordinate of {extent:.0f} m'
-        raise error(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
+        raise KeyedError(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
 
 
-def build_road(block: schema.Road, spacing: float, error: ErrorAt) -> Road:
+def build_road(block: schema.Road, spacing: float) -> Road:
     """Return the road of the block `road`, points at most `spacing` [m] apart."""
-    centre = sample_line(block.centre_line, 'road.centre_line', spacing, error)
-    left = _edge(block.edges.left, LEFT, 'road.edges.left', centre, spacing, error)
-    right = _edge(block.edges.right, RIGHT, 'road.edges.right', centre, spacing, error)
+    centre = sample_line(block.centre_line, 'road.centre_line', spacing)
+    left = _edge(block.edges.left, LEFT, 'road.edges.left', centre, spacing)
+    right = _edge(block.edges.right, RIGHT, 'road.edges.right', centre, spacing)
     return Road(centre, left, right)
 
 
@@ -143,40 +140,40 @@ def distance_outside(road: Road, X: np.ndarray, Y: np.ndarray) -> Outside:
     )
 
 
-def _edge(block, side, key, centre, spacing, error):
+def _edge(block, side, key, centre, spacing):
     if isinstance(block, schema.PointEdge):
-        return _polyline_edge(block, side, key, centre, spacing, error)
+        return _polyline_edge(block, side, key, centre, spacing)
     if isinstance(block, schema.ConstantOffset):
         table = np.array([[0.0, block.offset_m]])
         keys = [f'{key}.offset_m']
     else:
-        table = build_table(block.stations_m, block.offsets_m, key, 'offsets_m', error)
+        table = build_table(block.stations_m, block.offsets_m, key, 'offsets_m')
         keys = [f'{key}.offsets_m[{i}]' for i in range(len(table))]
-    _check_edge_table(table, side, keys, error)
+    _check_edge_table(table, side, keys)
     offset = np.interp(centre.s, *table.T)
     stretch = 1.0 - centre.kappa * offset
     i = int(np.argmin(stretch))
     if stretch[i] < MIN_STRETCH:
         what = f'folds back in the bend of radius {1 / abs(centre.kappa[i]):.3g} m at station '
         what += f'{centre.s[i]:.1f} m; allowed less than {1 - MIN_STRETCH:g} of the radius'
-        raise error(key, what)
+        raise KeyedError(key, what)
     return np.column_stack(lines.offset_point(Frame(centre.X, centre.Y, centre.psi), offset))
 
 
-def _check_edge_table(table, side, keys, error):
+def _check_edge_table(table, side, keys):
     low, high = sorted((side * MIN_EDGE_OFFSET, side * MAX_EDGE_OFFSET))
     for i in np.flatnonzero((table[:, 1] < low) | (table[:, 1] > high)):
         what = f'is out of range with {table[i, 1]:g} (left is positive, edges must not cross)'
-        raise error(keys[i], f'{what}; allowed {low:g} to {high:g} m')
+        raise KeyedError(keys[i], f'{what}; allowed {low:g} to {high:g} m')
     for i in np.flatnonzero(np.abs(np.diff(table[:, 1])) > MAX_EDGE_SLOPE * np.diff(table[:, 0])):
         s, offset = table[i + 1] - table[i]
         what = f'jumps by {offset:g} m within {s:g} m'
-        raise error(keys[i + 1], f'{what}; allowed at most {MAX_EDGE_SLOPE:g} m per metre')
+        raise KeyedError(keys[i + 1], f'{what}; allowed at most {MAX_EDGE_SLOPE:g} m per metre')
 
 
-def _polyline_edge(block, side, key, centre, spacing, error):
-    points = check_points(block.points_m, key, MAX_CORNER, error)
-    _check_count(np.sum(np.ceil(polyline.steps(points) / spacing)) + 1, key, error)
+def _polyline_edge(block, side, key, centre, spacing):
+    points = check_points(block.points_m, key, MAX_CORNER)
+    _check_count(np.sum(np.ceil(polyline.steps(points) / spacing)) + 1, key)
     edge = polyline.refine(points, spacing)
     middle = np.column_stack([centre.X, centre.Y])
     offset = side * polyline.left_of(middle, *edge.T)
@@ -184,9 +181,9 @@ def _polyline_edge(block, side, key, centre, spacing, error):
         position = f'({edge[i, 0]:.1f}, {edge[i, 1]:.1f})'
         what = f'comes within {MIN_EDGE_OFFSET:g} m of the centre line or crosses it at {position}'
         allowed = f'allowed {MIN_EDGE_OFFSET:g} m or more on its own side'
-        raise error(f'{key}.points_m', f'{what}; {allowed}')
+        raise KeyedError(f'{key}.points_m', f'{what}; {allowed}')
     missing = polyline.overrun(edge, *middle.T).max()
     if missing > spacing:
         what = f'is {missing:.1f} m shorter than the road; allowed from its start to its end'
-        raise error(f'{key}.points_m', what)
+        raise KeyedError(f'{key}.points_m', what)
     return edge

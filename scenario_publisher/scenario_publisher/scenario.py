@@ -17,7 +17,7 @@ from scenario_publisher.actors import Actor
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum
-from scenario_publisher.scenario_file import ScenarioError
+from scenario_publisher.scenario_file import KeyedError, ScenarioError
 
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
@@ -99,10 +99,11 @@ def parse(text: str, source: str) -> Scenario:
     """Return the scenario of a YAML text; `source` is the file name that errors show."""
     root = scenario_file.parse_yaml(text, source)
     try:
-        file = typed_yaml.parse_value(schema.File, root)
+        return _build(typed_yaml.parse_value(schema.File, root), text)
+    except KeyedError as error:
+        raise scenario_file.error_at(root, *error.args) from None
     except YamlError as error:
         raise ScenarioError(str(error)) from None
-    return _build(file, text, lambda key, what: scenario_file.error_at(root, key, what))
 
 
 def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
@@ -126,16 +127,16 @@ def _find(name_or_path):
     raise ScenarioError(f'{what} {name_or_path!r}; available: {", ".join(available())}{hint}')
 
 
-def _build(file, text, error):
-    road = road_geometry.build_road(file.road, file.sampling.edges_m, error)
-    path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m, error)
-    plausibility.check_path_on_road(path, road, file.sampling.edges_m, error)
-    speed = _speed_table(file.speed, error)
-    crowd = _place_actors(file.obstacles, road.centre, error)
-    plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s, error)
-    start = _start(file.start, path, speed, error)
-    plausibility.check_stop_is_ahead(path, file.stop, start, error)
-    plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m, error)
+def _build(file, text):
+    road = road_geometry.build_road(file.road, file.sampling.edges_m)
+    path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m)
+    plausibility.check_path_on_road(path, road, file.sampling.edges_m)
+    speed = _speed_table(file.speed)
+    crowd = _place_actors(file.obstacles, road.centre)
+    plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
+    start = _start(file.start, path, speed)
+    plausibility.check_stop_is_ahead(path, file.stop, start)
+    plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m)
     scn = Scenario(
         name=file.name,
         description=file.description,
@@ -147,7 +148,7 @@ def _build(file, text, error):
         stop=_stop(file.stop, path, start),
         text=text,
         actors=crowd,
-        patches=build_patches(file.friction_patches, road.centre, error),
+        patches=build_patches(file.friction_patches, road.centre),
         speeds=_given_speeds(file),
     )
     return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))
@@ -162,13 +163,11 @@ def _given_speeds(file):
     return (*speeds, *(GivenSpeed(f'speed.speeds_mps[{i}]', speed) for i, speed in table))
 
 
-def _speed_table(block, error):
+def _speed_table(block):
     """Return rows (station, desired speed), (n, 2)."""
     if isinstance(block, schema.ConstantSpeed):
         return np.array([[0.0, block.constant_mps]])
-    return road_geometry.build_table(
-        block.stations_m, block.speeds_mps, 'speed', 'speeds_mps', error
-    )
+    return road_geometry.build_table(block.stations_m, block.speeds_mps, 'speed', 'speeds_mps')
 
 
 def _travel_times(path: Line, speed: np.ndarray) -> np.ndarray:
@@ -180,23 +179,23 @@ def _travel_times(path: Line, speed: np.ndarray) -> np.ndarray:
     return running_sum(np.diff(path.s) / np.interp(middle, *speed.T))
 
 
-def _place_actors(blocks, centre, error):
+def _place_actors(blocks, centre):
     if len(blocks) > plausibility.MAX_OBSTACLES:
         what = f'has {len(blocks)} obstacles; allowed at most {plausibility.MAX_OBSTACLES}'
-        raise error('obstacles', what)
+        raise KeyedError('obstacles', what)
     for i, block in enumerate(blocks):
         if isinstance(block, schema.RoadObstacle) and block.station_m > centre.s[-1]:
-            what = f'lies beyond the road with {block.station_m:g}'
-            raise error(f'obstacles[{i}].station_m', f'{what}; allowed 0 to {centre.s[-1]:.2f} m')
+            what = f'lies beyond the road with {block.station_m:g}; allowed 0 to '
+            raise KeyedError(f'obstacles[{i}].station_m', f'{what}{centre.s[-1]:.2f} m')
     return tuple(actors.place_actor(i + 1, block, centre) for i, block in enumerate(blocks))
 
 
-def _start(block, path, speed, error):
+def _start(block, path, speed):
     if isinstance(block, schema.StartPose):
         return Start(block.x_m, block.y_m, remainder(block.yaw_rad, tau), block.speed_mps)
     if block.progress_m > path.s[-1]:
         what = f'is {block.progress_m:g} m, beyond the end of the path'
-        raise error('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
+        raise KeyedError('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
     X, Y, psi = map(float, lines.pose_at(path, block.progress_m))
     desired = float(np.interp(block.progress_m, *speed.T))
     speed = desired if block.speed_mps is None else block.speed_mps

@@ -18,6 +18,10 @@ class ScenarioError(YamlError):
     """A scenario that cannot be used; the text names file, line, dotted key and what is allowed."""
 
 
+class KeyedError(Exception):
+    """A mistake beyond the schema: a dotted key of the file, and what is wrong with its value."""
+
+
 def read(path: Path) -> str:
     """Return the text of a file. Raises ScenarioError when it is unreadable, too long or binary."""
     try:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scenario_publisher import lines
 from scenario_publisher.friction_patches import MAX_QUADRILATERALS, MAX_SAGITTA, build_patches
 from scenario_publisher.scenario import ScenarioError
+from scenario_publisher.scenario_file import KeyedError
 from scenario_publisher.schema import FrictionPatch
 
 LINE = re.compile(r'bend\.yaml:\d+: friction_patches[a-z_.\[\]0-9]*: .*; allowed ')
@@ -45,9 +46,7 @@ def patch(from_m, to_m, from_offset_m, to_offset_m, friction=0.3):
 
 def cut(centre, *given_patch):
     """Return the corners (k, 4, 2) of one patch."""
-    patches = build_patches(
-        [FrictionPatch(**patch(*given_patch))], centre, lambda key, what: ValueError(what)
-    )
+    patches = build_patches([FrictionPatch(**patch(*given_patch))], centre)
     return np.array(patches.corners_m).reshape(-1, 4, 2)
 
 
@@ -126,8 +125,8 @@ def test_every_piece_is_convex_with_sides_that_a_plant_can_tell_apart(
     centre = road_of(lines.arc(10.0, kappa))
     try:
         quads = cut(centre, low, low + length, right, right + width)
-    except ValueError as caught:
-        refusal, quads = str(caught), np.empty((0, 4, 2))
+    except KeyedError as caught:
+        (_, refusal), quads = caught.args, np.empty((0, 4, 2))
     else:
         refusal = ''
     assert bool(len(quads)) != bool(re.match('folds back|needs more', refusal))
