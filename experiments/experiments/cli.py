@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from bags import command_line
 
-COMMANDS = ('run', 'replay-check', 'resolve', 'golden', 'tune', 'study', 'paper')
+COMMANDS = ('run', 'batch', 'replay-check', 'resolve', 'golden', 'tune', 'study', 'paper')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -117,6 +117,8 @@ class WorkerPool:
     def _collect(self):
         """Yield what has ended, after waiting for the next message or the next time limit."""
         by_pipe = {worker.pipe: worker for worker in self._workers if not worker.is_idle}
+        if not by_pipe:  # all have ended without work
+            return
         next_limit_s = min((worker.limit for worker in by_pipe.values()), default=math.inf)
         rest_s = max(0.0, next_limit_s - time.monotonic())
         for pipe in connection.wait(by_pipe, None if math.isinf(rest_s) else rest_s):

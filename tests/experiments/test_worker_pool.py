@@ -1,13 +1,18 @@
 """Workers end with the program that started them, whatever ends it."""
 
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from wait_until import wait_until
 
+from experiments.worker_pool import WorkerPool
+
 TIMEOUT_S = 60.0
+OWN_KILL = "__import__('os').kill(__import__('os').getpid(), 9)"
 ASKING = """
 import os, time
 from experiments.worker_pool import WorkerPool
@@ -33,3 +38,45 @@ def test_a_worker_ends_with_a_killed_parent():
     parent.wait(TIMEOUT_S)
     parent.stdout.close()
     wait_until(lambda: not lives(worker), TIMEOUT_S, 'the worker outlives its parent')
+
+
+def test_a_task_that_ends_its_process_or_takes_too_long_fails_alone():
+    tasks = ["__import__('os')._exit(3)", "__import__('signal').pause()", '2**3', OWN_KILL]
+    with WorkerPool(1) as pool:
+        ended = list(pool.finish_each(eval, [(text,) for text in tasks], limit_s=1.0))
+    assert [finished.number for finished in ended] == [0, 1, 2, 3]
+    assert [finished.value for finished in ended] == [None, None, 8, None]
+    assert [str(finished.error) for finished in ended if finished.error] == [
+        'its process ended with exit code 3',
+        'its process was ended after 1 s',
+        'its process was ended by SIGKILL (out of memory?)',
+    ]
+
+
+def test_an_error_shows_where_in_the_worker_it_was_raised():
+    with WorkerPool(1) as pool, pytest.raises(ZeroDivisionError) as caught:
+        pool.run(eval, [('1',), ('1 / 0',)], int)
+    assert 'line 1, in <module>' in str(caught.value.__cause__)
+
+
+def test_a_process_that_ended_without_work_is_replaced():
+    with WorkerPool(1) as pool:
+        (first,) = pool.run(os.getpid, [()], int)
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: not lives(first), TIMEOUT_S, 'a killed worker lives')
+        (second,) = pool.run(os.getpid, [()], int)
+    assert second != first
+
+
+def test_answers_to_a_call_that_failed_are_no_answers_to_the_next():
+    with WorkerPool(2) as pool:
+        with pytest.raises(ZeroDivisionError):
+            pool.run(eval, [('1 / 0',), ("__import__('time').sleep(0.2)",)], int)
+        assert pool.run(eval, [('1',), ('2',), ('3',)], int) == [1, 2, 3]
+
+
+def test_a_process_stays_with_a_group_of_tasks():
+    groups = ['a', 'b', 'a', 'c', 'b', 'a']
+    with WorkerPool(1) as pool:
+        ended = list(pool.finish_each(eval, [('0',)] * len(groups), groups))
+    assert [groups[finished.number] for finished in ended] == sorted(groups)

@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
     'mcap': None,
     'numpy': 'python3-numpy',
     'optuna': None,
+    'pyarrow': None,
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',

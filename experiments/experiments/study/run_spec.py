@@ -120,11 +120,12 @@ def _scenario_at_speed(scenario, speed_kph):
 
 
 def measure(spec: RunSpec) -> dict[str, dict[str, Any]]:
-    """Simulate once; return {'metrics': ..., 'solver': ...}, ready for JSON.
+    """Simulate a run of a study; see `measure_setup`. Raises BagError for unusable input."""
+    return measure_setup(prepare(spec))
 
-    Raises BagError for unusable input.
-    """
-    setup = prepare(spec)
+
+def measure_setup(setup: simulation.Setup) -> dict[str, dict[str, Any]]:
+    """Simulate once; return {'metrics': ..., 'solver': ...}, ready for JSON."""
     columns = simulation.run(setup)
     drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
     reports = [why.values for why in columns['/controller/why'].values]

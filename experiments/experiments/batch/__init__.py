@@ -1,0 +1,9 @@
+"""Batches: every combination of scenarios, controllers, settings and runs, one row per drive.
+
+study_file     the YAML file that says what is varied
+drive_plan     the drives of a study, their setups and keys; paired perturbations
+simulate       one drive, in a worker
+drive_records  finished drives, kept one by one
+results_table  rows as Parquet, and their summary
+run_batch      all of that, in parallel, to be interrupted at any time
+"""

@@ -1,0 +1,124 @@
+"""The drives of a study: the full grid of its values, in the order of the file, times the runs.
+
+Run 1 is as configured. Further runs differ in entry speed and grip, by the draws of
+`experiments study` (run k is draw k - 1): run k has the same perturbation for every scenario,
+controller and setting, so drives of one number are pairs, and a longer batch begins with the runs
+of a shorter one.
+"""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+from bags.errors import BagError
+from experiments import simulation
+from experiments.batch.study_file import SCENARIO_SPEED, Setting, StudyFile
+from experiments.configuration import node_config
+from experiments.configuration.inputs import KPH
+from experiments.simulation import Setup
+from experiments.study import code_version, run_spec
+
+
+class Combination(NamedTuple):
+    """One scenario and controller with one value of every setting."""
+
+    scenario: str  # a name, or the path of a file
+    controller: str  # the path of its file
+    settings: tuple[tuple[str, Any], ...]
+
+    def __str__(self) -> str:
+        changed = ''.join(f', {name}={value}' for name, value in self.settings)
+        return f'{self.controller} in {self.scenario}{changed}'
+
+    @property
+    def formulation(self) -> str:
+        """Equal for combinations whose controllers solve equal problems."""
+        own = [pair for pair in self.settings if pair[0].startswith('controller.')]
+        return repr((self.controller, own))
+
+
+class Perturbation(NamedTuple):
+    """What changes from run to run."""
+
+    speed_kph: float  # of the entry speed; desired speeds change in proportion
+    grip: float  # of the plant, over that of the scenario; the controller assumes the latter
+
+
+NOMINAL = Perturbation(0.0, 1.0)
+
+
+def combine(study: StudyFile) -> list[Combination]:
+    """Return every combination, the last setting changing first. Raises BagError."""
+    controllers = [str(found.config) for found in node_config.find_controllers(study.controllers)]
+    names = [setting.name for setting in study.settings]
+    values = [setting.values for setting in study.settings]
+    return [
+        Combination(scenario, controller, tuple(zip(names, chosen)))
+        for scenario, controller, *chosen in product(study.scenarios, controllers, *values)
+    ]
+
+
+def prepare(combination: Combination) -> Setup:
+    """Return the setup of the first run. Raises BagError for unusable input."""
+    settings: dict[str, dict[str, Any]] = {}
+    speed_mps = None
+    for name, value in combination.settings:
+        role, _, parameter = name.partition('.')
+        if name == SCENARIO_SPEED:
+            speed_mps = value
+        else:
+            settings.setdefault(role, {})[parameter] = value
+    return simulation.prepare(combination.scenario, combination.controller, settings, speed_mps)
+
+
+def locate_error(study: StudyFile, combination: Combination, error: BagError) -> BagError:
+    """Return the error of `prepare` with the place in the file that causes it."""
+    for setting, (name, value) in zip(study.settings, combination.settings):
+        try:
+            prepare(combination._replace(settings=((name, value),)))
+        except BagError as alone:
+            return BagError(str(_item(setting, value).error(str(alone))))
+    return BagError(f'{study.path}: {combination}: {error}')
+
+
+def _item(setting: Setting, value):
+    return next(item for known, item in zip(setting.values, setting.items) if known is value)
+
+
+def draw_perturbations(runs: int, seed: int) -> list[Perturbation]:
+    """Return the perturbation of every run; that of the first changes nothing."""
+    if runs == 1:
+        return [NOMINAL]
+    draws = run_spec.draw_runs(runs - 1, seed)
+    return [NOMINAL, *(Perturbation(draw.speed_kph, draw.grip) for draw in draws)]
+
+
+def perturb(setup: Setup, perturbation: Perturbation) -> Setup:
+    """Return the setup of a further run."""
+    if perturbation == NOMINAL:
+        return setup
+    start, reference = setup.scn.start, setup.scn.reference
+    speed = start.speed + perturbation.speed_kph / KPH
+    scn = setup.scn._replace(
+        start=start._replace(speed=speed),
+        reference=reference._replace(t=reference.t * (start.speed / speed)),
+    )
+    return setup._replace(scn=scn, friction=setup.friction * perturbation.grip)
+
+
+def digest(setup: Setup) -> str:
+    """Return the SHA-256 of all that decides the first run: setup, code, libraries, processor."""
+    parameters = repr((setup.params, setup.vehicle, setup.plant, setup.friction))
+    return _sha256(code_version.digest(), setup.controller, setup.scn.text, parameters)
+
+
+def drive_keys(setup: Setup, perturbations: Sequence[Perturbation]) -> list[str]:
+    """Return what identifies each run of a setup: two drives with one key have equal results."""
+    base = digest(setup)
+    return [_sha256(base, *perturbation) for perturbation in perturbations]
+
+
+def _sha256(*content):
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()

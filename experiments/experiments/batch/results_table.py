@@ -1,0 +1,64 @@
+"""The table of a batch: one row per drive, as Parquet, and a summary for a person."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from bags.evaluation.metrics import METRICS
+
+FILE = 'results.parquet'
+# columns of results in the order of comparison.json, whatever the first drive has
+ORDER = {name: place for place, name in enumerate(('verdict', *METRICS, 'solver'), start=1)}
+SHARES = ('completed', 'collided', 'left_road', 'lost')
+
+Columns = Mapping[str, Sequence[Any]]
+
+
+def build_columns(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return the rows as columns; what a row does not have is None in its column."""
+    columns: dict[str, list[Any]] = {}
+    for count, row in enumerate(rows):
+        for name, value in row.items():
+            columns.setdefault(name, [None] * count).append(value)
+        for column in columns.values():
+            if len(column) == count:
+                column.append(None)
+    return dict(sorted(columns.items(), key=lambda pair: ORDER.get(pair[0].partition('.')[0], 0)))
+
+
+def write(columns: Columns, notes: Mapping[str, str], folder: Path) -> Path:
+    """Write `folder`/results.parquet, whole or not at all; `notes` are its metadata."""
+    import pyarrow
+    from pyarrow import parquet
+
+    path = folder / FILE
+    part = path.with_suffix('.part')
+    parquet.write_table(pyarrow.table(dict(columns)).replace_schema_metadata(dict(notes)), part)
+    os.replace(part, path)
+    return path
+
+
+def summarise(columns: Columns) -> Table:
+    """Return a table of scenarios and controllers: drives, failed ones, shares of the others."""
+    table = Table(box=box.SIMPLE)
+    for name in ('scenario', 'controller'):
+        table.add_column(name, overflow='fold')
+    for name in ('drives', 'failed', *(share.replace('_', ' ') for share in SHARES)):
+        table.add_column(name, justify='right', min_width=max(map(len, name.split())))
+    pairs = list(zip(columns['scenario'], columns['controller']))
+    for pair in dict.fromkeys(pairs):
+        numbers = [number for number, other in enumerate(pairs) if other == pair]
+        driven = [number for number in numbers if not columns['error'][number]]
+        shares = (_share(columns.get(name), driven) for name in SHARES)
+        table.add_row(*pair, f'{len(numbers):,}', f'{len(numbers) - len(driven):,}', *shares)
+    return table
+
+
+def _share(column, numbers):
+    if not numbers:
+        return '–'
+    return f'{sum(column[number] for number in numbers) / len(numbers):.1%}'

@@ -1,0 +1,70 @@
+"""Simulate every combination of scenarios, controllers, settings and runs; one row per drive.
+
+The study is a YAML file (docs/batch.md):
+
+    schema: 1
+    scenarios: [double_lane_change, ./roads/*.yaml]  # names, files, patterns of files
+    controllers: [mpcc, frenet, ./my_mpcc.yaml]      # names, files
+    set:                                             # as of --set; lists of values, full grid
+      plant.friction: [0.8, 0.9, 1.0]
+      controller.safety.obstacle_m: [0.5, 0.7]
+      scenario.speed_mps: [18.0, 20.8]
+    runs: 20   # of each; all but the first with another speed (+-0.5 km/h) and grip (+-3 %)
+    seed: 1    # run 7 has the same perturbation for every controller and setting
+
+The table is DIR/results.parquet, for pandas, Polars, DuckDB, MATLAB. Finished drives are kept in
+DIR/drives.jsonl: the same command continues a batch that was interrupted, and simulates only what
+is missing when the study grows. A drive that fails costs its row, which says why; the next call
+tries it again.
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from rich.console import Console
+
+from experiments.commands import positive_number
+
+HELP = 'simulate a grid of scenarios, controllers and settings; a Parquet table'
+EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
+LIMIT_S = 300.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments batch`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument('study', type=Path, metavar='STUDY.yaml', help='what is combined')
+    parser.add_argument(
+        '--out', type=Path, required=True, metavar='DIR', help='receives table and records'
+    )
+    parser.add_argument(
+        '--jobs',
+        type=_count,
+        default=len(os.sched_getaffinity(0)),
+        metavar='N',
+        help='processes (default: one per usable core); does not change the table',
+    )
+    parser.add_argument(
+        '--limit-s',
+        type=positive_number,
+        default=LIMIT_S,
+        metavar='S',
+        help=f'wall time after which a drive counts as failed (default: {LIMIT_S:g})',
+    )
+
+
+def _count(text):
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
+    return value
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a batch; 0 when no drive failed. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
+    from experiments.batch import run_batch
+
+    request = run_batch.Request(options.study, options.out, options.jobs, options.limit_s)
+    return run_batch.run(request, Console())

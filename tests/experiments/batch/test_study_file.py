@@ -1,0 +1,82 @@
+"""A study is read strictly: an error names file, line, field and what is allowed."""
+
+import pytest
+
+from bags.errors import BagError
+from experiments.batch import drive_plan, study_file
+
+
+@pytest.mark.parametrize(
+    ('given', 'field', 'allowed'),
+    [
+        ({'schema': 2}, 'schema', 'allowed 1'),
+        ({'run': 3}, 'run', r"did you mean 'runs'\?; allowed schema, scenarios"),
+        ({'scenarios': 'straight'}, 'scenarios', 'must be a list'),
+        ({'scenarios': []}, 'scenarios', 'at least one'),
+        ({'scenarios': ['straight', 3]}, r'scenarios\[1\]', 'a name or a file'),
+        ({'scenarios': ['./*.yml']}, r'scenarios\[0\]', 'fits no file'),
+        ({'runs': 0}, 'runs', 'allowed 1 to 10000'),
+        ({'runs': 1.5}, 'runs', 'a whole number'),
+        ({'seed': -1}, 'seed', 'allowed 0 to'),
+        ({'set': {'friction': [1.0]}}, 'set.friction', r'allowed plant\.\*, controller\.\* and'),
+        ({'set': {'plant.friction': 1.0}}, 'set.plant.friction', 'must be a list'),
+        ({'set': {'plant.friction': []}}, 'set.plant.friction', 'at least one'),
+        ({'set': {'plant.stop.x_m': [9.0]}}, 'set.plant.stop.x_m', 'allowed plant.friction, plant'),
+        (
+            {'set': {'scenario.speed_mps': [20.0, 200.0]}},
+            r'set.scenario.speed_mps\[1\]',
+            'allowed 1 to 100 m/s',
+        ),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_an_error_names_the_field_and_what_is_allowed(write_study, given, field, allowed):
+    path = write_study(**given)
+    with pytest.raises(BagError, match=rf'{path}:\d+: {field}: .*{allowed}'):
+        study_file.load(path)
+
+
+@pytest.mark.parametrize('field', ['schema', 'scenarios', 'controllers'])
+def test_a_missing_field_is_named(write_study, field):
+    path = write_study()
+    lines = path.read_text().splitlines(keepends=True)
+    start = next(k for k, line in enumerate(lines) if line.startswith(field))
+    end = start + 1 + sum(line.startswith('-') for line in lines[start + 1 : start + 2])
+    path.write_text(''.join(lines[:start] + lines[end:]))
+    with pytest.raises(BagError, match=f'{field}: is missing'):
+        study_file.load(path)
+
+
+@pytest.mark.parametrize(
+    ('name', 'values', 'what'),
+    [
+        ('plant.friction', [1.0, 9.0], 'allowed 0.05 to 1.5'),
+        ('controller.safety.obstacle_m', [0.5, -1.0], 'allowed 0.01 to 10 m'),
+        ('controller.safety.obstacles_m', [0.5, 0.6], 'no such parameter'),
+        ('plant.car.no_such', [1, 2], 'no such parameter'),
+    ],
+)
+def test_a_value_that_a_node_refuses_is_located(write_study, name, values, what):
+    study = study_file.load(write_study(set={'controller.tolerances.lag_m': [0.5], name: values}))
+    combination = drive_plan.combine(study)[1]
+    with pytest.raises(BagError) as caught:
+        drive_plan.prepare(combination)
+    located = str(drive_plan.locate_error(study, combination, caught.value))
+    assert located.startswith(f'{study.path}:')
+    assert f': set.{name}[' in located
+    assert what in located
+
+
+def test_too_many_drives_are_refused(write_study):
+    grid = {f'plant.car.{name}': list(range(100)) for name in 'abc'}
+    with pytest.raises(BagError, match=r'2,000,000 drives; allowed at most'):
+        study_file.load(write_study(set=grid))
+
+
+def test_files_are_found_from_the_folder_of_the_study(write_study, short_road, monkeypatch):
+    (short_road.parent / 'other_road.yaml').write_text(short_road.read_text())
+    monkeypatch.chdir('/')
+    study = study_file.load(write_study(scenarios=['straight', './*_road.yaml', 'short_road.yaml']))
+    other = short_road.with_name('other_road.yaml')
+    assert study.scenarios == ('straight', str(other), str(short_road))
+    assert study.drives == 3 * 1 * 2 * 2
