@@ -214,10 +214,15 @@ def shift(plan: Plan, dynamics: Callable, p: np.ndarray) -> Plan:
     """
     u_last = plan.U[-1]
     x_end = np.asarray(dynamics(plan.X[-1], u_last, p), float).ravel()
-    X = np.vstack([plan.X[1:], x_end])
-    U = np.vstack([plan.U[1:], u_last])
-    if plan.multipliers is None:
+    X, U, old = _shift_rows(plan.X, x_end), _shift_rows(plan.U, u_last), plan.multipliers
+    if old is None:
         return Plan(X, U)
-    old = plan.multipliers
-    shifted = {n: np.vstack([v[1:], v[-1:]]) for n, v in old._asdict().items() if n != 'h'}
-    return Plan(X, U, Multipliers(**shifted, h=old.h))
+    shifted = (_shift_rows(rows, rows[-1]) for rows in (old.x, old.u, old.dynamics, old.g))
+    return Plan(X, U, Multipliers(*shifted, old.h))
+
+
+def _shift_rows(rows, last):
+    """Return rows without the first one and with `last` at the end."""
+    shifted = np.empty_like(rows)
+    shifted[:-1], shifted[-1] = rows[1:], last
+    return shifted

@@ -6,6 +6,7 @@ prediction model reaches by then under the set-points already sent. SI units; no
 
 import math
 from collections import deque
+from functools import cache
 from itertools import pairwise
 from statistics import median
 from typing import NamedTuple
@@ -78,12 +79,7 @@ class StatePredictor:
     """Integrates the prediction model under a ramp of set-points."""
 
     def __init__(self, car: Car):
-        x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-        h = ca.SX.sym('h')
-        rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-        f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
-        step = stage_problem.rk2(lambda x, u, p: f(x, u), h)
-        self._step = ca.Function('step', [x, u, h], [step(x, u, None)])
+        self._step = _step_function(car)
 
     def predict(self, measured: VehicleState, ramp: SetpointRamp, stamp_ns: int) -> VehicleState:
         """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
@@ -112,6 +108,17 @@ class StatePredictor:
         for _ in range(steps):
             flat = self._step(flat, u, duration_s / steps).full().ravel()
         return State(*map(float, flat))
+
+
+@cache
+def _step_function(car: Car) -> ca.Function:
+    """Return (x, u, h) -> the state h [s] later, by one midpoint step."""
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    h = ca.SX.sym('h')
+    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
+    step = stage_problem.rk2(lambda x, u, p: f(x, u), h)
+    return ca.Function('step', [x, u, h], [step(x, u, None)])
 
 
 class LatencyEstimator:

@@ -6,6 +6,7 @@ the ideal brake split of the paper requires.
 """
 
 from collections import namedtuple
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -207,6 +208,7 @@ def derivative(x: State, u: Input, car: Car) -> State:
     )
 
 
+@cache
 def step(dt: float) -> ca.Function:
     """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2)."""
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
