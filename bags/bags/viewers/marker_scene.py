@@ -117,13 +117,11 @@ def safety_shapes(
         for k, ahead in enumerate(distances.circle_offsets_m)
     ]
     for obstacle in obstacles:
+        number, centre, reach = obstacle.id, (obstacle.X, obstacle.Y), obstacle.r_obs + radius
         touch, unsafe = _rgba(style.COLLISION, 0.3), _rgba(style.UNSAFE, 0.3)
-        reach = obstacle.r_obs + radius
-        shapes.append(
-            _disc('collision', obstacle.id, (obstacle.X, obstacle.Y), reach, touch, 2 * FLAT_M)
-        )
+        shapes.append(_disc('collision', number, centre, reach, touch, 2 * FLAT_M))
         reach += distances.obstacle_m
-        shapes.append(_disc('unsafe', obstacle.id, (obstacle.X, obstacle.Y), reach, unsafe, FLAT_M))
+        shapes.append(_disc('unsafe', number, centre, reach, unsafe, FLAT_M))
     if edges is not None:
         keep_off = radius + distances.edge_m
         for k, (line, inside) in enumerate(((edges.left, -1.0), (edges.right, 1.0))):

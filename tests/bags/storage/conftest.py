@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -124,15 +125,8 @@ def start_recorder(domain):
 @pytest.fixture
 def make_ring(domain):
     """Factory of publishers, closed at the end of the test."""
-    result = []
-
-    def make(mode='lockstep'):
-        result.append(Ring(mode))
-        return result[-1]
-
-    yield make
-    for ring in result:
-        ring.close()
+    with ExitStack() as rings:
+        yield lambda mode='lockstep': rings.enter_context(closing(Ring(mode)))
 
 
 @pytest.fixture
