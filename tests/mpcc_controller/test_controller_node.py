@@ -104,6 +104,14 @@ def set_to(parameters):
     return ['--ros-args', *pairs] if pairs else []
 
 
+def run_to_its_end(*arguments):
+    """Run a node that ends by itself; return its exit code and what it printed."""
+    completed = subprocess.run(
+        [*NODE, *arguments], capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    return completed.returncode, completed.stdout + completed.stderr
+
+
 @pytest.fixture
 def process(harness, tmp_path, request):
     """Start the node with indirect parameters, wait for all connections; end it by SIGTERM."""
@@ -301,56 +309,28 @@ def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):
     """A file may set a few parameters; the others take the values of the shipped file."""
     own = tmp_path / 'own.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety: {obstacle_m: 0.4}\n    car_file: none\n')
-    completed = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'mpcc_controller.controller_node',
-            '--ros-args',
-            '--params-file',
-            own,
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    output = completed.stdout + completed.stderr
+    returncode, output = run_to_its_end('--ros-args', '--params-file', str(own))
     count = len(leaves(ControllerParams))
     left = count - 4  # two optional parameters have no value in any file
     assert f'{left} of {count} parameters are not given and come from ' in output
     assert 'config/mpcc.yaml' in output
     assert 'car_file: package mpcc_controller has no file config/none' in output
-    assert completed.returncode != 0
+    assert returncode != 0
     assert 'Traceback' not in output
 
 
-def test_an_unsupported_solver_mode_stops_the_node_and_is_named():
-    names = ('solver.mode:=one_step', 'solver.name:=fatrop')
-    completed = subprocess.run(
-        [*NODE, *set_to(names)],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    assert completed.returncode != 0
-    assert 'solver.mode: one_step needs solver.name riccati' in completed.stdout + completed.stderr
-    assert 'Traceback' not in completed.stdout + completed.stderr
-
-
-def test_a_misspelt_parameter_stops_the_node_and_is_named():
-    completed = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'mpcc_controller.controller_node',
-            '--ros-args',
-            '-p',
-            'model.horizn:=9',
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    assert completed.returncode != 0
-    assert 'model.horizn' in completed.stdout + completed.stderr
-    assert 'Traceback' not in completed.stdout + completed.stderr
+@pytest.mark.parametrize(
+    ('parameters', 'message'),
+    [
+        (
+            ('solver.mode:=one_step', 'solver.name:=fatrop'),
+            'solver.mode: one_step needs solver.name riccati',
+        ),
+        (('model.horizn:=9',), 'model.horizn'),
+    ],
+)
+def test_a_parameter_that_cannot_be_used_stops_the_node_and_is_named(parameters, message):
+    returncode, output = run_to_its_end(*set_to(parameters))
+    assert returncode != 0
+    assert message in output
+    assert 'Traceback' not in output

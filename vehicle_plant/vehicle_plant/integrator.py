@@ -207,13 +207,7 @@ def advance(
     return rows
 
 
-def advance_interpreted(
-    x: np.ndarray,
-    set_points: np.ndarray,
-    p: np.ndarray,
-    h: float = STEP_S,
-    patches: np.ndarray | None = None,
-) -> np.ndarray:
+def advance_interpreted(x, set_points, p, h=STEP_S, patches=None) -> np.ndarray:
     """Do the same as `advance` without compiled code."""
     step, (derivative, _) = step_function(), plant_functions()
     has_patches = patches is not None and len(patches) > 0
