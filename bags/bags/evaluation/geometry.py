@@ -44,10 +44,10 @@ def distance_to_polyline(points, polyline):
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
     if not len(points):
         return np.empty(0)
-    along = np.diff(polyline, axis=0)
+    segments = _segments(polyline)
     blocks = np.split(points, range(BLOCK, len(points), BLOCK))
     return np.concatenate(
-        [_distance(block, polyline, along, _near(block, polyline, along)) for block in blocks]
+        [_distance(block, segments.rows(_near(block, segments))) for block in blocks]
     )
 
 
@@ -70,40 +70,61 @@ def offset_from_line(points, polyline):
     return distance
 
 
-def _near(points, polyline, along):
-    """Return the indices, in their order, of all segments that may be nearest to one of `points`.
+class _Segments(NamedTuple):
+    """Segments of a polyline, one row (n, 1) each: numpy is quickest along the other axis."""
 
-    `along` (n - 1, 2) [m] leads from each vertex to the next.
+    x: np.ndarray  # m, of the tail
+    y: np.ndarray  # m
+    tx: np.ndarray  # direction, a unit vector
+    ty: np.ndarray
+    length: np.ndarray  # m
+
+    def rows(self, chosen):
+        """Return the chosen segments."""
+        return _Segments(*(column[chosen] for column in self))
+
+    def see(self, points):
+        """Return foot and offset [m] and squared distance [m^2] of points, (n, m) each.
+
+        The foot counts from the tail; the offset is that from the infinite line, left positive.
+        """
+        x, y = points[:, 0] - self.x, points[:, 1] - self.y
+        ahead, offset = x * self.tx + y * self.ty, y * self.tx - x * self.ty
+        foot = np.clip(ahead, 0.0, self.length)
+        return foot, offset, offset**2 + (ahead - foot) ** 2
+
+    def gaps(self, point):
+        """Return the distance (n,) [m] of one point to each segment."""
+        return np.sqrt(self.see(point[None])[2][:, 0])
+
+
+def _segments(polyline):
+    """Return the _Segments of a polyline (n, 2)."""
+    dx, dy = np.diff(polyline, axis=0).T
+    length = np.hypot(dx, dy)
+    columns = (*polyline[:-1].T, dx / length, dy / length, length)
+    return _Segments(*(column[:, None] for column in columns))
+
+
+def _near(points, segments):
+    """Return the indices, in their order, of all segments that may be nearest to one of `points`.
 
     Seen from the middle of points that lie within a radius of it, the segment nearest to one of
     them is at most twice that radius farther than the segment nearest to the middle.
     """
     middle = points.mean(axis=0)
     radius = np.hypot(*(points - middle).T).max()
-    gap = _gaps(middle, polyline, along)
+    gap = segments.gaps(middle)
     # NaN, and only that, leaves all of them
     return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
 
 
-def _gaps(point, polyline, along):
-    """Return the distance (n - 1,) [m] of one point to each segment."""
-    relative = point - polyline[:-1]
-    share = np.sum(relative * along, axis=1) / np.sum(along**2, axis=1)
-    return np.hypot(*(relative - np.clip(share, 0.0, 1.0)[:, None] * along).T)
-
-
-def _distance(points, polyline, along, chosen):
-    """Return `distance_to_polyline` to the chosen segments only; `along` as in `_near`."""
-    # one row per segment: numpy is quickest along the long axis, that of the points
-    x, y = (points[:, axis] - polyline[chosen, axis, None] for axis in (0, 1))
-    dx, dy = along[chosen].T[..., None]
-    square = dx**2 + dy**2
-    share = np.clip((x * dx + y * dy) / square, 0.0, 1.0)
-    gap = np.sqrt((x - share * dx) ** 2 + (y - share * dy) ** 2)
-    best = gap.min(axis=0)
+def _distance(points, segments):
+    """Return `distance_to_polyline` to these segments only."""
+    _, offset, square = segments.see(points)
+    best = np.sqrt(square.min(axis=0))
     # at a shared vertex the segment that sees the point more squarely decides about the side
-    offset = (dx * y - dy * x) / np.sqrt(square)
-    squarely = np.where(gap <= best + TIE, np.abs(offset), -1.0)
+    squarely = np.where(square <= (best + TIE) ** 2, np.abs(offset), -1.0)
     side = offset[np.argmax(squarely, axis=0), np.arange(len(points))]
     return np.where(side >= 0.0, best, -best)
 
@@ -125,8 +146,9 @@ def project_drive(points, polyline, ahead):
     points = np.asarray(points, dtype=float)
     vertex = arc_length(polyline)
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
-    start = _first_pass(_gaps(points[0], polyline, np.diff(polyline, axis=0)))
-    parts = [_feet(points[:1], polyline, vertex, *start)]
+    segments = _segments(polyline)
+    start = _first_pass(segments.gaps(points[0]))
+    parts = [_feet(points[:1], segments, vertex, *start)]
     done, size = 1, BLOCK
     while done < len(points):
         # many points at once, on all segments that any of them may need; kept while the result is
@@ -134,9 +156,9 @@ def project_drive(points, polyline, ahead):
         block = slice(done, done + size)
         before = parts[-1].distance[-1]
         reach = ahead + np.sum(moved[block][1:])
-        wide = [int(end) for end in _segments(vertex, before, reach)]
-        feet = _feet(points[block], polyline, vertex, *wide)
-        first, last = _segments(vertex, np.append(before, feet.distance[:-1]), ahead)
+        wide = [int(end) for end in _within(vertex, before, reach)]
+        feet = _feet(points[block], segments, vertex, *wide)
+        first, last = _within(vertex, np.append(before, feet.distance[:-1]), ahead)
         sound = (first <= feet.segment) & (feet.segment < last)
         sound &= (wide[0] <= first) & (last <= wide[1])
         kept = len(sound) if sound.all() else int(np.argmin(sound))
@@ -154,28 +176,22 @@ def _first_pass(gaps):
     return first, first + length if length else len(gaps)
 
 
-def _segments(vertex, foot, reach):
+def _within(vertex, foot, reach):
     """Return the first segment, and the one behind the last, within `reach` [m] of a foot."""
     first = np.searchsorted(vertex, foot - reach) - 1
     last = np.searchsorted(vertex, foot + reach) + 1
     return np.maximum(first, 0), np.minimum(last, len(vertex) - 1)
 
 
-def _feet(points, polyline, vertex, first, last):
+def _feet(points, segments, vertex, first, last):
     """Return the Projection of points on the segments from `first` up to, not including, `last`."""
-    along = np.diff(polyline[first : last + 1], axis=0)
-    chosen = _near(points, polyline[first : last + 1], along)
-    (dx, dy), chosen = along[chosen].T[..., None], first + chosen
-    lengths = np.diff(vertex)[chosen]
-    x, y = (points[:, axis] - polyline[chosen, axis, None] for axis in (0, 1))
-    share = np.clip((x * dx + y * dy) / lengths[:, None] ** 2, 0.0, 1.0)
-    gap = np.sqrt((x - share * dx) ** 2 + (y - share * dy) ** 2)
+    chosen = first + _near(points, segments.rows(slice(first, last)))
+    foot, offset, square = segments.rows(chosen).see(points)
+    gap = np.sqrt(square.min(axis=0))
     # the earliest of equals: a closed road starts where it ends
-    k = np.argmax(gap <= gap.min(axis=0) + TIE, axis=0)
-    point = np.arange(len(points))
-    left = dx[k, 0] * y[k, point] - dy[k, 0] * x[k, point]
-    distance = vertex[chosen[k]] + share[k, point] * lengths[k]
-    return Projection(distance, np.copysign(gap[k, point], left), chosen[k])
+    k, point = np.argmax(square <= (gap + TIE) ** 2, axis=0), np.arange(len(points))
+    gap = np.copysign(np.sqrt(square[k, point]), offset[k, point])
+    return Projection(vertex[chosen[k]] + foot[k, point], gap, chosen[k])
 
 
 def gap_to_circle(x, y, yaw, outline, circle_x, circle_y, radius):

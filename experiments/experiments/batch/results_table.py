@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.table import Table
 
 from bags.evaluation.metrics import METRICS
@@ -43,18 +42,18 @@ def write(columns: Columns, notes: Mapping[str, str], folder: Path) -> Path:
 
 
 def summarise(columns: Columns) -> Table:
-    """Return a table of scenarios and controllers: drives, failed ones, shares of the others."""
-    table = Table(box=box.SIMPLE)
+    """Return a table of scenarios and controllers: drives without an error, and how they ended."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
     for name in ('scenario', 'controller'):
-        table.add_column(name, overflow='fold')
-    for name in ('drives', 'failed', *(share.replace('_', ' ') for share in SHARES)):
+        table.add_column(name, overflow='fold', min_width=len(name))
+    for name in ('drives', *(share.replace('_', '\n') for share in SHARES)):
         table.add_column(name, justify='right', min_width=max(map(len, name.split())))
     pairs = list(zip(columns['scenario'], columns['controller']))
     for pair in dict.fromkeys(pairs):
         numbers = [number for number, other in enumerate(pairs) if other == pair]
         driven = [number for number in numbers if not columns['error'][number]]
-        shares = (_share(columns.get(name), driven) for name in SHARES)
-        table.add_row(*pair, f'{len(numbers):,}', f'{len(numbers) - len(driven):,}', *shares)
+        count = f'{len(driven):,}' if driven == numbers else f'{len(driven):,} of {len(numbers):,}'
+        table.add_row(*pair, count, *(_share(columns.get(name), driven) for name in SHARES))
     return table
 
 

@@ -21,6 +21,7 @@ from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 
 TIMES = ('wall_s', 'cpu_s')  # of a drive
+LINES = 10  # of progress where there is no terminal
 
 
 class Request(NamedTuple):
@@ -155,7 +156,10 @@ def _simulate_missing(plan, records, errors, pool, limit_s, progress, simulate_d
         else:
             records.add(key, finished.value)
         done += 1
-        progress.show('drives', done, total, f'{len(errors)} failed' if errors else '')
+        note = f'{len(errors):,} failed' if errors else ''
+        progress.show('drives', done, total, note)
+        if done * LINES // total > (done - 1) * LINES // total:
+            progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())
 
 
 class _Setups(Sequence):

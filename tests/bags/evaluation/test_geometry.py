@@ -103,7 +103,7 @@ def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
         points = np.round(points)
     result = geometry.distance_to_polyline(points, line)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(geometry, '_near', lambda block, polyline, along: range(len(along)))
+        patch.setattr(geometry, '_near', lambda block, segments: np.arange(len(segments.x)))
         assert result.tolist() == geometry.distance_to_polyline(points, line).tolist()
 
 
