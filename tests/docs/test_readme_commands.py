@@ -48,7 +48,9 @@ class Home:
         self.folder = folder
         (folder / 'bags').mkdir()
         (folder / 'tmp').mkdir()
-        (folder / 'bags/reference').symlink_to(ROOT / 'bags/reference')
+        (folder / 'experiments').mkdir()
+        for shipped in ('bags/reference', 'experiments/config'):
+            (folder / shipped).symlink_to(ROOT / shipped)
         own = {
             'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
             'my_mpcc.yaml': share.path('mpcc_controller', 'config', 'mpcc.yaml'),
@@ -235,6 +237,7 @@ RULES = [
     Rule(r'bags timing ', says('transport', 'solve')),
     Rule(r'experiments tune ', tunes),
     Rule(r'experiments study distributions', studies),
+    Rule(r'experiments batch .*--out ', writes('--out')),
     Rule(r'bags repair ', repairs),
     Rule(r'manoeuvre --list', says('step_steer')),
     Rule(r'manoeuvre .*--out ', writes('--out')),
