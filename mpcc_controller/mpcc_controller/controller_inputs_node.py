@@ -97,7 +97,7 @@ class ControllerInputs:
                 return
             fault = self._watchdog.offer(STATE, stamp_ns, self._wall.now_ns())
         except decode.DecodeError as error:
-            kind, fault = UNREADABLE, self._watchdog.refuse(STATE, str(error))
+            kind, fault = UNREADABLE, self._watchdog.reject(STATE, str(error))
         if fault:
             self._reject(TOPICS[STATE], kind, fault)
         elif self._trigger.on_state(stamp_ns):
@@ -121,7 +121,7 @@ class ControllerInputs:
         try:
             return decode.odometry(ros.deserialize(TOPICS[STATE], self.state))
         except decode.DecodeError as error:
-            fault = self._watchdog.refuse(STATE, str(error))
+            fault = self._watchdog.reject(STATE, str(error))
             self._reject(TOPICS[STATE], UNREADABLE, fault)
             return unknown_state(decode.stamp_ns_of(self.state))
 
@@ -180,7 +180,7 @@ class ControllerInputs:
             if not fault:
                 kind, fault = UNUSABLE, setter(value)
         except decode.DecodeError as error:
-            kind, fault = UNREADABLE, self._watchdog.refuse(name, str(error))
+            kind, fault = UNREADABLE, self._watchdog.reject(name, str(error))
         if fault:
             self._reject(TOPICS[name], kind, fault)
         self._on_input()

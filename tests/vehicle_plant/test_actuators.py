@@ -72,7 +72,7 @@ REST = SetPoints(0.0, 0.0, 0.0)
 
 def test_set_points_move_in_a_straight_line_and_arrive_after_fifty_steps():
     ramp = SetPointRamp(REST)
-    ramp.aim(SetPoints(0.1, -5000.0, 500.0), 50)
+    ramp.set_target(SetPoints(0.1, -5000.0, 500.0), 50)
     path = ramp.advance(50)
     assert path.shape == (51, 3)
     assert np.allclose(path, np.outer(np.linspace(0, 1, 51), [0.1, -5000.0, 500.0]), rtol=1e-15)
@@ -81,7 +81,7 @@ def test_set_points_move_in_a_straight_line_and_arrive_after_fifty_steps():
 
 def test_set_points_are_held_once_reached():
     ramp = SetPointRamp(REST)
-    ramp.aim(SetPoints(0.1, 0.0, 0.0), 50)
+    ramp.set_target(SetPoints(0.1, 0.0, 0.0), 50)
     path = ramp.advance(120)
     assert (path[50:, 0] == 0.1).all()
     assert (ramp.advance(5)[:, 0] == 0.1).all()
@@ -89,10 +89,10 @@ def test_set_points_are_held_once_reached():
 
 def test_a_new_target_starts_at_the_present_set_points():
     ramp = SetPointRamp(REST)
-    ramp.aim(SetPoints(0.1, 0.0, 0.0), 50)
+    ramp.set_target(SetPoints(0.1, 0.0, 0.0), 50)
     ramp.advance(25)
     assert ramp.now.delta == 0.05
-    ramp.aim(SetPoints(0.0, 0.0, 0.0), 50)
+    ramp.set_target(SetPoints(0.0, 0.0, 0.0), 50)
     assert np.allclose(ramp.advance(50)[:, 0], np.linspace(0.05, 0.0, 51), atol=1e-17)
 
 

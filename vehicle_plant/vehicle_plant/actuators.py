@@ -29,7 +29,7 @@ class SetPointRamp:
         """The set-points at this step."""
         return self._now
 
-    def aim(self, target: SetPoints, due_in: int) -> None:
+    def set_target(self, target: SetPoints, due_in: int) -> None:
         """Set a target that is due in that many steps, after one step if none are left."""
         self._target = target
         self._steps_left = max(due_in, 1)

@@ -86,7 +86,7 @@ class Simulator:
         if verdict.accepted:
             due_ns = command.stamp_ns + TICK_NS - self._stamp_ns
             target = SetPoints(command.delta, command.Fxf, command.Fxr)
-            self._ramp.aim(target, due_ns // STEP_NS)
+            self._ramp.set_target(target, due_ns // STEP_NS)
         return verdict
 
     def brake_straight(self) -> None:
@@ -97,7 +97,7 @@ class Simulator:
         stop = self._params.car.safe_stop
         friction = float(self._local_parameters()[-len(WHEELS) :].min())
         front, rear = (-friction * F for F in (stop.front_brake_n, stop.rear_brake_n))
-        self._ramp.aim(SetPoints(0.0, front, rear), TICK_STEPS)
+        self._ramp.set_target(SetPoints(0.0, front, rear), TICK_STEPS)
 
     def advance(self, command: Command | None, steps: int) -> Trajectory:
         """Advance by that many milliseconds under a new command, or under the last one (None)."""

@@ -37,9 +37,9 @@ class LookaheadPoint(NamedTuple):
 
 
 def braking_target(
-    x: VehicleState, now: Setpoints, aim: Point | None, car: Car, params: ControllerParams
+    x: VehicleState, now: Setpoints, lookahead: Point | None, car: Car, params: ControllerParams
 ) -> SetpointTarget:
-    """Return the set-points of one step of braking towards `aim`; without one, straight on.
+    """Return the set-points of one step of braking towards `lookahead`; without one, straight on.
 
     Both set-points respect their rate limits. With a state that is not finite the car brakes
     straight on, as without lateral motion.
@@ -47,7 +47,7 @@ def braking_target(
     limits, step_s = params.limits, params.model.step_s
     known = all(map(math.isfinite, x))
     max_lateral = params.braking.lateral_use * max_acceleration(car, limits)
-    lateral = lateral_acceleration(x, aim, max_lateral) if known and aim else 0.0
+    lateral = lateral_acceleration(x, lookahead, max_lateral) if known and lookahead else 0.0
     present = min(abs(x.vx * x.r), max_lateral) if known else 0.0
     force_step = limits.force_rate_nps * step_s
     Fx = -max_braking_force(max(abs(lateral), present), car, limits)
@@ -56,7 +56,7 @@ def braking_target(
     front_share = min(max(front_share, limits.brake_front_share_min), limits.brake_front_share_max)
     lambda_b = split_within_friction(front_share, Fx, car, limits)
     steer_step = limits.steer_rate_radps * step_s
-    delta = steering_angle(x, lateral, Fx, lambda_b, car) if known and aim else 0.0
+    delta = steering_angle(x, lateral, Fx, lambda_b, car) if known and lookahead else 0.0
     delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
     delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
     return SetpointTarget(delta, Fx, lambda_b)
@@ -67,13 +67,13 @@ def max_acceleration(car: Car, limits: Limits) -> float:
     return limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
 
 
-def lateral_acceleration(x: VehicleState, aim: Point, limit: float) -> float:
-    """Return the lateral acceleration [m/s^2] of the arc from the car to `aim`, within +-`limit`.
+def lateral_acceleration(x: VehicleState, lookahead: Point, limit: float) -> float:
+    """Return the lateral acceleration [m/s^2] of the arc to `lookahead`, within +-`limit`.
 
     The arc is tangent to the velocity, not to the heading, so that a sliding car is steered by
-    where it moves. Its curvature is 2 sin(angle to the aim) / distance (pure pursuit).
+    where it moves. Its curvature is 2 sin(angle to the point) / distance (pure pursuit).
     """
-    dX, dY = aim.X - x.X, aim.Y - x.Y
+    dX, dY = lookahead.X - x.X, lookahead.Y - x.Y
     cos_psi, sin_psi = math.cos(x.psi), math.sin(x.psi)
     ahead, aside = cos_psi * dX + sin_psi * dY, cos_psi * dY - sin_psi * dX
     # speed^2 * curvature, with the speed of the direction's normalisation cancelled

@@ -66,7 +66,7 @@ class LockstepWatchdog:
         """Accept the stamp of an input, whatever it is."""
         return ''
 
-    def refuse(self, name: str, reason: str) -> str:
+    def reject(self, name: str, reason: str) -> str:
         """Return the reason for which a message is rejected."""
         return reason
 
@@ -110,7 +110,7 @@ class RealtimeWatchdog:
         """Offer the stamp of an input; return '' or why it is rejected."""
         return self.inputs[name].accept(stamp_ns, now_ns)
 
-    def refuse(self, name: str, reason: str) -> str:
+    def reject(self, name: str, reason: str) -> str:
         """Count a message that violates the contract; return the reason."""
         return self.inputs[name].reject(reason)
 

@@ -61,7 +61,7 @@ def test_the_state_is_named_first_when_several_inputs_are_stale(realtime):
 
 def test_a_rejected_message_does_not_reset_the_age_of_its_input(realtime):
     assert 'in the past' in realtime.offer(OBSTACLES, 0, S + 300 * MS)
-    assert realtime.refuse(OBSTACLES, 'it has NaN') == 'it has NaN'
+    assert realtime.reject(OBSTACLES, 'it has NaN') == 'it has NaN'
     refresh(realtime, S + 300 * MS, OBSTACLES)
     assert realtime.fault(S + 300 * MS) == 'obstacles_stale'
     health = realtime.on_timer(S + 300 * MS, '')
@@ -119,7 +119,7 @@ def test_in_lockstep_no_input_becomes_stale():
         == ''
     )
     assert not lockstep.is_state_lost(99 * S)
-    assert lockstep.refuse(STATE, 'it has NaN') == 'it has NaN'
+    assert lockstep.reject(STATE, 'it has NaN') == 'it has NaN'
     assert lockstep.on_timer(99 * S, '') is None
     health = lockstep.on_step(why(S))
     assert (health.stamp_ns, health.level) == (S, OK)
