@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 TIE = 1e-9  # m, below which two distances count as equal
+STRAIGHT = 1e-12  # m, beside a straight line: rounding, and on no road a bend
 NEAR = 1e-6  # m, more than rounding and a few ties
 LAP_TOLERANCE = 1.0  # m; laps of a road count as equally near: their vertices do not coincide
 BLOCK = 256  # points that are projected at a time
@@ -44,7 +45,7 @@ def distance_to_polyline(points, polyline):
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
     if not len(points):
         return np.empty(0)
-    segments = _segments(polyline)
+    segments = _segments(_merge_straight(polyline))
     blocks = np.split(points, range(BLOCK, len(points), BLOCK))
     return np.concatenate(
         [_distance(block, segments.rows(_near(block, segments))) for block in blocks]
@@ -104,6 +105,16 @@ def _segments(polyline):
     length = np.hypot(dx, dy)
     columns = (*polyline[:-1].T, dx / length, dy / length, length)
     return _Segments(*(column[:, None] for column in columns))
+
+
+def _merge_straight(polyline):
+    """Return a polyline without the vertices on the line from their neighbour to the next."""
+    steps = np.diff(polyline, axis=0)
+    (dx, dy), (next_dx, next_dy) = steps[:-1].T, steps[1:].T
+    limit = STRAIGHT * np.hypot(dx + next_dx, dy + next_dy)
+    is_straight = np.abs(dx * next_dy - dy * next_dx) <= limit
+    is_bend = ~(is_straight & (dx * next_dx + dy * next_dy > 0.0))
+    return polyline[np.concatenate([[True], is_bend, [True]])]
 
 
 def _near(points, segments):

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from bags.errors import BagError
 from experiments import simulation
 from experiments.batch.study_file import SCENARIO_SPEED, Setting, StudyFile
-from experiments.configuration import node_config
+from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
 from experiments.study import code_version, run_spec
@@ -51,11 +51,14 @@ NOMINAL = Perturbation(0.0, 1.0)
 
 def combine(study: StudyFile) -> list[Combination]:
     """Return every combination, the last setting changing first. Raises BagError."""
-    controllers = [str(found.config) for found in node_config.find_controllers(study.controllers)]
+    try:
+        controllers = node_config.find_controllers(study.controllers)
+    except BagError as error:
+        raise BagError(f'{study.path}: controllers: {error}') from None
     names = [setting.name for setting in study.settings]
     values = [setting.values for setting in study.settings]
     return [
-        Combination(scenario, controller, tuple(zip(names, chosen)))
+        Combination(scenario, str(controller.config), tuple(zip(names, chosen)))
         for scenario, controller, *chosen in product(study.scenarios, controllers, *values)
     ]
 
@@ -75,6 +78,14 @@ def prepare(combination: Combination) -> Setup:
 
 def locate_error(study: StudyFile, combination: Combination, error: BagError) -> BagError:
     """Return the error of `prepare` with the place in the file that causes it."""
+    try:
+        inputs.load_scenario(combination.scenario)
+    except BagError as alone:
+        return BagError(f'{study.path}: scenarios: {alone}')
+    try:
+        prepare(combination._replace(settings=()))
+    except BagError as alone:
+        return BagError(f'{study.path}: controllers: {alone}')
     for setting, (name, value) in zip(study.settings, combination.settings):
         try:
             prepare(combination._replace(settings=((name, value),)))

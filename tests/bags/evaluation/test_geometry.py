@@ -107,6 +107,20 @@ def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
         assert result.tolist() == geometry.distance_to_polyline(points, line).tolist()
 
 
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-6, 1.0, np.pi]))
+def test_vertices_on_a_straight_line_change_no_distance(seed, bend):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(bend * rng.integers(-1, 2, rng.integers(1, 20)))
+    line = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * 3.0, axis=0)
+    line = np.vstack([[0.0, 0.0], line])
+    at = np.arange(0.0, len(line) - 1 + 1e-9, 0.125)
+    dense = np.column_stack([np.interp(at, range(len(line)), axis) for axis in line.T])
+    points = rng.normal(0.0, 5.0, (300, 2)) + line[rng.integers(len(line), size=300)]
+    wanted = geometry.distance_to_polyline(points, line)
+    assert geometry.distance_to_polyline(points, dense) == pytest.approx(wanted, abs=1e-9)
+
+
 @pytest.mark.filterwarnings('ignore:invalid value:RuntimeWarning')
 @pytest.mark.parametrize('lost', [np.nan, np.inf])
 def test_a_point_that_is_not_finite_costs_no_other_its_distance(lost):

@@ -148,6 +148,25 @@ def test_unusable_studies_are_one_line_with_the_place(write_study, tmp_path, cap
     assert 'allowed 0.05 to 1.5' in error
 
 
+@pytest.mark.parametrize(
+    ('given', 'what'),
+    [
+        ({'scenarios': ['strait']}, "scenarios: no scenario 'strait'; available: .*'straight'"),
+        ({'scenarios': ['./no_road.yaml']}, 'scenarios: no file .*no_road.yaml'),
+        ({'controllers': ['mpc']}, "controllers: no controller 'mpc'; there are"),
+        ({'controllers': ['./mine.yaml']}, 'controllers: no controller .*mine.yaml.*no such file'),
+        ({'controllers': ['./bad.yaml']}, r'controllers: .*bad.yaml.*safety.obstacle_m.*allowed'),
+    ],
+)
+def test_unusable_scenarios_and_controllers_are_named(write_study, tmp_path, given, what):
+    (tmp_path / 'bad.yaml').write_text(
+        '/**: {ros__parameters: {base: mpcc.yaml, safety: {obstacle_m: -1.0}}}'
+    )
+    request = run_batch.Request(write_study(**given), tmp_path / 'out', jobs=1, limit_s=60.0)
+    with pytest.raises(BagError, match=f'study.yaml: {what}'):
+        run_batch.run(request, Console(quiet=True))
+
+
 def test_two_scenarios_of_one_name_are_refused(write_study, short_road, tmp_path):
     short_road.with_name('copy.yaml').write_text(short_road.read_text())
     study = write_study(scenarios=['./short_road.yaml', './copy.yaml'])
