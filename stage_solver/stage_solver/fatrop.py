@@ -71,7 +71,11 @@ class Deadline(ca.Callback):
 
 
 class Fatrop:
-    """fatrop on the functions of one problem."""
+    """fatrop on the functions of one problem.
+
+    With a time limit it is ready at once, else CasADi builds it at the first run: as the second
+    solver of a simulation it is hardly ever needed.
+    """
 
     def __init__(
         self, problem: StageProblem, options: SolverOptions, functions: dict[str, ca.Function]
@@ -83,17 +87,19 @@ class Fatrop:
         if options.time_limit_s is not None:
             gradient = self._deadline.apply_to(functions['nlp_grad_f'])
             self._functions = functions | {'nlp_grad_f': gradient}
-        self._function = self._make_function()
-        self._nlpsol = BufferedFunction(self._function)
+        self._function: ca.Function | None = None
+        self._nlpsol: BufferedFunction | None = None
         self._unused: list[BufferedFunction] = []
         self._reusable = True
         self._pattern = None
+        if options.time_limit_s is not None:
+            self._renew_memory()
 
     def run(self, call: NlpsolCall, start_s: float) -> tuple[dict[str, np.ndarray], Termination]:
         """Return nlpsol's results and termination; start_s is on time.perf_counter's clock."""
         pattern = _limit_pattern(call)
         changed = self._pattern is not None and not np.array_equal(pattern, self._pattern)
-        if changed or not self._reusable:
+        if changed or not self._reusable or self._nlpsol is None:
             self._renew_memory()
         self._pattern = pattern
         self._deadline.reset(start_s + self._limit_s)
@@ -131,8 +137,9 @@ class Fatrop:
         return nlpsol_backend.make_nlpsol(problem, 'fatrop', self._functions, settings)
 
     def _renew_memory(self):
-        self._unused.append(self._nlpsol)
-        if len(self._unused) > MAX_UNUSED_MEMORIES:
+        if self._nlpsol is not None:
+            self._unused.append(self._nlpsol)
+        if self._function is None or len(self._unused) > MAX_UNUSED_MEMORIES:
             self._function = self._make_function()
             self._unused.clear()
         self._nlpsol = BufferedFunction(self._function)
