@@ -24,6 +24,9 @@ RUNS = 10
 # wall and processor times differ from drive to drive
 TIMES = ('wall_s', 'cpu_s', 'solve_ms.', 'solve_cpu_ms.', 'solver.time_')
 
+# s of a drive: one that does not hang takes less, also in a new process on a busy machine
+LIMIT_S = 12.0
+
 
 def read_rows(folder):
     """Return the rows of the table without what differs between two equal drives."""
@@ -109,7 +112,7 @@ def test_the_table_has_a_column_for_all_that_a_drive_is_and_gives(write_study, t
 def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_path):
     faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.HANGS, faulty_drives.RAISES]
     study = write_study(set={'plant.friction': [*faults, 0.9]})
-    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=5.0)
+    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=LIMIT_S)
     console = Console(quiet=True)
     # as perturbed, no further run has the friction of a fault
     assert run_batch.run(request, console, faulty_drives.simulate_or_fail) == 1
@@ -117,7 +120,7 @@ def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_pat
     assert [row['error'] for row in rows[::2]] == [
         'its process was ended by SIGSEGV',
         'its process ended with exit code 7',
-        'its process was ended after 5 s',
+        f'its process was ended after {LIMIT_S:g} s',
         'ZeroDivisionError: nothing to divide by',
         '',
     ]
