@@ -174,14 +174,17 @@ NAMES = {
 }
 
 
-def write_figures(runs, title, folder):
-    """Write the sheet and each panel into `folder` as PNG and SVG; return the paths written."""
-    folder.mkdir(parents=True, exist_ok=True)
+def write_sheet(runs, title, stem):
+    """Write the sheet with all panels as <stem>.png and .svg."""
     with mpl.rc_context(style.RC):
-        written = style.save_figure(_sheet(runs, title), folder / 'comparison')
-        for panel, name in NAMES.items():
-            written += style.save_figure(_single(panel, runs), folder / name)
-    return written
+        style.save_figure(_sheet(runs, title), stem)
+
+
+def write_panels(runs, folder):
+    """Write each panel into `folder` as PNG and SVG; return the paths written."""
+    with mpl.rc_context(style.RC):
+        written = [style.save_figure(_single(p, runs), folder / n) for p, n in NAMES.items()]
+    return [path for paths in written for path in paths]
 
 
 def _sheet(runs, title):

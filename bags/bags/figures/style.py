@@ -85,15 +85,23 @@ def letter_panels(figure) -> None:
         ax.set_title(f'({name}) {ax.get_title(loc="left")}')
 
 
+def figure_paths(stem: Path) -> list[Path]:
+    """Return <stem>.png and <stem>.svg, also where the stem has a dot."""
+    return [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
+
+
 def save_figure(figure, stem: Path) -> list[Path]:
-    """Write a figure as <stem>.png and .svg, also where the stem has a dot; return both paths."""
+    """Write a figure with a layout engine as <stem>.png and .svg; return both paths."""
     # nodes use the colours: they need not load matplotlib
+    import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
-    paths = [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
+    # savefig would draw a figure with a layout engine twice per file, the first time for nothing
+    figure.dpi = mpl.rcParams['savefig.dpi']
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine(None)
+    paths = figure_paths(stem)
     figure.savefig(paths[0])
-    # the layout is computed; computing it again takes half of the time
-    figure.set_layout_engine('none')
     figure.savefig(paths[1], metadata={'Date': None})
     return paths

@@ -18,6 +18,7 @@ from bags.figures import comparison_figures, panels, style
 from bags.report import metrics_table, page
 from bags.report.comparability import check_comparable
 from bags.report.page import Claim
+from bags.second_process import concurrently
 from bags.storage import read
 from bags.storage.invalid_messages import KEY, count_invalid, describe_invalid, drop_invalid
 
@@ -100,8 +101,13 @@ def compare_drives(
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
     table_file = out / metrics_table.CSV_FILE
     table_file.write_text(metrics_table.metrics_csv(by_run))
-    drawn = comparison_figures.write_figures(runs, scenario, out / FIGURES)
-    report = page.write_report(page.ReportData(values, runs, logs, claimed), out / page.REPORT_FILE)
+    folder = out / FIGURES
+    folder.mkdir(exist_ok=True)
+    sheet = folder / 'comparison'
+    with concurrently(comparison_figures.write_sheet, runs, scenario, sheet):
+        drawn = [*style.figure_paths(sheet), *comparison_figures.write_panels(runs, folder)]
+        data = page.ReportData(values, runs, logs, claimed)
+        report = page.write_report(data, out / page.REPORT_FILE)
     return Comparison(values, file, table_file, drawn, report)
 
 
