@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections.abc import Callable
 
 from rich.console import Console
 from rich.progress import (
@@ -53,8 +54,10 @@ class ProgressDisplay:
 class RunProgress(ProgressDisplay):
     """Runs of the node graph: time, station and speed of the car."""
 
-    def __init__(self, console: Console):
+    def __init__(self, console: Console, on_motion: Callable[[], object] | None = None):
+        """`on_motion` is called whenever the position of the car is shown."""
         super().__init__(console, TimeElapsedColumn())
+        self._on_motion = on_motion
         self._task = self._controller = None
         self._next_line_s = 0.0
 
@@ -69,6 +72,8 @@ class RunProgress(ProgressDisplay):
         """Show time [s], station along the path [m] and speed [m/s] of the car."""
         note = f't {t:5.1f} s   station {station:5.1f} m   {speed:4.1f} m/s'
         self._bars.update(self._task, completed=station, note=note)
+        if self._on_motion:
+            self._on_motion()
         if time.monotonic() >= self._next_line_s:
             self._print_line(note)
 

@@ -1,7 +1,10 @@
 """Runs of several controllers through one scenario, one after the other, and their comparison."""
 
 import os
+import threading
 from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,7 +49,7 @@ def run_and_compare(batch: Batch, console: Console) -> int:
     bags = _kept_bags(outcomes)
     completed = [outcome.completed for outcome in outcomes]
     if bags:
-        # figures and report take seconds to import: an error in the input must not wait for them
+        _begin_import().join()
         from bags.report.comparison import compare_bags, show_comparison
 
         try:
@@ -59,6 +62,17 @@ def run_and_compare(batch: Batch, console: Console) -> int:
         completed += [run['completed'] for run in runs.values()]
         _show_disagreement(outcomes, runs, console)
     return 0 if all(completed) else 1
+
+
+@cache
+def _begin_import() -> threading.Thread:
+    """Begin to import figures and report, which takes a second, beside what else is done.
+
+    Not at the start of the program: an error in the input must not wait for them.
+    """
+    thread = threading.Thread(target=import_module, args=('bags.report.comparison',))
+    thread.start()
+    return thread
 
 
 def _show_disagreement(outcomes, runs, console):
@@ -100,7 +114,8 @@ def _run_each(batch, facts, controllers, file_values, overrides, folder, console
     try:
         with (
             Interrupt() as interrupt,
-            RunProgress(console) as progress,
+            # on the wall clock the nodes need all cores
+            RunProgress(console, _begin_import if batch.mode == 'lockstep' else None) as progress,
             domain.reserved(os.environ) as domain_id,
         ):
             run_settings = RunSettings(
