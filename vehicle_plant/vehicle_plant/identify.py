@@ -19,17 +19,18 @@ import hashlib
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.optimize import least_squares
 
 from node_runtime import parameters as yaml_parameters
 from node_runtime.parameters import ROAD_FRICTION
 from vehicle_plant import car, circular_driving, parameters
 from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _NORMAL_95 = 1.959964
 
@@ -54,6 +55,9 @@ def fiala_force(points: AxlePoints, cornering: float, friction: float) -> np.nda
 
 def fit_fiala(points: AxlePoints) -> FialaFit:
     """Return the unweighted least-squares fit to n >= 3 points of one axle."""
+    # half a second, which the help must not take
+    from scipy.optimize import least_squares
+
     load = points.Fz.mean()
 
     def residuals(scaled):
@@ -120,7 +124,7 @@ _MANOEUVRES = {
 
 def identify(
     plant: PlantParams, friction: float, manoeuvre: CircleParams, options: str = ''
-) -> tuple[str, Figure]:
+) -> tuple[str, 'Figure']:
     """Drive, fit, and return the text of the file and the figure. Raises CircleError.
 
     options: those of the command line, recorded in the file.
@@ -153,8 +157,11 @@ def digest(plant: PlantParams) -> str:
     return hashlib.sha256(repr(items).encode()).hexdigest()
 
 
-def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[FialaFit, FialaFit]) -> Figure:
+def draw(points: tuple[AxlePoints, AxlePoints], fits: tuple[FialaFit, FialaFit]) -> 'Figure':
     """Return the measured points, the fitted curves and the residuals of both axles."""
+    # likewise
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10, 6), layout='constrained')
     rows = figure.subplots(2, 2, sharex='col', height_ratios=(3, 1))
     for curve, residual, name, axle, fit in zip(*rows, ('front', 'rear'), points, fits):

@@ -10,8 +10,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters
@@ -27,6 +26,9 @@ from vehicle_plant.manoeuvres import (
 )
 from vehicle_plant.manoeuvres.procedure import Case, Number
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _ABOUT = {
     steady_circle: 'understeer gradient on a circle, ISO 4138',
     step_steer: 'rise time and overshoot after a step, ISO 7401',
@@ -38,7 +40,7 @@ _ABOUT = {
 MANOEUVRES = {module.__name__.rpartition('.')[2]: module for module in _ABOUT}
 
 
-def perform(name: str, case: Case) -> tuple[dict[str, Number], Figure]:
+def perform(name: str, case: Case) -> tuple[dict[str, Number], 'Figure']:
     """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
     manoeuvre = MANOEUVRES[name]
     runs = manoeuvre.runs(case)

@@ -6,14 +6,16 @@ the servo has no effect.
 """
 
 from math import ceil
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FORMS = {
     'single track': {'relaxation': False},
@@ -107,14 +109,14 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     return result
 
 
-def draw(case: Case, _, trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, _, trajectories: list[Trajectory]) -> 'Figure':
     """Return gain and phase over frequency, and the differences to the closed forms."""
     (trajectory,), p = trajectories, case.settings.sine_sweep
     f_hz = np.array(p.frequencies_hz)
     H = response(case, trajectory)
     car = linear_single_track.linear_car(case.plant, case.friction)
     fine = np.geomspace(f_hz[0], f_hz[-1], 200)
-    figure = Figure(figsize=(11, 7), layout='constrained')
+    figure = procedure.new_figure(11, 7)
     (gain, gain_error), (phase, phase_error) = figure.subplots(2, 2, sharex=True)
     for (form, options), style in zip(FORMS.items(), (':', '--', '-')):
         closed = linear_single_track.yaw_rate_response(car, p.speed_mps, fine, **options)

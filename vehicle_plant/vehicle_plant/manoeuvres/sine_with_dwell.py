@@ -4,12 +4,16 @@ The rule is written for cars with electronic stability control; this car has non
 amplitudes may fail it: the numbers include the greatest amplitude that passes.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from vehicle_plant.manoeuvres import procedure, steady_circle
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SECOND_PEAK = 0.75  # of the period
 
@@ -78,10 +82,10 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     return result
 
 
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
     """Return steer, yaw rate and path of all amplitudes, and the criteria over the amplitude."""
     p, settle_s = case.settings.sine_with_dwell, case.settings.settle_s
-    figure = Figure(figsize=(12, 7), layout='constrained')
+    figure = procedure.new_figure(12, 7)
     (steer, ratio), (yaw_rate, path) = figure.subplots(2, 2)
     # from a pale to a dark blue
     shades = np.linspace(0, 1, len(trajectories))

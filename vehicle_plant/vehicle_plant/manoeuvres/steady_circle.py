@@ -5,16 +5,18 @@ Understeer gradient: slope of delta - L r / V over lateral acceleration.
 
 from functools import partial
 from math import degrees
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from vehicle_plant.circular_driving import axle_points
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.linear_single_track import LinearCar
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SLIDING = 0.98  # of the greatest lateral acceleration so far: the car slides for good
 
@@ -113,14 +115,14 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     }
 
 
-def draw(case: Case, _, trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, _, trajectories: list[Trajectory]) -> 'Figure':
     """Return handling diagram, attitude and axle slip."""
     (trajectory,), p = trajectories, case.settings.steady_circle
     points = _points(case, trajectory)
     gripping = trajectory.where(_gripping_rows(case, trajectory))
     ay = points.ay
     car = linear_single_track.linear_car(case.plant, case.friction)
-    figure = Figure(figsize=(12, 4), layout='constrained')
+    figure = procedure.new_figure(12, 4)
     left, middle, right = figure.subplots(1, 3)
     left.plot(ay, np.degrees(points.steer), label='steer')
     left.plot(ay, np.degrees(points.extra), label='steer - L r / V')

@@ -4,12 +4,16 @@ Times count from the instant at which the road wheels have reached half their an
 to 90 % of the steady state, peak response time to the peak. Rise time is that from 10 to 90 %.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SIGNALS = {'yaw_rate': 'planar.r', 'ay': 'acceleration.ay'}
 
@@ -63,11 +67,11 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     return result
 
 
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
     """Return steer, yaw rate, lateral acceleration and attitude over time."""
     (trajectory,), settle_s = trajectories, case.settings.settle_s
     t, column = procedure.times(trajectory) - settle_s, trajectory.column
-    figure = Figure(figsize=(10, 7), layout='constrained')
+    figure = procedure.new_figure(10, 7)
     (steer, yaw_rate), (ay, angle) = figure.subplots(2, 2, sharex=True)
     steer.plot(t, np.degrees(column('servos.steer.position')))
     for axes, y in ((yaw_rate, np.degrees(column('planar.r'))), (ay, column('acceleration.ay'))):

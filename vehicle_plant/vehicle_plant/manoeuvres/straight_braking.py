@@ -6,15 +6,17 @@ t = M / sqrt(F k) atan(v sqrt(k / F)). The mean fully developed deceleration is 
 from 80 to 10 % of the initial speed.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from msgs_yaml.types import WHEELS
 from vehicle_plant.manoeuvres import procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FULL_FROM, FULL_TO = 0.8, 0.1  # of the initial speed
 FULL_BRAKE_SHARE = 0.99  # of the brake force
@@ -106,7 +108,7 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     }
 
 
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
     """Return speed, deceleration, wheel slip and loads over time."""
     (trajectory,), settle_s = trajectories, case.settings.settle_s
     column, form = trajectory.column, closed_form(case)
@@ -115,7 +117,7 @@ def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> F
     vx = column('planar.vx')
     remaining = float(form.duration(vx[full])) - (t - t[full])
     closed = form.speed(remaining)
-    figure = Figure(figsize=(11, 7), layout='constrained')
+    figure = procedure.new_figure(11, 7)
     (speed, slowing), (slip, load) = figure.subplots(2, 2, sharex=True)
     speed.plot(t, vx, label='plant')
     speed.plot(t[full:], closed[full:], 'k--', label='closed form, full brakes')

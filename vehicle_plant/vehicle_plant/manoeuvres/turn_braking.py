@@ -5,16 +5,18 @@ speed, r / (V / R); above 1 the car turns in, below 1 it runs wide. Also side sl
 CoG outside its circle, and whether a wheel locks: the car has no ABS.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from msgs_yaml.types import WHEELS
 from vehicle_plant.manoeuvres import procedure, steady_circle
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.manoeuvres.straight_braking import brake_forces
 from vehicle_plant.state import Planar, SetPoints, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def _brake_time(case: Case) -> float:
@@ -103,10 +105,10 @@ def numbers(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -
     return result
 
 
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> Figure:
+def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
     """Return yaw-rate ratio, distance to the circle, side slip and speed over time."""
     p = case.settings.turn_braking
-    figure = Figure(figsize=(11, 7), layout='constrained')
+    figure = procedure.new_figure(11, 7)
     (turning, wide), (slip, speed) = figure.subplots(2, 2)
     for run, trajectory in zip(runs, trajectories):
         m = _motion(case, trajectory)
