@@ -88,9 +88,11 @@ def heading_as_received(psi: float) -> float:
 
 def headings_as_received(psi: np.ndarray) -> np.ndarray:
     """Return `heading_as_received` of headings (n,), with the same bits."""
+    atan2, sin, cos, remainder, turn = math.atan2, math.sin, math.cos, math.remainder, math.tau
     half = (0.5 * psi).tolist()
-    doubled = [2.0 * math.atan2(math.sin(angle), math.cos(angle)) for angle in half]
-    return np.array([wrap_angle(angle) for angle in doubled])
+    wrapped = np.array([remainder(2.0 * atan2(sin(a), cos(a)), turn) for a in half])
+    wrapped[wrapped == -math.pi] = math.pi  # as `wrap_angle`
+    return wrapped
 
 
 def odometry_as_received(x: VehicleState) -> VehicleState:

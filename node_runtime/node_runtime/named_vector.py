@@ -48,12 +48,14 @@ def build(template: Any, values: Iterable) -> Any:
 
 
 def _build(template, remaining):
+    if isinstance(template, tuple):  # the most frequent, without a dict of its fields
+        values = [_build(child, remaining) for child in template]
+        return tuple(values) if type(template) is tuple else type(template)(*values)
     children = _children(template)
     if children is None:
         return next(remaining)
-    values = [_build(child, remaining) for child in children.values()]
-    kind = _kind(template)
-    return tuple(values) if kind is tuple else kind(*values)
+    # a list: in a generator StopIteration would become another error
+    return _kind(template)(*[_build(child, remaining) for child in children.values()])
 
 
 def _kind(template):
