@@ -9,6 +9,7 @@ of a shorter one.
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -73,7 +74,15 @@ def prepare(combination: Combination) -> Setup:
             speed_mps = value
         else:
             settings.setdefault(role, {})[parameter] = value
-    return simulation.prepare(combination.scenario, combination.controller, settings, speed_mps)
+    setup = simulation.prepare(combination.scenario, combination.controller, settings)
+    if speed_mps is None:
+        return setup
+    return setup._replace(scn=_scenario_at_speed(combination.scenario, speed_mps))
+
+
+@lru_cache(maxsize=256)
+def _scenario_at_speed(scenario, speed_mps):
+    return inputs.load_scenario(scenario, speed_mps)
 
 
 def locate_error(study: StudyFile, combination: Combination, error: BagError) -> BagError:
