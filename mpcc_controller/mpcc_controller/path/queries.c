@@ -47,14 +47,15 @@ void make_discs(long n, const double *X, const double *Y, double *discs) {
 /* m, more than the rounding of a distance on any road */
 static const double ROUNDING = 1e-6;
 
-/* Return the smallest upper bound of the distance from a point to the chords of any block. */
+/* Return an upper bound of the distance from a point to the closest chord. */
 static double reach_to_nearest(long count, const double *discs, double x, double y) {
-  double reach = INFINITY;
+  double least = INFINITY;
+  long nearest = 0;
   for (long b = 0; b < count; ++b) {
-    const double far = length(discs[b] - x, discs[count + b] - y) + discs[2 * count + b];
-    if (far < reach) reach = far;
+    const double away = square(discs[b] - x) + square(discs[count + b] - y);
+    if (away < least) least = away, nearest = b;
   }
-  return reach;
+  return sqrt(least) + discs[2 * count + nearest];
 }
 
 /* the path ----------------------------------------------------------------------------------- */
@@ -273,7 +274,8 @@ void edge_beside(long n, const double *table, const double *discs, long k, const
   const double reach = reach_to_nearest(count, discs, x, y) + 2 * radius + ROUNDING;
   long first = count, last = 0;
   for (long b = 0; b < count; ++b)
-    if (!(length(discs[b] - x, discs[count + b] - y) - discs[2 * count + b] > reach)) {
+    if (!(square(discs[b] - x) + square(discs[count + b] - y) >
+          square(reach + discs[2 * count + b]))) {
       if (b < first) first = b;
       last = b + 1;
     }
