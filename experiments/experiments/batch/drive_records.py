@@ -1,7 +1,7 @@
 """Finished drives, kept one by one in the folder of a batch, so that an interrupted one continues.
 
-One line of JSON per drive, with its key and its results, written by one system call: a line that a
-full disk or a power cut tore is noticed, and its drive is simulated again.
+One line of JSON per drive, with its key and its results, written when the drive ends: a line that a
+kill or a full disk tore is noticed, and its drive is simulated again.
 """
 
 import fcntl
@@ -27,7 +27,7 @@ class DriveRecords:
 
     def __enter__(self):
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self.path.open('a+b', buffering=0)
+        self._file = self.path.open('ab', buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._read()
@@ -46,22 +46,28 @@ class DriveRecords:
         return self._results[key]
 
     def add(self, key: str, results: str) -> None:
-        """Keep the results of a drive, a JSON object."""
-        self._file.write(f'{{"{KEY}": "{key}", "{RESULTS}": {results}}}\n'.encode())
+        """Keep the results of a drive, a JSON object. Raises BagError when the disk is full."""
+        line = f'{{"{KEY}": "{key}", "{RESULTS}": {results}}}\n'.encode()
+        try:
+            reason = '' if self._file.write(line) == len(line) else 'no space left'
+        except OSError as error:
+            reason = error.strerror
+        if reason:
+            raise BagError(f'{self.path}: {reason}; the drives before this one are kept')
         self._results[key] = results
 
     def _read(self):
-        self._file.seek(0)
         end = 0
-        for line in self._file.read().splitlines(keepends=True):
-            if not line.endswith(b'\n'):
-                # the next record must begin a line
-                self._file.truncate(end)
-                self.damaged += 1
-                break
-            end += len(line)
-            try:
-                record = json.loads(line)
-                self._results[record[KEY]] = json.dumps(record[RESULTS])
-            except (ValueError, KeyError, TypeError):
-                self.damaged += 1
+        with self.path.open('rb') as file:
+            for line in file:
+                if not line.endswith(b'\n'):
+                    # the next record must begin a line
+                    self._file.truncate(end)
+                    self.damaged += 1
+                    break
+                end += len(line)
+                try:
+                    record = json.loads(line)
+                    self._results[record[KEY]] = json.dumps(record[RESULTS])
+                except (ValueError, KeyError, TypeError):
+                    self.damaged += 1

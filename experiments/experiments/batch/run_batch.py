@@ -75,14 +75,14 @@ def run(
         except KeyboardInterrupt as interrupt:
             interrupted = interrupt
         columns = results_table.build_columns(build_rows(plan, records, errors))
-        count = len(columns['error']) if columns else 0
+        count = len(columns.get('error', ()))
+        failed = sum(map(bool, columns.get('error', ())))
         if count:
             table = results_table.write(columns, _notes(study), request.folder)
     if interrupted:
         raise KeyboardInterrupt(
-            f'{count:,} of {study.drives:,} drives are kept; the same command goes on'
+            f'{count - failed:,} of {study.drives:,} drives are kept; the same command goes on'
         ) from None
-    failed = sum(map(bool, columns['error']))
     console.print(results_table.summarise(columns))
     print_text(
         console,

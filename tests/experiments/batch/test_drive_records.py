@@ -1,9 +1,23 @@
 """Records of finished drives outlive their program, and what tore them."""
 
+import subprocess
+import sys
+
 import pytest
 
 from bags.errors import BagError
 from experiments.batch.drive_records import DriveRecords
+
+FILLING = """
+import resource, signal, sys
+from pathlib import Path
+from experiments.batch.drive_records import DriveRecords
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+with DriveRecords(Path(sys.argv[1])) as records:
+    for key in 'abcdefgh':
+        records.add(key, '{"ticks": 1}')
+"""
 
 
 def test_records_are_kept(tmp_path):
@@ -44,6 +58,18 @@ def test_a_damaged_record_is_left_out(tmp_path, line):
         assert records.damaged == 1
         assert 'a' in records
         assert 'x' not in records
+
+
+def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_path):
+    """A limit of the size of files stands for a full disk."""
+    filled = subprocess.run(
+        [sys.executable, '-c', FILLING, tmp_path], capture_output=True, text=True, timeout=60
+    )
+    assert 'drives.jsonl: no space left; the drives before this one are kept' in filled.stderr
+    with DriveRecords(tmp_path) as records:
+        assert [key for key in 'abcdefgh' if key in records] == ['a', 'b']
+        assert records.damaged == 1
+        assert records.path.stat().st_size < 100
 
 
 def test_two_batches_do_not_write_one_folder(tmp_path):
