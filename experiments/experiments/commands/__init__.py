@@ -7,6 +7,14 @@ import argparse
 from typing import Any
 
 
+def positive_count(text: str) -> int:
+    """Return the whole number in an argument; argparse's error unless it is positive."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
+    return value
+
+
 def positive_number(text: str) -> float:
     """Return the value of an option that must be positive and finite."""
     value = float(text)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import positive_number
+from experiments.commands import positive_count, positive_number
 
 HELP = 'simulate a grid of scenarios, controllers and settings; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--jobs',
-        type=_count,
+        type=positive_count,
         default=len(os.sched_getaffinity(0)),
         metavar='N',
         help='processes (default: one per usable core); does not change the table',
@@ -52,13 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         help=f'wall time after which a drive counts as failed (default: {LIMIT_S:g})',
     )
-
-
-def _count(text):
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
-    return value
 
 
 def run(options: argparse.Namespace) -> int:

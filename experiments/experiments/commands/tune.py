@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bags.command_line import add_out
 from bags.errors import BagError
-from experiments.commands import add_list, positive_number
+from experiments.commands import add_list, positive_count, positive_number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('controller', metavar='CONTROLLER', help='a name, or a YAML file')
     parser.add_argument(
         '--trials',
-        type=_count,
+        type=positive_count,
         nargs=2,
         default=TRIALS,
         metavar=('N1', 'N2'),
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
     parser.add_argument(
         '--jobs',
-        type=_count,
+        type=positive_count,
         default=len(os.sched_getaffinity(0)),
         metavar='N',
         help='runs in parallel (default: one per core); does not change the result',
@@ -56,13 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = 'another controller that gets the tuned tolerances and keeps its priorities'
     add_list(parser, '--also', text, metavar='C')
-
-
-def _count(text):
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
-    return value
 
 
 def run(options: argparse.Namespace) -> int:
