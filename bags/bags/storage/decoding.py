@@ -16,7 +16,7 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.storage import cdr
-from bags.storage.cdr import HEADER, Message
+from bags.storage.cdr import HEADER, Layout
 from bags.storage.columns import Columns, table_type
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import decode, flat_fields
@@ -82,7 +82,7 @@ def decode_message(topic: BagTopic, payload: bytes) -> Any:
 
 
 def group_by_layout(payloads: list[bytes], text: str, type_name: str):
-    """Yield (row numbers, (n, bytes) array of uint8, first Message) of messages of equal layout."""
+    """Yield (row numbers, (n, bytes) array of uint8, first Layout) of messages of equal layout."""
     lengths = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
     for length in dict.fromkeys(lengths.tolist()):
         rows = np.flatnonzero(lengths == length)
@@ -90,7 +90,7 @@ def group_by_layout(payloads: list[bytes], text: str, type_name: str):
         bytes_ = np.frombuffer(b''.join([payloads[i] for i in rows]), dtype=np.uint8)
         bytes_ = bytes_.reshape(len(rows), length)
         while len(rows):
-            layout = Message(payloads[rows[0]], text, type_name)
+            layout = Layout(payloads[rows[0]], text, type_name)
             same = (bytes_[:, layout.fixed] == bytes_[0, layout.fixed]).all(axis=1)
             if same.all():
                 yield rows, bytes_, layout
@@ -127,7 +127,7 @@ def _stamp_ns(bytes_, layout):
     return sec.astype(np.int64) * NS_PER_S + nanosec
 
 
-def column(bytes_: np.ndarray, layout: Message, path: str) -> np.ndarray:
+def column(bytes_: np.ndarray, layout: Layout, path: str) -> np.ndarray:
     """Return one number of every message, (n,), in its own type.
 
     'effort[steer]' is at the index of 'steer' in `name`.
