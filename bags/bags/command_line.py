@@ -6,6 +6,7 @@ print_...      a summary as JSON or for a person, lines, paths
 """
 
 import argparse
+import gc
 import json
 import os
 import sys
@@ -17,6 +18,7 @@ from typing import Any
 from bags.errors import BagError
 from node_runtime.parameters import ParameterError
 
+GARBAGE_THRESHOLD = 50_000  # new objects between two collections
 INTERRUPTED = 130  # what shells report for SIGINT
 
 
@@ -27,6 +29,9 @@ def main(
 
     The module of a command is <program>.commands.<command>, hyphens are underscores there.
     """
+    # imports and figures create many objects and hardly any cycles: looking for these less often
+    # saves a tenth of the time
+    gc.set_threshold(GARBAGE_THRESHOLD)
     args = _parser(program, description, commands).parse_args(arguments)
     try:
         return args.command(args)
