@@ -174,17 +174,19 @@ NAMES = {
 }
 
 
-def write_sheet(runs, title, stem):
-    """Write the sheet with all panels as <stem>.png and .svg."""
-    with mpl.rc_context(style.RC):
-        style.save_figure(_sheet(runs, title), stem)
+SHEET = 'comparison'
+ALL = (SHEET, *NAMES.values())
+COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 
 
-def write_panels(runs, folder):
-    """Write each panel into `folder` as PNG and SVG; return the paths written."""
+def write_figures(runs, title, folder, names=ALL):
+    """Write figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
     with mpl.rc_context(style.RC):
-        written = [style.save_figure(_single(p, runs), folder / n) for p, n in NAMES.items()]
-    return [path for paths in written for path in paths]
+        if SHEET in names:
+            style.save_figure(_sheet(runs, title), folder / SHEET)
+        for panel, name in NAMES.items():
+            if name in names:
+                style.save_figure(_single(panel, runs), folder / name)
 
 
 def _sheet(runs, title):

@@ -103,11 +103,13 @@ def compare_drives(
     table_file.write_text(metrics_table.metrics_csv(by_run))
     folder = out / FIGURES
     folder.mkdir(exist_ok=True)
-    sheet = folder / 'comparison'
-    with concurrently(comparison_figures.write_sheet, runs, scenario, sheet):
-        drawn = [*style.figure_paths(sheet), *comparison_figures.write_panels(runs, folder)]
+    costly = comparison_figures.COSTLY
+    others = [name for name in comparison_figures.ALL if name not in costly]
+    with concurrently(comparison_figures.write_figures, runs, scenario, folder, costly):
+        comparison_figures.write_figures(runs, scenario, folder, others)
         data = page.ReportData(values, runs, logs, claimed)
         report = page.write_report(data, out / page.REPORT_FILE)
+    drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report)
 
 
