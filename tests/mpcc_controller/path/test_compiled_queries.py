@@ -126,3 +126,22 @@ def test_long_roads_are_searched_in_blocks():
     left, right = road_edges.edges_near(road, X, 0 * X, 4.0)
     assert pytest.approx(X, **EXACT) == left.X
     assert pytest.approx(np.full(51, -3.0), **EXACT) == right.Y
+
+
+def test_without_a_compiler_numpy_answers_the_same_queries(monkeypatch):
+    rng, points, turn = random_line(3, 60, 0.02, 2.0)
+    reference = Reference(0, *points.T, turn, np.arange(60.0))
+    X, Y = beside(rng, points, 20, 1.0)
+
+    def answers():
+        path, road = reference_path.build(reference), road_edges.build(RoadEdges(0, points, points))
+        arcs, v = reference_path.arcs_at(path, np.linspace(-5.0, 130.0, 20))
+        frenet = frenet_frame.to_frenet(path, X, Y, 30.0)
+        feet = reference_path.project(path, X[0], Y[0], 30.0, 200.0)
+        return np.concatenate(
+            [*arcs, v, *frenet, [feet], *road_edges.edge_beside(road.left, X, Y, 3.0)]
+        )
+
+    compiled = answers()
+    monkeypatch.setattr(compiled_queries, 'library', lambda: None)
+    assert answers() == pytest.approx(compiled, rel=1e-9, abs=1e-9)
