@@ -126,7 +126,7 @@ def measure(spec: RunSpec) -> dict[str, dict[str, Any]]:
 
 def measure_setup(setup: simulation.Setup) -> dict[str, dict[str, Any]]:
     """Simulate once; return {'metrics': ..., 'solver': ...}, ready for JSON."""
-    columns = simulation.run(setup)
+    columns = simulation.run(setup, explain=False)
     drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
     reports = [why.values for why in columns['/controller/why'].values]
     return {'metrics': metrics.compute_metrics(drive), 'solver': solver_statistics(reports)}
