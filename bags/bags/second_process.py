@@ -1,5 +1,6 @@
 """Run a function in a second process while this one continues."""
 
+import ctypes
 import os
 import signal
 import threading
@@ -7,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @contextmanager
@@ -21,7 +24,9 @@ def concurrently(function: Callable[..., Any], *arguments: Any) -> Iterator[None
         function(*arguments)
         return
     # a copy needs neither to pass the arguments nor to import anything
-    process = get_context('fork').Process(target=_run, args=(function, arguments), daemon=True)
+    process = get_context('fork').Process(
+        target=_run, args=(os.getpid(), function, arguments), daemon=True
+    )
     process.start()
     try:
         yield
@@ -34,7 +39,11 @@ def concurrently(function: Callable[..., Any], *arguments: Any) -> Iterator[None
         function(*arguments)
 
 
-def _run(function, arguments):
+def _run(first, function, arguments):
+    # when the first process is killed, the kernel ends this one
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != first:  # killed before prctl took effect
+        raise SystemExit(1)
     # Ctrl-C in the terminal reaches both processes: the first one ends the second
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

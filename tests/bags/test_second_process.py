@@ -1,6 +1,9 @@
 """A function runs beside this process where that is possible, and its errors are raised here."""
 
 import os
+import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -47,3 +50,16 @@ def test_an_error_of_the_function_is_raised_here(two_cores, tmp_path, capfd):
 def test_an_error_of_the_block_ends_the_process(two_cores):
     with pytest.raises(KeyboardInterrupt), second_process.concurrently(threading.Event().wait):
         raise KeyboardInterrupt
+
+
+def test_the_process_ends_with_a_killed_first_one():
+    """Fails by the time limit: the pipe is open until both processes have ended."""
+    script = (
+        'import os, signal, threading\n'
+        'from bags import second_process\n'
+        'os.sched_getaffinity = lambda _: {0, 1}\n'
+        'with second_process.concurrently(threading.Event().wait):\n'
+        '    os.kill(os.getpid(), signal.SIGKILL)\n'
+    )
+    command = [sys.executable, '-c', script]
+    assert subprocess.run(command, capture_output=True, timeout=30).returncode == -signal.SIGKILL
