@@ -46,6 +46,10 @@ PARALLEL_S = 4.0  # how long the drives beside each other go on
 PATH_LENGTHS_M = (100.0, 1000.0, 20_000.0)
 POSE_M = 0.5  # between two poses of these paths: 40,000 on the longest
 MEASURED_TICKS = 40
+KINDS = (
+    'explained: a drive with all that would be recorded; brief: without predictions and values of '
+    'the plan; evaluated: brief, as the metrics take it.'
+)
 SPEED_MPS, HALF_WIDTH_M, START_NS = 15.0, 5.0, 10**9
 
 
@@ -239,8 +243,6 @@ def tables(results: dict) -> list[TextTable]:
             f'A drive of {SCENARIO} in process, per core',
             ('controller', *(f'{k}, cpu ms' for k in kinds), *(f'{k}, x real time' for k in kinds)),
             drives,
-            'brief: without predictions and values of the plan; evaluated: brief, as a drive for '
-            'the metrics',
         ),
         TextTable(
             'State to command in process',
@@ -257,9 +259,11 @@ def tables(results: dict) -> list[TextTable]:
         ),
         TextTable(
             'Processes beside each other',
-            ('processes', 'drives per second'),
-            [(n, number(rate)) for n, rate in results['parallel']['drives_per_s'].items()],
-            f'speed-up {results["parallel"]["speed_up"]:.2f}',
+            ('processes', 'drives per second', 'speed-up'),
+            [
+                (n, number(rate), number(rate / results['parallel']['drives_per_s']['1']))
+                for n, rate in results['parallel']['drives_per_s'].items()
+            ],
         ),
     ]
     for name, title in (('sizes', 'size of the problem'), ('lengths', 'length of the path')):
@@ -302,7 +306,7 @@ def main() -> None:
         show(console, table)
     options.json.write_text(json.dumps(results, indent=2) + '\n')
     about = ', '.join(f'{key} {value}' for key, value in results['machine'].items())
-    head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n'
+    head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{KINDS}\n\n'
     options.json.with_suffix('.md').write_text(head + '\n'.join(markdown(t) for t in listed))
 
 
