@@ -4,6 +4,7 @@ Modules import what they need in `run`, so that `experiments --help` answers at 
 """
 
 import argparse
+import os
 from typing import Any
 
 
@@ -21,6 +22,17 @@ def positive_number(text: str) -> float:
     if not 0.0 < value < float('inf'):
         raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
     return value
+
+
+def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
+    """Add the option --jobs; `constant` is what it does not change."""
+    parser.add_argument(
+        '--jobs',
+        type=positive_count,
+        default=len(os.sched_getaffinity(0)),
+        metavar='N',
+        help=f'processes (default: one per usable core); does not change {constant}',
+    )
 
 
 def add_list(

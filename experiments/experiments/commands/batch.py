@@ -19,12 +19,11 @@ tries it again.
 """
 
 import argparse
-import os
 from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import positive_count, positive_number
+from experiments.commands import add_jobs, positive_number
 
 HELP = 'simulate a grid of scenarios, controllers and settings; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
@@ -38,13 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out', type=Path, required=True, metavar='DIR', help='receives table and records'
     )
-    parser.add_argument(
-        '--jobs',
-        type=positive_count,
-        default=len(os.sched_getaffinity(0)),
-        metavar='N',
-        help='processes (default: one per usable core); does not change the table',
-    )
+    add_jobs(parser, 'the table')
     parser.add_argument(
         '--limit-s',
         type=positive_number,

@@ -1,14 +1,13 @@
 """Tune the weights of a controller on the double lane change by Bayesian optimisation."""
 
 import argparse
-import os
 from pathlib import Path
 
 from rich.console import Console
 
 from bags.command_line import add_out
 from bags.errors import BagError
-from experiments.commands import add_list, positive_count, positive_number
+from experiments.commands import add_jobs, add_list, positive_count, positive_number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
@@ -39,13 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f'(default: {TRACKING_M} m)',
     )
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
-    parser.add_argument(
-        '--jobs',
-        type=positive_count,
-        default=len(os.sched_getaffinity(0)),
-        metavar='N',
-        help='runs in parallel (default: one per core); does not change the result',
-    )
+    add_jobs(parser, 'the result')
     content = '<controller>/ with the history; a search in that folder is continued'
     add_out(parser, OUT, content)
     parser.add_argument(
