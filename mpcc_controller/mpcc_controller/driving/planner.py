@@ -12,7 +12,7 @@ from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.path import reference_path
+from mpcc_controller.path import compiled_queries, reference_path
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
@@ -71,6 +71,7 @@ class Planner:
         self.limit_time = limit_time
         self.clock = clock
         self.formulation = formulation.make(params, self.car)
+        compiled_queries.library()  # compiled now, not when the first path is set
         symbolic = self.formulation.ocp
         self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
         self.first_solver = make_solver(

@@ -5,6 +5,7 @@ numpy functions define the results and replace the machine code where there is n
 """
 
 import ctypes
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -12,8 +13,16 @@ import numpy as np
 
 from stage_solver import compile_cache
 
+PROJECTION_STEPS = 3  # Newton steps of a projection; each squares the error, below 1 m at first
+S_PENALTY = 1e-3  # m of distance per m along the path, to choose between equally close points
+ROUNDING = 1e-6  # m, more than that of a distance on any road
 # no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine
-FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
+FLAGS = (
+    *('-O2', '-fno-math-errno', '-ffp-contract=off'),
+    f'-DPROJECTION_STEPS={PROJECTION_STEPS}',
+    f'-DS_PENALTY={S_PENALTY!r}',
+    f'-DROUNDING={ROUNDING!r}',
+)
 SOURCE = Path(__file__).with_name('queries.c')
 POINTER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_long, ctypes.c_double
 ARGUMENTS = {
@@ -28,8 +37,12 @@ ARGUMENTS = {
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """Return the compiled queries, or None without a C compiler, with one warning."""
-    path = compile_cache.compile_library(SOURCE.read_text(), 'path_queries', FLAGS)
+    """Return the compiled queries, or None without a working C compiler, with one warning."""
+    try:
+        path = compile_cache.compile_library(SOURCE.read_text(), 'path_queries', FLAGS)
+    except compile_cache.CompileError as error:
+        warnings.warn(f'{error}\nnumpy is used instead', RuntimeWarning, stacklevel=2)
+        return None
     if path is None:
         compile_cache.warn_no_compiler('path and road are evaluated by numpy, several times slower')
         return None

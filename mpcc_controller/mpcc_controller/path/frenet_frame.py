@@ -21,8 +21,6 @@ from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 
-PROJECTION_STEPS = 3  # each on the arc at the foot of the step before
-S_PENALTY = 1e-3  # m of distance per m along the path, to choose between equally close points
 EDGE_STEPS = 2  # of the search for an edge on a normal of the path; one is exact for straight lines
 
 
@@ -120,7 +118,7 @@ def closest_node(path, X, Y, near):
     arcs = Arc(*(column[1:] for column in path.arcs))
     share, inside, square = reference_path.feet_on_chords(arcs, X, Y)
     theta = arcs.theta[:-1] + inside * np.diff(arcs.theta)
-    best = np.argmin(np.sqrt(square) + S_PENALTY * np.abs(theta - near))
+    best = np.argmin(np.sqrt(square) + compiled_queries.S_PENALTY * np.abs(theta - near))
     return arcs.theta[best + int(share[best] > 0.5)]
 
 
@@ -140,7 +138,7 @@ def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
 
 def refine_by_numpy(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return `refine`: the definition of what the compiled code does."""
-    for _ in range(PROJECTION_STEPS):
+    for _ in range(compiled_queries.PROJECTION_STEPS):
         piece, _ = reference_path.arcs_by_numpy(path, s)
         left = -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
         s = np.where(piece.kappa * left < 1, to_frenet_on_arc(piece, X, Y).s, s)

@@ -8,7 +8,8 @@
    the closest chord, so that its cost hardly depends on the length of the line. */
 #include <math.h>
 
-enum { BLOCK = 16, PROJECTION_STEPS = 3 };
+/* PROJECTION_STEPS, S_PENALTY and ROUNDING are those of compiled_queries.py */
+enum { BLOCK = 16 };
 
 static double square(double value) { return value * value; }
 
@@ -43,9 +44,6 @@ void make_discs(long n, const double *X, const double *Y, double *discs) {
     discs[block] = x, discs[count + block] = y, discs[2 * count + block] = radius;
   }
 }
-
-/* m, more than the rounding of a distance on any road */
-static const double ROUNDING = 1e-6;
 
 /* Return an upper bound of the distance from a point to the closest chord. */
 static double reach_to_nearest(long count, const double *discs, double x, double y) {
@@ -142,9 +140,7 @@ double path_project(long n, const double *table, double X, double Y, double near
 
 /* path coordinates --------------------------------------------------------------------------- */
 
-static const double S_PENALTY = 1e-3; /* as in frenet_frame */
-
-/* frenet_frame._closest_node */
+/* frenet_frame.closest_node */
 static double closest_node(const Path *path, const double *discs, double X, double Y, double near) {
   const long chords = path->n - 2, count = disc_count(chords); /* the first arc has no length */
   const double *x = path->X + 1, *y = path->Y + 1, *theta = path->theta + 1;

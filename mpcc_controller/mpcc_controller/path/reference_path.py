@@ -10,7 +10,6 @@ from msgs_yaml.types import Reference
 
 # laps whose distances differ by less count as equally close: their chords do not coincide
 LAP_TOLERANCE_M = 1.0
-NEWTON_STEPS = 3  # of the projection on an arc; each squares the error, which starts below 1 m
 
 
 class PathError(ValueError):
@@ -165,7 +164,7 @@ def feet_on_chords(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.nda
 
 def _refine(path, X, Y, theta):
     """Move along the path until the lag error vanishes (Newton)."""
-    for _ in range(NEWTON_STEPS):
+    for _ in range(compiled_queries.PROJECTION_STEPS):
         piece, _ = arcs_by_numpy(path, np.asarray(theta))
         pose = arc.pose_at(piece, theta)
         left = -arc.contouring_error(pose, X, Y)

@@ -10,7 +10,6 @@ from mpcc_controller.path.distance import Edge, Edges
 from msgs_yaml.types import RoadEdges
 
 CONTINUATION = 1e3  # m; a polyline continues straight for this length at both ends
-ROUNDING = 1e-6  # m, more than that of a distance on any road
 
 
 class EdgeError(ValueError):
@@ -140,7 +139,9 @@ def _candidates(chords, X, Y):
     centre = X.mean(), Y.mean()
     radius = np.sqrt(np.max((X - centre[0]) ** 2 + (Y - centre[1]) ** 2))
     far = np.sqrt(_feet(chords, *centre)[2])
-    return np.flatnonzero(~(far > far.min() + 2 * radius + ROUNDING))  # NaN: all of them
+    return np.flatnonzero(
+        ~(far > far.min() + 2 * radius + compiled_queries.ROUNDING)
+    )  # NaN: all of them
 
 
 def tangent_parabolas(line: Polyline, s, window: float) -> Edge:

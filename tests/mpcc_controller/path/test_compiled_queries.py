@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from capabilities import require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.path import compiled_queries, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import Reference, RoadEdges
+from stage_solver import compile_cache
 
 EXACT = {'rel': 1e-12, 'abs': 1e-12}
 NEAR = {'rel': 1e-12, 'abs': 1e-10}  # m, of coordinates of some 100 m
@@ -23,8 +25,8 @@ lines = st.tuples(
 @pytest.fixture(autouse=True, scope='module')
 def _compiled():
     """These tests compare with the machine code: without a compiler they would compare nothing."""
-    if compiled_queries.library() is None:
-        pytest.skip('needs a C compiler')
+    require('compiler')
+    assert compiled_queries.library() is not None
 
 
 def random_line(seed, points, bend, chord):
@@ -145,3 +147,12 @@ def test_without_a_compiler_numpy_answers_the_same_queries(monkeypatch):
     compiled = answers()
     monkeypatch.setattr(compiled_queries, 'library', lambda: None)
     assert answers() == pytest.approx(compiled, rel=1e-9, abs=1e-9)
+
+
+def test_a_broken_compiler_is_reported_and_numpy_answers(monkeypatch):
+    def refuse(*_):
+        raise compile_cache.CompileError('cc refuses path_queries')
+
+    monkeypatch.setattr(compile_cache, 'compile_library', refuse)
+    with pytest.warns(RuntimeWarning, match='cc refuses path_queries'):
+        assert compiled_queries.library.__wrapped__() is None
