@@ -126,7 +126,8 @@ def test_a_controller_may_be_a_file_of_its_own(tmp_path):
 
 
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
-    known = 'frenet, frenet_tuned, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_no_ca_tuned, mpcc_tuned'
+    known = 'frenet, frenet_tuned, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_no_ca_tuned'
+    known += ', mpcc_road, mpcc_tuned'
     for wrong in ('timid', 'car'):
         with pytest.raises(BagError, match=f"'{wrong}'; there are {known}, tracking"):
             node_config.find_controller(wrong)
