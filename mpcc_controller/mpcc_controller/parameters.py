@@ -6,6 +6,14 @@ from typing import Annotated
 from node_runtime import parameters
 from node_runtime.parameters import Choice, Range
 
+# the class of each formulation; a text, so that parameters are checked before a model is loaded
+PROBLEMS = 'mpcc_controller.problem'
+FORMULATIONS = {
+    'mpcc': f'{PROBLEMS}.mpcc_formulation:MpccFormulation',
+    'frenet': f'{PROBLEMS}.frenet_formulation:FrenetFormulation',
+    'tracking': f'{PROBLEMS}.tracking_formulation:TrackingFormulation',
+}
+
 
 @dataclass(frozen=True)
 class Model:
@@ -25,7 +33,7 @@ class Model:
 class Formulation:
     """Which problem is solved: its functions, and which weights are 0."""
 
-    name: Annotated[str, Choice('mpcc', 'frenet', 'tracking')]  # of problem/formulation.py
+    name: Annotated[str, Choice(*FORMULATIONS)]
     distance: Annotated[str, Choice('cartesian', 'path')]  # where D is measured; frenet: path
     priority: Annotated[str, Choice('gaussian', 'step')]  # how a distance counts
     lag: bool  # whether the lag error costs; frenet has none

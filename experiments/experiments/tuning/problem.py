@@ -24,7 +24,7 @@ from bags.errors import BagError
 from bags.evaluation import metrics
 from experiments import simulation
 from experiments.configuration.inputs import KPH
-from mpcc_controller.problem.formulation import FORMULATIONS
+from mpcc_controller.problem import formulation
 from node_runtime import parameters
 
 SCENARIO = 'double_lane_change'
@@ -159,7 +159,7 @@ def untuned_weights(controller: str) -> dict[str, float]:
     range exists.
     """
     values = parameters.flatten(simulation.prepare(SCENARIO, controller).params)
-    names = FORMULATIONS[values['formulation.name']].tuned_weights
+    names = formulation.find(values['formulation.name']).tuned_weights
     weights = {name: float(values[name]) for name in names}
     for name, value in weights.items():
         if not value > 0.0:

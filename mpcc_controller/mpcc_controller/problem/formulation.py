@@ -4,18 +4,16 @@ Outside a formulation a plan is in the map: its states are `single_track.State`,
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
+from pkgutil import resolve_name
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from mpcc_controller.model.single_track import Car
-from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.parameters import FORMULATIONS, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem.frenet_formulation import FrenetFormulation
-from mpcc_controller.problem.mpcc_formulation import MpccFormulation
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
-from mpcc_controller.problem.tracking_formulation import TrackingFormulation
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
@@ -23,7 +21,6 @@ from stage_solver.stage_problem import Plan
 class Formulation(Protocol):
     """One optimal control problem: what the planner needs to know of it."""
 
-    name: ClassVar[str]  # of the parameter formulation.name
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
@@ -40,8 +37,9 @@ class Formulation(Protocol):
         """Return a plan of the problem in the map."""
 
 
-KINDS = (MpccFormulation, FrenetFormulation, TrackingFormulation)
-FORMULATIONS = {kind.name: kind for kind in KINDS}
+def find(name: str) -> type[Formulation]:
+    """Return the class of the formulation that a parameter file names."""
+    return resolve_name(FORMULATIONS[name])
 
 
 def make(params: ControllerParams, car: Car) -> Formulation:
@@ -50,7 +48,7 @@ def make(params: ControllerParams, car: Car) -> Formulation:
     Raises ParameterError for an option that the formulation does not have.
     """
     options = params.formulation
-    kind = FORMULATIONS[options.name]
+    kind = find(options.name)
     if options.distance not in kind.distances or (options.lag and not kind.has_lag):
         raise ParameterError(
             'formulation: frenet measures along the path and has no lag error; '

@@ -166,7 +166,6 @@ def plan_to_map(plan: Plan, path: ReferencePath) -> Plan:
 class FrenetFormulation:
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
-    name = 'frenet'
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
     distances = ('path',)
     has_lag = False

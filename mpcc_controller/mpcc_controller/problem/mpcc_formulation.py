@@ -122,7 +122,6 @@ def symbolic_ocp(
 class MpccFormulation:
     """The paper's MPCC; see `formulation.Formulation`."""
 
-    name = 'mpcc'
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
@@ -140,7 +139,7 @@ class MpccFormulation:
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         size = stage_parameters.size(params)
-        self.ocp = symbolic_ocp(*size, self.rules, self.name, self.quantities)
+        self.ocp = symbolic_ocp(*size, self.rules, options.name, self.quantities)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""

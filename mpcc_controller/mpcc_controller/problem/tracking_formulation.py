@@ -26,7 +26,6 @@ def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuanti
 class TrackingFormulation(MpccFormulation):
     """Trajectory tracking; see `formulation.Formulation`."""
 
-    name = 'tracking'
     quantities = staticmethod(quantities)
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:

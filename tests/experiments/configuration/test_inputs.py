@@ -284,6 +284,10 @@ def test_a_tyre_property_file_is_recorded_as_the_tyre_that_the_plant_reads(
             '--set controller.limits.steer_rate_radps: limits.steer_rate_radps: is 0.9; allowed up '
             'to 0.8, which the car can do (actuators.steer_rate_radps)',
         ),
+        (
+            ['--set', 'controller.formulation.name=trackin'],
+            "formulation.name: is 'trackin'; did you mean 'tracking'?; allowed mpcc or frenet or ",
+        ),
         (['--controller', 'car'], 'there are frenet, frenet_tuned, mpcc'),
         (['--controller', 'broken.yaml'], 'broken.yaml'),
         (['--out', '/dev/null'], '--out /dev/null: cannot create the folder'),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from experiments.configuration import node_config
-from mpcc_controller.problem.formulation import FORMULATIONS
+from mpcc_controller.problem import formulation
 from node_runtime import parameters
 
 SEARCHES = Path(__file__).parents[3] / 'paper/tuning'
@@ -24,7 +24,7 @@ def found(name):
 def test_a_tuned_controller_differs_in_the_weights_that_were_found_only(name):
     search = found(name)
     weights = search['best']['weights']
-    assert set(weights) == set(FORMULATIONS[name].tuned_weights)
+    assert set(weights) == set(formulation.find(name).tuned_weights)
     assert numbers(f'{name}_tuned') == numbers(name) | weights
     assert search['best']['safe']
     assert search['best']['cost'] < search['untuned']['cost']
