@@ -83,7 +83,10 @@ class Choice:
 # quantities that several packages take: what a scenario allows, nodes accept
 ROAD_FRICTION = Range(0.05, 1.5, '-')  # scale of the grip of the road, 1 is dry asphalt
 RUN_TIME = Range(0.5, 600.0, 's')  # the ranges of positions in topics.yaml follow from it
-SPEED = Range(1.0, 100.0, 'm/s')  # at the start, and desired along a path
+SPEED = Range(1.0, 100.0, 'm/s')  # desired along a path
+START_SPEED = Range(0.0, SPEED.high, SPEED.unit)  # forwards, 0: at standstill
+LATERAL_SPEED = Range(-50.0, 50.0, 'm/s')  # at the start, to the left positive
+YAW_RATE = Range(-5.0, 5.0, 'rad/s')  # at the start, to the left positive
 
 
 class Leaf(NamedTuple):

@@ -34,12 +34,14 @@ class NodeParams:
 
 
 class Start(NamedTuple):
-    """Initial pose and speed of the car."""
+    """Initial pose and velocity of the car."""
 
     X: float  # m, map
     Y: float  # m, map
     psi: float  # rad, in [-pi, pi]
-    speed: float  # m/s
+    speed: float  # m/s, forwards
+    vy: float = 0.0  # m/s, to the left
+    r: float = 0.0  # rad/s
 
 
 class Stop(NamedTuple):
@@ -191,15 +193,17 @@ def _place_actors(blocks, centre):
 
 
 def _start(block, path, speed):
+    sliding = block.lateral_mps, block.yaw_rate_radps
     if isinstance(block, schema.StartPose):
-        return Start(block.x_m, block.y_m, remainder(block.yaw_rad, tau), block.speed_mps)
+        heading = remainder(block.yaw_rad, tau)
+        return Start(block.x_m, block.y_m, heading, block.speed_mps, *sliding)
     if block.progress_m > path.s[-1]:
         what = f'is {block.progress_m:g} m, beyond the end of the path'
         raise KeyedError('start.progress_m', f'{what}; allowed 0 to {path.s[-1]:.2f} m')
     X, Y, psi = map(float, lines.pose_at(path, block.progress_m))
     desired = float(np.interp(block.progress_m, *speed.T))
     speed = desired if block.speed_mps is None else block.speed_mps
-    return Start(X, Y, remainder(psi, tau), speed)
+    return Start(X, Y, remainder(psi, tau), speed, *sliding)
 
 
 def _stop(block, path: Line, start: Start):

@@ -22,6 +22,9 @@ Yaw = Annotated[float, Range(-6.3, 6.3, 'rad')]
 # 5 m is the tightest circle a passenger car can turn
 Curvature = Annotated[float, Range(-0.2, 0.2, '1/m')]
 Speed = Annotated[float, parameters.SPEED]
+StartSpeed = Annotated[float, parameters.START_SPEED]
+LateralSpeed = Annotated[float, parameters.LATERAL_SPEED]
+YawRate = Annotated[float, parameters.YAW_RATE]
 Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
 Radius = Annotated[float, Range(0.01, 50.0, 'm')]
 Time = Annotated[float, Range(0.0, 600.0, 's')]
@@ -198,7 +201,9 @@ class StartOnPath:
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
     progress_m: Station
-    speed_mps: Speed = None
+    speed_mps: StartSpeed = None
+    lateral_mps: LateralSpeed = 0.0
+    yaw_rate_radps: YawRate = 0.0
 
 
 @dataclass(frozen=True)
@@ -208,7 +213,9 @@ class StartPose:
     x_m: Coordinate
     y_m: Coordinate
     yaw_rad: Yaw
-    speed_mps: Speed
+    speed_mps: StartSpeed
+    lateral_mps: LateralSpeed = 0.0
+    yaw_rate_radps: YawRate = 0.0
 
 
 @dataclass(frozen=True)

@@ -53,13 +53,19 @@ def test_start_on_the_path_has_its_pose_and_desired_speed(make, tree):
     tree['start'] = {'progress_m': 55.0}
     tree['stop']['progress_m'] = 70.0
     start = make(tree).start
-    exact = (40 + 50 * np.sin(0.3), 50 - 50 * np.cos(0.3), 0.3, 10.0)
+    exact = (40 + 50 * np.sin(0.3), 50 - 50 * np.cos(0.3), 0.3, 10.0, 0.0, 0.0)
     assert start == pytest.approx(exact, abs=1e-5)
 
 
 def test_start_with_a_pose_is_taken_as_given_with_its_heading_wrapped(make, tree):
     tree['start'] = {'x_m': 3.0, 'y_m': -1.0, 'yaw_rad': 6.2, 'speed_mps': 7.5}
-    assert make(tree).start == pytest.approx((3.0, -1.0, 6.2 - 2 * np.pi, 7.5))
+    assert make(tree).start == pytest.approx((3.0, -1.0, 6.2 - 2 * np.pi, 7.5, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('place', [{'progress_m': 0.0}, {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': 0.0}])
+def test_a_start_may_slide_turn_and_stand(make, tree, place):
+    tree['start'] = place | {'speed_mps': 0.0, 'lateral_mps': -8.0, 'yaw_rate_radps': 0.9}
+    assert make(tree).start[3:] == (0.0, -8.0, 0.9)
 
 
 def test_given_start_speed_beats_the_desired_one(make, tree):

@@ -1,4 +1,4 @@
-"""Initial state of a run: by parameters or at the first pose of the coarse path, rolling freely."""
+"""Initial state of a run: by parameters or at the first pose of the coarse path, wheels rolling."""
 
 import math
 from typing import NamedTuple
@@ -7,22 +7,27 @@ import numpy as np
 
 from msgs_yaml.types import WHEELS, Reference
 from node_runtime import named_vector
+from vehicle_plant import double_track
 from vehicle_plant.parameters import PlantParams, StartParams
-from vehicle_plant.state import State
+from vehicle_plant.state import Planar, State
 
 
 class Start(NamedTuple):
-    """Initial pose and speed of the CoG; the car rolls straight ahead."""
+    """Initial pose and velocity of the CoG; without `vy` and `r` the car rolls straight ahead."""
 
     X: float  # m, map
     Y: float  # m, map
     psi: float  # rad, map
-    speed: float  # m/s
+    speed: float  # m/s, forwards
+    vy: float = 0.0  # m/s, to the left: the car slides
+    r: float = 0.0  # rad/s
 
 
 def start_from_parameters(p: StartParams) -> Start:
     """Return the start given by the parameters."""
-    return Start(p.x_m, p.y_m, p.yaw_rad, p.speed_mps)
+    return Start(
+        p.x_m, p.y_m, p.yaw_rad, p.speed_mps, p.lateral_mps or 0.0, p.yaw_rate_radps or 0.0
+    )
 
 
 def start_from_reference(path: Reference) -> Start:
@@ -33,10 +38,18 @@ def start_from_reference(path: Reference) -> Start:
 
 
 def rolling_state(params: PlantParams, start: Start) -> np.ndarray:
-    """Return the flat state (n_x,) of a car that rolls straight ahead without slip."""
+    """Return the flat state (n_x,) of a car whose wheels roll without longitudinal slip.
+
+    The wheels point straight ahead. The tyres have the lateral slip of steady sliding, so that
+    their forces do not first have to build up.
+    """
     x = dict.fromkeys(named_vector.names(State), 0.0)
-    x |= zip(('planar.X', 'planar.Y', 'planar.psi', 'planar.vx'), start)
-    for w in WHEELS:
-        x[f'wheels.{w}.omega'] = start.speed / params.car.wheel.radius_m
-        x[f'wheels.{w}.windup'] = float(np.sign(start.speed))
+    x |= zip((f'planar.{name}' for name in Planar._fields), start)
+    wheel = params.car.wheel
+    for w, corner in zip(WHEELS, double_track.wheel_corners(params.car)):
+        Vx, Vy = start.speed - corner.y * start.r, start.vy + corner.x * start.r
+        x[f'wheels.{w}.omega'] = Vx / wheel.radius_m
+        x[f'wheels.{w}.windup'] = float(np.sign(Vx))
+        slip = Vy / abs(Vx) if Vx else 0.0
+        x[f'wheels.{w}.tan_alpha'] = min(max(slip, -wheel.greatest_slip), wheel.greatest_slip)
     return np.array(list(x.values()))

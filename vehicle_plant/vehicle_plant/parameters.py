@@ -21,13 +21,16 @@ START_FROM = Choice('reference', 'parameters')  # of start.from; the first is th
 
 @dataclass(frozen=True)
 class StartParams:
-    """Initial pose and speed of the car, which rolls straight ahead."""
+    """Initial pose and velocity of the car; it rolls straight ahead unless it is told to slide."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
     # 0: at standstill
-    speed_mps: Annotated[float, Range(0.0, parameters.SPEED.high, parameters.SPEED.unit)]
+    speed_mps: Annotated[float, parameters.START_SPEED]
+    # left out: 0
+    lateral_mps: Annotated[float, parameters.LATERAL_SPEED] | None
+    yaw_rate_radps: Annotated[float, parameters.YAW_RATE] | None
 
 
 @dataclass(frozen=True)

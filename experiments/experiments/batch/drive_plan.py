@@ -20,6 +20,7 @@ from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
 from experiments.study import code_version, run_spec
+from vehicle_plant import initial_state
 
 
 class Combination(NamedTuple):
@@ -120,10 +121,12 @@ def perturb(setup: Setup, perturbation: Perturbation) -> Setup:
     if perturbation == NOMINAL:
         return setup
     start, reference = setup.scn.start, setup.scn.reference
-    speed = start.speed + perturbation.speed_kph / KPH
+    # a car that starts at standstill still does; the desired speeds change all the same
+    base = start.speed or float(initial_state.start_from_reference(reference).speed)
+    speed = base + perturbation.speed_kph / KPH
     scn = setup.scn._replace(
-        start=start._replace(speed=speed),
-        reference=reference._replace(t=reference.t * (start.speed / speed)),
+        start=start._replace(speed=speed) if start.speed else start,
+        reference=reference._replace(t=reference.t * (base / speed)),
     )
     return setup._replace(scn=scn, friction=setup.friction * perturbation.grip)
 

@@ -67,14 +67,17 @@ def load_facts(name_or_path: str) -> ScenarioFacts:
 
 def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
     """Return the ScenarioFacts of a loaded scenario; `source` is what scenario_node is given."""
-    x, y, yaw, speed = scn.start
+    x, y, yaw, speed, *sliding = scn.start
+    start = {'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed}
+    if any(sliding):
+        start |= zip(('lateral_mps', 'yaw_rate_radps'), sliding)
     path = np.column_stack([scn.reference.X, scn.reference.Y])
     return ScenarioFacts(
         name=scn.name,
         text=scn.text,
         source=source,
         friction=scn.friction,
-        start={'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed},
+        start=start,
         stop=parameters.flatten(stop_params(scn)),
         patches=scn.patches._asdict(),
         path=path,

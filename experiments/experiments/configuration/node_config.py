@@ -47,7 +47,7 @@ class ScenarioFacts(NamedTuple):
     text: str  # of the file
     source: str  # name or absolute path, as scenario_node takes it
     friction: float
-    start: Mapping[str, float]  # x_m, y_m, yaw_rad, speed_mps
+    start: Mapping[str, float]  # x_m, y_m, yaw_rad, speed_mps; if it slides, more
     stop: Mapping[str, float]  # x_m, y_m, yaw_rad, armed_after_m, time_s
     patches: Mapping[str, tuple[float, ...]]  # corners_m, friction; empty without patches
     path: np.ndarray  # (n, 2) m, the coarse path
