@@ -78,6 +78,8 @@ class SafetyDistances:
 
     obstacle_m: Annotated[float, Range(1e-2, 10.0, 'm')]
     edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]
+    # left out: 0. Of obstacles that move, per time of the prediction
+    growth_mps: Annotated[float, Range(0.0, 2.0, 'm/s')] | None
 
 
 @dataclass(frozen=True)
@@ -124,11 +126,30 @@ class Solver:
 
 @dataclass(frozen=True)
 class Delay:
-    """From a state to the effect of its command; realtime only, in lockstep there is none."""
+    """From a state to the effect of its command; all but `command_s` realtime only."""
 
     computing_s: Annotated[float, Range(0.0, 0.05, 's, expected until it has been measured')]
     transport_s: Annotated[float, Range(0.0, 0.05, 's, from the controller to the actuators')]
     longest_s: Annotated[float, Range(0.0, 0.2, 's, more is not predicted')]
+    # left out: 0. In lockstep too, beyond `longest_s`
+    command_s: Annotated[float, Range(0.0, 0.2, 's, from the actuators to the effect')] | None
+
+
+@dataclass(frozen=True)
+class FrictionEstimate:
+    """How the friction of the road is estimated from the motion; off: `model.friction` holds."""
+
+    on: bool | None  # left out: off, and the others may be left out
+    lowest: Annotated[float, Range(0.05, 1.5, '-, the lowest friction that is believed')] | None
+    # the friction that is believed is exceeded with a probability of 1 - quantile
+    quantile: Annotated[float, Range(0.001, 0.999, '-')] | None
+    doubt: Annotated[float, Range(1e-6, 0.999, '-, probability of another friction')] | None
+    memory_s: Annotated[float, Range(0.1, 1e3, 's, evidence fades by 1/e')] | None
+    # what the model predicts wrongly over a tick, and what is measured wrongly
+    speed_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
+    lateral_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
+    yaw_rate_noise_radps: Annotated[float, Range(1e-4, 10.0, 'rad/s, standard deviation')] | None
+    actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
 
 
 @dataclass(frozen=True)
@@ -182,6 +203,7 @@ class ControllerParams:
     surroundings: Surroundings
     solver: Solver
     delay: Delay
+    friction_estimate: FrictionEstimate
     ages: Ages
     warm_up: Warming
     fallback: Fallback

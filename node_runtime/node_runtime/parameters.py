@@ -7,7 +7,8 @@
         front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
 
 Dataclasses nest; `tuple[float, ...]` takes a list, the range holds for each element. A parameter
-`| None` may be left out and is None then. Dataclasses hold no other defaults: `build` and `load`
+`| None` may be left out and is None then; with a parameter `on` in the same dataclass that is
+true it may not. Dataclasses hold no other defaults: `build` and `load`
 reject a missing parameter. A misspelt parameter is always rejected.
 
 A parameter file may name another file as its `base` and then holds only what differs from it:
@@ -34,6 +35,7 @@ from node_runtime import named_vector
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
 BASE = 'base'
+SWITCH = 'on'  # parameter of a group: the others are needed where it is true
 _ANY = {bool: 'true or false', str: 'any text'}
 _UNIONS = (typing.Union, types.UnionType)
 
@@ -151,7 +153,20 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
         if key not in given and not leaf.optional:
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
     values = {key: check(leaf, given.get(key), key, source) for key, leaf in known.items()}
+    _check_switched_on(values, known, source)
     return named_vector.build(cls, values.values())
+
+
+def _check_switched_on(values, known, source):
+    """Raise ParameterError for a group that is on and lacks one of its parameters."""
+    groups = [k.removesuffix(SWITCH) for k in values if k.endswith(f'.{SWITCH}') and values[k]]
+    for group in groups:
+        for key in values:
+            if key.startswith(group) and values[key] is None:
+                raise ParameterError(
+                    f'{source(group + SWITCH)}: {key}: is missing, and {group}{SWITCH} is true; '
+                    f'allowed {known[key].allowed}'
+                )
 
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:

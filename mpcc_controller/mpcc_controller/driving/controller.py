@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mpcc_controller.driving import braking, setpoints
+from mpcc_controller.driving import braking, friction_estimate, setpoints
 from mpcc_controller.driving.braking import LookaheadPoint
 from mpcc_controller.driving.delay_compensation import (
     LatencyEstimator,
@@ -16,6 +16,7 @@ from mpcc_controller.driving.delay_compensation import (
     StatePredictor,
     constant_ramp,
 )
+from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
 from mpcc_controller.driving.planner import Planner
 from mpcc_controller.driving.tick import TickInputs, TickRecord
@@ -38,6 +39,7 @@ from msgs_yaml.types import (
 )
 
 NEVER_NS = -1  # older than every stamp
+REMEMBERED_RAMPS = 8  # of set-points, as far back as delays reach
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 REJECTED = 'command_turned_back'  # by the gate
@@ -63,12 +65,14 @@ class Controller:
         self.clock = clock
         self.planner = Planner(params, vehicle, limit_time, clock)
         self.params = params = self.planner.params  # with the limits of the car
-        self.car = self.planner.car
+        self.car = self._nominal_car = self.planner.car
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
         )
         self.latency = LatencyEstimator(params.delay)
         self.predictor = StatePredictor(self.car)
+        self._command_ns = round((params.delay.command_s or 0.0) * conversions.NS_PER_S)
+        self.friction = friction_estimate.make(params, self.car)
         self.reporter = TickReporter(params, self.planner.formulation, self.planner.evaluator)
         self.scene = Scene(None, None, None)
         self._prepared_s: float | None = None  # computing time of the last `prepare`
@@ -114,7 +118,10 @@ class Controller:
         if effective_ns is None:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
-        state = self.predictor.predict(x, self.active_ramp, effective_ns)
+        belief = self._update_friction(x)
+        # without a delay of commands the states between two effects are under the last ramp alone
+        acting = self.ramps if self._command_ns else self.ramps[-1:]
+        state = self.predictor.predict(x, acting, effective_ns)
         scene = stage_parameters.scene_at(self.scene, effective_ns)
         decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
         line = None
@@ -145,6 +152,7 @@ class Controller:
             x0=x0,
             attempt=attempt,
             braking_line=line,
+            friction=belief,
             gate_reason=checked.reason,
             rejections=dict(self.gate.rejections),
             prepared_s=self._prepared_s,
@@ -183,27 +191,45 @@ class Controller:
         """Continue from `command` instead of the last one returned (replay)."""
         end, lambda_b = setpoints.setpoints_of(command, self.car)
         self.last_command = command
-        self.active_ramp = self.active_ramp._replace(end=end, lambda_b=lambda_b)
+        active = self.active_ramp._replace(end=end, lambda_b=lambda_b)
+        self.ramps = (*self.ramps[:-1], active)
+
+    @property
+    def active_ramp(self) -> SetpointRamp:
+        """The set-points of the last command over time."""
+        return self.ramps[-1]
 
     def _start_from(self, command: Command) -> None:
         self.last_command = command
-        self.active_ramp = constant_ramp(*setpoints.setpoints_of(command, self.car))
+        self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
         self._is_too_slow = False
+        if self.friction:
+            self.friction.reset()
+
+    def _update_friction(self, x) -> FrictionBelief | None:
+        """Estimate the friction, if that is on, and plan and brake with it from now on."""
+        if self.friction is None:
+            return None
+        belief = self.friction.update(x, self.ramps)
+        self.car = stage_parameters.with_friction(self._nominal_car, belief.friction, self.params)
+        self.planner.set_car(self.car)
+        return belief
 
     def _send(self, command, now, effective_ns):
-        due_ns = max(
-            conversions.add_seconds(command.stamp_ns, self.params.model.step_s), effective_ns
-        )
+        due_ns = conversions.add_seconds(command.stamp_ns, self.params.model.step_s)
+        due_ns = max(due_ns + self._command_ns, effective_ns)
         end, lambda_b = setpoints.setpoints_of(command, self.car)
         self.last_command = command
-        self.active_ramp = SetpointRamp(effective_ns, now, due_ns, end, lambda_b)
+        sent = SetpointRamp(effective_ns, now, due_ns, end, lambda_b)
+        self.ramps = (*self.ramps, sent)[-REMEMBERED_RAMPS:]
 
     def _effective_ns(self, x, age_s) -> int:
         """Return when the command that answers `x` will take effect."""
         if not self.limit_time:
-            return x.stamp_ns
-        earliest = conversions.add_seconds(x.stamp_ns, self.latency.estimate(age_s))
-        latest = conversions.add_seconds(x.stamp_ns, self.params.delay.longest_s)
+            return x.stamp_ns + self._command_ns
+        received_ns = x.stamp_ns + self._command_ns
+        earliest = conversions.add_seconds(received_ns, self.latency.estimate(age_s))
+        latest = conversions.add_seconds(received_ns, self.params.delay.longest_s)
         # a state may be a little early: the actuators reach the last set-point first
         return min(max(earliest, self.active_ramp.end_ns), latest)
 

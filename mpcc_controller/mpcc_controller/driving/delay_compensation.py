@@ -6,8 +6,9 @@ prediction model reaches by then under the set-points already sent. SI units; no
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from statistics import median
 from typing import NamedTuple
 
@@ -60,6 +61,12 @@ class RampSegment(NamedTuple):
     end: Setpoints
 
 
+def setpoints_at(ramps: Sequence[SetpointRamp], stamp_ns: int) -> tuple[Setpoints, float]:
+    """Return set-points and brake split at an instant; each ramp ends where the next one begins."""
+    ramp = next((ramp for ramp in reversed(ramps) if ramp.begin_ns <= stamp_ns), ramps[0])
+    return ramp.at(stamp_ns), ramp.lambda_b
+
+
 def constant_ramp(setpoints: Setpoints, lambda_b: float) -> SetpointRamp:
     """Return a ramp that holds the set-points at all times."""
     return SetpointRamp(0, setpoints, 0, setpoints, lambda_b)
@@ -81,18 +88,25 @@ class StatePredictor:
     def __init__(self, car: Car):
         self._step = _step_function(car)
 
-    def predict(self, measured: VehicleState, ramp: SetpointRamp, stamp_ns: int) -> VehicleState:
+    def predict(
+        self, measured: VehicleState, ramps: Sequence[SetpointRamp], stamp_ns: int
+    ) -> VehicleState:
         """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
 
         Uses midpoint steps of the prediction model. As in the model, the actuators follow their
-        set-points without lag.
+        set-points without lag. Each of the `ramps` holds until the next one begins.
         """
         if stamp_ns == measured.stamp_ns:
             return measured
         _, X, Y, psi, vx, vy, r = measured
         x = State(X, Y, psi, vx, vy, r, theta=0.0, delta=0.0, Fx=0.0)
-        for segment in split_ramp(ramp, measured.stamp_ns, stamp_ns):
-            x = self._integrate(x, segment, ramp.lambda_b)
+        begin_ns = measured.stamp_ns
+        for ramp, following in zip_longest(ramps, ramps[1:]):
+            end_ns = min(following.begin_ns, stamp_ns) if following else stamp_ns
+            if end_ns > begin_ns:
+                for segment in split_ramp(ramp, begin_ns, end_ns):
+                    x = self._integrate(x, segment, ramp.lambda_b)
+                begin_ns = end_ns
         return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
 
     def _integrate(self, x, segment, lambda_b):

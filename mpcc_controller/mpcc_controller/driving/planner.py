@@ -91,6 +91,11 @@ class Planner:
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
 
+    def set_car(self, car: Car) -> None:
+        """Plan with another car from now on: one on a road of another friction."""
+        self.car = car
+        self.formulation.set_car(car)
+
     def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
         """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""
         return self._step(x=x, u=u, car=car)['x_next'].copy()

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving.fallback import Decision
+from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.planner import Attempt
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem.stage_parameters import Scene
@@ -42,6 +43,7 @@ class TickRecord(NamedTuple):
     x0: State | None  # stage 0; None where no plan could be attempted
     attempt: Attempt | None  # None where nothing was solved
     braking_line: str | None  # the line that a braking car steers along; None with a plan
+    friction: FrictionBelief | None  # None where it is not estimated
     gate_reason: str  # why the gate intervened, '' if it did not
     rejections: Mapping[str, int]  # by the gate since the start, by reason
     prepared_s: float | None  # computing time of `prepare` before this step

@@ -65,6 +65,9 @@ class TickReporter:
                 values |= _solutions(record.attempt)
             if plan_values:
                 values |= self._plan_values(record)
+        if record.friction is not None:
+            values['friction.estimate'] = record.friction.friction
+            values['friction.excitation'] = record.friction.excitation
         if record.braking_line is not None:
             values['guide'] = record.braking_line
         values |= _command(record.command, self._formulation.car, record.rejections)

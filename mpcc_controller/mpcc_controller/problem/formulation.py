@@ -27,6 +27,9 @@ class Formulation(Protocol):
     car: Car
     ocp: SymbolicOcp
 
+    def set_car(self, car: Car) -> None:
+        """Take another car into the parameters of the stages."""
+
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
 

@@ -178,6 +178,11 @@ class FrenetFormulation:
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 
+    def set_car(self, car: Car) -> None:
+        """Take another car into the parameters of the stages."""
+        self.car = self.constants['car'] = car
+        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
+
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
         params = self.params

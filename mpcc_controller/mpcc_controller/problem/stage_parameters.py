@@ -64,6 +64,12 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
     )
 
 
+def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
+    """Return a car of `params.model.friction` on a road of another friction."""
+    share = friction / params.model.friction
+    return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
+
+
 def constant_parameters(
     params: ControllerParams, car: Car, terms: Sequence[CostTerm]
 ) -> dict[str, Any]:
@@ -94,10 +100,21 @@ def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene,
     """
     t = params.model.step_s * np.arange(len(x.X))
     chosen = closest_obstacles(params, scene.obstacles, x, t)
-    discs = (Disc(o.X + o.vX * t, o.Y + o.vY * t, o.r_obs) for o in chosen)
+    discs = (Disc(o.X + o.vX * t, o.Y + o.vY * t, grown_radius(params, o, t)) for o in chosen)
     slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
     empty = params.surroundings.max_obstacles - len(slots)
     return slots + (frame.empty_slot(x),) * empty, chosen
+
+
+def grown_radius(params: ControllerParams, obstacle: Obstacle, t: np.ndarray):
+    """Return the radius [m] that an obstacle has in the problem at the times `t` [s] from now.
+
+    That of an obstacle that moves grows by `safety.growth_mps`: the longer the prediction, the
+    less is known of where it is. The cost sees a distance that shrinks, as if D_sft grew.
+    """
+    growth = params.safety.growth_mps
+    moves = obstacle.vX != 0 or obstacle.vY != 0
+    return obstacle.r_obs + growth * t if growth and moves else obstacle.r_obs
 
 
 def to_matrix(

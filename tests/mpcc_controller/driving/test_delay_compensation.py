@@ -29,13 +29,13 @@ def predictor(car):
 
 def test_without_a_delay_the_state_stays_as_it_is(predictor, world):
     x = world.rolling(r=0.1, stamp_ns=7)
-    assert predictor.predict(x, REST, 7) is x
+    assert predictor.predict(x, [REST], 7) is x
 
 
 def test_the_motion_is_that_of_the_model_with_its_setpoints_held(predictor, car, world):
     x = world.rolling(stamp_ns=7, r=0.2, vy=-0.1)
     moved = predictor.predict(
-        x, delay_compensation.constant_ramp(Setpoints(0.05, -4000.0), 0.6), 7 + 10 * MS
+        x, [delay_compensation.constant_ramp(Setpoints(0.05, -4000.0), 0.6)], 7 + 10 * MS
     )
     assert moved.stamp_ns == 7 + 10 * MS
     assert pytest.approx(0.2, abs=1e-3) == moved.X
@@ -49,7 +49,7 @@ def test_the_actuators_move_to_their_setpoints_during_the_prediction(predictor, 
     """The change of speed is the integral of a force that first ramps and then holds."""
     x = world.rolling(stamp_ns=0)
     ramp = SetpointRamp(-30 * MS, Setpoints(0.0, 0.0), 20 * MS, Setpoints(0.0, -5000.0), 0.6)
-    moved = predictor.predict(x, ramp, 40 * MS)
+    moved = predictor.predict(x, [ramp], 40 * MS)
     impulse = -(3000.0 + 5000.0) / 2 * 0.02 - 5000.0 * 0.02
     drag = -(car.drag * 400 + car.rolling) * 0.04
     assert moved.vx - x.vx == pytest.approx((impulse + drag) / car.m, rel=0.02)
@@ -59,19 +59,18 @@ def test_setpoints_that_jump_are_held_before_and_after(predictor, world):
     """A first step of 50 ms or more: its command is due when it takes effect."""
     x = world.rolling(stamp_ns=0, r=0.1)
     before, after = Setpoints(0.0, 0.0), Setpoints(0.05, -5000.0)
-    halfway = predictor.predict(x, delay_compensation.constant_ramp(before, 0.6), 20 * MS)
-    wanted = predictor.predict(halfway, delay_compensation.constant_ramp(after, 0.6), 40 * MS)
-    assert (
-        predictor.predict(x, SetpointRamp(20 * MS, before, 20 * MS, after, 0.6), 40 * MS) == wanted
-    )
+    halfway = predictor.predict(x, [delay_compensation.constant_ramp(before, 0.6)], 20 * MS)
+    wanted = predictor.predict(halfway, [delay_compensation.constant_ramp(after, 0.6)], 40 * MS)
+    ramp = SetpointRamp(20 * MS, before, 20 * MS, after, 0.6)
+    assert predictor.predict(x, [ramp], 40 * MS) == wanted
 
 
 def test_steps_are_short_enough(predictor, world):
     """Twice over half the time equals once over all of it."""
     x = world.rolling(stamp_ns=0, vy=0.3, r=-0.4)
     ramp = delay_compensation.constant_ramp(Setpoints(0.1, -6000.0), 0.6)
-    half = predictor.predict(predictor.predict(x, ramp, 25 * MS), ramp, 50 * MS)
-    assert np.allclose(half, predictor.predict(x, ramp, 50 * MS), rtol=1e-4, atol=1e-4)
+    half = predictor.predict(predictor.predict(x, [ramp], 25 * MS), [ramp], 50 * MS)
+    assert np.allclose(half, predictor.predict(x, [ramp], 50 * MS), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +96,7 @@ def test_time_is_cut_where_the_rates_change():
     assert whole.duration_s == pytest.approx(0.01)
 
 
-RULES = Delay(computing_s=0.01, transport_s=0.001, longest_s=0.05)
+RULES = Delay(computing_s=0.01, transport_s=0.001, longest_s=0.05, command_s=None)
 
 
 def test_the_delay_is_the_sum_of_age_computing_time_and_transport_time():

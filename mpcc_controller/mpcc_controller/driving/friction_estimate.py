@@ -1,0 +1,153 @@
+"""Estimate of the road's friction from the motion of the car: a bank of models. SI units.
+
+Every hypothesis is a single track on a road of another friction. At each tick all of them predict
+the velocities of the measured state from those of the tick before, under the set-points that acted
+meanwhile. A hypothesis is the more probable, the better it predicted: a static multiple-model
+filter with exponential forgetting (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to
+Tracking and Navigation, 2001, section 11.6.2). That tyre forces below the limit tell the friction:
+Gustafsson, Automatica 33(6), 1997; from lateral motion: Hahn, Rajamani, Alexander, IEEE Trans.
+Control Systems Technology 10(3), 2002; an estimate with its uncertainty for planning: Svensson et
+al., "Fusion of heterogeneous friction estimates for traction adaptive motion planning", IEEE ITSC
+2021.
+
+Where the hypotheses predict alike (no excitation) the probabilities stay, but for a slow return to
+those of the start. What is believed is a low quantile: uncertainty makes the car careful.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mpcc_controller.driving.delay_compensation import MAX_STEP_S, SetpointRamp, setpoints_at
+from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import ControllerParams, FrictionEstimate
+from msgs_yaml import conversions
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import VehicleState
+from stage_solver import stage_problem
+
+GRID_STEP = 0.05  # of the friction, between two hypotheses
+LONGEST_S = 0.12  # between two states that are compared; over more the model is no measure
+LEAST_SPEED_MPS = 5.0  # below it the slip angles of the model are rounded (`v_slip`)
+MAX_SIDESLIP = 0.35  # rad; beyond 20 deg the forces of the model are no measure of the friction
+MAX_RESIDUAL = 3.0  # standard deviations: one wild state must not decide
+VELOCITIES = tuple(State._fields.index(name) for name in ('vx', 'vy', 'r'))
+SETPOINTS = tuple(State._fields.index(name) for name in Setpoints._fields)
+
+
+class FrictionBelief(NamedTuple):
+    """What is believed of the road after a tick."""
+
+    friction: float  # -, in the units of `model.friction`
+    # root of the sum of squares of the largest differences between predictions, in standard
+    # deviations: below about 1 a tick tells nothing
+    excitation: float
+
+
+class FrictionEstimator:
+    """Estimates the friction from states 50 ms apart and the set-points between them."""
+
+    def __init__(self, params: FrictionEstimate, car: Car, highest: float):
+        """`car` is that of friction `highest`, which is believed without other evidence."""
+        self._params = params
+        count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
+        self.grid = np.linspace(min(params.lowest, highest), highest, count)
+        self._predict = _bank(car, tuple(self.grid / highest))
+        prior = np.full(count, params.doubt / count)
+        prior[-1] += 1 - params.doubt
+        self._prior = np.log(prior)
+        noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
+        self._noise = np.array(noise)[:, None]
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the belief of the start."""
+        self._log = self._prior.copy()  # of the probabilities, without their common factor
+        self._last: VehicleState | None = None
+        self._excitation = 0.0
+
+    @property
+    def probabilities(self) -> np.ndarray:
+        """The probability of every hypothesis of `grid`."""
+        p = np.exp(self._log - np.max(self._log))
+        return p / np.sum(p)
+
+    @property
+    def belief(self) -> FrictionBelief:
+        """The quantile of the friction, linear between hypotheses, and the last excitation."""
+        upto = np.cumsum(self.probabilities)
+        # the probability of a hypothesis is spread over the interval that ends at it
+        friction = np.interp(self._params.quantile, np.concatenate(([0.0], upto)), self._corners)
+        return FrictionBelief(float(friction), self._excitation)
+
+    @property
+    def _corners(self):
+        return np.concatenate((self.grid[:1], self.grid))
+
+    def update(self, x: VehicleState, ramps: Sequence[SetpointRamp]) -> FrictionBelief:
+        """Take the state of a tick, and the ramps of set-points sent so far, the newest last."""
+        last, self._excitation = self._last, 0.0
+        self._last = x if np.all(np.isfinite(x)) else None
+        if last is None or self._last is None:
+            return self.belief
+        duration_s = conversions.ns_to_s(x.stamp_ns - last.stamp_ns)
+        if not 0 < duration_s <= LONGEST_S or not (_tells_friction(x) and _tells_friction(last)):
+            return self.belief
+        predicted = self._bank_prediction(last, x.stamp_ns, duration_s, ramps)
+        measured = np.array([x.vx, x.vy, x.r])[:, None]
+        spread = np.ptp(predicted, axis=1, keepdims=True) / self._noise
+        self._excitation = float(np.sqrt(np.sum(spread**2)))
+        residuals = np.clip((measured - predicted) / self._noise, -MAX_RESIDUAL, MAX_RESIDUAL)
+        kept = np.exp(-duration_s / self._params.memory_s)
+        log = kept * self._log + (1 - kept) * self._prior - np.sum(residuals**2, axis=0) / 2
+        self._log = log - np.max(log)
+        return self.belief
+
+    def _bank_prediction(self, last, to_ns, duration_s, ramps):
+        """Return the velocities (3, hypotheses) that are predicted from the last state."""
+        steps = int(np.ceil(duration_s / MAX_STEP_S))
+        delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
+        instants = np.linspace(last.stamp_ns - delay_ns, to_ns - delay_ns, steps + 1)
+        points = [setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
+        h = duration_s / steps
+        start = State(0, 0, 0, last.vx, last.vy, last.r, 0, 0, 0)
+        X = np.tile(np.array(start, float)[:, None], len(self.grid))
+        for (begin, lambda_b), (end, _) in pairwise(points):
+            X[SETPOINTS, :] = np.array(begin)[:, None]
+            u = Input((end.delta - begin.delta) / h, (end.Fx - begin.Fx) / h, lambda_b, 0.0)
+            X = self._predict(X, np.array(u), h).full()
+        return X[VELOCITIES, :]
+
+
+def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
+    """Return the estimator that the parameters ask for; None if it is off."""
+    options = params.friction_estimate
+    return FrictionEstimator(options, car, params.model.friction) if options.on else None
+
+
+def _tells_friction(x: VehicleState) -> bool:
+    return x.vx > LEAST_SPEED_MPS and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
+
+
+@cache
+def _bank(car: Car, shares: tuple[float, ...]) -> ca.Function:
+    """Return (X, u, h) -> states (9, shares) one midpoint step of h [s] after X.
+
+    Column i is that of the share i of the friction of `car`.
+    """
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    h, share = ca.SX.sym('h'), ca.SX.sym('share')
+    slippery = car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
+    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), slippery)
+    f = ca.Function('rates', [x, u, share], [ca.vertcat(*rates)])
+    step = ca.Function('step', [x, u, share, h], [stage_problem.rk2(f, h)(x, u, share)])
+    X = ca.MX.sym('X', len(State._fields), len(shares))
+    U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
+    columns = step.map(len(shares))(X, ca.repmat(U, 1, len(shares)), ca.DM(shares).T, H)
+    return ca.Function('bank', [X, U, H], [columns])
