@@ -5,22 +5,35 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_yaml.types import Obstacle
-from scenario_publisher import schema
+from scenario_publisher import schema, waypoint_track
 from scenario_publisher.lines import Frame, Line, offset_point, pose_at
+from scenario_publisher.waypoint_track import Track
 
 
 class Actor(NamedTuple):
-    """An obstacle at the position where it appears, and the time during which it is present."""
+    """An obstacle as it appears, and the time during which it is present."""
 
     obstacle: Obstacle
     appears: float  # s
     disappears: float  # s, infinite: never
+    track: Track | None = None  # of an obstacle that follows way-points; None: constant velocity
 
 
 def place_actor(
-    number: int, block: schema.MapObstacle | schema.RoadObstacle, centre: Line
+    number: int,
+    block: schema.MapObstacle | schema.RoadObstacle | schema.WaypointObstacle,
+    centre: Line,
+    key: str = 'obstacle',
 ) -> Actor:
-    """Return an obstacle of the file; along and across follow the centre line at its station."""
+    """Return an obstacle of the file; along and across follow the centre line at its station.
+
+    Raises KeyedError about `key`, the obstacle's in the file, for way-points that cannot be driven.
+    """
+    times = block.appears_at_s, block.disappears_at_s
+    if isinstance(block, schema.WaypointObstacle):
+        track = waypoint_track.build_track(block.waypoints, centre, key)
+        X, Y, vX, vY = (float(value) for value in waypoint_track.motion_at(track, 0.0))
+        return Actor(Obstacle(number, X, Y, block.radius_m, vX, vY), *times, track)
     if isinstance(block, schema.MapObstacle):
         X, Y, vX, vY = block.x_m, block.y_m, block.vx_mps, block.vy_mps
     else:
@@ -28,8 +41,7 @@ def place_actor(
         X, Y = offset_point(frame, block.offset_m)
         along = block.along_mps * np.cos(frame.psi), block.along_mps * np.sin(frame.psi)
         vX, vY = offset_point(Frame(*along, frame.psi), block.across_mps)
-    obstacle = Obstacle(number, float(X), float(Y), block.radius_m, float(vX), float(vY))
-    return Actor(obstacle, block.appears_at_s, block.disappears_at_s)
+    return Actor(Obstacle(number, float(X), float(Y), block.radius_m, float(vX), float(vY)), *times)
 
 
 def is_present(actor: Actor, t: float) -> bool:
@@ -38,7 +50,25 @@ def is_present(actor: Actor, t: float) -> bool:
 
 
 def obstacle_at(actor: Actor, t: float) -> Obstacle:
-    """Return an obstacle at its position t [s] after the start."""
+    """Return an obstacle at its position, with its velocity, t [s] after the start."""
     o = actor.obstacle
     since = t - actor.appears
-    return o._replace(X=o.X + o.vX * since, Y=o.Y + o.vY * since)
+    if actor.track is None:
+        return o._replace(X=o.X + o.vX * since, Y=o.Y + o.vY * since)
+    X, Y, vX, vY = (float(value) for value in waypoint_track.motion_at(actor.track, since))
+    return o._replace(X=X, Y=Y, vX=vX, vY=vY)
+
+
+def positions(actor: Actor, until: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return X and Y (n,) of an obstacle from its appearance until a time [s].
+
+    Two neighbours are at most `step` [m] apart.
+    """
+    o, duration = actor.obstacle, until - actor.appears
+    fastest = np.hypot(o.vX, o.vY) if actor.track is None else actor.track.fastest
+    count = int(np.ceil(fastest * duration / step))
+    since = np.linspace(0.0, duration, count + 1)
+    if actor.track is None:
+        return o.X + o.vX * since, o.Y + o.vY * since
+    X, Y, _, _ = waypoint_track.motion_at(actor.track, since)
+    return X, Y

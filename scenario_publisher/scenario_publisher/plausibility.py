@@ -63,12 +63,8 @@ def check_obstacles_touch_road(crowd: Sequence[Actor], road: Road, end: float) -
 
 
 def _distance_to_road(actor, road, until):
-    o = actor.obstacle
-    duration = until - actor.appears
-    steps = int(np.ceil(np.hypot(o.vX, o.vY) * duration / MOTION_STEP))
-    since = np.linspace(0.0, duration, steps + 1)
-    outside = distance_outside(road, o.X + o.vX * since, o.Y + o.vY * since)
-    return float(np.min(np.max(outside, axis=0))) - o.r_obs
+    X, Y = actors.positions(actor, until, MOTION_STEP)
+    return float(np.min(np.max(distance_outside(road, X, Y), axis=0))) - actor.obstacle.r_obs
 
 
 def check_stop_is_ahead(path: Line, stop: schema.Stop, start: Frame) -> None:

@@ -189,7 +189,10 @@ def _place_actors(blocks, centre):
         if isinstance(block, schema.RoadObstacle) and block.station_m > centre.s[-1]:
             what = f'lies beyond the road with {block.station_m:g}; allowed 0 to '
             raise KeyedError(f'obstacles[{i}].station_m', f'{what}{centre.s[-1]:.2f} m')
-    return tuple(actors.place_actor(i + 1, block, centre) for i, block in enumerate(blocks))
+    return tuple(
+        actors.place_actor(i + 1, block, centre, f'obstacles[{i}]')
+        for i, block in enumerate(blocks)
+    )
 
 
 def _start(block, path, speed):

@@ -25,6 +25,7 @@ Speed = Annotated[float, parameters.SPEED]
 StartSpeed = Annotated[float, parameters.START_SPEED]
 LateralSpeed = Annotated[float, parameters.LATERAL_SPEED]
 YawRate = Annotated[float, parameters.YAW_RATE]
+ActorSpeed = Annotated[float, Range(0.0, 50.0, 'm/s')]
 Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
 Radius = Annotated[float, Range(0.01, 50.0, 'm')]
 Time = Annotated[float, Range(0.0, 600.0, 's')]
@@ -197,6 +198,26 @@ class RoadObstacle:
 
 
 @dataclass(frozen=True)
+class Waypoint:
+    """A place on the road, the speed there, and how long to wait there."""
+
+    station_m: Station
+    offset_m: Offset
+    speed_mps: ActorSpeed
+    wait_s: Time = 0.0
+
+
+@dataclass(frozen=True)
+class WaypointObstacle:
+    """A round obstacle that follows way-points."""
+
+    waypoints: tuple[Waypoint, ...]
+    radius_m: Radius
+    appears_at_s: Time = 0.0
+    disappears_at_s: Time = inf
+
+
+@dataclass(frozen=True)
 class StartOnPath:
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
@@ -247,6 +268,6 @@ class File:
     friction: Friction
     start: StartOnPath | StartPose
     stop: Stop
-    obstacles: tuple[MapObstacle | RoadObstacle, ...]
+    obstacles: tuple[MapObstacle | RoadObstacle | WaypointObstacle, ...]
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()

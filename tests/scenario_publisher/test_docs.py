@@ -19,7 +19,8 @@ SECTIONS = {
     'Speed': (schema.ConstantSpeed, schema.SpeedTable),
     'Start': (schema.StartOnPath, schema.StartPose),
     'A friction patch': (schema.FrictionPatch,),
-    'An obstacle': (schema.MapObstacle, schema.RoadObstacle),
+    'An obstacle': (schema.MapObstacle, schema.RoadObstacle, schema.WaypointObstacle),
+    'A way-point': (schema.Waypoint,),
 }
 # blocks with a section of their own, or told apart inside one
 OWN = (schema.Line, schema.Edge, schema.ConstantSpeed | schema.SpeedTable)
@@ -79,7 +80,7 @@ def test_documented_ranges_and_defaults_are_those_of_the_schema(title):
 
 
 def test_the_complete_example_is_a_scenario(make):
-    (example,) = re.findall(r'```yaml\n(.*?)```', TEXT, re.DOTALL)
+    (example,) = re.findall(r'```yaml\n(schema.*?)```', TEXT, re.DOTALL)
     scn = make(example)
     assert len(scn.actors) == 3
     assert scn.friction == 0.9

@@ -1,0 +1,215 @@
+"""Slaloms, gates and lane changes: where the room is narrow, and where nothing can be passed.
+
+Each function returns the document of one draw, None for one that cannot be mastered (nominal only).
+"""
+
+from random import Random
+
+from scenario_publisher.families import possible
+from scenario_publisher.families.draft import (
+    LANE,
+    LEFT,
+    RIGHT,
+    Document,
+    disc,
+    document,
+    either_side,
+    finish,
+    lane_change,
+    straight,
+)
+
+FRICTION = 1.0
+WIDE = 4.5  # m, half of a road of no lanes
+# ISO 3888-1:2018 and ISO 3888-2:2011: lengths of sections 1 to 5, and the widths of the lanes as
+# factor of the vehicle's width and constant
+ISO_1_LENGTHS = (15.0, 30.0, 25.0, 25.0, 15.0)
+ISO_1_WIDTHS = ((1.1, 0.25), (1.2, 0.25), (1.3, 0.25))
+ISO_1_OFFSET = 3.5  # m between the lanes
+ISO_2_LENGTHS = (12.0, 13.5, 11.0, 12.5, 12.0)
+ISO_2_WIDTHS = ((1.1, 0.25), (1.0, 1.0), (1.3, 0.25))
+ISO_2_GAP = 1.0  # m between the left side of lane 1 and the right side of lane 3
+ISO_2_LEAST = 3.0  # m, width of the last lane
+RUN_IN = 15.0  # m before section 1
+FLARE = 3.5  # m over which the edges of a gate open, by up to 1 m per metre
+
+
+def slalom(random: Random, hard: bool) -> Document | None:
+    """Return four obstacles, alternately left and right of the path."""
+    speed = random.uniform(12.0, 22.0)
+    spacing = random.uniform(16.0, 28.0) if hard else random.uniform(20.0, 36.0)
+    radius, offset = random.uniform(0.4, 1.0), random.uniform(0.2, 1.2)
+    swing = possible.shift_beside(radius, offset)
+    # a sine through the gaps: half a period per obstacle
+    peak = swing * (3.1416 * speed / spacing) ** 2
+    if not hard and peak > possible.GRIP_SHARE * possible.GRAVITY * FRICTION:
+        return None
+    x = [40.0 + spacing * i for i in range(4)]
+    parts = document(
+        description=f'Slalom of four, {spacing:.1f} m apart, at {speed:.1f} m/s.',
+        length=finish(x[-1], speed),
+        speed=speed,
+        obstacles=[disc(at, offset * (-1) ** i, radius) for i, at in enumerate(x)],
+        left=WIDE,
+        right=-WIDE,
+    )
+    return either_side(random, parts)
+
+
+def chicane(random: Random, hard: bool) -> Document | None:
+    """Return two barriers, from the left and from the right, each leaving one half of the road."""
+    speed = random.uniform(10.0, 20.0)
+    spacing = random.uniform(18.0, 28.0) if hard else random.uniform(22.0, 40.0)
+    radius, reach = 1.0, random.uniform(-0.4, 0.4)  # m, how far a barrier goes beyond the middle
+    half = 4.2
+    swing = possible.shift_beside(0.0, 0.0) + reach
+    if not hard and possible.lateral_shift_and_back(spacing / speed, FRICTION) < 2.0 * swing:
+        return None
+    x = 45.0
+    centres = [radius - reach, 3.0 * radius - reach]
+    obstacles = [disc(x, offset, radius) for offset in centres]
+    obstacles += [disc(x + spacing, -offset, radius) for offset in centres]
+    parts = document(
+        description=f'A chicane of two barriers, {spacing:.1f} m apart, at {speed:.1f} m/s.',
+        length=finish(x + spacing, speed),
+        speed=speed,
+        obstacles=obstacles,
+        left=half,
+        right=-half,
+    )
+    return either_side(random, parts)
+
+
+def narrowing(random: Random, hard: bool) -> Document | None:
+    """Return a road that narrows to one lane, beside the path."""
+    speed = random.uniform(12.0, 28.0)
+    width = random.uniform(2.5, 2.8) if hard else random.uniform(2.7, 3.4)
+    middle = random.uniform(-0.7, 0.7)
+    over = random.uniform(10.0, 20.0) if hard else random.uniform(15.0, 40.0)
+    begin, length = 45.0, random.uniform(15.0, 40.0)
+    stations = [begin, begin + over, begin + over + length, begin + over + length + over]
+    # the path stays on the road, not the whole car
+    left = max(middle + width / 2, 0.6)
+    right = min(left - width, -0.6)
+    parts = document(
+        description=f'The road narrows to {left - right:.2f} m at {speed:.1f} m/s.',
+        length=finish(stations[-1], speed),
+        speed=speed,
+        obstacles=[],
+        left=(stations, [WIDE, left, left, WIDE]),
+        right=(stations, [-WIDE, right, right, -WIDE]),
+    )
+    return either_side(random, parts)
+
+
+def closed_road(random: Random, hard: bool) -> Document | None:
+    """Return a barrier across the whole road: the car has to stop."""
+    speed = random.uniform(12.0, 28.0)
+    seen_s, radius = random.uniform(0.0, 1.0), 1.1
+    spare = random.uniform(0.0, 10.0) if hard else random.uniform(4.0, 30.0)
+    distance = possible.braking_distance(speed, FRICTION) + possible.CAR_NOSE + radius + spare
+    x = speed * seen_s + distance
+    count = 4
+    spacing = (LEFT - RIGHT) / count
+    offsets = [RIGHT + spacing * (i + 0.5) for i in range(count)]
+    return document(
+        description=f'The road is closed {distance:.0f} m ahead at {speed:.1f} m/s.',
+        length=finish(x, speed),
+        speed=speed,
+        obstacles=[disc(x, offset, radius, appears_at_s=seen_s) for offset in offsets],
+        extra_s=5.0,
+    )
+
+
+def double_lane_change(random: Random, hard: bool) -> Document | None:
+    """Return a double lane change around two obstacles, at 18 to 30 m/s with changes of 20 to 32 m.
+
+    The coarse path changes lanes. Grip 0.85 to 1, which the controller knows.
+    """
+    speed = random.uniform(24.0, 36.0) if hard else random.uniform(18.0, 30.0)
+    first, second = random.uniform(20.0, 32.0), random.uniform(20.0, 32.0)
+    friction = random.uniform(0.85, 1.0)
+    # between the first obstacle, 2/3 into the change, and the second in the next, a car parallel at
+    # both moves aside by the room that the lanes leave
+    between = (first / 3.0 + 25.0 + second * 0.85) / speed
+    shift = LANE - 2.0 * 0.6
+    if not hard and possible.lateral_shift_and_back(between, friction) < shift:
+        return None
+    if not hard and possible.lateral_shift(0.75 * first / speed + 0.25, friction) < 2.0:
+        return None
+    begin = 45.0
+    segments = [
+        straight(begin),
+        lane_change(first, LANE),
+        straight(25.0),
+        lane_change(second, -LANE),
+        straight(max(40.0, 3.0 * speed)),
+    ]
+    x_1, x_2 = begin + 0.77 * first, begin + first + 25.0 + 0.88 * second
+    length = begin + first + 25.0 + second + max(30.0, 2.5 * speed)
+    parts = document(
+        description=f'Double lane change, {first:.0f} and {second:.0f} m, at {speed:.1f} m/s.',
+        length=length,
+        speed=speed,
+        friction=friction,
+        segments=[straight(length + 10.0)],
+        path_segments=segments,
+        obstacles=[disc(x_1, 1.1, 1.0), disc(x_2, 2.45, 1.0)],
+    )
+    return either_side(random, parts)
+
+
+def iso_3888_1(random: Random, hard: bool) -> Document | None:
+    """Return the double lane change of ISO 3888-1; the lanes are the edges of the road."""
+    speed = random.uniform(23.0, 28.0) if hard else random.uniform(18.0, 24.0)
+    return iso_course(speed, ISO_1_LENGTHS, ISO_1_WIDTHS, ISO_1_OFFSET, 'ISO 3888-1')
+
+
+def iso_3888_2(random: Random, hard: bool) -> Document | None:
+    """Return the obstacle avoidance of ISO 3888-2; the lanes are the edges of the road."""
+    speed = random.uniform(17.0, 20.0) if hard else random.uniform(12.0, 17.5)
+    first, third = (lane_width(*width) for width in ISO_2_WIDTHS[:2])
+    offset = first / 2 + ISO_2_GAP + third / 2
+    return iso_course(speed, ISO_2_LENGTHS, ISO_2_WIDTHS, offset, 'ISO 3888-2', ISO_2_LEAST)
+
+
+def lane_width(factor: float, constant: float, least: float = 0.0) -> float:
+    """Return the width [m] of a lane of the standard for our car."""
+    return max(least, factor * possible.CAR_WIDTH + constant)
+
+
+def iso_course(speed, lengths, widths, offset, name, least=0.0) -> Document:
+    """Return a course of five sections, the third one `offset` [m] to the left.
+
+    The centre line runs through the middle of the lanes and changes in sections 2 and 4; there the
+    road is open to both sides. A lane opens within FLARE at its ends, outside of it.
+    """
+    one, two, three, four, five = lengths
+    half = [lane_width(*w, at_least) / 2 for w, at_least in zip(widths, (0.0, 0.0, least))]
+    # the first one may be entered straight: nothing is narrow before it
+    begin = RUN_IN
+    ends = [(begin, begin + one)]
+    # along the line a change is longer than straight ahead, by less than a flare
+    ends.append((ends[-1][1] + two, ends[-1][1] + two + three))
+    ends.append((ends[-1][1] + four, ends[-1][1] + four + five))
+    stations, offsets = [0.0], [WIDE]
+    for (from_s, to_s), width in zip(ends, half):
+        stations += [from_s - FLARE, from_s, to_s, to_s + FLARE]
+        offsets += [WIDE, width, width, WIDE]
+    length = ends[-1][1] + 35.0
+    segments = [
+        straight(begin + one),
+        lane_change(two, offset),
+        straight(three),
+        lane_change(four, -offset),
+        straight(length - ends[-1][0]),
+    ]
+    return document(
+        description=f'{name} at {speed:.1f} m/s: the lanes are the edges of the road.',
+        length=length,
+        speed=speed,
+        segments=segments,
+        obstacles=[],
+        left=(stations, offsets),
+        right=(stations, [-value for value in offsets]),
+    )

@@ -1,0 +1,44 @@
+"""Closed forms that say whether a draw can be mastered, of a point mass with a friction circle.
+
+A nominal draw is one that a car can stop before or move aside of. The limits leave room for what a
+point mass has not: a car needs DELAY_S until it turns or brakes, and reaches GRIP_SHARE of the
+grip of its tyres. They are necessary conditions that a person can check, not a proof: what a car
+can survive is found by search over manoeuvres on the plant. Hard draws are not sieved.
+"""
+
+GRAVITY = 9.81  # m/s^2
+DELAY_S = 0.15  # until steering or brakes act
+GRIP_SHARE = 0.85  # of friction * g
+CAR_WIDTH = 1.86  # m
+CAR_NOSE = 2.4  # m from the centre of gravity to the front bumper
+CLEARANCE = 0.2  # m that a driver leaves
+
+
+def lateral_shift(time_s: float, friction: float) -> float:
+    """Return how far [m] a car can move aside in a time: a t^2 / 2."""
+    t = max(0.0, time_s - DELAY_S)
+    return GRIP_SHARE * friction * GRAVITY * t**2 / 2.0
+
+
+def lateral_shift_and_back(time_s: float, friction: float) -> float:
+    """Return how far [m] a car can move aside in a time and be parallel again: a t^2 / 4."""
+    return lateral_shift(time_s, friction) / 2.0
+
+
+def braking_distance(speed: float, friction: float, to_speed: float = 0.0) -> float:
+    """Return the distance [m] from the sight of a reason to brake until a speed is reached."""
+    slower = max(0.0, speed**2 - to_speed**2)
+    return DELAY_S * speed + slower / (2.0 * GRIP_SHARE * friction * GRAVITY)
+
+
+def shift_beside(radius: float, offset: float) -> float:
+    """Return how far [m] a car has to move aside to pass a disc on its nearer side.
+
+    offset  of the disc's centre from that of the car, to either side
+    """
+    return max(0.0, radius + CAR_WIDTH / 2 + CLEARANCE - abs(offset))
+
+
+def can_stop(speed: float, distance: float, friction: float, to_speed: float = 0.0) -> bool:
+    """Return whether a car can brake to a speed before its nose has gone a distance [m]."""
+    return braking_distance(speed, friction, to_speed) + CAR_NOSE <= distance
