@@ -51,21 +51,22 @@ def main() -> None:
     with Progress(console=console) as progress:
         given = problems_of(arguments, problem, progress)
         assessor = Assessor(problem)
-        ran = measure(problem, given, params, chosen, passes, progress)
-        rows = summary.summarize(
-            ran, assess(assessor, ran, progress), params.solver.fallback_limit_s
-        )
+        ran, alone = measure(problem, given, params, chosen, passes, progress)
+        assessments = assess(assessor, ran, progress)
+        rows = summary.summarize(ran, assessments, params.solver.fallback_limit_s)
+        alone_rows = summary.alone(alone, assessments)
         active = active_limits.find_active(problem, given, *size)
         demanding = active_limits.demanding(active)
         text_tables = [
             solver_report.activity(given, active, demanding),
             solver_report.timing(rows),
             solver_report.starts(rows),
+            solver_report.alone(alone_rows),
             solver_report.slowest(rows),
         ]
         for text_table in text_tables:
             tables.show(console, text_table)
-        figures = {'passes': passes, 'active_share': float(demanding.mean())}
+        figures = {'passes': passes, 'active_share': float(demanding.mean()), 'alone': alone_rows}
         if not arguments.quick:
             for part in (scaling, start_up, one_step):
                 text_table, figures[part.__name__] = part.measure(params, progress)
@@ -87,8 +88,8 @@ def measure(
     chosen: list[Variant],
     passes: int,
     progress: Progress,
-) -> interleaved_runs.Timings:
-    """Build the solvers and their warm starts, then measure them in turns."""
+) -> tuple[interleaved_runs.Timings, interleaved_runs.Timings]:
+    """Build the solvers and their warm starts, then measure them in turns, and each alone."""
     solvers = solver_variants.make_solvers(
         problem, progress.track(chosen, description='compiling'), params
     )
@@ -98,7 +99,10 @@ def measure(
     }
     total = passes * len(next(iter(tasks.values())))
     bar = progress.add_task('solving, the solvers in turn', total=total)
-    return interleaved_runs.run(solvers, tasks, passes, lambda: progress.advance(bar))
+    in_turn = interleaved_runs.run(solvers, tasks, passes, lambda: progress.advance(bar))
+    bar = progress.add_task('solving, each alone', total=total * len(solvers))
+    alone = interleaved_runs.run_alone(solvers, tasks, passes, lambda: progress.advance(bar))
+    return in_turn, alone
 
 
 def problems_of(arguments, problem: StageProblem, progress: Progress) -> Problems:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 from assessment import MAX_GAP, MAX_RESIDUAL
+from interleaved_runs import COLD, POP_UP, WARM
 from problems import Problems
 from solver_variants import BASELINE, NATIVE, NATIVE_FLAGS, ONE_STEP, OURS
 from tables import TextTable, markdown, number, share
@@ -60,6 +61,19 @@ def starts(rows: dict[str, dict]) -> TextTable:
     return TextTable('Cold starts, and obstacles that appear 15 to 40 m ahead (ms)', columns, lines)
 
 
+def alone(rows: dict[str, dict]) -> TextTable:
+    """Return the times of solvers that run alone, one after the other."""
+    kinds, keys = (WARM, COLD, POP_UP), ('median_ms', 'p99_ms', 'max_ms')
+    columns = ['solver', *(f'{kind}: {key[:-3]}' for kind in kinds for key in keys)]
+    lines = []
+    for label, row in rows.items():
+        ratio = row.get('ratio_to_fatrop')
+        cells = [number(row[kind][key]) for kind in kinds for key in keys]
+        lines.append((label, *cells, number(ratio['median']) if ratio else '-'))
+    columns.append(f'warm median / {BASELINE}')
+    return TextTable('Each solver alone (ms)', columns, lines)
+
+
 def slowest(rows: dict[str, dict]) -> TextTable:
     """Return the slowest warm starts of our solver: is it the problem or the machine?"""
     columns = ('problem', 'iterations', 'median ms', 'least of the passes', 'most', 'ending')
@@ -99,7 +113,9 @@ def _method(labels):
         'call; median, p99 and max are over the problems. Absolute times depend on what else the '
         f'machine does, ratios do not; they leave out the problems that {BASELINE} does not '
         'solve. The first tick of a loop has no plan to start from and is not among the warm '
-        'starts. `_c`: CasADi functions compiled by gcc -O2; `_vm`: '
+        'starts. "Alone": the same problems, one solver after the other, so that each has the '
+        'caches of the processor for itself, as in a controller. `_c`: CasADi functions compiled '
+        'by gcc -O2; `_vm`: '
         f'interpreted; `{NATIVE}`: with {" ".join(NATIVE_FLAGS)}, as our own solver may use it. '
         f'`{ONE_STEP}`: from a plan it ends after the first step that leaves little to gain '
         '(docs/solver.md); without a plan it converges. Ours ask fatrop in turn when their answer '

@@ -41,6 +41,19 @@ def ratios(
     return {name.removesuffix('_ms'): own[name] / baseline[name] for name in own}
 
 
+def alone(timings: Timings, assessments: dict[str, list[Assessment]]) -> dict[str, dict]:
+    """Return the times of every solver by the kind of start, and its ratio to the baseline."""
+    rows = {}
+    for label, tasks in timings.tasks.items():
+        kinds = np.array([task.kind for task in tasks])
+        rows[label] = {
+            kind: times(timings.seconds[label][:, kinds == kind]) for kind in (WARM, COLD, POP_UP)
+        }
+        if BASELINE in timings.tasks:
+            rows[label]['ratio_to_fatrop'] = ratios(timings, assessments, label)
+    return rows
+
+
 def times(seconds: np.ndarray) -> dict[str, float]:
     """Return median, p99 and maximum [ms] of (passes, tasks): each task counts with its median."""
     ms = np.median(seconds, axis=0) * MS

@@ -119,7 +119,7 @@ class ControllerInputs:
     def decode_state(self) -> VehicleState:
         """Return the state; an unknown one, logged, if its message violates the contract."""
         try:
-            return decode.odometry(ros.deserialize(TOPICS[STATE], self.state))
+            return subscriptions_node.read_odometry(self.state)
         except decode.DecodeError as error:
             fault = self._watchdog.reject(STATE, str(error))
             self._reject(TOPICS[STATE], UNREADABLE, fault)

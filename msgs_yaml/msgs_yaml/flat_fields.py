@@ -6,7 +6,7 @@ number, four (one per wheel), or a heading (z and w of its quaternion). `encode`
 topics.yaml and one in `types`. No ROS.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
@@ -43,7 +43,10 @@ class FlatFields(NamedTuple):
 
     def to_value(self, stamp_ns: int, message: Any) -> Any:
         """Return the value of a message."""
-        numbers = list(map(float, self.read(message)))
+        return self.join_numbers(stamp_ns, list(map(float, self.read(message))))
+
+    def join_numbers(self, stamp_ns: int, numbers: Sequence[float]) -> Any:
+        """Return the value of numbers, one per path."""
         return self.kind(stamp_ns, *[join(numbers[part]) for join, part in self.join])
 
     def __repr__(self):

@@ -1,23 +1,27 @@
 """Subscriptions beyond callbacks: bounded decoding, polling, and a watch over their publishers.
 
 read_reference, read_road_edges, read_obstacles   serialised message of any size -> value
+read_odometry                                     serialised message -> value
 LatestMessage                                     the newest message, polled
 PublisherMonitor                                  warns of a second publisher of a topic
 """
 
 from collections.abc import Mapping
+from functools import cache
 
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 from rclpy.subscription import Subscription
 
 from msgs_yaml import contract, decode, raw_scenario
+from msgs_yaml.cdr_templates import Template
 from msgs_yaml.raw_scenario import REFERENCE, ROAD_EDGES
-from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges
+from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import ros
 from node_runtime.input_monitor import OK, WARN
 
 OBSTACLES = '/scenario/obstacles'
+ODOMETRY = '/vehicle/odometry'
 PERIOD_S = 1.0  # of wall time, between two counts of publishers
 _COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: number of markers
 _MARKER_BYTES, _POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
@@ -49,6 +53,17 @@ def read_obstacles(raw: bytes) -> Obstacles:
     """Return the obstacles of a serialised /scenario/obstacles; see `read_reference`."""
     _check_size(OBSTACLES, raw)
     return decode.obstacles(ros.deserialize(OBSTACLES, raw))
+
+
+def read_odometry(raw: bytes) -> VehicleState:
+    """Return the state of a serialised /vehicle/odometry. Raises DecodeError."""
+    state = _odometry_template().read(raw)
+    return decode.odometry(ros.deserialize(ODOMETRY, raw)) if state is None else state
+
+
+@cache
+def _odometry_template():
+    return Template(ODOMETRY)
 
 
 def _check_size(topic, raw):

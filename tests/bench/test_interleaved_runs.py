@@ -96,6 +96,18 @@ def test_the_solvers_take_turns_on_every_task_and_begin_equally_often():
     assert all(seconds.shape == (2, 4) and (seconds > 0).all() for seconds in ran.seconds.values())
 
 
+def test_solvers_that_run_alone_take_all_tasks_one_solver_after_the_other():
+    calls = []
+    solvers = {label: Listed(label, calls) for label in 'ab'}
+    tasks = {label: [SimpleNamespace(arguments=(i,)) for i in range(3)] for label in 'ab'}
+    ran = interleaved_runs.run_alone(solvers, tasks, 2, lambda: None)
+    assert calls == [(i, label) for label in 'ab' for _ in range(2) for i in range(3)]
+    assert {label: seconds.shape for label, seconds in ran.seconds.items()} == {
+        'a': (2, 3),
+        'b': (2, 3),
+    }
+
+
 def test_every_solver_of_the_project_is_measured(params):
     labels = [variant.label for variant in solver_variants.available(params, interpreted=True)]
     assert {BASELINE, NATIVE, 'ipopt_c', 'fatrop_vm', 'ipopt_vm'} <= set(labels)

@@ -49,6 +49,17 @@ def test_times_are_medians_over_the_passes_and_ratios_those_of_the_figures():
     assert row['pop_up_other_minima'] == 1
 
 
+def test_times_alone_are_listed_by_the_kind_of_start():
+    ran = timed({'ours': [[0.001, 0.002, 0.003, 0.01, 0.02]], BASELINE: [[0.01, 0.02, 0.03, 1, 2]]})
+    verdicts = [Assessment(GOOD, 0.0, 0.0)] * 5
+    rows = summary.alone(ran, dict.fromkeys(('ours', BASELINE), verdicts))
+    assert rows['ours'][WARM]['median_ms'] == pytest.approx(2.0)
+    assert rows['ours'][COLD]['max_ms'] == pytest.approx(10.0)
+    assert rows['ours'][POP_UP]['p99_ms'] == pytest.approx(20.0)
+    assert rows['ours']['ratio_to_fatrop']['median'] == pytest.approx(0.1)
+    assert solver_report.alone(rows).rows[0][-1] == '0.100'
+
+
 def test_what_the_baseline_fails_at_does_not_flatter_the_others():
     verdicts = {
         'ours': [Assessment(GOOD, 0.0, 0.0)] * 5,

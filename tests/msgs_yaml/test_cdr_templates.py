@@ -1,12 +1,15 @@
 """The bytes of a template are those of the serialised message."""
 
+import math
+
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import cdr_templates, contract, encode, flat_fields
+from msgs_yaml import cdr_templates, contract, decode, encode, flat_fields
 from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
 from node_runtime import ros
 
@@ -60,3 +63,66 @@ def test_a_filled_message_is_not_changed_by_the_next():
 def test_a_topic_without_a_fixed_length_has_no_template():
     with pytest.raises(KeyError):
         cdr_templates.Template('/scenario/reference')
+
+
+def decoded(topic, raw):
+    """Return what the checked way through a message object gives, None if it refuses."""
+    try:
+        return getattr(decode, topic.rsplit('/', 1)[1])(ros.deserialize(topic, raw))
+    except decode.DecodeError:
+        return None
+
+
+def bits(value):
+    return None if value is None else [np.asarray(field).tobytes() for field in value]
+
+
+@pytest.mark.parametrize('topic', sorted(VALUES))
+def test_a_message_is_read_to_the_last_bit_as_it_is_decoded_or_refused(topic):
+    template = cdr_templates.Template(topic)
+
+    @settings(deadline=None, derandomize=True, max_examples=100)
+    @given(VALUES[topic])
+    def check(value):
+        raw = template.fill(value)
+        assert bits(template.read(raw)) == bits(decoded(topic, raw))
+
+    check()
+
+
+def test_a_state_within_its_ranges_is_read():
+    state = VehicleState(5, 1.0, -2.0, 0.5, 20.0, -0.5, 0.1)
+    template = cdr_templates.Template('/vehicle/odometry')
+    assert template.read(template.fill(state)) == decode.odometry(encode.odometry(state))
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(st.integers(0, 10**4), st.integers(0, 255), st.integers(-4, 4))
+def test_changed_bytes_are_never_read_as_another_state_than_they_decode_to(place, byte, longer):
+    template = cdr_templates.Template('/vehicle/odometry')
+    raw = bytearray(template.fill(VehicleState(5, 1.0, -2.0, 0.5, 20.0, -0.5, 0.1)))
+    raw[place % len(raw)] = byte
+    raw = bytes(raw)[: len(raw) + min(longer, 0)] + bytes(max(longer, 0))
+    value = template.read(raw)
+    assert value is None or bits(value) == bits(decoded('/vehicle/odometry', raw))
+
+
+@pytest.mark.parametrize('change', ['z', 'frame', 'covariance', 'unit', 'nan', 'stamp'])
+def test_a_state_that_needs_the_checked_way_is_not_read(change):
+    message = encode.odometry(VehicleState(5, 1.0, -2.0, 0.5, 20.0, -0.5, 0.1))
+    template = cdr_templates.Template('/vehicle/odometry')
+    if change == 'z':
+        message.pose.pose.position.z = 0.5
+    elif change == 'frame':
+        message.header.frame_id = 'mop'
+    elif change == 'covariance':
+        message.pose.covariance[7] = 0.1
+    elif change == 'unit':
+        message.pose.pose.orientation.w = 0.2
+    elif change == 'nan':
+        message.twist.twist.linear.x = math.nan
+    else:
+        message.header.stamp.nanosec = 0
+    kind = contract.load().topics['/vehicle/odometry'].type
+    through_rclpy = STORE.deserialize_cdr(serialize_message(message), kind)
+    assert template.read(bytes(STORE.serialize_cdr(through_rclpy, kind))) is None
