@@ -189,6 +189,23 @@ class Braking:
 
 
 @dataclass(frozen=True)
+class Candidates:
+    """How many plans a tick compares, and when it changes from one to another.
+
+    Recordings made before hold none of them: one plan, the paper's controller.
+    """
+
+    most: Annotated[int, Range(1, 8, 'plans of a tick, 1: only the followed one')] | None
+    danger_m: Annotated[float, Range(0.0, 20.0, 'm beyond the safety distance')] | None
+    switch_share: Annotated[float, Range(0.0, 1.0, 'share of the cost, to change the plan')] | None
+    hold_share: Annotated[float, Range(0.0, 1.0, 'the same after a switch')] | None
+    hold_ticks: Annotated[int, Range(0, 100, 'ticks after a switch')] | None
+    path_share: Annotated[float, Range(0.0, 10.0, 'share of the cost against the path')] | None
+    max_iterations: Annotated[int, Range(1, 1000, 'iterations, but for the followed plan')] | None
+    retry_ticks: Annotated[int, Range(0, 100, 'ticks until a useless guess is tried again')] | None
+
+
+@dataclass(frozen=True)
 class ControllerParams:
     """One controller, one file."""
 
@@ -202,6 +219,7 @@ class ControllerParams:
     limits: Limits
     surroundings: Surroundings
     solver: Solver
+    candidates: Candidates
     delay: Delay
     friction_estimate: FrictionEstimate
     ages: Ages

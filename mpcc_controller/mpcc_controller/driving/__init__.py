@@ -4,6 +4,11 @@ controller           `step(TickInputs) -> TickRecord`: the whole tick
 tick                 inputs and record of a tick
 tick_report          explains a record: /controller/why and the predicted poses
 planner              initial guess, stage parameters, bounds and solvers of one plan
+tick_problem         the optimal control problem of a tick
+candidates           dangerous obstacles, and initial guesses on their sides
+candidate_plans      which candidates a tick solves, and which plans are kept for the next
+candidate_choice     which of the solved candidates is driven
+parallel_solves      several solves at once, in threads
 initial_guess        the last plan shifted by a tick, or the path
 solver_selection     which solvers run, and for how long
 fallback             what to drive when a solve fails

@@ -1,42 +1,39 @@
 """One plan per tick: projection, initial guess, stage parameters, bounds, solvers. SI units."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from mpcc_controller import car_file
 from mpcc_controller.driving import fallback, initial_guess, solver_selection
+from mpcc_controller.driving.candidate_choice import Choice, Outcome
+from mpcc_controller.driving.candidate_plans import CandidatePlans
+from mpcc_controller.driving.candidates import FOLLOWED
 from mpcc_controller.driving.fallback import Decision, FallbackLogic
+from mpcc_controller.driving.parallel_solves import ParallelSolves
 from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import compiled_queries, reference_path
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import VehicleState
 from stage_solver.buffered_function import BufferedFunction
 from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
 from stage_solver.solver import make_solver
-from stage_solver.stage_problem import Bounds, Plan, shift
+from stage_solver.stage_problem import Plan, shift
 
 
-class TickProblem(NamedTuple):
-    """The optimal control problem of one tick, and what it was built from."""
+class Comparison(NamedTuple):
+    """The candidates of one tick. `first` and `problem` of the attempt are those of the chosen."""
 
-    x0: State  # stage 0, in the map
-    scene: Scene
-    guess_map: Plan  # the initial guess, in the map
-    guess_local: Plan  # the same in the states of the formulation
-    parameters: StageParameters
-    bounds: Bounds
-
-    @property
-    def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:
-        """What a `StageSolver` takes before the guess."""
-        return self.guess_local.X[0], self.parameters.P, self.bounds
+    choice: Choice
+    solve_s: float  # s, wall time of all solves
 
 
 class Attempt(NamedTuple):
@@ -50,6 +47,7 @@ class Attempt(NamedTuple):
     prepare_s: float  # s, to build the problem
     plan_age: int  # ticks
     failures: int  # of the first solver, in a row
+    candidates: Comparison | None = None  # where several plans were compared
 
 
 class Planner:
@@ -82,6 +80,13 @@ class Planner:
         )
         self.evaluator = PlanEvaluator(symbolic)
         self._step = BufferedFunction(single_track.step(params.model.step_s))
+        self.alternatives: CandidatePlans | None = None
+        if (params.candidates.most or 1) > 1:
+            self.alternatives = CandidatePlans(params, self.car, self.step)
+            options = solver_selection.candidate_options(params, limit_time)
+            self.parallel = ParallelSolves(
+                lambda: make_solver(self.problem, options), params.candidates.most - 1
+            )
         self.reset()
 
     def reset(self) -> None:
@@ -90,6 +95,8 @@ class Planner:
         self.theta: float | None = None  # m, last projection on the path
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
+        if self.alternatives:
+            self.alternatives.reset()
 
     def set_car(self, car: Car) -> None:
         """Plan with another car from now on: one on a road of another friction."""
@@ -136,13 +143,22 @@ class Planner:
             )
         elif self.fallback.failures:
             guess = shifted._replace(multipliers=None)  # the solver failed from them
-        problem = self.last_problem = self.build_problem(x0, scene, guess)
+        problem = self.build_problem(x0, scene, guess)
+        others = self.alternatives.propose(x0, scene, guess) if self.alternatives else []
+        problems = {c.name: self.build_problem(x0, scene, c.guess) for c in others}
         prepare_s = self.clock() - began
-        first, second = self.solve(problem)
+        comparison = None
+        if others:
+            comparison = self.compare(problem, problems)
+            problem, first = comparison.choice.outcome.problem, comparison.choice.outcome.solution
+            second = self.solve_again(problem, first, began + prepare_s)
+        else:
+            first, second = self.solve(problem)
+        self.last_problem = problem
         decision = self.fallback.decide(first, second, shifted)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
-            problem, first, second, decision.plan, warm, prepare_s, age, failures
+            problem, first, second, decision.plan, warm, prepare_s, age, failures, comparison
         )
 
     def build_problem(self, x0: State, scene: Scene, guess_map: Plan) -> TickProblem:
@@ -159,14 +175,41 @@ class Planner:
         """Return the solution of the first solver, and of the second if the first one failed."""
         began = self.clock()
         first = self._run(self.first_solver, problem, self._take_guess(problem))
-        rules = self.params.fallback
-        if not self.second_solver or not fallback.rejection_reason(first, rules):
-            return first, None
+        return first, self.solve_again(problem, first, began)
+
+    def solve_again(self, problem: TickProblem, first: Solution, began: float) -> Solution | None:
+        """Return the solution of the second solver; None where `first` may be driven.
+
+        `began` is when the first solver did, by the clock.
+        """
+        if not self.second_solver or not fallback.rejection_reason(first, self.params.fallback):
+            return None
         if self.limit_time:
             remaining_s = self.params.solver.fallback_limit_s - (self.clock() - began)
             self.second_solver.set_time_limit(max(remaining_s, 0.0))
         cold = problem.guess_local._replace(multipliers=None)
-        return first, self._run(self.second_solver, problem, cold)
+        return self._run(self.second_solver, problem, cold)
+
+    def compare(self, followed: TickProblem, others: dict[str, TickProblem]) -> Comparison:
+        """Return the solutions of the followed plan and the other candidates, and the choice.
+
+        They are solved in parallel; within the time limit of the solver, where there is one.
+        """
+        began = self.clock()
+        guess = self._take_guess(followed)
+        jobs = [partial(self._solve_candidate, problem, began) for problem in others.values()]
+        first, solved = self.parallel.run(
+            lambda: self._run(self.first_solver, followed, guess), jobs
+        )
+        solve_s = self.clock() - began
+        solutions = [
+            self._finish(solution, problem) for solution, problem in zip(solved, others.values())
+        ]
+        names, problems = (FOLLOWED, *others), (followed, *others.values())
+        outcomes = [
+            self._judge(*rest) for rest in zip(names, problems, (first, *solutions), strict=True)
+        ]
+        return Comparison(self.alternatives.choose(outcomes), solve_s)
 
     def prepare(self, scene: Scene) -> Solution | None:
         """Solve the problem expected at the next tick; its plan becomes the guess there.
@@ -219,15 +262,22 @@ class Planner:
         return self.formulation.to_local(guess, problem.scene.path)
 
     def _run(self, chosen: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
-        """Return the solution in the map; a solver that raises has failed.
+        """Return the solution in the map."""
+        return self._finish(_solve(chosen, problem, guess), problem)
 
-        The car needs a command in every case.
-        """
-        try:
-            solution = chosen.solve(*problem.solver_arguments, guess)
-        except Exception as error:
-            failed = (FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
-            solution = Solution(guess, np.nan, *failed)
+    def _solve_candidate(self, problem, began, chosen: StageSolver) -> Solution:
+        """Return the solution in the states of the problem; called in any thread."""
+        if self.limit_time:
+            remaining_s = self.params.solver.time_limit_s - (self.clock() - began)
+            chosen.set_time_limit(max(remaining_s, 0.0))
+        return _solve(chosen, problem, problem.guess_local)
+
+    def _judge(self, name, problem, solution) -> Outcome:
+        rejection = fallback.rejection_reason(solution, self.params.fallback)
+        return self.alternatives.judge(name, problem, solution, rejection)
+
+    def _finish(self, solution, problem) -> Solution:
+        """Return the solution in the map."""
         plan = self.formulation.to_map(solution.plan, problem.scene.path)
         if solution.status == ONE_STEP:  # the driven step obeys the dynamics exactly
             driven = self.step(plan.X[0], plan.U[0], self.car)
@@ -238,3 +288,11 @@ class Planner:
         if self.fallback.plan is None:
             return None
         return initial_guess.shift_to(self.fallback.plan, self.step, self.car, x0)
+
+
+def _solve(chosen: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
+    """Return the solution; a solver that raises has failed: the car needs a command anyway."""
+    try:
+        return chosen.solve(*problem.solver_arguments, guess)
+    except Exception as error:
+        return Solution(guess, np.nan, FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)

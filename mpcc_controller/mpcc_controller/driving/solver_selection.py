@@ -1,5 +1,7 @@
 """The solvers that the parameters select, and the time that each may take."""
 
+from dataclasses import replace
+
 from mpcc_controller.parameters import ControllerParams, Solver
 from node_runtime.parameters import ParameterError
 from stage_solver.solution import OneStep, SolverOptions, StageSolver
@@ -21,6 +23,12 @@ def first_solver_options(params: ControllerParams, limit_time: bool) -> SolverOp
         compiled=chosen.compiled,
         one_step=_one_step(chosen),
     )
+
+
+def candidate_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
+    """Return the options for candidates: those of the first solver, with their own iterations."""
+    options = first_solver_options(params, limit_time)
+    return replace(options, max_iterations=params.candidates.max_iterations, one_step=None)
 
 
 def make_second_solver(

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mpcc_controller.driving import candidates
+from mpcc_controller.driving.candidate_choice import Outcome
 from mpcc_controller.driving.fallback import BRAKING
-from mpcc_controller.driving.planner import Attempt
+from mpcc_controller.driving.planner import Attempt, Comparison
 from mpcc_controller.driving.tick import Arrival, TickRecord
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
@@ -128,8 +130,8 @@ def _arrival(arrival: Arrival | None) -> dict:
 
 
 def _solutions(attempt: Attempt) -> dict:
-    """Return status and times of the solvers; `solve_ms` is the time of both together."""
-    first, second = attempt.first, attempt.second
+    """Return status and times of the solvers; `solve_ms` is the time of all solves together."""
+    first, second, compared = attempt.first, attempt.second, attempt.candidates
     values = {
         'solver.warm': attempt.warm,
         **_solution('solver', first),
@@ -142,7 +144,42 @@ def _solutions(attempt: Attempt) -> dict:
         values['time.fallback_ms'] = 1e3 * second.solve_s
         values['time.solve_ms'] += values['time.fallback_ms']
         values['time.solve_cpu_ms'] += 1e3 * second.cpu_s
+    if compared is not None:
+        values |= _candidates(compared)
+        others = compared.solve_s - first.solve_s  # those in parallel, and waiting for them
+        values['time.solve_ms'] += 1e3 * others
+        cpu_s = sum(outcome.solution.cpu_s for outcome in compared.choice.outcomes)
+        values['time.solve_cpu_ms'] += 1e3 * (cpu_s - first.cpu_s)
     return values | {'plan.age': attempt.plan_age, 'plan.failures': attempt.failures}
+
+
+def _candidates(compared: Comparison) -> dict:
+    """Return the candidates of a tick, by their number, and the choice."""
+    choice = compared.choice
+    values = {
+        'candidates.count': len(choice.outcomes),
+        'candidates.chosen': choice.chosen,
+        'candidates.switched': choice.switched,
+    }
+    for number, outcome in enumerate(choice.outcomes):
+        values |= _candidate(f'candidates.{number}', outcome)
+    return values
+
+
+def _candidate(key: str, outcome: Outcome) -> dict:
+    solution = outcome.solution
+    values = {
+        f'{key}.name': outcome.name,
+        f'{key}.status': outcome.rejection or solution.status,
+        f'{key}.cost': solution.cost,
+        f'{key}.iterations': solution.iterations,
+        f'{key}.cpu_ms': 1e3 * solution.cpu_s,
+        f'{key}.clean': outcome.is_clean,
+        f'{key}.way': candidates.name_of(outcome.sides) or 'none',
+    }
+    if np.isfinite(outcome.least_gap):
+        values[f'{key}.v2o_least'] = outcome.least_gap
+    return values
 
 
 def _solution(name: str, solution: Solution) -> dict:

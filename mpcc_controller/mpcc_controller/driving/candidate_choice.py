@@ -1,0 +1,104 @@
+"""Which of the solved candidates is driven, with hysteresis, and which are kept. SI units."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving.candidates import BEHIND, Sides
+from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.parameters import Candidates
+from stage_solver.solution import Solution
+
+CONTACT_M = 0.0  # a plan whose circles come nearer than this touches
+OFF_ROAD_M = 0.05  # a circle at the CoG may be so far off the road: the constraint is soft
+
+
+class Outcome(NamedTuple):
+    """A solved candidate."""
+
+    name: str
+    problem: TickProblem
+    solution: Solution  # in the map
+    rejection: str  # why it must not be driven, '' if it may
+    sides: Sides  # on which the plan passes the dangerous obstacles
+    least_gap: float  # m, V2O to every obstacle over the horizon
+    off_road: float  # m, by which the slack lets the circle at the CoG leave the road
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the plan may be driven."""
+        return not self.rejection
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the plan may be driven, touches nothing and stays on the road."""
+        return self.is_usable and self.least_gap >= CONTACT_M and self.off_road <= OFF_ROAD_M
+
+
+class Choice(NamedTuple):
+    """The outcomes of a tick, and the one that is driven."""
+
+    outcomes: tuple[Outcome, ...]
+    chosen: int
+    switched: bool  # to a plan that passes an obstacle on another side
+
+    @property
+    def outcome(self) -> Outcome:
+        """The outcome that is driven."""
+        return self.outcomes[self.chosen]
+
+
+class CandidateChooser:
+    """Chooses the cheapest plan; another one than the followed must be cheaper by a share.
+
+    Plans that touch an obstacle or leave the road lose against those that do not. After a switch
+    the share is larger for some ticks. A followed plan that cannot be driven, or is not clean, is
+    left at once for one that is better.
+    """
+
+    def __init__(self, params: Candidates):
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget that there was a switch."""
+        self._hold = 0  # ticks left in which the larger share counts
+
+    def choose(self, outcomes: Sequence[Outcome], path_sides: Sides) -> Choice:
+        """Return the choice; the first outcome is that of the followed plan.
+
+        `path_sides` are the sides on which the coarse path passes obstacles. Without a usable
+        outcome the followed one is chosen.
+        """
+        self._hold, share = max(self._hold - 1, 0), self.params.switch_share
+        if self._hold:
+            share = self.params.hold_share
+        costs = [self._cost(outcome, path_sides) for outcome in outcomes]
+        order = [(not o.is_usable, not o.is_clean, cost) for o, cost in zip(outcomes, costs)]
+        best = min(range(len(outcomes)), key=order.__getitem__)
+        if order[best][:2] == order[0][:2] and not costs[best] < (1 - share) * costs[0]:
+            best = 0
+        switched = are_opposed(outcomes[0].sides, outcomes[best].sides)
+        if switched:
+            self._hold = self.params.hold_ticks
+        return Choice(tuple(outcomes), best, switched)
+
+    def _cost(self, outcome, path_sides) -> float:
+        """Return the cost, larger against the coarse path; inf if it is not a number."""
+        cost = outcome.solution.cost
+        if not np.isfinite(cost):
+            return np.inf
+        against = are_opposed(outcome.sides, path_sides)
+        return cost * (1 + self.params.path_share) if against else cost
+
+
+def are_opposed(one: Sides, other: Sides) -> bool:
+    """Return whether some obstacle is passed on the left by one and on the right by the other."""
+    return any(one.get(key, BEHIND) * side < 0 for key, side in other.items())
+
+
+def is_same_way(one: Sides, other: Sides) -> bool:
+    """Return whether every obstacle is passed on the same side, or by neither."""
+    keys = one.keys() | other.keys()
+    return all(one.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)

@@ -1,0 +1,153 @@
+"""The candidates of successive ticks: guesses of this one, plans kept for the next. SI units."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving import candidates, initial_guess
+from mpcc_controller.driving.candidate_choice import (
+    CandidateChooser,
+    Choice,
+    Outcome,
+    are_opposed,
+    is_same_way,
+)
+from mpcc_controller.driving.candidates import (
+    BEHIND,
+    BRAKE,
+    FOLLOWED,
+    Candidate,
+    Sides,
+    Surroundings,
+)
+from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.problem.stage_parameters import Scene
+from stage_solver.solution import Solution
+from stage_solver.stage_problem import Plan
+
+
+class Kept(NamedTuple):
+    """A solved plan that was not driven."""
+
+    name: str
+    sides: Sides
+    plan: Plan  # with its multipliers
+
+
+class CandidatePlans:
+    """Proposes the candidates of a tick, chooses among their solutions, keeps the others.
+
+    A plan that was solved in the last tick converges in a few iterations: the best of each way
+    around the obstacles is the guess of the next tick. A new guess that led nowhere new is tried
+    again after `candidates.retry_ticks`, or at once when the followed plan becomes useless.
+    """
+
+    def __init__(self, params: ControllerParams, car: Car, step: Callable):
+        """`step` is that of `single_track.step`: (x, u, car) -> the state one tick later."""
+        self.params, self.car, self.step = params, car, step
+        self.chooser = CandidateChooser(params.candidates)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the plans and switches of earlier ticks."""
+        self.chooser.reset()
+        self.around: Surroundings | None = None
+        self._kept: list[Kept] = []
+        self._waits: dict[str, int] = {}  # ticks until a name is tried again
+
+    def propose(self, x0: State, scene: Scene, guess: Plan) -> list[Candidate]:
+        """Return the candidates besides `guess`, the one of the followed plan; most wanted first.
+
+        There are none without danger.
+        """
+        kept = [k._replace(plan=self._shift(k.plan, x0)) for k in self._kept]
+        lines = [guess.X, *(k.plan.X for k in kept)]
+        around = candidates.surroundings(scene, x0, lines, self.car, self.params)
+        self.around, self._scene = around, scene
+        if around is None:
+            self._kept, self._waits = [], {}
+            return []
+        self._waits = {name: ticks - 1 for name, ticks in self._waits.items() if ticks > 1}
+        room = self.params.candidates.most - 1
+        followed = self.sides_of(guess)
+        found = self._around_sides(around, x0, followed, kept)
+        brake = self._braking(around, x0, guess, kept)
+        return found[: room - len(brake)] + brake
+
+    def sides_of(self, plan: Plan) -> Sides:
+        """Return the sides on which a plan passes the dangerous obstacles."""
+        if self.around is None:
+            return {}
+        obstacles = [hazard.obstacle for hazard in self.around.hazards]
+        return candidates.passed_sides(plan.X, self._scene, obstacles, self.params)
+
+    def judge(self, name: str, problem, solution: Solution, rejection: str) -> Outcome:
+        """Return the outcome of a solved candidate; its solution is in the map."""
+        if rejection or self.around is None:
+            return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
+        plan = solution.plan
+        gap = float(np.min(candidates.least_gaps(plan.X, self._scene, self.params)))
+        # the slack serves the least speed as well
+        too_slow = np.maximum(self.params.limits.least_speed_mps - plan.X[:-1, 3], 0)
+        off_road = float(np.max(plan.U[:, 3] - too_slow))
+        return Outcome(name, problem, solution, '', self.sides_of(plan), gap, off_road)
+
+    def choose(self, outcomes: list[Outcome]) -> Choice:
+        """Return which outcome is driven, the first being the followed plan; keep the others."""
+        hazards = self.around.hazards if self.around else ()
+        path_sides = {h.obstacle.id: h.path_side for h in hazards if h.path_side != BEHIND}
+        choice = self.chooser.choose(outcomes, path_sides)
+        self._keep(choice)
+        return choice
+
+    def _shift(self, plan, x0) -> Plan:
+        return initial_guess.shift_to(plan, self.step, self.car, x0)
+
+    def _around_sides(self, around, x0, followed, kept) -> list[Candidate]:
+        """Return candidates for the ways around the hazards that the followed plan does not go."""
+        found = []
+        for sides, shape in candidates.side_combinations(around, x0, self.params):
+            if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
+                continue
+            name = candidates.name_of(sides)
+            solved = [k.plan for k in kept if _agrees(k.sides, sides)]
+            if solved:
+                found.append(Candidate(name, solved[0]))
+            elif name not in self._waits:
+                guess = candidates.guess_along(around, shape, x0, self.car, self.params)
+                found.append(Candidate(name, guess))
+        return found
+
+    def _braking(self, around, x0, guess, kept) -> list[Candidate]:
+        solved = [k.plan for k in kept if k.name == BRAKE]
+        if solved:
+            return [Candidate(BRAKE, solved[0])]
+        if BRAKE in self._waits:
+            return []
+        plan = candidates.braking_guess(guess.X, around.straight, x0, self.car, self.params)
+        return [Candidate(BRAKE, plan)]
+
+    def _keep(self, choice):
+        """Keep the best plan of every way that is not the driven one; let the other names wait."""
+        driven, kept = choice.outcome, []
+        for outcome in sorted(choice.outcomes, key=lambda o: o.solution.cost):
+            is_driven = outcome is driven
+            is_new = outcome.is_usable and not any(
+                is_same_way(outcome.sides, other.sides) for other in (driven, *kept)
+            )
+            if is_new:
+                name = outcome.name if outcome.name == BRAKE else candidates.name_of(outcome.sides)
+                kept.append(Kept(name, outcome.sides, outcome.solution.plan))
+            elif not is_driven and outcome.name != FOLLOWED:
+                self._waits[outcome.name] = self.params.candidates.retry_ticks
+        self._kept = kept
+        if not driven.is_clean:
+            self._waits = {}
+
+
+def _agrees(sides: Sides, wanted: Sides) -> bool:
+    """Return whether a plan passes some obstacle as wanted, and none on the other side."""
+    passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
+    return passes and not are_opposed(sides, wanted)

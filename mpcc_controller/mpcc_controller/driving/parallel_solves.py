@@ -1,0 +1,52 @@
+"""Several solves at once, each thread with a solver of its own."""
+
+import os
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from stage_solver.solution import Solution, StageSolver
+
+PARALLEL = 'riccati'  # the solver that releases Python's lock and may run in threads
+
+
+class ParallelSolves:
+    """Runs jobs on solvers; which thread takes which job does not change its result.
+
+    The calling thread works too. On one core, and with solvers that hold Python's lock, it does
+    all of the work.
+    """
+
+    def __init__(self, make: Callable[[], StageSolver], most: int):
+        """Make one solver per thread with `make`; there are at most `most` jobs at once."""
+        first = make()
+        can_share = first.name == PARALLEL
+        threads = min(most, len(os.sched_getaffinity(0))) if can_share else 1
+        self.solvers = [first, *(make() for _ in range(threads - 1))]
+        self._pool: ThreadPoolExecutor | None = None
+
+    def run(
+        self, own: Callable[[], Any], jobs: Sequence[Callable[[StageSolver], Solution]]
+    ) -> tuple[Any, list[Solution]]:
+        """Return the result of `own`, called in this thread, and those of the jobs in order."""
+        waiting = deque(enumerate(jobs))
+        results: list[Solution] = [None] * len(jobs)
+
+        def work(solver):
+            while True:
+                try:
+                    index, job = waiting.popleft()
+                except IndexError:
+                    return
+                results[index] = job(solver)
+
+        helpers = self.solvers[1 : 1 + len(jobs)]
+        if helpers and self._pool is None:  # in the process that solves, not in one it forks from
+            self._pool = ThreadPoolExecutor(len(self.solvers) - 1, 'candidates')
+        running = [self._pool.submit(work, solver) for solver in helpers]
+        result = own()
+        work(self.solvers[0])
+        for future in running:
+            future.result()
+        return result, results
