@@ -62,6 +62,24 @@ class Tolerances:
     slack_m: Annotated[float, Range(1e-3, 1e3, 'm outside the road, m/s below the least speed')]
     # left out: the term is not in the problem
     lateral_jerk_mps3: Annotated[float, Range(1e-1, 1e6, 'm/s^3')] | None
+    # of the excess over the shares of `Envelope`; left out: likewise
+    front_slip_excess_rad: Annotated[float, Range(1e-4, 1e3, 'rad')] | None
+    rear_slip_excess_rad: Annotated[float, Range(1e-4, 1e3, 'rad')] | None
+    yaw_rate_excess_radps: Annotated[float, Range(1e-4, 1e3, 'rad/s')] | None
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Where the soft limits of stable handling begin, as shares; 1 where left out.
+
+    A limit is in the problem where `Tolerances` has its tolerance.
+    """
+
+    front_slip: Annotated[float, Range(0.1, 2.0, 'share of the slip of full sliding')] | None
+    rear_slip: Annotated[float, Range(0.1, 2.0, 'share of the slip of full sliding')] | None
+    yaw_rate: (
+        Annotated[float, Range(0.1, 2.0, 'share of the yaw rate that the friction keeps')] | None
+    )
 
 
 @dataclass(frozen=True)
@@ -214,6 +232,7 @@ class ControllerParams:
     model: Model
     body: Body
     tolerances: Tolerances
+    envelope: Envelope
     priorities: Priorities
     safety: SafetyDistances
     limits: Limits

@@ -133,12 +133,37 @@ def slips(x, car):
     Below `v_slip` the speed in the denominator is bounded smoothly: RK2 at 50 ms is unstable on the
     tyre dynamics near 5 m/s, and an iterate of the solver may have any speed.
     """
-    faster = x.vx - car.v_slip
-    v = car.v_slip + (faster + ca.sqrt(faster**2 + SLIP_SPEED_ROUNDING)) / 2
+    v = _bounded_speed(x, car)
     return Axles(
         f=ca.tan(ca.atan((x.vy + car.l_f * x.r) / v) - x.delta),
         r=(x.vy - car.l_r * x.r) / v,
     )
+
+
+def _bounded_speed(x, car):
+    faster = x.vx - car.v_slip
+    return car.v_slip + (faster + ca.sqrt(faster**2 + SLIP_SPEED_ROUNDING)) / 2
+
+
+def sliding_slips(car: Car) -> Axles:
+    """Return the slip angle [rad] per axle at which the tyre slides fully, Fx = 0.
+
+    There the lateral force of the Fiala tyre is the friction: tan(alpha) = 3 mu Fz / C.
+    """
+    Fz = loads(0.0, car)
+    return Axles(
+        f=ca.atan(3 * car.mu_f * Fz.f / car.C_f),
+        r=ca.atan(3 * car.mu_r * Fz.r / car.C_r),
+    )
+
+
+def greatest_yaw_rate(x, car: Car):
+    """Return the yaw rate [rad/s] that the friction of both axles keeps steady, mu g / vx.
+
+    The speed is bounded as in `slips`.
+    """
+    Fz = loads(0.0, car)
+    return (car.mu_f * Fz.f + car.mu_r * Fz.r) / (car.m * _bounded_speed(x, car))
 
 
 def tyre_forces(x, u, car):

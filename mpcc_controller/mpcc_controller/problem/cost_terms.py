@@ -43,6 +43,7 @@ class CostTerm(NamedTuple):
     of_input: bool = False  # depends on the input; absent at the last stage
     switch: str = ''  # parameter of `formulation`; false sets the weight to 0
     optional: bool = False  # not in the paper; left out of the problem when it is off
+    limit: str = ''  # parameter of `envelope` beyond which there is an error
 
 
 def periodic_square(angle):
@@ -59,6 +60,25 @@ def intrusions(distances, D_sft, priority):
     return sum(priorities.intrusion(D, D_sft, priority) for circles in distances for D in circles)
 
 
+def excess(value, limit):
+    """Return how far |value| is beyond a limit, 0 within it."""
+    return ca.fmax(ca.fabs(value) - limit, 0)
+
+
+def _front_slip_excess(q: StageQuantities):
+    alpha = ca.atan(single_track.slips(q.x, q.p.car).f)
+    return excess(alpha, q.p.envelope.front_slip * single_track.sliding_slips(q.p.car).f)
+
+
+def _rear_slip_excess(q: StageQuantities):
+    alpha = ca.atan(single_track.slips(q.x, q.p.car).r)
+    return excess(alpha, q.p.envelope.rear_slip * single_track.sliding_slips(q.p.car).r)
+
+
+def _yaw_rate_excess(q: StageQuantities):
+    return excess(q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car))
+
+
 def _brake_split_error(q: StageQuantities):
     return (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2
 
@@ -67,6 +87,32 @@ VELOCITY = CostTerm('vel', 'tolerances.velocity_mps', lambda q: (q.x.vx - q.p.v_
 DISTANCES = (
     CostTerm('v2o', 'priorities.obstacle', lambda q: intrusions(q.v2o, q.p.D_sft.o, q.priority)),
     CostTerm('v2e', 'priorities.edge', lambda q: intrusions(q.v2e, q.p.D_sft.e, q.priority)),
+)
+# Soft limits of stable handling: Bobier-Tiu & Gerdes, "Staying within the nullcline boundary for
+# vehicle envelope control using a sliding surface", VSD 2013; Brown, Funke, Erlien & Gerdes, "Safe
+# driving envelopes for path tracking in autonomous vehicles", CEP 2017
+ENVELOPE = (
+    CostTerm(
+        'front_slip',
+        'tolerances.front_slip_excess_rad',
+        lambda q: _front_slip_excess(q) ** 2,
+        optional=True,
+        limit='front_slip',
+    ),
+    CostTerm(
+        'rear_slip',
+        'tolerances.rear_slip_excess_rad',
+        lambda q: _rear_slip_excess(q) ** 2,
+        optional=True,
+        limit='rear_slip',
+    ),
+    CostTerm(
+        'yaw_rate',
+        'tolerances.yaw_rate_excess_radps',
+        lambda q: _yaw_rate_excess(q) ** 2,
+        optional=True,
+        limit='yaw_rate',
+    ),
 )
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, of_input=True),
@@ -94,6 +140,7 @@ MPCC = (
         optional=True,
     ),
     *DISTANCES,
+    *ENVELOPE,
     *INPUTS,
 )
 # the baseline, in path coordinates
@@ -102,6 +149,7 @@ FRENET = (
     CostTerm('dpsi', 'tolerances.heading_rad', lambda q: q.heading_error**2, switch='heading'),
     VELOCITY,
     *DISTANCES,
+    *ENVELOPE,
     *INPUTS,
 )
 
@@ -137,6 +185,18 @@ def weights_type(terms: Sequence[CostTerm]) -> type:
 def weights(terms: Sequence[CostTerm], params: ControllerParams):
     """Return the weights of terms that are `in_use`, as `weights_type`."""
     return weights_type(terms)(*(_weight(term, params) for term in terms))
+
+
+def limits_type(terms: Sequence[CostTerm]) -> type:
+    """Return the NamedTuple of the limits of terms, by the names in `parameters.Envelope`."""
+    return namedtuple('Limits', [term.limit for term in terms if term.limit])
+
+
+def limits(terms: Sequence[CostTerm], params: ControllerParams):
+    """Return the limits of terms that are `in_use`, as `limits_type`; 1 where none is given."""
+    kind = limits_type(terms)
+    given = (getattr(params.envelope, name) for name in kind._fields)
+    return kind(*(1.0 if share is None else share for share in given))
 
 
 def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> dict[str, Any]:

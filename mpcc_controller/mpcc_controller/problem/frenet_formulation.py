@@ -58,6 +58,7 @@ class FrenetStage(NamedTuple):
     weights: Any  # of the cost terms, by name
     D_sft: SafetyDistance
     body: VehicleCircles
+    envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
     kappa: Any  # 1/m, mean curvature of the path over the step, left positive
     v_ref: Any  # m/s
     edges: FrenetEdges

@@ -40,6 +40,7 @@ class Stage(NamedTuple):
     weights: Any  # of the cost terms, by name
     D_sft: SafetyDistance
     body: VehicleCircles
+    envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
     path: Arc
     v_ref: Any  # m/s
     centre: Arc  # of the road, along the distance of the path

@@ -65,12 +65,13 @@ class SymbolicOcp(NamedTuple):
 
 def common_template(circles: int, terms: Sequence[CostTerm]) -> dict[str, Any]:
     """Return the stage parameters that every formulation has, by name, without meaning."""
-    kind = cost_terms.weights_type(terms)
+    kind, limits = cost_terms.weights_type(terms), cost_terms.limits_type(terms)
     return {
         'car': Car(*Car._fields),
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
         'body': VehicleCircles('radius', ('offset',) * circles),
+        'envelope': limits(*limits._fields),
     }
 
 

@@ -22,7 +22,7 @@ from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 
-CONSTANTS = ('car', 'weights', 'D_sft', 'body')  # the first fields of the stages
+CONSTANTS = ('car', 'weights', 'D_sft', 'body', 'envelope')  # the first fields of the stages
 
 
 class Scene(NamedTuple):
@@ -79,6 +79,7 @@ def constant_parameters(
         cost_terms.weights(terms, params),
         SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
         VehicleCircles(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
+        cost_terms.limits(terms, params),
     )
     return dict(zip(CONSTANTS, values, strict=True))
 

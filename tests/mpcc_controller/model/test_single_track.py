@@ -215,3 +215,36 @@ def test_lateral_jerk_is_the_slope_of_the_lateral_acceleration(car, x, d_delta, 
     slope = (lateral_acceleration(ahead) - lateral_acceleration(behind)) / (2 * h)
     jerk = float(single_track.lateral_jerk(x, u, car))
     assert jerk == pytest.approx(slope, rel=1e-4, abs=1e-2)
+
+
+@pytest.mark.parametrize('axle', ['f', 'r'])
+def test_an_axle_just_slides_at_the_sliding_slip(car, axle):
+    plain = car._replace(tyre_switch=1.0)
+    Fz = getattr(single_track.loads(0.0, plain), axle)
+    friction = getattr(plain, f'mu_{axle}') * Fz
+
+    def force(alpha):
+        lever, sign = (plain.l_f, 1) if axle == 'f' else (plain.l_r, -1)
+        # a yaw rate alone gives the slip; the body does not slip sideways
+        r = sign * 20.0 * math.tan(alpha) / lever
+        x = State(0, 0, 0, 20.0, 0, r, 0, 0, 0)
+        return abs(
+            float(getattr(single_track.tyre_forces(x, Input(0, 0, 0.5, 0), plain), f'F_y{axle}'))
+        )
+
+    alpha = float(getattr(single_track.sliding_slips(plain), axle))
+    assert force(1.001 * alpha) == pytest.approx(friction, rel=1e-3)
+    assert force(2.0 * alpha) == pytest.approx(friction, rel=1e-3)
+    # at half of the slip 1 - (1 - 1/2)^3 of it, at small angles
+    assert force(alpha / 2) == pytest.approx(0.875 * friction, rel=0.01)
+
+
+@quick
+@given(st.floats(8, 40))
+def test_at_the_greatest_yaw_rate_a_steady_turn_takes_all_friction(car, vx):
+    x = State(0, 0, 0, vx, 0, 0, 0, 0, 0)
+    Fz = single_track.loads(0.0, car)
+    force = car.mu_f * Fz.f + car.mu_r * Fz.r
+    r = float(single_track.greatest_yaw_rate(x, car))
+    # 1 % for the rounding of the speed at 8 m/s
+    assert car.m * r * vx == pytest.approx(force, rel=0.01)

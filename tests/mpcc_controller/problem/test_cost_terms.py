@@ -1,16 +1,21 @@
 """Exchangeable terms of the MPCC's cost: what each changes, and what it leaves unchanged."""
 
+import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import FORMULATIONS
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene
+from node_runtime import named_vector
 
 D_SFT = 0.5
 N, DT = 50, 0.05
@@ -125,6 +130,84 @@ def test_a_term_whose_tolerance_is_left_out_is_not_in_the_problem(world, vehicle
         return {term.name for term in symbolic.terms}
 
     assert names(tolerances__lateral_jerk_mps3=50.0) - names() == {'jerk'}
+
+
+ENVELOPE = {
+    'front_slip': 'front_slip_excess_rad',
+    'rear_slip': 'rear_slip_excess_rad',
+    'yaw_rate': 'yaw_rate_excess_radps',
+}
+
+
+@pytest.mark.parametrize(('term', 'tolerance'), ENVELOPE.items())
+def test_a_soft_limit_is_in_the_problem_where_its_tolerance_is(world, vehicle, term, tolerance):
+    def symbolic(**changes):
+        params, _ = world.load(**changes)
+        return formulation.make(params, stage_parameters.car(params, vehicle)).ocp
+
+    paper, limited = symbolic(), symbolic(**{f'tolerances__{tolerance}': 0.01})
+    assert {t.name for t in limited.terms} - {t.name for t in paper.terms} == {term}
+    assert limited.template.envelope._fields == (term,)
+    assert paper.template.envelope == ()
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    st.floats(8, 40),
+    st.floats(-10, 10),
+    st.floats(-1.5, 1.5),
+    st.floats(-0.45, 0.45),
+    st.floats(0.3, 1.5),
+)
+def test_a_soft_limit_costs_the_square_of_what_is_beyond_it(limited, vx, vy, r, delta, share):
+    car, squared = limited
+    x = State(0.0, 0.0, 0.0, vx, vy, r, 0.0, delta, 0.0)
+    g, wheelbase = 9.81, car.l_f + car.l_r
+    front_load, rear_load = (car.m * g * arm / wheelbase for arm in (car.l_r, car.l_f))
+    front = abs(np.arctan2(vy + car.l_f * r, vx) - delta)
+    rear = abs(np.arctan2(vy - car.l_r * r, vx))
+    grip = (car.mu_f * front_load + car.mu_r * rear_load) / car.m
+    expected = {
+        'front_slip': front - share * np.arctan(3 * car.mu_f * front_load / car.C_f),
+        'rear_slip': rear - share * np.arctan(3 * car.mu_r * rear_load / car.C_r),
+        'yaw_rate': abs(r) - share * grip / vx,
+    }
+    found = squared(x, share)
+    for name, beyond in expected.items():
+        # the controller rounds the speed at its least value: 1 % at 8 m/s
+        assert np.sqrt(found[name]) == pytest.approx(max(beyond, 0.0), rel=0.02, abs=5e-3), name
+
+
+@pytest.fixture(scope='module')
+def limited(world, vehicle):
+    """Return the car and (state, share) -> squared errors of the three soft limits by name."""
+    params, _ = world.load(**{f'tolerances__{name}': 0.01 for name in ENVELOPE.values()})
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    flat, x, _, p = ocp.symbols(form.ocp)
+    errors = form.ocp.errors(x, None, p)
+    function = ca.Function('errors', [flat[0], flat[2]], [errors[name] for name in ENVELOPE])
+    names = named_vector.names(form.ocp.template)
+
+    def squared(state, share):
+        values = dict.fromkeys(names, 1.0)
+        values |= {f'car.{name}': value for name, value in form.car._asdict().items()}
+        values |= {f'envelope.{name}': share for name in ENVELOPE}
+        return dict(zip(ENVELOPE, map(float, function(state, list(values.values())))))
+
+    return form.car, squared
+
+
+def test_with_a_soft_limit_a_lane_change_keeps_the_rear_axle_below_it(world, vehicle):
+    def peak_slip(**changes):
+        controller = Controller(*world.load(**changes))
+        run = world.drive(world.set_inputs(controller, world.lane_change(v=22.0)), 90)
+        x = run.states
+        return np.abs(np.arctan2(x.vy - controller.car.l_r * x.r, x.vx)).max(), controller.car
+
+    paper, car = peak_slip()
+    limit = 0.35 * float(single_track.sliding_slips(car).r)
+    limited, _ = peak_slip(tolerances__rear_slip_excess_rad=0.01, envelope__rear_slip=0.35)
+    assert limited < limit + 0.01 < paper
 
 
 def test_the_lateral_jerk_term_makes_a_lane_change_smoother(world):
