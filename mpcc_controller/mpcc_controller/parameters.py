@@ -161,13 +161,36 @@ class FrictionEstimate:
     lowest: Annotated[float, Range(0.05, 1.5, '-, the lowest friction that is believed')] | None
     # the friction that is believed is exceeded with a probability of 1 - quantile
     quantile: Annotated[float, Range(0.001, 0.999, '-')] | None
-    doubt: Annotated[float, Range(1e-6, 0.999, '-, probability of another friction')] | None
+    # before there is evidence: mostly a little less than `model.friction`, perhaps anything
+    spread: Annotated[float, Range(1e-3, 1.0, '-, friction over which it is e times rarer')] | None
+    doubt: Annotated[float, Range(1e-6, 0.999, '-, probability of any friction alike')] | None
     memory_s: Annotated[float, Range(0.1, 1e3, 's, evidence fades by 1/e')] | None
     # what the model predicts wrongly over a tick, and what is measured wrongly
     speed_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
     lateral_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
     yaw_rate_noise_radps: Annotated[float, Range(1e-4, 10.0, 'rad/s, standard deviation')] | None
     actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
+
+
+@dataclass(frozen=True)
+class MeasurementErrors:
+    """Errors that the controller adds to what it receives, a test option; left out: none."""
+
+    seed: Annotated[int, Range(0, 2**31 - 1, '-, of noise and dropouts; left out: 0')] | None
+    ahead_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
+    left_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
+    yaw_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None
+    speed_error: Annotated[float, Range(-0.5, 0.5, 'share of the speed')] | None
+    sideslip_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None
+    position_noise_m: Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')] | None
+    yaw_noise_rad: Annotated[float, Range(0.0, 0.5, 'rad, standard deviation')] | None
+    speed_noise_mps: Annotated[float, Range(0.0, 5.0, 'm/s, standard deviation')] | None
+    lateral_speed_noise_mps: Annotated[float, Range(0.0, 5.0, 'm/s, standard deviation')] | None
+    yaw_rate_noise_radps: Annotated[float, Range(0.0, 1.0, 'rad/s, standard deviation')] | None
+    obstacle_range_m: Annotated[float, Range(0.1, 1e4, 'm, farther ones are not seen')] | None
+    obstacle_noise_m: Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')] | None
+    obstacle_dropout: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
+    obstacle_dropout_s: Annotated[float, Range(0.01, 10.0, 's, each; left out: 0.05')] | None
 
 
 @dataclass(frozen=True)
@@ -241,6 +264,7 @@ class ControllerParams:
     candidates: Candidates
     delay: Delay
     friction_estimate: FrictionEstimate
+    measurement_errors: MeasurementErrors
     ages: Ages
     warm_up: Warming
     fallback: Fallback

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from msgs_yaml.types import Command
 from node_runtime import named_vector
-from vehicle_plant import integrator
+from node_runtime.parameters import load
+from vehicle_plant import integrator, parameters
 from vehicle_plant.actuators import DelayLine, SetPointRamp
+from vehicle_plant.car import add_delay
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import START_NS, Simulator
 from vehicle_plant.state import SetPoints, State, join_trajectories
@@ -204,3 +206,34 @@ def test_delay_is_a_shift_of_samples_however_they_are_cut(delays, pieces):
 def test_default_car_has_no_delay(params):
     car = params.car
     assert (car.steering.delay_ms, car.force.front.delay_ms, car.force.rear.delay_ms) == (0, 0, 0)
+
+
+def test_a_delay_of_commands_shifts_every_actuator_by_exactly_as_much(params):
+    late_ms, steps = 37, 400
+    tracks = []
+    for delay_ms in (0, late_ms):
+        plant = replace(params, car=add_delay(params.car, delay_ms))
+        car = Simulator(plant, 1.0, Start(0.0, 0.0, 0.0, 20.0))
+        car.command(Command(car.stamp_ns, 0.05, 0.0, -3000.0, -2000.0))
+        tracks.append(car.advance(None, steps).actuator_columns())
+    prompt, late = tracks
+    for now, later in zip(prompt[1:5], late[1:5]):
+        assert np.array_equal(later[late_ms:], now[:-late_ms])
+        assert np.all(later[:late_ms] == 0.0)
+        assert np.any(now)
+
+
+def test_the_parameter_of_the_node_delays_all_servos_beside_their_own():
+    node = node_parameters(command_delay_ms=40)
+    node = replace(node, car=replace(node.car, steering=replace(node.car.steering, delay_ms=5)))
+    car = parameters.plant_params(node).car
+    assert (car.steering.delay_ms, car.force.front.delay_ms, car.force.rear.delay_ms) == (
+        45,
+        40,
+        40,
+    )
+
+
+def node_parameters(**changes):
+    path = parameters.config_file(parameters.DEFAULT_CAR)
+    return replace(load(parameters.NodeParams, path), **changes)

@@ -3,7 +3,7 @@
 `actuator_limits` is the summary of the actuators for a controller.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 from node_runtime.parameters import Range
@@ -176,6 +176,16 @@ class PlantParams:
 
     car: Car
     tyre: TyreCoefficients
+
+
+def add_delay(car: Car, delay_ms: int) -> Car:
+    """Return the car with a later response of every servo to its set-points."""
+
+    def delayed(servo):
+        return replace(servo, delay_ms=servo.delay_ms + delay_ms)
+
+    force = replace(car.force, front=delayed(car.force.front), rear=delayed(car.force.rear))
+    return replace(car, steering=delayed(car.steering), force=force)
 
 
 class ActuatorLimits(NamedTuple):

@@ -10,7 +10,7 @@ from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameters import Choice, ParameterError, Range
 from vehicle_plant import tyre_property_file
-from vehicle_plant.car import Car, PlantParams
+from vehicle_plant.car import Car, PlantParams, add_delay
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
@@ -59,6 +59,8 @@ class NodeParams:
     friction: Annotated[float, parameters.ROAD_FRICTION]
     patches: FrictionPatchParams
     tyre_set: str
+    # left out: 0. Beside the delay of each servo
+    command_delay_ms: Annotated[int, Range(0, 200, 'ms, from a command to the servos')] | None
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
     command_age_s: Annotated[float, Range(0.05, 1.0, 's')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
@@ -92,11 +94,12 @@ def _tyre(path):
 
 
 def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
-    """Return the car with the tyre that it names.
+    """Return the car with the tyre that it names; the delay of commands is in that of its servos.
 
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
-    return PlantParams(node.car, _tyre(_find('tyre_set', node.tyre_set, TYRE_KEY, sources)))
+    tyre = _tyre(_find('tyre_set', node.tyre_set, TYRE_KEY, sources))
+    return PlantParams(add_delay(node.car, node.command_delay_ms or 0), tyre)
 
 
 def load(path: Path | None = None) -> PlantParams:

@@ -164,7 +164,10 @@ class Problem:
         return replace(self, tick_problem=problem)
 
     def _make_planner(self, params, vehicle):
-        return Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
+        planner = Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
+        if params.friction_estimate.on:  # what was believed in this tick
+            planner.believe(min(self.planner.friction, params.model.friction))
+        return planner
 
     def _to_local(self, plan):
         return self.planner.formulation.to_local(plan, self.tick_problem.scene.path)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mpcc_controller.driving import braking, friction_estimate, setpoints
+from mpcc_controller.driving import braking, friction_estimate, measurement_errors, setpoints
 from mpcc_controller.driving.braking import LookaheadPoint
 from mpcc_controller.driving.delay_compensation import (
     LatencyEstimator,
@@ -19,7 +19,7 @@ from mpcc_controller.driving.delay_compensation import (
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
 from mpcc_controller.driving.planner import Planner
-from mpcc_controller.driving.tick import TickInputs, TickRecord
+from mpcc_controller.driving.tick import TickInputs, TickRecord, unknown_state
 from mpcc_controller.driving.tick_report import TickReporter
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -65,7 +65,7 @@ class Controller:
         self.clock = clock
         self.planner = Planner(params, vehicle, limit_time, clock)
         self.params = params = self.planner.params  # with the limits of the car
-        self.car = self._nominal_car = self.planner.car
+        self.car = self.planner.car
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
         )
@@ -75,6 +75,7 @@ class Controller:
         self.friction = friction_estimate.make(params, self.car)
         self.reporter = TickReporter(params, self.planner.formulation, self.planner.evaluator)
         self.scene = Scene(None, None, None)
+        self._true_state = unknown_state(NEVER_NS)  # answered last
         self._prepared_s: float | None = None  # computing time of the last `prepare`
         self._start_from(Command(NEVER_NS, 0.0, 0.0, 0.0, 0.0))
 
@@ -113,7 +114,8 @@ class Controller:
     def step(self, inputs: TickInputs) -> TickRecord:
         """Return the command that answers a state, with everything that led to it."""
         began = self.clock()
-        x, step_s = inputs.state, self.params.model.step_s
+        x = measurement_errors.measured_state(inputs.state, self.params.measurement_errors)
+        step_s = self.params.model.step_s
         effective_ns = inputs.effective_ns
         if effective_ns is None:
             effective_ns = self._effective_ns(x, inputs.age_s)
@@ -122,7 +124,8 @@ class Controller:
         # without a delay of commands the states between two effects are under the last ramp alone
         acting = self.ramps if self._command_ns else self.ramps[-1:]
         state = self.predictor.predict(x, acting, effective_ns)
-        scene = stage_parameters.scene_at(self.scene, effective_ns)
+        self._true_state = inputs.state
+        scene = self._scene_at(x.stamp_ns, effective_ns)
         decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
         line = None
         if decision.plan is None:
@@ -172,7 +175,7 @@ class Controller:
             return 0.0
         began = self.clock()
         next_ns = conversions.add_seconds(self.active_ramp.begin_ns, self.params.model.step_s)
-        self.planner.prepare(stage_parameters.scene_at(self.scene, next_ns))
+        self.planner.prepare(self._scene_at(next_ns, next_ns))
         self._prepared_s = self.clock() - began
         return self._prepared_s
 
@@ -199,6 +202,16 @@ class Controller:
         """The set-points of the last command over time."""
         return self.ramps[-1]
 
+    def _scene_at(self, seen_ns: int, stamp_ns: int) -> Scene:
+        """Return the scene as seen at an instant, with its obstacles moved to another."""
+        scene, errors = self.scene, self.params.measurement_errors
+        if scene.obstacles is not None:
+            seen = measurement_errors.measured_obstacles(
+                scene.obstacles, self._true_state, seen_ns, errors
+            )
+            scene = scene._replace(obstacles=seen)
+        return stage_parameters.scene_at(scene, stamp_ns)
+
     def _start_from(self, command: Command) -> None:
         self.last_command = command
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
@@ -211,8 +224,8 @@ class Controller:
         if self.friction is None:
             return None
         belief = self.friction.update(x, self.ramps)
-        self.car = stage_parameters.with_friction(self._nominal_car, belief.friction, self.params)
-        self.planner.set_car(self.car)
+        self.planner.believe(belief.friction)
+        self.car = self.planner.car
         return belief
 
     def _send(self, command, now, effective_ns):

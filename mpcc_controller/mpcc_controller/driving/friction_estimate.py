@@ -59,8 +59,8 @@ class FrictionEstimator:
         count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, count)
         self._predict = _bank(car, tuple(self.grid / highest))
-        prior = np.full(count, params.doubt / count)
-        prior[-1] += 1 - params.doubt
+        likely = np.exp((self.grid - highest) / params.spread)
+        prior = params.doubt / count + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
         noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
         self._noise = np.array(noise)[:, None]

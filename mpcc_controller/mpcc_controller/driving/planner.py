@@ -65,7 +65,8 @@ class Planner:
     ):
         """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
         self.params = params = car_file.limit_to_car(params, vehicle)
-        self.car = stage_parameters.car(params, vehicle)
+        self.car = self._nominal_car = stage_parameters.car(params, vehicle)
+        self.friction = params.model.friction  # believed, that of `car`
         self.limit_time = limit_time
         self.clock = clock
         self.formulation = formulation.make(params, self.car)
@@ -98,10 +99,13 @@ class Planner:
         if self.alternatives:
             self.alternatives.reset()
 
-    def set_car(self, car: Car) -> None:
-        """Plan with another car from now on: one on a road of another friction."""
-        self.car = car
-        self.formulation.set_car(car)
+    def believe(self, friction: float) -> None:
+        """Plan for a road of another friction than `model.friction` from now on."""
+        self.friction = friction
+        self.car = stage_parameters.with_friction(self._nominal_car, friction, self.params)
+        self.formulation.set_car(self.car)
+        if self.alternatives:
+            self.alternatives.car = self.car
 
     def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
         """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from msgs_yaml.types import Actuators, Obstacle, Obstacles
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model.single_track import State
+from msgs_yaml.types import Actuators, Command, Obstacle, Obstacles, VehicleState
 
 TICK, MS = 50_000_000, 1_000_000
 
@@ -28,6 +30,27 @@ def test_in_lockstep_there_is_no_delay(controller, world):
     _, prediction, why = world.tick(controller, world.rolling(X=10.0, stamp_ns=TICK), age_s=0.1)
     assert why.values['time.lead_ms'] == 0
     assert (prediction.X[0], prediction.stamp_ns) == (10.0, TICK)
+
+
+@pytest.mark.parametrize('ticks', [1, 2])
+def test_late_commands_are_compensated_for_in_lockstep_too(world, ticks):
+    """The plan starts at the state that the car reaches under the commands on their way."""
+    late = Controller(*world.load(delay__command_s=ticks * 0.05))
+    world.set_inputs(late, world.lane_change())
+    advance = world.make_car(late.car)
+    x, expected = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 40.0, 0.0, 0.0), {}
+    arriving = [Command(0, 0.0, 0.0, 0.0, 0.0)] * ticks
+    for k in range(1, 30):
+        command, prediction, why = world.tick(late, VehicleState(k * TICK, *x[:6]))
+        assert why.values['time.lead_ms'] == pytest.approx(50 * ticks)
+        assert prediction.stamp_ns == (k + ticks) * TICK
+        expected[k + ticks] = prediction.X[0], prediction.Y[0], prediction.psi[0]
+        if k in expected:
+            assert expected[k] == pytest.approx((x.X, x.Y, x.psi), abs=2e-3)
+        arriving = [*arriving, command]
+        x = advance(x, arriving.pop(0))
+    assert x.Y > 1.0  # it has changed lanes, so that steering mattered
+    assert not late.gate.rejections
 
 
 def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):

@@ -17,6 +17,7 @@ from mpcc_controller.problem import (
     stage_parameters,
 )
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 from stage_solver.stage_problem import Plan
 
@@ -205,3 +206,22 @@ def test_dynamics_are_independent_of_where_the_map_begins(problem, numbers, seed
     here = problem.dynamics(plan.X[3], plan.U[3], given_numbers.P[3]).full().ravel()
     there = problem.dynamics(plan.X[3] + far, plan.U[3], given_numbers.P[3]).full().ravel()
     assert there == pytest.approx(here + far, abs=1e-9)
+
+
+@pytest.mark.parametrize('name', ['mpcc', 'frenet'])
+def test_a_mover_is_given_more_room_the_later_the_stage(world, scene, name):
+    """Exactly growth times time; what stands, and stage 0, stay as they are."""
+    moving, standing = Obstacle(1, 60.0, 0.0, 1.0, 3.0, 0.0), Obstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
+    scene = scene._replace(obstacles=Obstacles(0, (moving, standing)))
+    radii = []
+    for growth in (None, 0.4):
+        params, vehicle = world.load(name, safety__growth_mps=growth)
+        form = formulation.make(params, stage_parameters.car(params, vehicle))
+        x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
+        plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+        P = form.stage_parameters(scene, plan.X).P
+        names = ocp.build(form.ocp, N, DT).parameters
+        radii.append([P[:, names.index(f'obstacles.{i}.r_obs')] for i in (0, 1)])
+    (moving_as_is, standing_as_is), (grown, unchanged) = radii
+    assert grown - moving_as_is == pytest.approx(0.4 * DT * np.arange(N + 1))
+    assert np.array_equal(standing_as_is, unchanged)
