@@ -27,6 +27,9 @@ from mpcc_controller.problem.stage_parameters import Scene
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
+SURPRISE_M = 0.1  # by which V2O of the followed plan shrinks from one tick to the next
+BRAKING_SHARE = 0.25
+
 
 class Kept(NamedTuple):
     """A solved plan that was not driven."""
@@ -54,8 +57,11 @@ class CandidatePlans:
         """Forget the plans and switches of earlier ticks."""
         self.chooser.reset()
         self.around: Surroundings | None = None
+        self._scene: Scene | None = None
         self._kept: list[Kept] = []
         self._waits: dict[str, int] = {}  # ticks until a name is tried again
+        self._cost = np.inf  # of the followed plan in the last tick
+        self._gap = np.inf  # m, its least V2O
 
     def propose(self, x0: State, scene: Scene, guess: Plan) -> list[Candidate]:
         """Return the candidates besides `guess`, the one of the followed plan; most wanted first.
@@ -69,6 +75,10 @@ class CandidatePlans:
         if around is None:
             self._kept, self._waits = [], {}
             return []
+        # the last stage is new: nothing was planned there
+        now = np.min(candidates.least_gaps(guess.X[:-1], scene, self.params))
+        if now < self._gap - SURPRISE_M:
+            self._cost, self._waits = np.inf, {}
         self._waits = {name: ticks - 1 for name, ticks in self._waits.items() if ticks > 1}
         room = self.params.candidates.most - 1
         followed = self.sides_of(guess)
@@ -102,6 +112,13 @@ class CandidatePlans:
         self._keep(choice)
         return choice
 
+    def follow(self, plan: Plan | None, cost: float) -> None:
+        """Remember what the followed plan costs; None if none is followed."""
+        self._cost, self._gap = np.inf, np.inf
+        if plan is not None and self._scene.obstacles.items:
+            self._gap = float(np.min(candidates.least_gaps(plan.X, self._scene, self.params)))
+            self._cost = cost
+
     def _shift(self, plan, x0) -> Plan:
         return initial_guess.shift_to(plan, self.step, self.car, x0)
 
@@ -109,6 +126,8 @@ class CandidatePlans:
         """Return candidates for the ways around the hazards that the followed plan does not go."""
         found = []
         for sides, shape in candidates.side_combinations(around, x0, self.params):
+            if shape.least_cost > self._cost:
+                continue
             if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
                 continue
             name = candidates.name_of(sides)
@@ -126,7 +145,10 @@ class CandidatePlans:
             return [Candidate(BRAKE, solved[0])]
         if BRAKE in self._waits:
             return []
-        plan = candidates.braking_guess(guess.X, around.straight, x0, self.car, self.params)
+        plan = candidates.braking_guess(guess.X, x0, self.car, self.params)
+        # the cheapest braking plan brakes less hard
+        if BRAKING_SHARE * candidates.braking_cost(plan, around, self.params) > self._cost:
+            return []
         return [Candidate(BRAKE, plan)]
 
     def _keep(self, choice):

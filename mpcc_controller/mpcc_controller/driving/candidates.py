@@ -25,6 +25,7 @@ LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
 FOLLOWED, BRAKE = 'followed', 'brake'
 MOST_SIDES = 3  # obstacles whose sides are combined, the first ones that the car meets
 LEAST_TIME_S = 0.3  # to move aside: below it the guess would be no help
+SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
 RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
 # peak acceleration of the quintic from rest to rest over a length d in the time T: d / T^2 times
 QUINTIC_PEAK = 10 / math.sqrt(3)
@@ -42,7 +43,7 @@ class Candidate(NamedTuple):
 
 
 class Hazard(NamedTuple):
-    """A dangerous obstacle beside the path, as a car at constant speed meets it."""
+    """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
 
     obstacle: Obstacle
     enter: float  # s, from then on it is beside the car
@@ -59,13 +60,16 @@ class Profile(NamedTuple):
     leave: list[float]  # s
     offset: list[float]  # m, left of the path
     acceleration: float  # m/s^2, the largest lateral one of the way there
+    least_cost: float  # of the contouring error that no such plan avoids
 
 
 class Surroundings(NamedTuple):
     """What all guesses of one tick share."""
 
-    straight: Plan  # along the path at constant speed
-    arcs: Arc  # of the path at its stages
+    straight: np.ndarray  # (N + 1, 9) planned states along the path, towards its speed
+    arcs: Arc  # of the path at these stages
+    vx: np.ndarray  # (N + 1,) m/s there
+    v_ref: np.ndarray  # (N + 1,) m/s, desired there
     right: np.ndarray  # (N + 1,) m left of the path: how far right the road allows the CoG
     left: np.ndarray  # (N + 1,) m, how far left
     hazards: tuple[Hazard, ...]  # in the order in which the car meets them
@@ -79,21 +83,25 @@ def surroundings(
     An obstacle is dangerous where its distance along the path or along one of `lines`, planned
     states (N + 1, 9), is less than the safety distance and `candidates.danger_m`.
     """
-    model = params.model
     if not scene.obstacles.items:
         return None
-    straight = initial_guess.guess_from_path(scene.path, x0, car, model.horizon, model.step_s)
+    vx = _speeds(scene, x0, car, params)
+    theta = x0.theta + _travelled(vx, params.model.step_s)
+    arcs, v_ref = reference_path.arcs_at(scene.path, theta)
+    zeros = np.zeros_like(theta)
+    fade = np.linspace(1, 0, len(theta)) * (_left_of(arcs, x0.X, x0.Y)[0])
+    X, Y = arcs.X - fade * np.sin(arcs.psi), arcs.Y + fade * np.cos(arcs.psi)
+    straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
-    gaps = np.min([least_gaps(X, scene, params) for X in (straight.X, *lines)], axis=0)
+    gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
     dangerous = [o for o, gap in zip(scene.obstacles.items, gaps) if gap < limit]
     if not dangerous:
         return None
-    arcs, _ = reference_path.arcs_at(scene.path, straight.X[:, THETA])
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = _left_of(arcs, track.centre.X, track.centre.Y)
     room = np.maximum(track.half_width - params.body.circle_radius_m, 0)
     hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
-    return Surroundings(straight, arcs, centre - room, centre + room, tuple(hazards))
+    return Surroundings(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 
 
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
@@ -158,6 +166,7 @@ def profile(
     """Return the offsets that pass `hazards` on the `chosen` sides; None where no car fits."""
     dt, last = params.model.step_s, len(around.left) - 1
     enter, leave, offset, low, high = [], [], [], [], []
+    least_cost = 0.0
     for hazard, side in zip(hazards, chosen):
         first, final = round(hazard.enter / dt), min(round(hazard.leave / dt), last)
         right = float(np.max(around.right[first : final + 1]))
@@ -173,6 +182,9 @@ def profile(
             target = min(wished, 0.0)
         if right > left:
             return None
+        needed = max(right, -left, 0.0)  # right <= e <= left
+        stages = final - first + 1
+        least_cost = max(least_cost, stages * (needed / params.tolerances.contouring_m) ** 2)
         if enter and hazard.enter < leave[-1]:  # both are beside the car at once
             right, left = max(right, low[-1]), min(left, high[-1])
             if right > left:
@@ -193,13 +205,13 @@ def profile(
         T = max(begin - t, LEAST_TIME_S)
         acceleration = max(acceleration, QUINTIC_PEAK * abs(target - e - rate * T / 2) / T**2)
         t, e, rate = end, target, 0.0
-    return Profile(enter, leave, offset, acceleration)
+    return Profile(enter, leave, offset, acceleration, least_cost)
 
 
 def guess_along(
     around: Surroundings, shape: Profile, x0: State, car: Car, params: ControllerParams
 ) -> Plan:
-    """Return the guess that takes the offsets of a profile at the present speed.
+    """Return the guess that takes the offsets of a profile on the way to the desired speed.
 
     Quintics lead from offset to offset and back to the path. Heading, yaw rate, sideslip and
     steering angle are those of steady cornering along the line, within the friction.
@@ -220,13 +232,12 @@ def guess_along(
     arcs = around.arcs
     X = arcs.X - e * np.sin(arcs.psi)
     Y = arcs.Y + e * np.cos(arcs.psi)
-    course = arcs.psi + np.arctan2(np.gradient(e, t), x0.vx * (1 - arcs.kappa * e))
-    return _steady_plan(X, Y, course, np.full(len(t), x0.vx), around.straight, x0, car, params)
+    along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
+    course = arcs.psi + np.arctan2(np.gradient(e, t), along)
+    return _steady_plan(X, Y, course, around.vx, arcs.theta, x0, car, params)
 
 
-def braking_guess(
-    line: np.ndarray, straight: Plan, x0: State, car: Car, params: ControllerParams
-) -> Plan:
+def braking_guess(line: np.ndarray, x0: State, car: Car, params: ControllerParams) -> Plan:
     """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
 
     It brakes with the usable friction that the curvature of the line leaves; below
@@ -238,13 +249,13 @@ def braking_guess(
     deceleration = math.sqrt(available**2 - lateral**2)
     floor = min(params.limits.least_speed_mps, x0.vx)
     vx = np.maximum(x0.vx - deceleration * t, floor)
-    travelled = np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * params.model.step_s)))
+    travelled = _travelled(vx, params.model.step_s)
     along = line[:, THETA] - line[0, THETA]
     along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
     beyond = np.maximum(travelled - along[-1], 0)
     X, Y, psi = (np.interp(travelled, along, line[:, i]) for i in range(3))
     X, Y = X + beyond * np.cos(psi), Y + beyond * np.sin(psi)
-    return _steady_plan(X, Y, psi, vx, straight, x0, car, params, theta=x0.theta + travelled)
+    return _steady_plan(X, Y, psi, vx, x0.theta + travelled, x0, car, params)
 
 
 def name_of(sides: Sides) -> str:
@@ -252,8 +263,28 @@ def name_of(sides: Sides) -> str:
     return ', '.join(f'{WORDS[side]} of {key}' for key, side in sides.items())
 
 
+def braking_cost(guess: Plan, around: Surroundings, params: ControllerParams) -> float:
+    """Return the cost of the speed that a braking guess loses; no braking plan costs much less."""
+    vx = guess.X[:, 3]
+    lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)
+    return float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+
+
+def _speeds(scene, x0, car, params) -> np.ndarray:
+    """Return the speeds (N + 1,) [m/s] of a car that takes up the desired speed from below."""
+    t = params.model.step_s * np.arange(params.model.horizon + 1)
+    _, v_ref = reference_path.arcs_at(scene.path, np.array([x0.theta]))
+    drive = params.limits.drive_n / car.m
+    return np.minimum(x0.vx + drive * t, max(float(v_ref[0]), x0.vx))
+
+
+def _travelled(vx, dt) -> np.ndarray:
+    """Return the distances (N + 1,) [m] travelled at the speeds of the stages."""
+    return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
+
+
 def _hazard(obstacle, arcs, params) -> Hazard:
-    """Return where a car at constant speed along the path meets an obstacle."""
+    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle."""
     dt = params.model.step_s
     oX, oY = _positions((obstacle,), len(arcs.X), dt)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
@@ -306,16 +337,17 @@ def _quintic(tau, start, slope, end):
     return start + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
 
 
-def _steady_plan(X, Y, course, vx, straight, x0, car, params, theta=None) -> Plan:
+def _steady_plan(X, Y, course, vx, theta, x0, car, params) -> Plan:
     """Return the plan of steady cornering along a line of positions and courses."""
     dt = params.model.step_s
+    Fx = np.clip(car.m * np.gradient(vx, dt), -params.limits.brake_n, params.limits.drive_n)
+    vx = np.maximum(vx, SLOW)
     available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
     r = np.clip(np.gradient(course, dt), -available / vx, available / vx)
     wheelbase, ay = car.l_f + car.l_r, vx * r
     slip_f = car.m * ay * car.l_r / wheelbase / car.C_f
     slip_r = car.m * ay * car.l_f / wheelbase / car.C_r
     vy = car.l_r * r - vx * slip_r
-    Fx = np.clip(car.m * np.gradient(vx, dt), -params.limits.brake_n, params.limits.drive_n)
     delta = wheelbase * r / vx + slip_f - slip_r
     states = State(
         X=X,
@@ -324,7 +356,7 @@ def _steady_plan(X, Y, course, vx, straight, x0, car, params, theta=None) -> Pla
         vx=vx,
         vy=vy,
         r=r,
-        theta=straight.X[:, THETA] if theta is None else theta,
+        theta=theta,
         delta=np.clip(delta, -params.limits.steer_rad, params.limits.steer_rad),
         Fx=Fx,
     )

@@ -159,6 +159,9 @@ class Planner:
         else:
             first, second = self.solve(problem)
         self.last_problem = problem
+        if self.alternatives:
+            usable = not fallback.rejection_reason(first, self.params.fallback)
+            self.alternatives.follow(first.plan if usable else None, first.cost)
         decision = self.fallback.decide(first, second, shifted)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
