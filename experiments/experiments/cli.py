@@ -5,7 +5,17 @@ from collections.abc import Sequence
 
 from bags import command_line
 
-COMMANDS = ('run', 'batch', 'replay-check', 'resolve', 'golden', 'tune', 'study', 'paper')
+COMMANDS = (
+    'run',
+    'batch',
+    'library',
+    'replay-check',
+    'resolve',
+    'golden',
+    'tune',
+    'study',
+    'paper',
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

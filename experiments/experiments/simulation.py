@@ -62,15 +62,26 @@ def prepare(
     scenario's desired speed by a constant. Raises BagError for unusable input, and for a setting of
     the plant that has no effect in process.
     """
+    return prepare_scenario(
+        inputs.load_scenario(scenario_name, speed_mps), controller, settings, scenario_name
+    )
+
+
+def prepare_scenario(
+    scn: Scenario,
+    controller: str,
+    settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
+    source: str = '',
+) -> Setup:
+    """Return the setup of a loaded scenario, as `prepare`; `source` is its file, for errors."""
     for name in settings.get('plant', ()):
         if name not in PLANT_SETTINGS and not name.startswith(PLANT_SETTING_GROUP):
             allowed = f'{", ".join(PLANT_SETTINGS)} and {PLANT_SETTING_GROUP}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
-    scn = inputs.load_scenario(scenario_name, speed_mps)
     unused = Path()
     nodes = node_config.build_nodes(
-        inputs.scenario_facts(scn, scenario_name), chosen, 'lockstep', unused, unused, settings
+        inputs.scenario_facts(scn, source or scn.name), chosen, 'lockstep', unused, unused, settings
     )
     checked = inputs.check_parameters(nodes)
     params, vehicle = checked['controller']

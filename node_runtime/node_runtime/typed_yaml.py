@@ -8,9 +8,10 @@
     parse_value(Square, item)
 
 A field is a number with its `Range`, a text with its `Pattern`, a `Literal`, another dataclass, a
-list `tuple[X, ...]`, a pair `tuple[X, Y]`, or a union of dataclasses, which is resolved by their
-first field. A field with a default may be left out. Every error names file, line, dotted key, and
-what is allowed. Flat parameters of nodes, which may also come from ROS, are those of `parameters`.
+list `tuple[X, ...]`, a pair `tuple[X, Y]`, a union of dataclasses, which is resolved by their first
+field, or a class that reads the node itself, by its class method `from_item(item)`. A field with a
+default may be left out. Every error names file, line, dotted key, and what is allowed. Flat
+parameters of nodes, which may also come from ROS, are those of `parameters`.
 """
 
 import dataclasses
@@ -64,6 +65,8 @@ def parse_value(hint, item: Item):
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if dataclasses.is_dataclass(hint):
         return _parse_block(hint, item)
+    if hasattr(hint, 'from_item'):
+        return hint.from_item(item)
     if origin in (types.UnionType, typing.Union):
         return _parse_block(_select_alternative(arguments, item), item)
     if origin is tuple:

@@ -14,6 +14,7 @@ from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import typed_yaml
 from scenario_publisher import actors, lines, plausibility, road_geometry, scenario_file, schema
 from scenario_publisher.actors import Actor
+from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum
@@ -76,6 +77,7 @@ class Scenario(NamedTuple):
     actors: tuple[Actor, ...]  # obstacles over time
     patches: Patches = Patches()  # areas of another friction
     speeds: tuple[GivenSpeed, ...] = ()  # that of the start, if given, then the desired ones
+    expect: Expectations = NOTHING_EXPECTED  # of a run
 
     def __repr__(self) -> str:
         return f'Scenario({self.name!r}, {len(self.reference.X)} poses, {len(self.actors)} actors)'
@@ -152,6 +154,7 @@ def _build(file, text):
         actors=crowd,
         patches=build_patches(file.friction_patches, road.centre),
         speeds=_given_speeds(file),
+        expect=file.expect,
     )
     return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))
 

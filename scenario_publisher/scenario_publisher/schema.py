@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from node_runtime import parameters
 from node_runtime.parameters import Range
 from node_runtime.typed_yaml import Pattern
+from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 
 # coordinates and speeds: the ranges of topics.yaml
 Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
@@ -271,3 +272,4 @@ class File:
     obstacles: tuple[MapObstacle | RoadObstacle | WaypointObstacle, ...]
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()
+    expect: Expectations = NOTHING_EXPECTED

@@ -24,7 +24,7 @@ SECTIONS = {
 }
 # blocks with a section of their own, or told apart inside one
 OWN = (schema.Line, schema.Edge, schema.ConstantSpeed | schema.SpeedTable)
-OWN += (schema.StartOnPath | schema.StartPose,)
+OWN += (schema.StartOnPath | schema.StartPose, schema.Expectations)
 
 
 def rows(title):

@@ -100,6 +100,8 @@ class Facts(NamedTuple):
     stop: tuple[float, float]  # m, a point of the finish line
     armed_after: float  # m, travelled before the finish line counts
     least_speed: float | None = None  # m/s, below which the controller only brakes
+    # m, x and y of each wheel from the centre of gravity; empty where the tracks are unknown
+    wheels: tuple[tuple[float, float], ...] = ()
 
 
 class Drive(NamedTuple):
@@ -231,11 +233,25 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
             stop=(plant['stop.x_m'], plant['stop.y_m']),
             armed_after=plant['stop.armed_after_m'],
             least_speed=controller.get('limits.least_speed_mps'),
+            wheels=_wheels(plant),
         )
     except KeyError as missing:
         raise BagError(
             f'{name}: the run does not say {missing}; was it recorded by hand?'
         ) from None
+
+
+def _wheels(plant):
+    """Return x, y [m] of each wheel from the centre of gravity, nothing where they are unknown."""
+    axles = (('front', 1.0), ('rear', -1.0))
+    tracks = [plant.get(f'car.suspension.{axle}.track_m') for axle, _ in axles]
+    if None in tracks:
+        return ()
+    return tuple(
+        (sign * plant[f'car.body.cog_to_{axle}_m'], side * track / 2)
+        for (axle, sign), track in zip(axles, tracks)
+        for side in (1.0, -1.0)
+    )
 
 
 def drop_nonfinite(drive: Drive) -> Drive:

@@ -41,10 +41,13 @@ class Batch(NamedTuple):
 def run_and_compare(batch: Batch, console: Console) -> int:
     """Run the controllers and compare their bags; return 0 when every run was completed.
 
-    A car that crosses the finish line beside the road has not completed the run. Raises BagError
-    for a scenario, controller, setting or folder that cannot be used, before any node starts, and
-    Interrupted, which names the bags kept, after a signal. No process is left behind in any case.
+    A car that crosses the finish line beside the road has not completed the run. Where the scenario
+    expects something (`expect:`), that decides instead: 0 when every run meets all of it. Raises
+    BagError for a scenario, controller, setting or folder that cannot be used, before any node
+    starts, and Interrupted, which names the bags kept, after a signal. No process is left behind in
+    any case.
     """
+    expect = _expectations(batch.scenario)
     folder, outcomes = run_controllers(batch, console)
     bags = _kept_bags(outcomes)
     completed = [outcome.completed for outcome in outcomes]
@@ -59,9 +62,37 @@ def run_and_compare(batch: Batch, console: Console) -> int:
             raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
         show_comparison(compared, console)
         runs = compared.values['runs']
-        completed += [run['completed'] for run in runs.values()]
         _show_disagreement(outcomes, runs, console)
+        if expect:
+            # instead of completion: a run that is to end in a stop never completes
+            is_met = _meet_expectations(expect, runs, console)
+            return 0 if is_met and len(runs) == len(outcomes) else 1
+        completed += [run['completed'] for run in runs.values()]
     return 0 if all(completed) else 1
+
+
+def _expectations(scenario_name):
+    """Return what a scenario expects of a run. Raises BagError for a metric that does not exist."""
+    expect = inputs.load_scenario(scenario_name).expect
+    if expect:
+        # imported late: it loads the metrics
+        from experiments import pass_criteria
+
+        pass_criteria.check_names(expect, scenario_name)
+    return expect
+
+
+def _meet_expectations(expect, runs, console):
+    """Show what the scenario expects beside what was measured; return whether all is met."""
+    from experiments import pass_criteria
+
+    judged = [
+        (controller, outcome)
+        for controller, metrics in runs.items()
+        for outcome in pass_criteria.judge(expect, metrics)
+    ]
+    console.print(pass_criteria.build_table(judged))
+    return all(outcome.is_met for _, outcome in judged)
 
 
 @cache

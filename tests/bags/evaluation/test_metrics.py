@@ -15,7 +15,8 @@ MS = 1_000_000
 START_NS = 1_000_000_000
 KEYS = """verdict completed finish_at_m collided collided_by left_road left_road_at_m beyond_edge_m
     lost lost_how lost_at_m entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
-    min_v2e_per_edge_m min_outline_gap_m overshoots peak_brake_mps2 peak_sideslip_deg
+    min_v2e_per_edge_m min_outline_gap_m finished stopped wheel_off_road_m survived lost_by
+    overshoots peak_brake_mps2 peak_sideslip_deg
     peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 rms_lat_jerk_mps3 peak_lat_acc_share
     peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""

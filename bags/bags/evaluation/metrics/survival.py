@@ -1,0 +1,102 @@
+"""Whether a car came through: the judge of emergencies, where braking to a stop counts, too.
+
+Survived: the true outline touched no obstacle, no wheel was further off the road than a shoulder
+takes, the car never slid beyond recovery, and it crossed the finish line or stands.
+"""
+
+import numpy as np
+
+from bags.evaluation import geometry
+from bags.evaluation.metrics.outcome import (
+    INSIDE,
+    OUTLINE_STEP_S,
+    SLIDING_DEG,
+    STANDING_MPS,
+    finish_at_m,
+)
+from bags.evaluation.metrics.registry import metric
+
+SHOULDER_M = 0.5  # how far a wheel may leave the road
+SLIDING_FROM_MPS = 5.0  # below it a car that slides comes to rest within its length
+
+
+@metric()
+def finished(run):
+    """Whether the centre of gravity passed the finish line, on the road or beside it."""
+    finish, station = run.value(finish_at_m), run.series.station
+    return bool(station[0] < finish <= station.max())
+
+
+@metric()
+def stopped(run):
+    """Whether the car stands at the end: slower than 0.5 m/s."""
+    return bool(run.series.speed[-1] < STANDING_MPS)
+
+
+@metric()
+def wheel_off_road_m(run):
+    """How far the farthest wheel ever was beyond an edge; 0 on the road, None if unknown.
+
+    Of the middle of its contact patch, every 10 ms; unknown where the track widths are.
+    """
+    if not run.drive.facts.wheels:
+        return None
+    _, beyond = run.value(_wheels_beyond_edge)
+    return max(0.0, float(beyond.max()))
+
+
+@metric()
+def survived(run):
+    """Whether nothing touched, no wheel was over 0.5 m off the road, no slide, and it ended well.
+
+    No slide: the sideslip angle stayed below 30 deg above 5 m/s. Ended well: finished or stopped.
+    None where the position of the wheels is unknown.
+    """
+    return None if not run.drive.facts.wheels else run.value(lost_by) is None
+
+
+@metric()
+def lost_by(run):
+    """Why the car did not survive: what happened first; None if it did, or if unknown.
+
+    `touched obstacle <id>`, `left the road`, `slid`, or `neither finished nor stopped`.
+    """
+    if not run.drive.facts.wheels:
+        return None
+    series = run.series
+    events = [
+        (_first_time(series.t, gap < 0.0), f'touched obstacle {number}')
+        for number, gap in series.outline_gaps.items()
+    ]
+    rows, beyond = run.value(_wheels_beyond_edge)
+    events.append((_first_time(series.t[rows], beyond > SHOULDER_M), 'left the road'))
+    slides = np.degrees(np.abs(series.sideslip)) > SLIDING_DEG
+    events.append((_first_time(series.t, slides & (series.speed > SLIDING_FROM_MPS)), 'slid'))
+    first, cause = min(events)
+    if np.isfinite(first):
+        return cause
+    ended_well = run.value(finished) or run.value(stopped)
+    return None if ended_well else 'neither finished nor stopped'
+
+
+def _first_time(t, happens):
+    """Return the first time [s] at which something happens, infinity for never."""
+    return float(t[np.argmax(happens)]) if np.any(happens) else np.inf
+
+
+def _wheels_beyond_edge(run):
+    """Return indices (n,) of odometry messages and how far [m] a wheel is beyond an edge then.
+
+    That of the farthest wheel; negative on the road.
+    """
+    motion, t = run.drive.motion, run.series.t
+    sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
+    rows = np.unique(np.append(sampled, len(t) - 1))
+    wheels = np.array(run.drive.facts.wheels)
+    points = geometry.transform_to_map(wheels, motion.x[rows], motion.y[rows], motion.yaw[rows])
+    flat = points.reshape(-1, 2)
+    beyond = [
+        -INSIDE[side] * geometry.offset_from_line(flat, edge)
+        for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right))
+    ]
+    return rows, np.max(beyond, axis=0).reshape(len(rows), -1).max(axis=1)

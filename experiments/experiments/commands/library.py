@@ -1,0 +1,143 @@
+"""Drive controllers through families of emergencies, and say which cars survived.
+
+A family is a kind of emergency (`--list`); draw INDEX of it under SEED is always the same scenario.
+Survived: the outline touched nothing, no wheel was over 0.5 m off the road, the sideslip angle
+stayed below 30 deg above 5 m/s, and the car finished or stands. Prints the share per family and
+controller with Wilson's interval of 95 %, and the cause of every loss.
+
+The table is DIR/results.parquet, one row per drive. Finished drives are kept in DIR/drives.jsonl:
+the same command continues what was interrupted, and drives only what is missing.
+
+exit code: 0 when every drive has a result, every expectation of the entries is met, and every
+family reaches --at-least; 1 otherwise, and for unusable input; 130 after Ctrl-C.
+"""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.commands import add_jobs, add_list, positive_count, positive_number
+
+HELP = 'drive families of emergencies; who survived, with intervals and causes'
+EXAMPLE = (
+    'experiments library --family pop_up --draws 20 --controller mpcc --controller mpcc_road '
+    '--out /tmp/library'
+)
+DRAWS, SEED, LIMIT_S = 100, 1000, 300.0
+DIFFICULTIES = ('nominal', 'hard')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments library`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument('--list', action='store_true', help='print the families and the entries')
+    what.add_argument(
+        '--draw', metavar='FAMILY:INDEX', help='write one draw as a scenario file to --out FILE'
+    )
+    what.add_argument(
+        '--entries',
+        action='store_true',
+        help='drive the scenarios with `expect:` in their file, and check what they expect',
+    )
+    what.add_argument(
+        '--draw-entries',
+        action='store_true',
+        help='draw a picture of each scenario with `expect:` into --out DIR',
+    )
+    add_list(parser, '--family', 'a family', 'all of them', metavar='F')
+    add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
+    parser.add_argument(
+        '--draws',
+        type=positive_count,
+        default=DRAWS,
+        metavar='N',
+        help=f'draws per family (default: {DRAWS})',
+    )
+    parser.add_argument(
+        '--first', type=_count, default=0, metavar='INDEX', help='the first draw (default: 0)'
+    )
+    parser.add_argument(
+        '--seed',
+        type=_count,
+        default=SEED,
+        metavar='S',
+        help=f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})',
+    )
+    parser.add_argument(
+        '--difficulty', choices=DIFFICULTIES, default='nominal', help='(default: nominal)'
+    )
+    text = 'a name in mpcc_controller/config, or a YAML file'
+    add_list(parser, '--controller', text, 'mpcc_road', metavar='C')
+    text = 'set a parameter of plant or controller'
+    add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
+    parser.add_argument('--out', type=Path, metavar='PATH', help='receives table and records')
+    add_jobs(parser, 'the table')
+    parser.add_argument(
+        '--limit-s',
+        type=positive_number,
+        default=LIMIT_S,
+        metavar='S',
+        help=f'wall time after which a drive counts as failed (default: {LIMIT_S:g})',
+    )
+    parser.add_argument(
+        '--at-least',
+        type=_share,
+        metavar='SHARE',
+        help='exit code 1 when a family survives less, 0 to 1',
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run what is asked; 0 when all is well. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
+    from experiments.library import catalogue
+
+    console = Console()
+    if options.list:
+        return catalogue.show(console)
+    if options.out is None:
+        raise BagError('--out is missing: the folder, or the file of --draw, that is written')
+    if options.draw:
+        return catalogue.write_draw(
+            options.draw, options.seed, options.difficulty, options.out, console
+        )
+    if options.draw_entries:
+        return catalogue.draw_entries(options.out, console)
+
+    from experiments.library import run_library
+
+    families, entries = catalogue.choose(options.family, options.entries, options.entry)
+    return run_library.run(
+        run_library.Request(
+            families,
+            entries,
+            options.draws,
+            options.first,
+            options.seed,
+            options.difficulty,
+            options.controller or ['mpcc_road'],
+            options.settings,
+            options.out,
+            options.jobs,
+            options.limit_s,
+            options.at_least,
+        ),
+        console,
+    )
+
+
+def _count(text):
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
+    return value
+
+
+def _share(text):
+    value = float(text)
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f'must be from 0 to 1, is {text}')
+    return value

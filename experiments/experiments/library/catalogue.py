@@ -1,0 +1,82 @@
+"""What the library has: its families and entries, listed, chosen, written as files and drawn."""
+
+import inspect
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bags.command_line import print_text
+from bags.errors import BagError
+from experiments.library import library_drive
+from msgs_yaml.strict_yaml import closest
+from scenario_publisher import scenario
+from scenario_publisher.families import draw
+
+
+def show(console: Console) -> int:
+    """Print families and entries; return exit code 0."""
+    families = {
+        name: inspect.getdoc(family).split('.')[0].removeprefix('Return ').split(': ')[0]
+        for name, family in draw.FAMILIES.items()
+    }
+    entries = {name: scenario.load(name).description for name in library_drive.entries()}
+    for title, members in (('family', families), ('entry', entries)):
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        table.add_column(title, no_wrap=True)
+        table.add_column('')
+        for name, text in members.items():
+            table.add_row(name, ' '.join(text.split()))
+        console.print(table)
+    return 0
+
+
+def choose(
+    families: Sequence[str], with_entries: bool, entries: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """Return the families and the entries to be driven: all of a kind where none is named.
+
+    Raises BagError for an unknown one, and for names of the kind that is not driven.
+    """
+    if with_entries and families:
+        raise BagError('--family: --entries drives no family; leave one of both out')
+    if entries and not with_entries:
+        raise BagError('--entry: goes with --entries')
+    if with_entries:
+        return [], _known('--entry', entries, library_drive.entries())
+    return _known('--family', families, list(draw.FAMILIES)), []
+
+
+def _known(option, chosen, available):
+    for name in chosen:
+        if name not in available:
+            hint = closest(name, available)
+            raise BagError(f'{option}: no {name!r}; there are {", ".join(available)}{hint}')
+    return list(dict.fromkeys(chosen)) or list(available)
+
+
+def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Console) -> int:
+    """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw."""
+    family, index = library_drive.parse_draw(which)
+    one = draw.draw(family, seed, index, difficulty)
+    settings = ' '.join(
+        f'--set {role}.{name}={value}'
+        for role, values in one.settings.items()
+        for name, value in values.items()
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    how = f'# drive it with: experiments run {path} {settings}\n' if settings else ''
+    path.write_text(how + one.text)
+    print_text(console, f'{path}' + (f'; drive it with {settings}' if settings else ''))
+    return 0
+
+
+def draw_entries(folder: Path, console: Console) -> int:
+    """Draw a picture of each entry into a folder; return exit code 0."""
+    from experiments.library import drawing
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in library_drive.entries():
+        print_text(console, str(drawing.draw_scenario(scenario.load(name), folder / f'{name}.svg')))
+    return 0

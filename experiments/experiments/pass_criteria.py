@@ -1,0 +1,65 @@
+"""What a scenario expects of a run (`expect:`) against the metrics of that run."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rich.table import Table
+from rich.text import Text
+
+from bags.errors import BagError
+from bags.evaluation.metrics import METRICS
+from experiments.batch.simulate import flatten
+from msgs_yaml.strict_yaml import closest
+from scenario_publisher.expectations import Expectation, Expectations
+
+
+class Outcome(NamedTuple):
+    """One expectation and what was measured."""
+
+    expectation: Expectation
+    measured: bool | float | None
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the measured value is as expected."""
+        return self.expectation.is_met_by(self.measured)
+
+
+def check_names(expect: Expectations, source: str) -> None:
+    """Raise BagError for an expectation of a metric that does not exist."""
+    for expectation in expect:
+        name = expectation.metric.partition('.')[0]
+        if name not in METRICS:
+            hint = closest(name, METRICS)
+            raise BagError(
+                f'{source}: expect.{expectation.metric}: no such metric{hint}; '
+                '`bags compare --list-metrics` lists them'
+            )
+
+
+def judge(expect: Expectations, metrics: Mapping[str, Any]) -> list[Outcome]:
+    """Return every expectation with its measured value; `metrics` may be nested or flat.
+
+    A metric that the run does not have is None: it meets nothing.
+    """
+    flat = flatten(dict(metrics))
+    return [Outcome(expectation, flat.get(expectation.metric)) for expectation in expect]
+
+
+def build_table(outcomes: Sequence[tuple[str, Outcome]]) -> Table:
+    """Return a table of (name of the run, outcome)."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ('run', 'expected', '', 'measured', ''):
+        table.add_column(column, overflow='fold')
+    for run, outcome in outcomes:
+        expectation = outcome.expectation
+        verdict = Text('as expected', 'green') if outcome.is_met else Text('NOT MET', 'bold red')
+        row = (run, expectation.metric, expectation.describe(), _shown(outcome.measured))
+        table.add_row(*row, verdict)
+    return table
+
+
+def _shown(value):
+    if value is None:
+        return '–'
+    return {True: 'yes', False: 'no'}[value] if isinstance(value, bool) else f'{value:.3g}'
