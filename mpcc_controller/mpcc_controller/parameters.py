@@ -218,6 +218,8 @@ class Fallback:
     failures_to_cold_start: Annotated[int, Range(1, 100, 'failed solves in a row')]
     max_guide_age: Annotated[int, Range(0, 50, 'ticks, to steer along the plan while braking')]
     max_state_age_s: Annotated[float, Range(1e-3, 10.0, 's, the gate rejects older commands')]
+    # counter-steer a car that slides without a plan; left out: false, it is braked
+    recovery: bool | None
 
 
 @dataclass(frozen=True)

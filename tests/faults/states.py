@@ -136,7 +136,8 @@ def _state_at(now_ns, car, report_ns, levels, plant_lives):
         return 'stopped'
     last = np.searchsorted(report_ns, now_ns, side='right') - 1
     level = levels[last] if last >= 0 and now_ns - report_ns[last] <= MAX_REPORT_AGE_NS else None
-    if level == 'braking' or (plant_lives and _deceleration(car, sample) > BRAKING_MPS2):
+    brakes = plant_lives and _deceleration(car, sample) > BRAKING_MPS2
+    if level in ('recovery', 'braking') or brakes:
         return 'braking'
     return 'OK' if level in PLANNED else 'degraded'
 

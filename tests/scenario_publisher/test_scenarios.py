@@ -62,7 +62,7 @@ def test_double_lane_change_has_the_lengths_of_iso_3888_1():
 def test_double_lane_change_starts_at_its_desired_speed_and_holds_it():
     speed = np.hypot(np.diff(DLC.reference.X), np.diff(DLC.reference.Y)) / np.diff(DLC.reference.t)
     assert speed == pytest.approx(np.full(len(speed), 20.8), rel=1e-4)
-    assert DLC.start == (0.0, 0.0, 0.0, 20.8)
+    assert DLC.start == (0.0, 0.0, 0.0, 20.8, 0.0, 0.0)
 
 
 def test_coarse_path_passes_both_obstacles_dangerously_close_on_opposite_sides():

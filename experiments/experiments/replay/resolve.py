@@ -179,7 +179,7 @@ def _verdict(answer):
     reasons, why = [*answer.tick.gaps], answer.tick.why.values
     if why.get('gate', 'passed') != 'passed':
         reasons.append('the gate turned it back')
-    if why.get('rung') in ('shifted', 'braking'):
+    if why.get('rung') in ('shifted', 'recovery', 'braking'):
         reasons.append('the plan of this tick was not followed')
     if answer.chain:
         reasons.append(f'{answer.chain} ticks before it are answered differently')

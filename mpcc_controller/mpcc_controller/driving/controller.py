@@ -8,7 +8,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mpcc_controller.driving import braking, friction_estimate, measurement_errors, setpoints
+from mpcc_controller.driving import (
+    braking,
+    friction_estimate,
+    measurement_errors,
+    recovery,
+    setpoints,
+)
 from mpcc_controller.driving.braking import LookaheadPoint
 from mpcc_controller.driving.delay_compensation import (
     LatencyEstimator,
@@ -16,6 +22,7 @@ from mpcc_controller.driving.delay_compensation import (
     StatePredictor,
     constant_ramp,
 )
+from mpcc_controller.driving.fallback import RECOVERY
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
 from mpcc_controller.driving.planner import Planner
@@ -129,7 +136,7 @@ class Controller:
         decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
         line = None
         if decision.plan is None:
-            command, line = self._brake(state, now, scene, x.stamp_ns)
+            command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
         else:
             target = setpoints.target_of_plan(decision.plan, self.car, self.params.limits)
             command = setpoints.command_to(target, now, self.car, step_s, x.stamp_ns)
@@ -138,8 +145,8 @@ class Controller:
         if checked.reason:
             self.planner.discard_plan()
             if decision.plan is not None and checked.reason not in UNTIMELY:
-                decision = self.planner.brake(REJECTED)
-                command, line = self._brake(state, now, scene, x.stamp_ns)
+                decision = self.planner.brake(REJECTED, self._is_sliding(state))
+                command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
                 checked = self.gate.check_substitute(command, self.last_command, age_s, checked)
         self._send(checked.command, now, effective_ns)
         computing_s = self.clock() - began
@@ -252,13 +259,14 @@ class Controller:
         if reason == NOT_FINITE:
             return self.planner.continue_plan(reason), None, None
         if reason == STATE_STALE or self.missing():
-            return self.planner.brake(reason), None, None
+            sliding = reason != STATE_STALE and self._is_sliding(x)
+            return self.planner.brake(reason, sliding), None, None
         x0 = self.planner.initial_state(x, now, scene)
         if not reason and x0.theta > scene.path.length:
             reason = 'path_ended'
         if reason:
-            return self.planner.brake(reason), x0, None
-        decision, attempt = self.planner.plan(x0, scene)
+            return self.planner.brake(reason, self._is_sliding(x)), x0, None
+        decision, attempt = self.planner.plan(x0, scene, self._is_sliding(x))
         return decision, x0, attempt
 
     def _obstruction(self, x, fault) -> str:
@@ -274,9 +282,15 @@ class Controller:
             return f'no_{self.missing()[0]}'
         return fault or (TOO_SLOW if self._is_too_slow else '')
 
-    def _brake(self, x, now, scene, stamp_ns) -> tuple[Command, str]:
+    def _is_sliding(self, x) -> bool:
+        """Return whether the car slides and is to be recovered."""
+        return bool(self.params.fallback.recovery) and recovery.is_sliding(x, self.car)
+
+    def _drive_without_plan(self, decision, x, now, scene, stamp_ns) -> tuple[Command, str]:
         lookahead = self._lookahead_point(x, scene)
-        target = braking.braking_target(x, now, lookahead.point, self.car, self.params)
+        recovers = decision.level == RECOVERY
+        law = recovery.recovery_target if recovers else braking.braking_target
+        target = law(x, now, lookahead.point, self.car, self.params)
         step_s = self.params.model.step_s
         command = setpoints.command_to(target, now, self.car, step_s, stamp_ns)
         return command, lookahead.line

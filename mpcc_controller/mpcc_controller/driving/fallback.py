@@ -1,7 +1,8 @@
-"""What to drive when the solver fails: five levels of fallback, each with its reason.
+"""What to drive when the solver fails: six levels of fallback, each with its reason.
 
 1 solved, 2 stopped early but acceptable, 3 the plan of the second solver, 4 the last plan shifted,
-5 braking along the last good plan or along the path (`braking`).
+5 recovery of a car that slides, if it is switched on (`recovery`), 6 braking along the last good
+plan or along the path (`braking`).
 """
 
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from stage_solver.stage_problem import Plan
 
 SECOND_SOLVER = 'second_solver'
 SHIFTED = 'shifted'
+RECOVERY = 'recovery'
 BRAKING = 'braking'
 # level and reason of a solution that may be driven, by its status
 USABLE = {
@@ -24,7 +26,7 @@ USABLE = {
 
 
 class Decision(NamedTuple):
-    """The level of fallback, its reason, and the plan to follow (None: brake)."""
+    """The level of fallback, its reason, and the plan to follow (None: recover or brake)."""
 
     level: str
     reason: str
@@ -52,10 +54,17 @@ class FallbackLogic:
         """The last good plan while it is recent enough to steer along."""
         return self._good_plan if self._good_plan_age <= self.params.max_guide_age else None
 
-    def decide(self, first: Solution, second: Solution | None, shifted: Plan | None) -> Decision:
+    def decide(
+        self,
+        first: Solution,
+        second: Solution | None,
+        shifted: Plan | None,
+        sliding: bool = False,
+    ) -> Decision:
         """Return the decision for the solutions of this tick.
 
         `second` is that of the second solver if it ran, `shifted` the last plan one tick later.
+        A car that is `sliding` follows no old plan: it is not where that plan wanted it.
         """
         reason = rejection_reason(first, self.params)
         self.failures = self.failures + 1 if reason else 0
@@ -63,7 +72,7 @@ class FallbackLogic:
             return self._follow(*USABLE[first.status], first.plan)
         if second is not None and not rejection_reason(second, self.params):
             return self._follow(SECOND_SOLVER, reason, second.plan)
-        return self.follow_shifted(reason, shifted)
+        return self.brake(reason, sliding) if sliding else self.follow_shifted(reason, shifted)
 
     def follow_shifted(self, reason: str, shifted: Plan | None) -> Decision:
         """Return the decision without a usable solution: the shifted plan, or braking."""
@@ -74,11 +83,14 @@ class FallbackLogic:
         self._good_plan_age += 1
         return Decision(SHIFTED, reason, shifted)
 
-    def brake(self, reason: str) -> Decision:
-        """Return the last level: the car follows no plan, but may steer along the last good one."""
+    def brake(self, reason: str, sliding: bool = False) -> Decision:
+        """Return the decision to follow no plan, but perhaps to steer along the last good one.
+
+        A car that is `sliding` is recovered, others are braked.
+        """
         self.plan, self.plan_age = None, 0
         self._good_plan_age += 1
-        return Decision(BRAKING, reason, None)
+        return Decision(RECOVERY if sliding else BRAKING, reason, None)
 
     def discard_plan(self) -> None:
         """Drop every plan: the gate rejected a command of it."""

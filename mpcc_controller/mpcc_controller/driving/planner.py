@@ -134,8 +134,11 @@ class Planner:
             Fx=now.Fx,
         )
 
-    def plan(self, x0: State, scene: Scene) -> tuple[Decision, Attempt]:
-        """Return what to drive from `x0`, and the solutions that led to it."""
+    def plan(self, x0: State, scene: Scene, sliding: bool = False) -> tuple[Decision, Attempt]:
+        """Return what to drive from `x0`, and the solutions that led to it.
+
+        A car that is `sliding` is to be recovered where there is no plan.
+        """
         began = self.clock()
         model = self.params.model
         shifted = self._shifted_plan(x0)
@@ -162,7 +165,7 @@ class Planner:
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
             self.alternatives.follow(first.plan if usable else None, first.cost)
-        decision = self.fallback.decide(first, second, shifted)
+        decision = self.fallback.decide(first, second, shifted, sliding)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
             problem, first, second, decision.plan, warm, prepare_s, age, failures, comparison
@@ -236,9 +239,9 @@ class Planner:
             self.prepared = solution.plan
         return solution
 
-    def brake(self, reason: str) -> Decision:
-        """Return the decision to brake without solving."""
-        return self.fallback.brake(reason)
+    def brake(self, reason: str, sliding: bool = False) -> Decision:
+        """Return the decision to brake, or to recover a sliding car, without solving."""
+        return self.fallback.brake(reason, sliding)
 
     def continue_plan(self, reason: str) -> Decision:
         """Return the decision for a tick with an unknown state: the plan goes on as planned."""

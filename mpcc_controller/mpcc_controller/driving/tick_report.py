@@ -6,7 +6,7 @@ import numpy as np
 
 from mpcc_controller.driving import candidates
 from mpcc_controller.driving.candidate_choice import Outcome
-from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.planner import Attempt, Comparison
 from mpcc_controller.driving.tick import Arrival, TickRecord
 from mpcc_controller.model import single_track
@@ -51,7 +51,7 @@ class TickReporter:
         take longer to compute than all others.
         """
         decision, gate = record.decision, record.gate_reason
-        level = {SOLVED: OK, BRAKING: ERROR}.get(decision.level, WARN)
+        level = {SOLVED: OK, RECOVERY: ERROR, BRAKING: ERROR}.get(decision.level, WARN)
         message = f'{decision.level}: {decision.reason}'
         if gate:
             level, message = ERROR, f'{message}; gate: {gate}'

@@ -15,6 +15,7 @@ RULES = Fallback(
     failures_to_cold_start=3,
     max_guide_age=8,
     max_state_age_s=0.2,
+    recovery=None,
 )
 PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
 OTHER = Plan(np.ones((3, 9)), np.ones((2, 4)))

@@ -1,0 +1,228 @@
+"""From which slides does a controller save the car? A map over sideslip, yaw rate and speed.
+
+    .venv/bin/python bench/recovery_map.py [CONTROLLER ...] [--quick] [--jobs N]
+        [--json bench/recovery_map.json]
+
+The car starts in the middle of a straight road of 8 m. It moves along the road; its heading is off
+by the sideslip angle, and it yaws. Wheels are straight, as if the slide came from the road; by
+symmetry only sideslip to the left is driven, with yaw rates of both signs. A drive counts as
+
+recovered   sideslip below 5 deg and yaw rate below 0.1 rad/s for half a second, without a spin:
+            the sideslip stayed below 90 deg
+on the road recovered, and the wheels' contact points stayed within the road until then
+
+A controller is a name or a YAML file; `fallback` is mpcc whose solvers always fail, so that its
+fallback alone drives, `recovery` the same with the recovery law. --quick drives every second
+angle and speed. Writes the JSON, a page (.md) and a figure (.png) beside it.
+"""
+
+import argparse
+import itertools
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+from matplotlib.figure import Figure
+from rich.console import Console
+from tables import TextTable, markdown, share, show
+
+from experiments import simulation
+from experiments.simulation import Setup
+from scenario_publisher import scenario
+from vehicle_plant import double_track
+
+SIDESLIPS_RAD = np.radians((0, 5, 10, 15, 20, 25, 30))
+YAW_RATES_RADPS = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
+SPEEDS_MPS = (15.0, 20.0, 25.0, 30.0)
+ROAD_M, LENGTH_M, TIME_S = 8.0, 400.0, 5.0
+SETTLED_SIDESLIP_RAD, SETTLED_YAW_RATE_RADPS, SETTLED_S = np.radians(5.0), 0.1, 0.5
+SPUN_RAD = np.radians(90.0)
+LEAST_MPS = 1.0  # a slower car has no sideslip angle: it counts as stopped, which is settled
+FAILING = {'solver.max_iterations': 1, 'solver.fallback': 'none'}
+SPECIAL = {'fallback': FAILING, 'recovery': FAILING | {'fallback.recovery': True}}
+
+
+class Slide(NamedTuple):
+    """How the car slides at the start."""
+
+    sideslip_rad: float
+    yaw_rate_radps: float
+    speed_mps: float
+
+
+class Ending(NamedTuple):
+    """How a drive went."""
+
+    recovered: bool
+    on_road: bool
+    settled_s: float | None  # from the start
+    largest_sideslip_rad: float
+    largest_offset_m: float  # of a wheel from the centre line, until the car is settled
+
+
+def slide_scenario(slide: Slide) -> str:
+    """Return the scenario of a car that slides along a straight road, as YAML."""
+    beta, speed = slide.sideslip_rad, slide.speed_mps
+    start = {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': -float(beta)}
+    start |= {'speed_mps': float(speed * np.cos(beta)), 'lateral_mps': float(speed * np.sin(beta))}
+    document = {
+        'schema': 1,
+        'name': 'slide',
+        'description': 'A car that slides along a straight road.',
+        'road': {
+            'centre_line': {
+                'start': {'x_m': -20.0, 'y_m': 0.0, 'yaw_rad': 0.0},
+                'segments': [{'straight': {'length_m': LENGTH_M + 40.0}}],
+            },
+            'edges': {'left': {'offset_m': ROAD_M / 2}, 'right': {'offset_m': -ROAD_M / 2}},
+        },
+        'path': {
+            'start': {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': 0.0},
+            'segments': [{'straight': {'length_m': LENGTH_M}}],
+        },
+        'speed': {'constant_mps': speed},
+        'friction': 1.0,
+        'start': start | {'yaw_rate_radps': float(slide.yaw_rate_radps)},
+        'stop': {'progress_m': LENGTH_M - 100.0, 'time_s': TIME_S},
+        'obstacles': [],
+    }
+    return yaml.safe_dump(document)
+
+
+def setup_of(controller: str, settings: dict | None = None) -> Setup:
+    """Return the setup of a controller of the map, without its slide; `settings` win."""
+    overrides = SPECIAL.get(controller, {}) | (settings or {})
+    name = 'mpcc' if controller in SPECIAL else controller
+    return simulation.prepare('straight', name, {'controller': overrides})
+
+
+def drive(setup: Setup, slide: Slide) -> Ending:
+    """Drive from a slide until the car is settled, spins or the time is up."""
+    scn = scenario.parse(slide_scenario(slide), 'slide')
+    odometry = simulation.run(setup._replace(scn=scn), explain=False)['/vehicle/odometry']
+    return ending(odometry, setup.plant)
+
+
+def ending(odometry, plant) -> Ending:
+    """Return how a drive went, from its odometry and the plant's dimensions."""
+    t, _, Y, psi, vx, vy, r = odometry[1:]
+    moving = np.hypot(vx, vy) > LEAST_MPS
+    beta = np.where(moving, np.arctan2(vy, vx), 0.0)
+    calm = (np.abs(beta) < SETTLED_SIDESLIP_RAD) & (np.abs(r) < SETTLED_YAW_RATE_RADPS)
+    since = t - np.maximum.accumulate(np.where(calm, 0.0, t))  # how long it has been calm
+    spun_s = t[np.abs(beta) > SPUN_RAD].min(initial=np.inf)
+    settled = np.flatnonzero(calm & (since >= SETTLED_S) & (t < spun_s))
+    end = settled[0] if settled.size else len(t) - 1
+    corners = double_track.wheel_corners(plant.car)
+    c, s = np.cos(psi[: end + 1]), np.sin(psi[: end + 1])
+    offset = max(np.abs(Y[: end + 1] + s * k.x + c * k.y).max() for k in corners)
+    recovered = bool(settled.size)
+    return Ending(
+        recovered,
+        bool(recovered and offset <= ROAD_M / 2),
+        float(t[end] - SETTLED_S) if recovered else None,
+        float(np.abs(beta).max()),
+        float(offset),
+    )
+
+
+def grid(quick: bool = False) -> list[Slide]:
+    """Return the slides of the map."""
+    step = 2 if quick else 1
+    return [
+        Slide(float(beta), r, v)
+        for beta, r, v in itertools.product(
+            SIDESLIPS_RAD[::step], YAW_RATES_RADPS[::step], SPEEDS_MPS[::step]
+        )
+        if beta or r >= 0  # mirrored
+    ]
+
+
+def drive_all(setup: Setup, slides: Sequence[Slide], jobs: int) -> list[Ending]:
+    """Drive every slide."""
+    if jobs == 1:
+        return [drive(setup, slide) for slide in slides]
+    with ProcessPoolExecutor(jobs) as pool:
+        return list(pool.map(partial(drive, setup), slides, chunksize=4))
+
+
+def table(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> TextTable:
+    """Return the shares recovered, of all and by speed."""
+    speeds = sorted({slide.speed_mps for slide in slides})
+    columns = ('controller', 'drives', 'recovered', 'on the road', 'median time')
+    columns += tuple(f'{v:g} m/s' for v in speeds)
+    rows = []
+    for name, endings in by_controller.items():
+        times = [e.settled_s for e in endings if e.settled_s is not None]
+        at = [[e.recovered for e, s in zip(endings, slides) if s.speed_mps == v] for v in speeds]
+        rows.append(
+            (
+                name,
+                str(len(endings)),
+                share(float(np.mean([e.recovered for e in endings]))),
+                share(float(np.mean([e.on_road for e in endings]))),
+                f'{np.median(times):.2f} s' if times else '-',
+                *(share(float(np.mean(values))) for values in at),
+            )
+        )
+    return TextTable('Slides that end well', columns, rows)
+
+
+def figure(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> Figure:
+    """Return the maps: a row per controller, a column per speed."""
+    speeds = sorted({slide.speed_mps for slide in slides})
+    count = len(by_controller)
+    fig = Figure(figsize=(2.6 * len(speeds) + 1.0, 2.1 * count + 0.8), layout='constrained')
+    axes = fig.subplots(count, len(speeds), sharex=True, sharey=True, squeeze=False)
+    kinds = (('lost', '#b2182b', 'x'), ('off the road', '#e08214', 'o'), ('saved', '#1b7837', 'o'))
+    for row, (name, endings) in zip(axes, by_controller.items()):
+        for ax, v in zip(row, speeds):
+            here = [(s, e) for s, e in zip(slides, endings) if s.speed_mps == v]
+            for rank, (label, colour, marker) in enumerate(kinds):
+                chosen = [s for s, e in here if e.recovered + e.on_road == rank]
+                ax.plot(
+                    [np.degrees(s.sideslip_rad) for s in chosen],
+                    [s.yaw_rate_radps for s in chosen],
+                    marker,
+                    color=colour,
+                    markersize=4,
+                    label=label,
+                )
+            ax.set_title(f'{name}, {v:g} m/s', fontsize=8)
+        row[0].set_ylabel('yaw rate / rad/s')
+    for ax in axes[-1]:
+        ax.set_xlabel('sideslip / deg')
+    axes[0, -1].legend(fontsize=7, loc='upper right')
+    return fig
+
+
+def main() -> None:
+    """Drive the map and write table, figure and numbers."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    names = ['fallback', 'recovery', 'mpcc', 'mpcc_road']
+    parser.add_argument('controllers', nargs='*', default=names, metavar='CONTROLLER')
+    parser.add_argument('--quick', action='store_true', help='every second angle and speed')
+    parser.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
+    parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
+    options = parser.parse_args()
+    slides = grid(options.quick)
+    by_controller = {
+        Path(name).stem: drive_all(setup_of(name), slides, options.jobs)
+        for name in options.controllers
+    }
+    result = table(by_controller, slides)
+    show(Console(), result)
+    rows = {name: [(*s, *e) for s, e in zip(slides, es)] for name, es in by_controller.items()}
+    fields = [*Slide._fields, *Ending._fields]
+    options.json.write_text(json.dumps({'columns': fields, 'drives': rows}, indent=0))
+    options.json.with_suffix('.md').write_text(markdown(result))
+    figure(by_controller, slides).savefig(options.json.with_suffix('.png'), dpi=130)
+
+
+if __name__ == '__main__':
+    main()

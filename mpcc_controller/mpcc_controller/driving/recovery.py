@@ -1,0 +1,169 @@
+"""Recovery of a sliding car: counter-steer first, brake with the friction that is left.
+
+A level of the fallback between plans and braking. Braking steers along a line and brakes as hard as
+steady cornering allows; a car that slides has no steady cornering, and spins. Here the front wheels
+are steered for the yaw moment that turns the car back into its direction of motion, as electronic
+stability control brakes single wheels for it (van Zanten 2000, "Bosch ESP systems: 5 years of
+experience"), and the axles brake beside the lateral forces that they give. SI units, ISO 8855.
+
+The rear axle cannot be steered: its force F_yr follows from its slip. The steering has the front
+axle left, which acts as in the control of drifts (Hindiyeh and Gerdes 2014): a rate of yaw is
+demanded that reduces the sideslip, and a front force that reduces its error,
+
+    r_d = F_yr L / (l_f m v) + k_beta (beta - beta_d),   Izz k_r (r_d - r) = l_f F_yf - l_r F_yr.
+
+The state is that after the delay of the steering. The first term of r_d is the rate of the course
+while the front axle balances the rear one, beta_d the sideslip of the cornering that leads to the
+line. Nothing is optimised: it cannot fail to converge.
+"""
+
+import math
+from typing import NamedTuple
+
+from mpcc_controller.driving.braking import (
+    Point,
+    lateral_acceleration,
+    max_acceleration,
+    max_braking_force,
+)
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget, split_within_friction
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import ControllerParams, Limits
+from msgs_yaml.types import VehicleState
+
+LEAST_MPS = 3.0  # a slower car does not slide: it is braked
+
+
+class Gains(NamedTuple):
+    """How the law reacts."""
+
+    slides_rad: float = 0.12  # sideslip or rear slip of a car that slides
+    sideslip: float = 2.5  # 1/s, k_beta
+    yaw_rate: float = 9.0  # 1/s, k_r
+    lateral_use: float = 0.5  # share of the usable friction for the way to the line
+    brake_use: float = 0.5  # of the braking force that the lateral forces leave
+    delay_s: float = 0.12  # from a state to the steering that answers it: a tick, and the servo
+    spun_rad: float = 1.2  # sideslip beyond which no steering brings the car back
+
+
+GAINS = Gains()
+
+
+def is_sliding(x: VehicleState, car: Car, gains: Gains = GAINS) -> bool:
+    """Return whether the car slides too much to be braked along a line.
+
+    It does if the sideslip angle or the slip angle of the rear axle is large. A state that is not
+    finite and a slow car do not slide.
+    """
+    if not all(map(math.isfinite, x)) or math.hypot(x.vx, x.vy) < LEAST_MPS:
+        return False
+    return max(abs(math.atan2(x.vy, x.vx)), abs(rear_slip(x, car))) > gains.slides_rad
+
+
+def rear_slip(x: VehicleState, car: Car) -> float:
+    """Return the slip angle [rad] of the rear axle; at most 90 deg for a car that moves back."""
+    return math.atan2(x.vy - car.l_r * x.r, max(x.vx, 0.0))
+
+
+def recovery_target(
+    x: VehicleState,
+    now: Setpoints,
+    lookahead: Point | None,
+    car: Car,
+    params: ControllerParams,
+    gains: Gains = GAINS,
+) -> SetpointTarget:
+    """Return the set-points of one step of recovery towards `lookahead`; without one, to straight.
+
+    Both set-points respect their limits and rate limits for every finite state.
+    """
+    limits, step_s = params.limits, params.model.step_s
+    x = _predict(x, now, car, gains.delay_s)
+    v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
+    beta = math.atan2(x.vy, x.vx)
+    Fz = single_track.loads(now.Fx, car)
+    most = gains.lateral_use * max_acceleration(car, limits)
+    lateral = lateral_acceleration(x, lookahead, most) if lookahead else 0.0
+    split = single_track.split(now.Fx, single_track.ideal_split(now.Fx, car), car)
+    rear_capacity = _capacity(car.mu_r * Fz.r, float(split.r))
+    F_yr = _lateral_force(rear_slip(x, car), rear_capacity, car.C_r)
+    wheelbase = car.l_f + car.l_r
+    F_d = car.m * lateral * car.l_f / wheelbase  # of the rear axle while cornering
+    beta_d = car.l_r * lateral / v**2 - _slip_of(F_d, car.mu_r * Fz.r, car.C_r)
+    r_d = F_yr * wheelbase / (car.l_f * car.m * v) + gains.sideslip * (beta - beta_d)
+    moment = car.Izz * gains.yaw_rate * (r_d - x.r)
+    F_yf = (moment + car.l_r * F_yr) / car.l_f
+    Fx = _brake_force(F_yf, F_yr, beta, car, limits, gains)
+    force_step = limits.force_rate_nps * step_s
+    Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
+    Fx = min(max(Fx, -limits.brake_n), limits.drive_n)
+    share = single_track.ideal_split(Fx, car)
+    share = min(max(share, limits.brake_front_share_min), limits.brake_front_share_max)
+    lambda_b = split_within_friction(share, Fx, car, limits)
+    front = single_track.split(Fx, lambda_b, car).f
+    capacity = _capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
+    delta = _front_direction(x, car) + _slip_of(F_yf, capacity, car.C_f)
+    delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
+    steer_step = limits.steer_rate_radps * step_s
+    delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
+    return SetpointTarget(delta, Fx, lambda_b)
+
+
+def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:
+    """Return the state `t` [s] later under the present lateral forces (one Euler step)."""
+    Fz = single_track.loads(now.Fx, car)
+    F_yf = _lateral_force(_front_direction(x, car) - now.delta, car.mu_f * Fz.f, car.C_f)
+    F_yr = _lateral_force(rear_slip(x, car), car.mu_r * Fz.r, car.C_r)
+    cos_psi, sin_psi = math.cos(x.psi), math.sin(x.psi)
+    return x._replace(
+        X=x.X + t * (x.vx * cos_psi - x.vy * sin_psi),
+        Y=x.Y + t * (x.vx * sin_psi + x.vy * cos_psi),
+        psi=x.psi + t * x.r,
+        vx=x.vx + t * x.r * x.vy,
+        vy=x.vy + t * ((F_yf + F_yr) / car.m - x.r * x.vx),
+        r=x.r + t * (car.l_f * F_yf - car.l_r * F_yr) / car.Izz,
+    )
+
+
+def _front_direction(x, car):
+    """Return the direction [rad] in which the front axle moves, from the heading."""
+    return math.atan2(x.vy + car.l_f * x.r, max(x.vx, 0.0))
+
+
+def _capacity(friction, Fx):
+    return math.sqrt(max(friction**2 - Fx**2, 0.0))
+
+
+def _lateral_force(slip, capacity, C):
+    """Return the Fiala force [N] at a slip angle [rad]; with full sliding beyond its slip."""
+    if not capacity:
+        return 0.0
+    s = min(abs(C * math.tan(min(max(slip, -1.5), 1.5)) / (3 * capacity)), 1.0)
+    return -math.copysign(capacity * s * (3 - 3 * s + s**2), slip)
+
+
+def _slip_of(F, capacity, C):
+    """Return the angle [rad] by which a wheel is turned from its motion to give a lateral force.
+
+    The inverse Fiala curve; a force beyond the capacity gets the slip of the peak.
+    """
+    use = min(abs(F) / capacity, 1.0) if capacity else 1.0
+    return math.copysign(math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / C), F)
+
+
+def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits, gains: Gains) -> float:
+    """Return the braking force [N], negative, that both axles hold beside their lateral forces.
+
+    Beyond `spun_rad` no steering brings the car back: it brakes as hard as the friction allows.
+    """
+    if abs(beta) > gains.spun_rad:
+        return -max_braking_force(0.0, car, limits)
+    Fz = single_track.loads(0.0, car)
+    use = limits.friction_use
+    front = _capacity(use * car.mu_f * Fz.f, min(abs(F_yf), use * car.mu_f * Fz.f))
+    rear = _capacity(use * car.mu_r * Fz.r, min(abs(F_yr), use * car.mu_r * Fz.r))
+    share = min(
+        max(Fz.f / (Fz.f + Fz.r), limits.brake_front_share_min), limits.brake_front_share_max
+    )
+    return -gains.brake_use * min(front / share, rear / (1 - share), limits.brake_n)

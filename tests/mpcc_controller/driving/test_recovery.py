@@ -1,0 +1,124 @@
+"""Recovery of a sliding car: limits for every state, and cars that are saved on the plant."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving import braking, recovery
+from mpcc_controller.driving.braking import Point
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.fallback import BRAKING, RECOVERY
+from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_of
+from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.model import single_track
+from mpcc_controller.problem import stage_parameters
+from msgs_yaml.types import Command
+from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import Simulator
+
+SPEEDS, SHARES = st.floats(-60, 60), st.floats(-1, 1)
+
+
+@pytest.fixture(scope='module')
+def car(params, vehicle):
+    return stage_parameters.car(params, vehicle)
+
+
+@settings(deadline=None, derandomize=True, max_examples=200)
+@given(SPEEDS, SPEEDS, st.floats(-10, 10), st.floats(-3.1, 3.1), SHARES, SHARES, st.booleans())
+def test_every_command_of_any_finite_state_passes_the_gate(
+    car, params, world, vx, vy, r, psi, steer, force, has_line
+):
+    limits, step_s = params.limits, params.model.step_s
+    x = world.rolling(v=vx, vy=vy, r=r)._replace(psi=psi)
+    hardest = braking.max_braking_force(0.0, car, limits)
+    Fx = force * (limits.drive_n if force > 0 else hardest)
+    front = 0.0 if Fx > 0 else float(single_track.ideal_split(Fx, car)) * Fx
+    last = Command(1, steer * limits.steer_rad, 0.0, front, Fx - front)
+    now = setpoints_of(last, car)[0]
+    line = Point(10.0, 2.0) if has_line else None
+    target = recovery.recovery_target(x, now, line, car, params)
+    command = command_to(target, now, car, step_s, 2)
+    assert Gate(limits, car, step_s, 1.0).check(command, last, 0.0).reason == ''
+
+
+@pytest.mark.parametrize('sign', [1, -1])
+def test_it_counter_steers_a_tail_that_swings_out_and_does_not_brake_first(
+    car, params, world, sign
+):
+    """It drifts to the left of its heading and yaws to the right: it steers to the left."""
+    x = world.rolling(v=20.0, vy=sign * 7.0, r=-sign * 0.6)
+    rest = Setpoints(0.0, 0.0)
+    target = recovery.recovery_target(x, rest, None, car, params)
+    step_s, limits = params.model.step_s, params.limits
+    assert sign * target.delta == pytest.approx(limits.steer_rate_radps * step_s)
+    assert target.Fx == pytest.approx(0.0, abs=100.0)
+    along = braking.braking_target(x, rest, Point(20.0, 0.0), car, params)
+    assert along.Fx < -1000.0
+
+
+def test_it_mirrors(car, params, world):
+    rest = Setpoints(0.0, 0.0)
+    left = recovery.recovery_target(
+        world.rolling(v=18.0, vy=4.0, r=0.5), rest, Point(9.0, 1.0), car, params
+    )
+    right = recovery.recovery_target(
+        world.rolling(v=18.0, vy=-4.0, r=-0.5), rest, Point(9.0, -1.0), car, params
+    )
+    assert left == pytest.approx((-right.delta, right.Fx, right.lambda_b))
+
+
+def test_slow_cars_unknown_states_and_cornering_at_the_limit_do_not_slide(car, world):
+    assert not recovery.is_sliding(world.rolling(v=1.0, vy=2.0, r=0.0), car)
+    assert not recovery.is_sliding(world.rolling(v=20.0, vy=np.nan, r=0.0), car)
+    assert not recovery.is_sliding(world.rolling(v=20.0, vy=0.0, r=0.45), car)
+    assert recovery.is_sliding(world.rolling(v=20.0, vy=4.0, r=0.0), car)
+    assert recovery.is_sliding(world.rolling(v=-5.0, vy=0.1, r=0.0), car)
+
+
+@pytest.fixture(scope='module')
+def spin(world):
+    """Return a function that drives a sliding car whose solver always fails, on the plant."""
+    params, vehicle = world.load(solver__max_iterations=1, solver__fallback='none')
+    ways = {}
+    for recovers in (True, False):
+        fallback = dataclasses.replace(params.fallback, recovery=recovers)
+        ways[recovers] = Controller(dataclasses.replace(params, fallback=fallback), vehicle)
+
+    def driven(recovers, speed, vy, r, seconds=4.0):
+        controller = world.set_inputs(ways[recovers], world.straight())
+        plant = Simulator(plant_parameters.load(), 1.0, Start(0.0, 0.0, 0.0, speed, vy, r))
+        records = []
+        for _ in range(round(seconds / 0.05)):
+            records.append(controller.step(TickInputs(plant.state)))
+            plant.advance(records[-1].command, 50)
+        assert plant.gate.rejected == 0
+        return records
+
+    return driven
+
+
+def sideslips(records):
+    """Return the sideslip angles [rad] while the car moves."""
+    states = [record.state for record in records]
+    return np.array([np.arctan2(x.vy, x.vx) for x in states if np.hypot(x.vx, x.vy) > 1.0])
+
+
+@pytest.mark.parametrize(('speed', 'vy', 'r'), [(23.0, 8.0, 0.0), (18.0, 6.5, 0.5)])
+def test_a_slide_that_spins_the_braked_car_is_recovered(spin, speed, vy, r):
+    braked, recovered = (spin(recovers, speed, vy, r) for recovers in (False, True))
+    assert abs(sideslips(braked)).max() > math.radians(90)
+    assert {record.decision.level for record in braked} == {BRAKING}
+    assert abs(sideslips(recovered)).max() < math.radians(30)
+    last = recovered[-1]
+    assert abs(last.state.r) < 0.1
+    assert abs(sideslips(recovered)[-1]) < math.radians(5)
+    assert recovered[0].decision.level == RECOVERY
+    assert last.decision.level == BRAKING
+    assert not any(record.gate_reason for record in recovered)
