@@ -93,7 +93,8 @@ def spin(world):
 
     def driven(recovers, speed, vy, r, seconds=4.0):
         controller = world.set_inputs(ways[recovers], world.straight())
-        plant = Simulator(plant_parameters.load(), 1.0, Start(0.0, 0.0, 0.0, speed, vy, r))
+        start = Start(0.0, 0.0, -math.atan2(vy, speed), speed, vy, r)  # it moves along the road
+        plant = Simulator(plant_parameters.load(), 1.0, start)
         records = []
         for _ in range(round(seconds / 0.05)):
             records.append(controller.step(TickInputs(plant.state)))
