@@ -3,6 +3,7 @@
 controller_node   the node; mpcc_node and frenet_node differ in their default parameters
 parameters        every parameter, with unit and allowed range; values are in config/
 car_file          the car as the controller knows it, and the limits of its actuators
+covering_circles  circles over the outline of the car
 minimum_speed     speeds at which a controller stops instead of driving
 driving           one command per state: planner, fallbacks, safety gate, watchdog; no ROS
 problem           the optimal control problems: formulations, cost terms, constraints

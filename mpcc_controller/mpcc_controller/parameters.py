@@ -46,6 +46,8 @@ class Body:
 
     circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
     circle_offsets_m: Annotated[tuple[float, ...], Range(-5.0, 5.0, 'm ahead of the CoG')]
+    # that cover the outline of `car_file`, in place of those above; left out: those above
+    circles: Annotated[int, Range(1, 9, 'circles')] | None
 
 
 @dataclass(frozen=True)
@@ -306,6 +308,18 @@ class CarActuators:
     brake_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
     drive_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
     force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+    # behind a set-point that moves at a constant rate; older files do not have them
+    steer_lag_s: Annotated[float, Range(0.0, 1.0, 's')] | None
+    force_lag_s: Annotated[float, Range(0.0, 1.0, 's')] | None
+
+
+@dataclass(frozen=True)
+class CarOutline:
+    """The rectangle of the car seen from above; older files do not have it."""
+
+    front_m: Annotated[float, Range(0.1, 20.0, 'm, CoG to the front end')] | None
+    rear_m: Annotated[float, Range(0.1, 20.0, 'm, CoG to the rear end')] | None
+    width_m: Annotated[float, Range(0.1, 5.0, 'm')] | None
 
 
 @dataclass(frozen=True)
@@ -315,3 +329,4 @@ class CarParams:
     car: CarBody
     tyre: Tyre
     actuators: CarActuators
+    outline: CarOutline

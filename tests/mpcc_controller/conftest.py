@@ -11,7 +11,14 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
+from mpcc_controller.parameters import (
+    CarActuators,
+    CarBody,
+    CarOutline,
+    CarParams,
+    ControllerParams,
+    Tyre,
+)
 from msgs_yaml import share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import parameters
@@ -22,7 +29,8 @@ FINE_STEPS = 10  # of the car per tick
 CAR = CarParams(
     CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
     Tyre(144e3, 198e3, 0.88, 0.92),
-    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3),
+    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3, 0.0516, 0.072),
+    CarOutline(2.19, 2.46, 1.82),
 )
 REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 

@@ -3,9 +3,10 @@
     identify --out car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
 
-The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout and
-limits of the actuators. The same plant gives the same file, byte by byte. A bare name of a car or
-tyre is a file of config/; a name with a path separator is a path relative to the working directory.
+The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout,
+limits and lags of the actuators, outline. The same plant gives the same file, byte by byte. A bare
+name of a car or tyre is a file of config/; a name with a path separator is a path relative to the
+working directory.
 
 Per axle the Fiala brush tyre is fitted by least squares:
 Fy = -C z + C^2 / (3 Fm) |z| z - C^3 / (27 Fm^2) z^3 with z = tan(alpha) up to sliding at
@@ -25,9 +26,10 @@ import numpy as np
 
 from node_runtime import parameters as yaml_parameters
 from node_runtime.parameters import ROAD_FRICTION
-from vehicle_plant import car, circular_driving, parameters
+from vehicle_plant import car, circular_driving, parameters, servo_lag
 from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
+from vehicle_plant.servo_lag import ServoLagError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,6 +115,12 @@ residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
       brake_n: {act.brake_n!r}  # N, both axles
       drive_n: {act.drive_n!r}  # N, both axles
       force_rate_nps: {act.force_rate_nps!r}  # N/s, of the slower axle
+      steer_lag_s: {lags.steer_s:.4f}  # s, behind a set-point that moves at a constant rate
+      force_lag_s: {lags.force_s:.4f}  # s, the same of the total force while braking
+    outline:  # seen from above
+      front_m: {front:.3f}  # m, CoG to the front end
+      rear_m: {rear:.3f}  # m, CoG to the rear end
+      width_m: {outline.width_m!r}  # m
 """
 
 
@@ -125,14 +133,16 @@ _MANOEUVRES = {
 def identify(
     plant: PlantParams, friction: float, manoeuvre: CircleParams, options: str = ''
 ) -> tuple[str, 'Figure']:
-    """Drive, fit, and return the text of the file and the figure. Raises CircleError.
+    """Drive, fit, and return the text of the file and the figure.
+
+    Raises CircleError and ServoLagError for a car that cannot drive the manoeuvres.
 
     options: those of the command line, recorded in the file.
     """
     trajectory = circular_driving.drive(plant, friction, manoeuvre)
     points = circular_driving.axle_points(trajectory, plant)
     fits = tuple(fit_fiala(axle) for axle in points)
-    body = plant.car.body
+    body, outline = plant.car.body, plant.car.outline
     text = _TEMPLATE.format(
         how=_MANOEUVRES[manoeuvre.manoeuvre].format(p=manoeuvre),
         points=len(trajectory.rows),
@@ -147,6 +157,10 @@ def identify(
         drag=body.air_density_kgpm3 / 2 * body.drag_area_m2,
         rolling=plant.car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2,
         act=car.actuator_limits(plant.car),
+        lags=servo_lag.measure(plant, friction),
+        front=body.cog_to_front_m + outline.front_overhang_m,
+        rear=body.cog_to_rear_m + outline.rear_overhang_m,
+        outline=outline,
     )
     return text, draw(points, fits)
 
@@ -213,7 +227,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.tyre:
             plant = replace(plant, tyre=parameters.load_tyre(options.tyre, '--tyre'))
         text, figure = identify(plant, options.friction, manoeuvre, recorded)
-    except (CircleError, ValueError) as error:
+    except (CircleError, ServoLagError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
     options.out.write_text(text)
     figure.savefig(options.figure or options.out.with_suffix('.png'), metadata={'Software': None})

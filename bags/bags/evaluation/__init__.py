@@ -2,6 +2,7 @@
 
 drive            one run as arrays: motion, inputs, ticks, scene, parameters
 geometry         polylines, circles and the outline of the car, in plain numpy
+vehicle_shape    outline and circles of the car, from the parameters of a run
 series           distances and angles of a drive, sample by sample
 metrics          the numbers by which runs are compared, and how to add one
 tick_timing      latency, parts of a tick, deadline misses

@@ -12,6 +12,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.evaluation.controller_log import is_answer, report_numbers
 from bags.evaluation.geometry import Outline
+from bags.evaluation.vehicle_shape import circles_of, outline_of
 from bags.storage import read
 from bags.storage.columns import Columns
 from bags.storage.invalid_messages import drop_invalid
@@ -215,17 +216,15 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
     try:
         parameters = json.loads(run_info['parameters'])
         controller, plant = parameters['controller'], parameters['plant']
+        outline = outline_of(plant)
+        radius, circles = circles_of(controller, outline)
         tyres = (controller['tyre.front_friction'], controller['tyre.rear_friction'])
         return Facts(
             scenario=run_info['scenario'],
             controller=run_info['controller'],
-            outline=Outline(
-                front=plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
-                rear=plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
-                width=plant['car.outline.width_m'],
-            ),
-            circles=tuple(controller['body.circle_offsets_m']),
-            vehicle_radius=controller['body.circle_radius_m'],
+            outline=outline,
+            circles=circles,
+            vehicle_radius=radius,
             safe_obstacle=controller['safety.obstacle_m'],
             safe_edge=controller['safety.edge_m'],
             friction=plant['friction'] * sum(tyres) / len(tyres),

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
+from bags.evaluation.vehicle_shape import circles_of, outline_of
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
@@ -179,12 +180,12 @@ def build_markers_node(nodes: Sequence[Node]) -> Node:
     """Return the node that draws the run for 3D viewers, with the car and safety distances."""
     values = {node.role: _all_values(node) for node in nodes}
     plant, controller = values['plant'], values['controller']
+    outline = outline_of(plant)
+    radius_m, offsets_m = circles_of(controller, outline)
     shapes = {
-        'outline.front_m': plant['car.body.cog_to_front_m'] + plant['car.outline.front_overhang_m'],
-        'outline.rear_m': plant['car.body.cog_to_rear_m'] + plant['car.outline.rear_overhang_m'],
-        'outline.width_m': plant['car.outline.width_m'],
-        'safety.circle_offsets_m': controller['body.circle_offsets_m'],
-        'safety.circle_radius_m': controller['body.circle_radius_m'],
+        **{f'outline.{name}_m': value for name, value in outline._asdict().items()},
+        'safety.circle_offsets_m': list(offsets_m),
+        'safety.circle_radius_m': radius_m,
         'safety.obstacle_m': controller['safety.obstacle_m'],
         'safety.edge_m': controller['safety.edge_m'],
     }

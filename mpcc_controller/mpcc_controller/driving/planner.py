@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller import car_file
+from mpcc_controller.covering_circles import with_covering_circles
 from mpcc_controller.driving import fallback, initial_guess, solver_selection
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.candidate_plans import CandidatePlans
@@ -64,7 +65,8 @@ class Planner:
         clock: Callable[[], float],
     ):
         """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
-        self.params = params = car_file.limit_to_car(params, vehicle)
+        params = car_file.limit_to_car(params, vehicle)
+        self.params = params = with_covering_circles(params, vehicle)
         self.car = self._nominal_car = stage_parameters.car(params, vehicle)
         self.friction = params.model.friction  # believed, that of `car`
         self.limit_time = limit_time

@@ -198,8 +198,8 @@ def distances_now(
 ) -> dict:
     """Return the distances at this instant, to obstacles also in path coordinates.
 
-    Each is that of the closest vehicle circle; the difference is positive where path coordinates
-    overestimate the distance.
+    Each is that of the closest vehicle circle, of several circles that of each of them, too. The
+    difference is positive where path coordinates overestimate the distance.
     """
     radius = params.body.circle_radius_m
     circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
@@ -208,16 +208,26 @@ def distances_now(
     for obstacle, point in zip(obstacles, _to_frenet(scene.path, obstacles, x.theta)):
         disc = Disc(obstacle.X, obstacle.Y, obstacle.r_obs)
         frenet_disc = FrenetDisc(point.s, point.e, obstacle.r_obs)
-        cartesian = min(float(distance.v2o(c, disc)) for c in circles)
+        gaps = [float(distance.v2o(c, disc)) for c in circles]
+        cartesian = min(gaps)
         frenet = min(float(frenet_frame.v2o(c, radius, frenet_disc)) for c in circle_points)
         values[f'v2o.{obstacle.id}'] = cartesian
         values[f'v2o_frenet.{obstacle.id}'] = frenet
         values[f'v2o_difference.{obstacle.id}'] = frenet - cartesian
+        values |= _per_circle(f'v2o.{obstacle.id}', gaps)
     X, Y = np.array([x.X]), np.array([x.Y])
     edges = road_edges.edges_near(scene.road, X, Y, params.surroundings.edge_window_m)
     for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
-        values[f'v2e.{side}'] = float(min(gap[0] for gap in gaps))
+        gaps = [float(gap[0]) for gap in gaps]
+        values[f'v2e.{side}'] = min(gaps)
+        values |= _per_circle(f'v2e.{side}', gaps)
     return values
+
+
+def _per_circle(name, gaps):
+    """Return the distance of each circle, counted from 1 at the rear, where there are several."""
+    numbered = enumerate(gaps, 1) if len(gaps) > 1 else ()
+    return {f'{name}.circle_{number}': gap for number, gap in numbered}
 
 
 def _to_frenet(path, points, near):

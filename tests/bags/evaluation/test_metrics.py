@@ -14,7 +14,8 @@ from bags.evaluation.series import compute_series
 MS = 1_000_000
 START_NS = 1_000_000_000
 KEYS = """verdict completed finish_at_m collided collided_by left_road left_road_at_m beyond_edge_m
-    lost lost_how lost_at_m entered_unsafe_area min_v2o_m min_v2o_per_obstacle_m min_v2e_m
+    lost lost_how lost_at_m entered_unsafe_area outline_entered_unsafe_area min_v2o_m
+    min_v2o_per_obstacle_m min_v2e_m
     min_v2e_per_edge_m min_outline_gap_m finished stopped wheel_off_road_m survived lost_by
     overshoots peak_brake_mps2 peak_sideslip_deg
     peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
@@ -77,6 +78,36 @@ def test_safety_distance_and_collision_at_an_obstacle(
 ):
     result = metrics.compute_metrics(make_drive(scene=with_obstacle(straight, 50.0, offset)))
     assert (result['entered_unsafe_area'], result['collided']) == (unsafe, collided)
+
+
+@pytest.mark.parametrize(
+    ('offset', 'unsafe'),
+    [
+        pytest.param(2.41, False, id='outline outside the unsafe area'),
+        pytest.param(2.39, True, id='outline inside it'),
+    ],
+)
+def test_the_outline_is_judged_by_the_safety_distance_to_an_obstacle(
+    make_drive, straight, offset, unsafe
+):
+    # half of 1.8 m, 1.0 m of the obstacle, 0.5 m of safety distance
+    result = metrics.compute_metrics(make_drive(scene=with_obstacle(straight, 50.0, offset)))
+    assert result['outline_entered_unsafe_area'] is unsafe
+
+
+@pytest.mark.parametrize(
+    ('y', 'yaw', 'unsafe'),
+    [
+        pytest.param(1.59, 0.0, False, id='beside the edge'),
+        pytest.param(1.61, 0.0, True, id='too near to the edge'),
+        pytest.param(0.0, np.pi / 2, False, id='sideways in the middle'),
+        pytest.param(0.2, np.pi / 2, True, id='sideways, the nose too near'),
+    ],
+)
+def test_the_outline_is_judged_by_the_safety_distance_to_an_edge(make_drive, y, yaw, unsafe):
+    # edges 3 m to either side, half a width of 0.9 m, 2.4 m from the centre to the nose
+    result = metrics.compute_metrics(make_drive(y=y, yaw=yaw))
+    assert result['outline_entered_unsafe_area'] is unsafe
 
 
 def test_a_sideways_car_touches_with_its_nose_though_its_circle_is_clear(make_drive, straight):

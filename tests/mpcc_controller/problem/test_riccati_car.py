@@ -6,7 +6,14 @@ import pytest
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
-from mpcc_controller.parameters import CarActuators, CarBody, CarParams, ControllerParams, Tyre
+from mpcc_controller.parameters import (
+    CarActuators,
+    CarBody,
+    CarOutline,
+    CarParams,
+    ControllerParams,
+    Tyre,
+)
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
@@ -20,7 +27,8 @@ from stage_solver.stage_problem import Plan
 CAR = CarParams(
     CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
     Tyre(144e3, 198e3, 0.88, 0.92),
-    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3),
+    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3, None, None),
+    CarOutline(None, None, None),
 )
 SPEED = 20.0
 IN_THE_WAY = Obstacle(0, X=40.0, Y=1.9, r_obs=1.0, vX=0.0, vY=0.0)

@@ -105,6 +105,15 @@ def entered_unsafe_area(run):
     return near_obstacle or run.value(min_v2e_m) < facts.safe_edge
 
 
+@metric('outline entered unsafe area', good_when=False)
+def outline_entered_unsafe_area(run):
+    """Whether the true outline came nearer than the safety distance to an obstacle or an edge."""
+    facts, gap = run.drive.facts, run.value(min_outline_gap_m)
+    near_obstacle = gap is not None and gap < facts.safe_obstacle
+    _, beyond = run.value(outline_beyond_edge)
+    return bool(near_obstacle or beyond.max() > -facts.safe_edge)
+
+
 @metric('min distance to obstacle', 'm', 2)
 def min_v2o_m(run):
     """Smallest distance D_V2O between the circles of the car and an obstacle."""
@@ -173,8 +182,9 @@ def outline_beyond_edge(run: EvaluatedDrive) -> tuple[np.ndarray, np.ndarray]:
     sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
     rows = np.unique(np.append(sampled, len(t) - 1))
     body = geometry.outline_points(outline, OUTLINE_SPACING_M)
-    # from the centre of gravity to the farthest point of the outline
+    # from the centre of gravity to the farthest point of the outline, and the safety distance
     reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
+    reach += run.drive.facts.safe_edge
     centre = np.column_stack([motion.x[rows], motion.y[rows]])
     beyond = np.full(len(rows), -np.inf)
     for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right)):
