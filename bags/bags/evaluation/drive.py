@@ -216,9 +216,9 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
     try:
         parameters = json.loads(run_info['parameters'])
         controller, plant = parameters['controller'], parameters['plant']
+        tyres = (controller['tyre.front_friction'], controller['tyre.rear_friction'])
         outline = outline_of(plant)
         radius, circles = circles_of(controller, outline)
-        tyres = (controller['tyre.front_friction'], controller['tyre.rear_friction'])
         return Facts(
             scenario=run_info['scenario'],
             controller=run_info['controller'],
