@@ -8,16 +8,15 @@ from msgs_yaml.types import Reference, RoadEdges
 
 S = 1_000_000_000
 LATER_NS = 1_795_000_000_987_654_321
-LONGEST = 40_000  # poses, points: the most that the contract allows
-SPACING_M = 0.5
+LONGEST = 5000  # poses, points: the most that the contract allows
 
 
 def path(poses=LONGEST, stamp_ns=5 * S + 3):
-    """Return a winding path with `poses` poses, half a metre apart."""
-    s = SPACING_M * np.arange(poses)
+    """Return a winding path with `poses` poses."""
+    s = np.arange(float(poses))
     psi = 4.0 * np.sin(0.01 * s)  # beyond pi
-    X, Y = SPACING_M * np.cumsum(np.cos(psi)), SPACING_M * np.cumsum(np.sin(psi))
-    return Reference(stamp_ns, X, Y, psi, np.cumsum(SPACING_M / (15.0 + np.sin(s))))
+    X, Y = np.cumsum(np.cos(psi)), np.cumsum(np.sin(psi))
+    return Reference(stamp_ns, X, Y, psi, np.cumsum(1.0 / (15.0 + np.sin(s))))
 
 
 def edges(points=LONGEST, stamp_ns=5 * S + 3):

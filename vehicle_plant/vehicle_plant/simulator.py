@@ -1,5 +1,7 @@
 """The plant as an object that is advanced: commands in, a trajectory out. No ROS, no clock."""
 
+import copy
+
 import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
@@ -79,6 +81,15 @@ class Simulator:
     def wheels(self) -> Wheels:
         """The present state of the wheels."""
         return self.now.wheels()[0]
+
+    def fork(self) -> 'Simulator':
+        """Return a second car in the same state; either goes on without the other."""
+        other = copy.copy(self)
+        # the state and the row are replaced by `advance`, never changed
+        other._ramp, other._delays = copy.copy(self._ramp), copy.deepcopy(self._delays)
+        other.gate = copy.copy(self.gate)
+        other.gate.rejections = self.gate.rejections.copy()
+        return other
 
     def command(self, command: Command) -> Verdict:
         """Pass a command through the gate; an accepted one is followed from now on."""

@@ -1,0 +1,107 @@
+"""How far a trajectory is from surviving: overlap with obstacles, wheels off the road, sideslip.
+
+The search minimises `shortfall`, which has a value for every trajectory; that a drive survives is
+decided by the metrics of the whole drive alone (`survives`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.evaluation import geometry
+from bags.evaluation.drive import Drive
+from bags.evaluation.geometry import Outline
+from bags.evaluation.metrics import survival
+from bags.evaluation.metrics.outcome import SLIDING_DEG
+from bags.evaluation.metrics.registry import EvaluatedDrive
+from bags.evaluation.metrics.survival import SHOULDER_M, SLIDING_FROM_MPS
+from bags.evaluation.series import compute_series
+from experiments.survivable.emergency import Emergency, Rollout
+from msgs_yaml.conversions import NS_PER_S
+from vehicle_plant.simulator import TICK_NS
+
+MARGIN_M = 0.15  # beside an obstacle, aimed at by the search
+ROAD_MARGIN_M, SLIDING_MARGIN_DEG = 0.2, 5.0
+
+
+class Shortfall(NamedTuple):
+    """What a trajectory lacks: all zero where it keeps every margin."""
+
+    gap: float  # m, over all obstacles the sum of what lacks to the margin
+    road: float  # m
+    sideslip: float  # in units of 10 deg
+
+    @property
+    def cost(self) -> float:
+        """What the search minimises."""
+        return 2 * self.gap + 2 * self.road + self.sideslip
+
+
+class Judge:
+    """Measures rollouts of one emergency; the obstacles' motion is computed once."""
+
+    def __init__(self, emergency: Emergency):
+        self._emergency = emergency
+        car = emergency.setup.plant.car
+        body, shape = car.body, car.outline
+        self._outline = Outline(
+            front=body.cog_to_front_m + shape.front_overhang_m,
+            rear=body.cog_to_rear_m + shape.rear_overhang_m,
+            width=shape.width_m,
+        )
+        axles = (
+            (body.cog_to_front_m, car.suspension.front),
+            (-body.cog_to_rear_m, car.suspension.rear),
+        )
+        self._wheels = np.array(
+            [(x, side * axle.track_m / 2) for x, axle in axles for side in (1, -1)]
+        )
+        self._tables = self._obstacle_tables()
+
+    def shortfall(self, rollout: Rollout) -> Shortfall:
+        """Return what a rollout lacks."""
+        X, Y, psi, vx, vy = rollout.states()
+        stamps = rollout.stamps()
+        gap = sum(
+            max(0.0, MARGIN_M - self._least_gap(stamps, X, Y, psi, table)) for table in self._tables
+        )
+        wheels = geometry.transform_to_map(self._wheels, X[::5], Y[::5], psi[::5])
+        beyond = self._emergency.course.beyond_edge(wheels[..., 0], wheels[..., 1]).max()
+        moving = np.hypot(vx, vy) > SLIDING_FROM_MPS
+        sideslip = np.degrees(np.abs(np.arctan2(vy, vx)))[moving].max(initial=0.0)
+        return Shortfall(
+            gap,
+            max(0.0, beyond - SHOULDER_M + ROAD_MARGIN_M),
+            max(0.0, sideslip - SLIDING_DEG + SLIDING_MARGIN_DEG) / 10,
+        )
+
+    def _least_gap(self, stamps, X, Y, psi, table):
+        """Return the least gap [m] to one obstacle while it is present, infinite without."""
+        since = (stamps - self._emergency.start_ns) / NS_PER_S
+        k = np.minimum((since * NS_PER_S / TICK_NS).astype(int), len(table) - 1)
+        x, y, vx, vy, r = table[k].T
+        age = since - k * TICK_NS / NS_PER_S
+        gap = geometry.gap_to_circle(X, Y, psi, self._outline, x + vx * age, y + vy * age, r)
+        return np.nanmin(gap, initial=np.inf) if np.isfinite(gap).any() else np.inf
+
+    def _obstacle_tables(self):
+        """Return (ticks, 5) per obstacle: x, y, vx, vy, radius; not-a-number while absent."""
+        emergency = self._emergency
+        stamps = emergency.start_ns + TICK_NS * np.arange(emergency.most_ticks + 1)
+        tables = {}
+        for row, stamp in enumerate(stamps):
+            for o in emergency.obstacles_at(int(stamp)).items:
+                table = tables.setdefault(o.id, np.full((len(stamps), 5), np.nan))
+                table[row] = o.X, o.Y, o.vX, o.vY, o.r_obs
+        return list(tables.values())
+
+    def may_survive(self, rollout: Rollout) -> bool:
+        """Return whether a rollout is worth the metrics of the whole drive."""
+        s = self.shortfall(rollout)
+        return s.gap < MARGIN_M and s.road < ROAD_MARGIN_M and s.sideslip < SLIDING_MARGIN_DEG / 10
+
+
+def survives(drive: Drive) -> bool:
+    """Return whether a whole drive counts as survived, by the metric of that name."""
+    run = EvaluatedDrive(drive, compute_series(drive))
+    return run.value(survival.survived) is True

@@ -1,0 +1,224 @@
+"""Whether an emergency can be survived: a search over drives on the plant, and a bound.
+
+`survivable` looks for a drive that survives, from the cheapest kind to the dearest:
+
+1. an MPCC with hindsight along every approach;
+2. manoeuvres around the best approaches, changed by CMA-ES.
+
+What it finds was driven: the plant, its gate and its servos are those of every run, and the metrics
+of the whole drive decide. Without one, and where no position remains (`bound`), it is impossible;
+otherwise undecided.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bags.evaluation.drive import Drive
+from experiments.simulation import Setup
+from experiments.survivable import bound, sides
+from experiments.survivable.emergency import TICK_S, Emergency, Rollout
+from experiments.survivable.evolution import Evolution
+from experiments.survivable.judgement import Judge, survives
+from experiments.survivable.pilots import Foresight, Manoeuvre, Tracker
+from experiments.survivable.sides import Approach
+from mpcc_controller.parameters import ControllerParams
+from msgs_yaml.conversions import NS_PER_S
+
+POSSIBLE, IMPOSSIBLE, UNDECIDED = 'possible', 'impossible', 'undecided'
+BUDGET = 600  # rollouts of the search, those of the MPCC included
+STARTS = 3  # approaches around which manoeuvres are searched
+KNOT_S, BRAKE_KNOT_S = 0.5, 0.6  # between knots of the path and of the braking
+PATH_STEP_M = 0.5
+OFFSET_SCALE_M, BRAKE_SCALE = 0.5, 0.25  # of the first generation; braking relative to the grip
+EFFORT = 0.01  # cost of a manoeuvre one scale away from its approach
+SETTLED_GENERATIONS, SETTLED_SHARE = 7, 0.03  # without so much gain a search has settled
+AFTER_S = 2.0  # a manoeuvre is judged until so long after the last obstacle was met
+
+
+class Verdict(NamedTuple):
+    """Whether an emergency can be survived, and how that is known."""
+
+    answer: str  # POSSIBLE, IMPOSSIBLE or UNDECIDED
+    how: str  # for a person
+    rollouts: int  # that were driven
+    drive: Drive | None  # that survives, for POSSIBLE
+
+    @property
+    def possible(self) -> bool | None:
+        """True, False, or None while undecided."""
+        return {POSSIBLE: True, IMPOSSIBLE: False}.get(self.answer)
+
+
+def survivable(
+    setup: Setup,
+    budget: int = BUDGET,
+    seed: int = 1,
+    preview: bool = False,
+    drivers: Sequence[ControllerParams] = (),
+) -> Verdict:
+    """Return whether any driver can survive the run of a setup.
+
+    budget   rollouts after which it stays undecided
+    seed     of the search; the same arguments give the same verdict
+    preview  the driver may act from the start of the run; otherwise from the first instant at which
+             an obstacle is present, with the car as the setup's controller has driven it
+    drivers  MPCCs for the first stage, by default that of the setup
+    """
+    emergency = Emergency(setup, preview)
+    empty_at = bound.impossible_at(emergency)
+    if empty_at is not None:
+        return Verdict(IMPOSSIBLE, f'no position is left {empty_at:.2f} s after it begins', 0, None)
+    search = _Search(emergency, budget)
+    stages = [
+        search.with_hindsight(drivers or (setup.params,)),
+        search.manoeuvres(np.random.default_rng(seed)),
+    ]
+    for stage in stages:
+        for how, rollout in stage:
+            drive = emergency.drive(rollout)
+            if survives(drive):
+                return Verdict(POSSIBLE, how, search.rollouts, drive)
+            if search.rollouts >= budget:
+                break
+    return Verdict(UNDECIDED, 'nothing found', search.rollouts, None)
+
+
+class _Search:
+    """The candidates of one emergency; every stage yields those that may survive."""
+
+    def __init__(self, emergency: Emergency, budget: int):
+        self.emergency, self.judge = emergency, Judge(emergency)
+        self.approaches = sides.approaches(emergency)
+        self._budget = budget
+        self.rollouts = 0
+        self._costs = np.full(len(self.approaches), np.inf)
+
+    def _roll(self, pilot, ticks=None) -> tuple[Rollout, float]:
+        self.rollouts += 1
+        rollout = self.emergency.roll(pilot, ticks)
+        return rollout, self.judge.shortfall(rollout).cost
+
+    def with_hindsight(self, drivers) -> Iterator[tuple[str, Rollout]]:
+        for driver in drivers:
+            for i, approach in enumerate(self.approaches):
+                if self.rollouts >= self._budget:
+                    return
+                rollout, cost = self._roll(Foresight(self.emergency, driver, approach))
+                self._costs[i] = min(self._costs[i], cost)
+                if self.judge.may_survive(rollout):
+                    yield f'an MPCC with hindsight, approach {i}', rollout
+
+    def manoeuvres(self, rng) -> Iterator[tuple[str, Rollout]]:
+        starts = []
+        for i, approach in enumerate(self.approaches):
+            if self.rollouts >= self._budget:
+                return
+            shape = _Shape(self.emergency, approach)
+            rollout, cost = self._roll(shape.pilot(shape.start))
+            starts.append((min(cost, self._costs[i]), i, shape))
+            if self.judge.may_survive(rollout):
+                yield f'a tracked approach {i}', rollout
+        starts.sort(key=lambda start: start[:2])
+        runs = [_Run(i, shape, Evolution(shape.start, shape.scale, rng)) for _, i, shape in starts]
+        del runs[STARTS:]
+        while any(not run.has_settled for run in runs):
+            for run in runs:
+                if not run.has_settled:
+                    yield from self._generation(run)
+                if self.rollouts >= self._budget:
+                    return
+
+    def _generation(self, run):
+        """Drive a generation and yield those that may survive."""
+        shape, candidates, costs = run.shape, run.evolution.ask(), []
+        for vector in candidates:
+            rollout, cost = self._roll(shape.pilot(vector), shape.ticks)
+            costs.append(cost + EFFORT * shape.effort(vector))
+            if self.judge.may_survive(rollout):
+                whole, _ = self._roll(shape.pilot(vector))
+                if self.judge.may_survive(whole):
+                    yield f'a manoeuvre around approach {run.approach}', whole
+        run.evolution.tell(candidates, np.array(costs))
+        run.best.append(min(costs))
+
+
+class _Run:
+    """A search around one approach."""
+
+    def __init__(self, approach: int, shape: '_Shape', evolution: Evolution):
+        self.approach, self.shape, self.evolution = approach, shape, evolution
+        self.best: list[float] = []  # cost of each generation
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether the last generations were no better than those before."""
+        if len(self.best) <= SETTLED_GENERATIONS:
+            return False
+        before, last = self.best[:-SETTLED_GENERATIONS], self.best[-SETTLED_GENERATIONS:]
+        return min(last) > (1 - SETTLED_SHARE) * min(before)
+
+
+class _Shape:
+    """Manoeuvres around an approach as vectors: changes of offset, braking, tracking."""
+
+    def __init__(self, emergency: Emergency, approach: Approach):
+        self._emergency, self._approach = emergency, approach
+        now = emergency.car.state
+        s0 = float(emergency.course.project(now.X, now.Y)[0])
+        speed = max(float(np.hypot(now.vx, now.vy)), 5.0)
+        self.ticks = _judged_ticks(emergency)
+        time_s = self.ticks * TICK_S
+        self._s = np.arange(s0, s0 + speed * time_s + 1.0, max(4.0, speed * KNOT_S))
+        self._t = np.arange(0.0, time_s + BRAKE_KNOT_S, BRAKE_KNOT_S)
+        self._grip = emergency.setup.friction * emergency.setup.plant.car.body.gravity_mps2
+        braking = np.full(len(self._t), approach.braking / self._grip)
+        self.start = np.concatenate([np.zeros(len(self._s)), braking, np.zeros(3)])
+        scales = (np.full(len(self._s), OFFSET_SCALE_M), np.full(len(self._t), BRAKE_SCALE))
+        self.scale = np.concatenate([*scales, np.full(3, 0.25)])
+
+    def pilot(self, vector: np.ndarray) -> Tracker:
+        m, k = len(self._s), len(self._t)
+        changes, braking, tracking = vector[:m], vector[m : m + k], vector[m + k :]
+        a = self._approach
+        # nothing is changed where the car is
+        near = np.clip((a.path.s - self._s[0]) / 5.0, 0.0, 1.0)
+        n = a.offsets + near * _smooth(a.path.s, self._s, changes)
+        right, left = self._emergency.course.room(a.path.s)
+        n = np.clip(n, np.minimum(right, left), left)
+        path = self._emergency.course.shifted(a.path.s, n)
+        t = np.arange(self.ticks) * TICK_S
+        ax = -self._grip * np.interp(t, self._t, np.clip(braking, -0.3, 1.2))
+        # afterwards to a stop: what was survived stays survived
+        ax = np.append(ax, -0.35 * self._grip)
+        lookahead, gain, slip = np.exp(np.clip(tracking, -1.0, 1.0))
+        return Tracker(
+            self._emergency, Manoeuvre(path, ax, 0.5 * lookahead, 0.06 * gain, 0.14 * slip)
+        )
+
+    def effort(self, vector: np.ndarray) -> float:
+        """Return how much a manoeuvre differs from its approach: the tie-breaker of the search."""
+        return float(np.mean(((vector - self.start) / self.scale) ** 2))
+
+
+def _smooth(s, knots, values):
+    """Return a smooth line through knots at s, constant beyond them."""
+    if len(knots) < 3:
+        return np.interp(s, knots, values)
+    return CubicSpline(knots, values, bc_type='natural')(np.clip(s, knots[0], knots[-1]))
+
+
+def _judged_ticks(emergency: Emergency) -> int:
+    """Return the ticks until every obstacle lies behind a car that goes on at its speed."""
+    now, course = emergency.car.state, emergency.course
+    s0 = float(course.project(now.X, now.Y)[0])
+    speed = max(float(np.hypot(now.vx, now.vy)), 5.0)
+    last = 0
+    for k in range(emergency.most_ticks):
+        stamp = emergency.start_ns + round(k * TICK_S * NS_PER_S)
+        for o in emergency.obstacles_at(stamp).items:
+            if abs(float(course.project(o.X, o.Y)[0]) - s0 - speed * k * TICK_S) < o.r_obs + 8.0:
+                last = k
+    return min(emergency.most_ticks, max(last + round(AFTER_S / TICK_S), round(3.0 / TICK_S)))
