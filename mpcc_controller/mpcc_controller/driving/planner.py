@@ -98,8 +98,7 @@ class Planner:
         self.theta: float | None = None  # m, last projection on the path
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
-        if self.alternatives:
-            self.alternatives.reset()
+        self._forget_alternatives()
 
     def believe(self, friction: float) -> None:
         """Plan for a road of another friction than `model.friction` from now on."""
@@ -243,10 +242,12 @@ class Planner:
 
     def brake(self, reason: str, sliding: bool = False) -> Decision:
         """Return the decision to brake, or to recover a sliding car, without solving."""
+        self._forget_alternatives()
         return self.fallback.brake(reason, sliding)
 
     def continue_plan(self, reason: str) -> Decision:
         """Return the decision for a tick with an unknown state: the plan goes on as planned."""
+        self._forget_alternatives()
         plan = self.fallback.plan
         if plan is not None:
             plan = shift(plan, self.step, self.car)
@@ -254,12 +255,18 @@ class Planner:
 
     def discard_plan(self) -> None:
         """Drop every plan: the gate rejected a command of it."""
+        self._forget_alternatives()
         self.fallback.discard_plan()
 
     @property
     def guiding_plan(self) -> Plan | None:
         """The last good plan while it is recent enough to steer along."""
         return self.fallback.guiding_plan
+
+    def _forget_alternatives(self):
+        """Drop the plans kept for this tick: without a solve they grow older."""
+        if self.alternatives:
+            self.alternatives.reset()
 
     def _take_guess(self, problem: TickProblem) -> Plan:
         """Return the initial guess: the plan that was prepared for this tick if there is one.

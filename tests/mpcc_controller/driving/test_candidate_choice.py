@@ -1,0 +1,117 @@
+"""Which candidate is driven: the cheapest good one, without dithering and without waiting."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.candidate_choice import CandidateChooser, Outcome, are_opposed
+from mpcc_controller.driving.candidates import BEHIND, LEFT, RIGHT
+from mpcc_controller.parameters import Candidates
+from stage_solver.solution import SOLVED, Solution
+from stage_solver.stage_problem import Plan
+
+RULES = Candidates(
+    most=4,
+    danger_m=1.0,
+    switch_share=0.02,
+    hold_share=0.2,
+    hold_ticks=3,
+    path_share=0.1,
+    max_iterations=40,
+    retry_ticks=5,
+)
+PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
+LEFT_OF_1, RIGHT_OF_1, BEHIND_1 = {1: LEFT}, {1: RIGHT}, {1: BEHIND}
+NO_SIDES = {}
+
+
+def outcome(cost, sides=LEFT_OF_1, rejection='', gap=0.3, off_road=0.0):
+    solution = Solution(PLAN, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
+    return Outcome('name', None, solution, rejection, sides, gap, off_road)
+
+
+@pytest.fixture
+def chooser():
+    return CandidateChooser(RULES)
+
+
+def test_the_cheapest_plan_is_driven_when_it_is_cheaper_by_the_share(chooser):
+    enough, too_little = outcome(97.9, RIGHT_OF_1), outcome(98.1, RIGHT_OF_1)
+    assert chooser.choose([outcome(100.0), too_little], NO_SIDES).chosen == 0
+    assert chooser.choose([outcome(100.0), too_little, enough], NO_SIDES).chosen == 2
+
+
+def test_after_a_switch_the_larger_share_counts_for_the_ticks_of_the_parameter(chooser):
+    followed, better = outcome(100.0), outcome(90.0, RIGHT_OF_1)
+    assert chooser.choose([followed, better], NO_SIDES).switched
+    chosen = [chooser.choose([followed, better], NO_SIDES).chosen for _ in range(3)]
+    assert chosen == [0, 0, 1]  # two ticks of the three are left after that of the switch
+    chooser.reset()
+    assert chooser.choose([followed, better], NO_SIDES).chosen == 1
+
+
+def test_a_much_cheaper_plan_is_driven_even_right_after_a_switch(chooser):
+    assert chooser.choose([outcome(100.0), outcome(90.0, RIGHT_OF_1)], NO_SIDES).switched
+    assert chooser.choose([outcome(100.0), outcome(70.0, RIGHT_OF_1)], NO_SIDES).switched
+
+
+def test_costs_that_cross_often_do_not_make_the_choice_dither(chooser):
+    rng = np.random.default_rng(3)
+    sides, switches = [LEFT_OF_1, RIGHT_OF_1], 0
+    for _ in range(200):  # noise of 5 %: without memory every other tick
+        costs = 100 * (1 + 0.05 * rng.uniform(-1, 1, 2))
+        choice = chooser.choose([outcome(c, s) for c, s in zip(costs, sides)], NO_SIDES)
+        if choice.switched:
+            sides.reverse()
+            switches += 1
+    assert 0 < switches < 45
+
+
+@pytest.mark.parametrize(
+    'useless',
+    [
+        outcome(1.0, rejection='plan_not_feasible'),
+        outcome(1.0, gap=-0.01),
+        outcome(1.0, off_road=0.2),
+    ],
+    ids=['failed', 'contact', 'off_road'],
+)
+def test_a_useless_followed_plan_is_left_at_once_whatever_it_costs(chooser, useless):
+    good = outcome(1e4, RIGHT_OF_1)
+    chooser.choose([outcome(100.0), outcome(50.0, RIGHT_OF_1)], NO_SIDES)  # the share is larger
+    assert chooser.choose([useless, good], NO_SIDES).chosen == 1
+    assert chooser.choose([good, useless], NO_SIDES).chosen == 0
+
+
+def test_a_plan_that_touches_is_driven_before_one_that_did_not_converge(chooser):
+    touches, failed = outcome(1e4, gap=-0.5), outcome(1.0, rejection='solver_failed')
+    assert chooser.choose([failed, touches], NO_SIDES).chosen == 1
+
+
+def test_when_all_plans_touch_the_cheapest_is_driven(chooser):
+    plans = [outcome(cost, gap=-0.1) for cost in (50.0, 20.0, 30.0)]
+    assert chooser.choose(plans, NO_SIDES).chosen == 1
+
+
+def test_without_a_usable_plan_the_followed_one_is_chosen(chooser):
+    plans = [outcome(np.nan, {}, 'solver_failed'), outcome(np.nan, {}, 'plan_not_finite')]
+    choice = chooser.choose(plans, NO_SIDES)
+    assert (choice.chosen, choice.switched) == (0, False)
+
+
+def test_the_side_of_the_coarse_path_wins_unless_the_other_is_cheaper_by_more(chooser):
+    left, right = outcome(100.0), outcome(95.0, RIGHT_OF_1)
+    assert chooser.choose([left, right], LEFT_OF_1).chosen == 0
+    assert chooser.choose([left, outcome(85.0, RIGHT_OF_1)], LEFT_OF_1).chosen == 1
+    chooser.reset()
+    assert chooser.choose([right, left], LEFT_OF_1).chosen == 1  # 104.5 against 100
+
+
+def test_a_better_plan_on_the_same_side_is_no_switch(chooser):
+    assert not chooser.choose([outcome(100.0), outcome(50.0)], NO_SIDES).switched
+    assert not chooser.choose([outcome(100.0, BEHIND_1), outcome(50.0)], NO_SIDES).switched
+
+
+def test_ways_are_opposed_where_one_obstacle_is_passed_on_both_sides():
+    assert are_opposed({1: LEFT, 2: LEFT}, {2: RIGHT})
+    assert not are_opposed({1: LEFT, 2: BEHIND}, {1: LEFT, 2: RIGHT})
+    assert not are_opposed({1: LEFT}, {2: RIGHT})

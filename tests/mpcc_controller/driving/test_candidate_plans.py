@@ -1,0 +1,156 @@
+"""Several plans per tick in the closed loop: threads, failures, memory, reports."""
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.model.single_track import State
+from msgs_yaml.types import Obstacle, Obstacles
+from stage_solver.solution import FAILED, SOLVED
+
+POP_UP = Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope='module')
+def several(world):
+    """Return a controller of the paper's problem, which is compiled, that compares plans."""
+    return Controller(*world.load(candidates__most=4))
+
+
+@pytest.fixture
+def controller(several, world):
+    return world.set_inputs(several, world.straight(left=6.0, right=-2.5))
+
+
+def pop_up(controller, *obstacles):
+    controller.set_obstacles(Obstacles(0, obstacles or (POP_UP,)))
+
+
+def names(why):
+    count = why.values.get('candidates.count', 0)
+    return [why.values[f'candidates.{number}.name'] for number in range(count)]
+
+
+def test_without_danger_there_is_one_plan_and_the_commands_of_one_plan(
+    controller, shared_controller, world
+):
+    world.set_inputs(shared_controller, world.straight(left=6.0, right=-2.5))
+    one, many = (world.drive(c, 10) for c in (shared_controller, controller))
+    assert one.commands == many.commands
+    assert not any(names(why) for why in many.whys)
+
+
+def test_at_a_pop_up_every_side_with_room_and_braking_are_compared(controller, world):
+    world.drive(controller, 3)
+    pop_up(controller)
+    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    assert names(why) == ['followed', 'left of 1', 'brake']  # on the right there is no room
+    chosen = why.values['candidates.chosen']
+    costs = [why.values[f'candidates.{i}.cost'] for i in range(3)]
+    assert why.values['solver.cost'] == costs[chosen]
+    assert why.values['cost.total'] == pytest.approx(costs[chosen], rel=1e-4)
+    assert why.values['time.solve_cpu_ms'] >= max(
+        why.values[f'candidates.{i}.cpu_ms'] for i in range(3)
+    )
+
+
+def test_the_number_of_threads_does_not_change_a_bit(controller, world, monkeypatch):
+    def run():
+        world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
+        pop_up(controller)
+        return world.drive(controller, 25)
+
+    assert len(controller.planner.parallel.solvers) >= 1
+    parallel = run()
+    monkeypatch.setattr(
+        controller.planner.parallel, 'solvers', controller.planner.parallel.solvers[:1]
+    )
+    alone = run()
+    assert parallel.commands == alone.commands
+    assert any(names(why) for why in parallel.whys)
+
+
+def test_a_kept_plan_converges_in_fewer_iterations_than_its_first_guess(controller, world):
+    pop_up(controller)
+    whys = world.drive(controller, 8).whys
+    iterations = {}
+    for why in whys:
+        for number, name in enumerate(names(why)):
+            iterations.setdefault(name, []).append(why.values[f'candidates.{number}.iterations'])
+    sides = [counts for name, counts in iterations.items() if 'of 1' in name and len(counts) > 2]
+    for counts in sides:
+        assert np.median(counts[1:]) < counts[0]
+
+
+def test_when_the_followed_plan_fails_another_candidate_is_driven(controller, world, monkeypatch):
+    world.drive(controller, 3)
+    pop_up(controller)
+    fail = world.ModifiedSolver(
+        controller.planner.first_solver, lambda s: s._replace(status=FAILED, cost=np.nan)
+    )
+    monkeypatch.setattr(controller.planner, 'first_solver', fail)
+    second = world.ModifiedSolver(controller.planner.second_solver)
+    monkeypatch.setattr(controller.planner, 'second_solver', second)
+    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    assert why.values['rung'] == SOLVED
+    assert why.values['candidates.chosen'] > 0
+    assert why.values['candidates.0.status'] == 'solver_failed'
+    assert second.guesses == []  # it runs only where all candidates failed
+
+
+def test_when_all_candidates_fail_the_second_solver_runs(controller, world, monkeypatch):
+    world.drive(controller, 3)
+    pop_up(controller)
+
+    def failing(solver):
+        return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
+
+    planner = controller.planner
+    second = world.ModifiedSolver(planner.second_solver)
+    monkeypatch.setattr(planner, 'second_solver', second)
+    monkeypatch.setattr(planner, 'first_solver', failing(planner.first_solver))
+    solvers = [failing(solver) for solver in planner.parallel.solvers]
+    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    assert len(second.guesses) == 1
+    assert why.values['rung'] == 'second_solver'
+
+
+def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
+    controller, world, monkeypatch
+):
+    world.drive(controller, 3)
+    pop_up(controller)
+
+    def explode(solution):
+        raise RuntimeError('no memory')
+
+    planner = controller.planner
+    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.parallel.solvers]
+    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    assert why.values['rung'] == SOLVED
+    assert why.values['candidates.1.status'] == 'solver_failed'
+
+
+def test_braking_forgets_the_plans_that_were_kept(controller, world):
+    pop_up(controller)
+    world.drive(controller, 3)
+    assert controller.planner.brake('test').level == BRAKING
+    assert controller.planner.alternatives._kept == []
+
+
+def test_an_oncoming_car_is_passed_that_one_plan_brakes_for(controller, shared_controller, world):
+    x = State(0.0, 0.0, 0.0, 17.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def least_gap_and_speed(chosen):
+        world.set_inputs(chosen, world.straight(v=17.0, left=6.0, right=-2.5))
+        chosen.set_obstacles(Obstacles(0, (Obstacle(1, 100.0, 0.66, 1.0, -15.0, 0.0),)))
+        states = world.drive(chosen, 105, x).states
+        t = 0.05 * np.arange(len(states.X))
+        return np.min(np.hypot(states.X - (100 - 15 * t), states.Y - 0.66)) - 2.1, states.vx.min()
+
+    one, many = least_gap_and_speed(shared_controller), least_gap_and_speed(controller)
+    assert one[0] < 0.0
+    assert many[0] > 0.2

@@ -1,0 +1,231 @@
+"""Initial guesses around obstacles: where they lead, and that they are drivable motions."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving import candidates
+from mpcc_controller.driving.candidates import BEHIND, LEFT, RIGHT
+from mpcc_controller.model.single_track import State
+from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Obstacle
+
+GRAVITY = 9.81
+R_VEH = 1.1  # m, of mpcc.yaml
+STEP_S = 0.05
+# nothing here compiles or solves; the first example loads CasADi
+quick = settings(max_examples=60, deadline=None)
+
+
+@pytest.fixture(scope='module')
+def params(world):
+    return world.load(candidates__most=4)[0]
+
+
+@pytest.fixture(scope='module')
+def car(params, vehicle):
+    return stage_parameters.car(params, vehicle)
+
+
+def scene_of(world, obstacles, v=20.0, left=6.0, right=-6.0):
+    situation = world.straight(v, obstacles, left, right)
+    return Scene(
+        reference_path.build(situation.reference),
+        road_edges.build(situation.edges),
+        situation.obstacles,
+    )
+
+
+def start(v=20.0, X=0.0, Y=0.0, psi=0.0):
+    return State(X, Y, psi, v, 0.0, 0.0, X, 0.0, 0.0)
+
+
+def standing(key, X, Y, r_obs=1.0):
+    return Obstacle(key, X, Y, r_obs, 0.0, 0.0)
+
+
+def guesses(scene, x0, car, params):
+    """Return (sides, profile, guess) of every way around what is dangerous."""
+    around = candidates.surroundings(scene, x0, (), car, params)
+    ways = candidates.side_combinations(around, x0, params)
+    return [(*way, candidates.guess_along(around, way[1], x0, car, params)) for way in ways]
+
+
+@quick
+@given(
+    v=st.floats(8.0, 30.0),
+    seconds=st.floats(0.8, 2.0),
+    Y=st.floats(-1.5, 1.5),
+    r_obs=st.floats(0.3, 1.5),
+)
+def test_a_guess_passes_the_obstacle_on_its_side_on_the_road_without_contact(
+    world, params, car, v, seconds, Y, r_obs
+):
+    scene = scene_of(world, [standing(1, v * seconds + 3, Y, r_obs)], v)
+    x0 = start(v)
+    found = guesses(scene, x0, car, params)
+    assert found
+    for sides, shape, guess in found:
+        x = State(*guess.X.T)
+        assert tuple(guess.X[0]) == x0
+        assert candidates.passed_sides(guess.X, scene, scene.obstacles.items, params) == sides
+        assert np.all(np.abs(x.Y) <= 6.0 - R_VEH + 1e-9)
+        # a quintic that begins at once: what it does not reach, no guess of this form reaches
+        if shape.acceleration < GRAVITY:
+            assert candidates.least_gaps(guess.X, scene, params)[0] > -1e-6
+
+
+@quick
+@given(
+    v=st.floats(10.0, 30.0),
+    seconds=st.floats(1.0, 2.0),
+    Y=st.floats(-1.0, 1.0),
+    Y0=st.floats(-1.0, 1.0),
+)
+def test_a_guess_is_a_motion(world, params, car, v, seconds, Y, Y0):
+    """Positions move with the velocity, and the course turns as its lateral acceleration says."""
+    scene = scene_of(world, [standing(1, v * seconds, Y)], v)
+    for _, shape, guess in guesses(scene, start(v, Y=Y0), car, params):
+        if shape.acceleration > 6.0:  # beyond steady cornering
+            continue
+        x = State(*guess.X[1:].T)  # stage 0 is measured
+        course = x.psi + np.arctan2(x.vy, x.vx)
+        moved = np.diff(np.column_stack([x.X, x.Y]), axis=0) / STEP_S
+        # ahead and aside of the course, in between two stages
+        mean = (course[1:] + course[:-1]) / 2
+        ahead = np.cos(mean) * moved[:, 0] + np.sin(mean) * moved[:, 1]
+        aside = np.cos(mean) * moved[:, 1] - np.sin(mean) * moved[:, 0]
+        assert np.max(np.abs(aside)) < 0.05 * v  # 3 deg
+        # a car that moves aside is longer under way; its guess is not slower for that
+        assert np.all(ahead > 0.98 * x.vx[1:])
+        assert np.all(ahead < 1.1 * x.vx[1:])
+        turned = np.diff(course) / STEP_S
+        assert np.max(np.abs(turned - (x.r[1:] + x.r[:-1]) / 2)) < 0.5 * GRAVITY / v
+
+
+@quick
+@given(v=st.floats(10.0, 30.0), seconds=st.floats(0.8, 2.0), Y=st.floats(-1.5, 1.5))
+def test_a_mirrored_road_has_mirrored_guesses(world, params, car, v, seconds, Y):
+    def all_of(sign):
+        scene = scene_of(world, [standing(1, v * seconds, sign * Y)], v)
+        return {
+            way[0][1] * sign: way[2].X[:, 1] * sign for way in guesses(scene, start(v), car, params)
+        }
+
+    one, mirrored = all_of(1), all_of(-1)
+    assert one.keys() == mirrored.keys() == {LEFT, RIGHT}
+    for side, Y_of in one.items():
+        assert mirrored[side] == pytest.approx(Y_of, abs=1e-9)
+
+
+@quick
+@given(v=st.floats(10.0, 28.0), oncoming=st.floats(3.0, 20.0), seconds=st.floats(0.8, 2.0))
+def test_an_oncoming_car_is_met_where_both_speeds_say(world, params, car, v, oncoming, seconds):
+    gap = (v + oncoming) * seconds
+    scene = scene_of(world, [Obstacle(1, gap, 0.0, 1.0, -oncoming, 0.0)], v)
+    (hazard,) = candidates.surroundings(scene, start(v), (), car, params).hazards
+    touch = (1.0 + R_VEH) / (v + oncoming)
+    assert hazard.enter == pytest.approx(seconds - touch, abs=1.01 * STEP_S)
+    assert hazard.leave == pytest.approx(seconds + touch, abs=1.01 * STEP_S)
+
+
+def test_a_slower_car_is_met_later_than_one_that_stands(world, params, car):
+    def enter(vX):
+        scene = scene_of(world, [Obstacle(1, 25.0, 0.0, 1.0, vX, 0.0)])
+        return candidates.surroundings(scene, start(), (), car, params).hazards[0].enter
+
+    assert enter(0.0) == pytest.approx((25 - 2.1) / 20, abs=STEP_S)
+    assert enter(8.0) == pytest.approx((25 - 2.1) / 12, abs=STEP_S)
+
+
+def test_a_car_behind_a_slow_one_accelerates_in_its_guess_past_it(world, params, car):
+    scene = scene_of(world, [Obstacle(1, 4.0, 0.0, 1.0, 7.0, 0.0)], v=25.0)
+    for _, _, guess in guesses(scene, start(7.5), car, params):
+        assert State(*guess.X.T).vx[-1] > 14.0
+
+
+@pytest.mark.parametrize('Y', [-6.0, 5.0, 40.0])
+def test_an_obstacle_beside_the_way_is_no_danger(world, params, car, Y):
+    scene = scene_of(world, [standing(1, 30.0, Y)])
+    assert candidates.surroundings(scene, start(), (), car, params) is None
+
+
+def test_an_obstacle_on_a_plan_is_a_danger_though_it_is_not_on_the_path(world, params, car):
+    scene = scene_of(world, [standing(1, 30.0, 5.0)])
+    plan = np.zeros((51, 9))
+    plan[:, 0] = plan[:, 6] = np.arange(51.0)
+    plan[:, 1] = 4.0
+    around = candidates.surroundings(scene, start(), (plan,), car, params)
+    assert [h.obstacle.id for h in around.hazards] == [1]
+
+
+@quick
+@given(gap=st.floats(0.0, 4.0))
+def test_between_two_obstacles_there_is_a_way_where_the_circle_fits(world, params, car, gap):
+    assume(abs(gap - 2 * R_VEH) > 1e-6)
+    pair = [standing(1, 30.0, 1 + gap / 2), standing(2, 30.0, -1 - gap / 2)]
+    ways = [way[0] for way in guesses(scene_of(world, pair), start(), car, params)]
+    between = {1: RIGHT, 2: LEFT}
+    assert (between in ways) == (gap > 2 * R_VEH)
+    assert {1: LEFT, 2: RIGHT} not in ways  # on both sides at once
+
+
+def test_beside_a_narrow_road_there_is_no_way(world, params, car):
+    scene = scene_of(world, [standing(1, 30.0, 0.0)], left=3.0, right=-3.0)
+    assert guesses(scene, start(), car, params) == []
+
+
+def test_obstacles_in_turn_have_every_combination_the_easiest_first(world, params, car):
+    pair = [standing(1, 25.0, 2.0), standing(2, 48.0, -2.0)]
+    found = guesses(scene_of(world, pair), start(), car, params)
+    assert sorted(tuple(way[0].values()) for way in found) == [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+    assert found[0][0] == {1: RIGHT, 2: LEFT}
+    peaks = [way[1].acceleration for way in found]
+    assert peaks == sorted(peaks)
+
+
+@quick
+@given(v=st.floats(9.0, 35.0))
+def test_the_braking_guess_stops_as_friction_allows(params, car, v):
+    line = np.zeros((51, 9))
+    line[:, 0] = line[:, 6] = v * STEP_S * np.arange(51)
+    line[:, 3] = v
+    x = State(*candidates.braking_guess(line, start(v), car, params).X.T)
+    a = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
+    floor = params.limits.least_speed_mps
+    assert x.vx.min() >= floor - 1e-9
+    k = int((v - floor) / a / STEP_S) if v - 2.5 * a < floor else 50  # the last stage above it
+    t = k * STEP_S
+    assert x.vx[k] == pytest.approx(v - a * t, abs=1e-9)
+    assert x.X[k] == pytest.approx(v * t - a * t**2 / 2, abs=1e-6)
+
+
+@quick
+@given(v=st.floats(10.0, 30.0), kappa=st.floats(0.002, 0.02))
+def test_the_braking_guess_keeps_to_a_bend_and_leaves_it_its_friction(params, car, v, kappa):
+    available = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
+    assume(v**2 * kappa < 0.75 * available)
+    s = v * STEP_S * np.arange(51)
+    line = np.column_stack([np.zeros((51, 9))])
+    line[:, 0], line[:, 1] = np.sin(kappa * s) / kappa, (1 - np.cos(kappa * s)) / kappa
+    line[:, 2], line[:, 3], line[:, 5], line[:, 6] = kappa * s, v, v * kappa, s
+    x = State(*candidates.braking_guess(line, start(v), car, params).X.T)
+    # chords of a quarter of a metre to 1.5 m beside the arc
+    assert np.max(np.abs(np.hypot(x.X, x.Y - 1 / kappa) - 1 / kappa)) < 0.01
+    ax = -np.diff(x.vx)[0] / STEP_S
+    assert math.hypot(ax, v**2 * kappa) == pytest.approx(available, rel=1e-6)
+
+
+def test_a_plan_that_stays_behind_passes_on_no_side(world, params):
+    scene = scene_of(world, [standing(1, 40.0, 0.5)])
+    plan = np.zeros((51, 9))
+    plan[:, 0] = plan[:, 6] = np.linspace(0, 30.0, 51)
+    assert candidates.passed_sides(plan, scene, scene.obstacles.items, params) == {1: BEHIND}
+    assert (
+        candidates.name_of({1: LEFT, 4: RIGHT, 5: BEHIND}) == 'left of 1, right of 4, behind of 5'
+    )
