@@ -124,9 +124,21 @@ def test_comments_of_split_mu_state_when_the_car_is_on_the_patch():
     assert f'leaves it {left - reached:.1f} s later' in comments
 
 
-@pytest.mark.parametrize('name', [name for name in ALL if name != 'split_mu'])
+SLIPPERY = ('split_mu', 'split_mu_obstacle', 'low_mu_obstacle')
+
+
+@pytest.mark.parametrize('name', [name for name in ALL if name not in SLIPPERY])
 def test_other_shipped_scenarios_have_one_friction_everywhere(name):
     assert scenario.load(name).patches == ((), ())
+
+
+def test_at_least_24_scenarios_say_what_a_run_is_to_come_to():
+    expecting = [name for name in ALL if scenario.load(name).expect]
+    assert len(expecting) >= 24
+    for name in expecting:
+        asked = {expectation.metric: expectation for expectation in scenario.load(name).expect}
+        # more would be a matter of taste; that the car survives is the least
+        assert asked['survived'].value is True
 
 
 def test_what_a_scenario_may_hold_fits_into_the_messages():

@@ -8,7 +8,9 @@ from scenario_publisher import actors
 from scenario_publisher.scenario import Scenario
 
 STEP_S = 1.0  # between two drawn places of an obstacle that moves
-DEEP_INCH, WIDE_INCH = 1.9, 8.0
+WIDE_INCH, MAX_DEEP_INCH, TITLE_INCH = 8.0, 3.6, 0.5
+NEAR_M = 6.0  # of obstacles that share a label
+MARGIN_M = 2.5
 AROUND_M = 12.0  # drawn beyond start and finish
 ROAD, EDGE, PATH = '#e8e8e8', '#444444', '#1f77b4'
 OBSTACLE, SLIPPERY = '#c0392b', '#9bd3e6'
@@ -17,14 +19,18 @@ OBSTACLE, SLIPPERY = '#c0392b', '#9bd3e6'
 def draw_scenario(scn: Scenario, path: Path) -> Path:
     """Draw a scenario into a file, PNG or SVG by its suffix, and return it.
 
-    An obstacle is dark where it appears and paler every second, numbered; the car is drawn at its
-    start, and the finish is a dashed line across the road.
+    An obstacle is dark where it appears and paler every second, numbered; the car is an arrow at
+    its start, and the finish is a dotted line across the road.
     """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle, Polygon
 
     left, right = scn.edges.left, scn.edges.right
-    figure = Figure(figsize=(WIDE_INCH, DEEP_INCH), layout='constrained')
+    begin, end = _extent(scn)
+    size = end - begin
+    deep = min(MAX_DEEP_INCH, TITLE_INCH + WIDE_INCH * size[1] / size[0])
+    figure = Figure(figsize=(WIDE_INCH, deep), layout='constrained')
     axes = figure.add_subplot()
     axes.add_patch(Polygon(np.concatenate([left, right[::-1]]), color=ROAD, lw=0))
     for corners in np.reshape(scn.patches.corners_m, (-1, 4, 2)):
@@ -32,18 +38,14 @@ def draw_scenario(scn: Scenario, path: Path) -> Path:
     for edge in (left, right):
         axes.plot(*edge.T, color=EDGE, lw=0.8)
     axes.plot(scn.reference.X, scn.reference.Y, color=PATH, lw=0.8, ls='--')
-    begin, end = _extent(scn)
     for actor in scn.actors:
         for count, o in enumerate(_places(scn, actor)):
             alpha = 0.9 if count == 0 else 0.25
             at = Circle((o.X, o.Y), o.r_obs, color=OBSTACLE, alpha=alpha, lw=0, clip_on=True)
             axes.add_patch(at)
-        first = actor.obstacle
-        note = f'{first.id}'
-        if actor.appears > 0.0:
-            note += f'\n{actor.appears:.1f} s'
+    for text, (x, y) in _labels(scn.actors):
         axes.annotate(
-            note, (first.X, first.Y), (0, 7), textcoords='offset points', fontsize=6, ha='center'
+            text, (x, y), (0, 6), textcoords='offset points', fontsize=6, ha='center', va='bottom'
         )
     forward = np.array([np.cos(scn.start.psi), np.sin(scn.start.psi)])
     axes.annotate(
@@ -61,9 +63,11 @@ def draw_scenario(scn: Scenario, path: Path) -> Path:
     axes.tick_params(labelsize=6)
     friction = '' if scn.friction == 1.0 else f', friction {scn.friction:.2g}'
     axes.set_title(f'{scn.name}: {scn.start.speed:.1f} m/s{friction}', fontsize=8, loc='left')
-    # no date, so that the same scenario gives the same file
+    # without a date, and with fixed names inside: the same scenario gives the same file
     svg = path.suffix == '.svg'
-    figure.savefig(path, dpi=110, metadata={'Date': None} if svg else None)
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': scn.name}):
+        metadata = {'Date': None} if svg else None
+        figure.savefig(path, dpi=110, metadata=metadata, bbox_inches='tight')
     return path
 
 
@@ -75,7 +79,29 @@ def _extent(scn):
     edges = np.concatenate([scn.edges.left, scn.edges.right])
     low, high = driven.min(axis=0) - AROUND_M, driven.max(axis=0) + AROUND_M
     near = edges[np.all((edges > low) & (edges < high), axis=1)]
-    return np.minimum(near.min(axis=0), low + 6.0), np.maximum(near.max(axis=0), high - 6.0)
+    places = [(actor.obstacle.X, actor.obstacle.Y) for actor in scn.actors]
+    shown = np.array([*near, *(place for place in places if low[0] < place[0] < high[0])])
+    return shown.min(axis=0) - MARGIN_M, shown.max(axis=0) + MARGIN_M
+
+
+def _labels(crowd):
+    """Yield numbers and time of appearance of neighbours that appear together, and where."""
+    groups = []
+    for actor in crowd:
+        o = actor.obstacle
+        last = groups[-1][-1] if groups else None
+        is_near = last and np.hypot(o.X - last.obstacle.X, o.Y - last.obstacle.Y) < NEAR_M
+        if is_near and actor.appears == last.appears:
+            groups[-1].append(actor)
+        else:
+            groups.append([actor])
+    for group in groups:
+        numbers = [actor.obstacle.id for actor in group]
+        text = '–'.join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
+        if group[0].appears > 0.0:
+            text += f', from {group[0].appears:.1f} s'
+        places = [(actor.obstacle.X, actor.obstacle.Y + actor.obstacle.r_obs) for actor in group]
+        yield text, (np.mean(places, axis=0)[0], np.max(places, axis=0)[1])
 
 
 def _places(scn, actor):

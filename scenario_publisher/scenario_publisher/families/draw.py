@@ -5,8 +5,9 @@ numbers are those of Python's Mersenne Twister, seeded by the text of the four, 
 of Python repeats.
 
 Nominal draws are redrawn until the closed forms in `possible` hold. Hard draws are not sieved: what
-of them can be mastered at all is another question. On a hard road the friction is between 0.5 and
-1, and the controller believes 1 (`Draw.settings`).
+of them can be mastered at all is another question. They also have what a controller is not told
+(`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that arrive late,
+and errors of measurement.
 """
 
 from collections.abc import Callable, Mapping
@@ -54,6 +55,25 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 MAX_TRIALS = 10_000  # of a nominal draw
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0
+HARD_DELAY_MS = (0, 40)  # of commands
+# of measurements, uniform to either side
+HARD_BIASES: Mapping[str, float] = MappingProxyType(
+    {
+        'ahead_bias_m': 0.3,
+        'left_bias_m': 0.15,
+        'speed_error': 0.02,  # share of the speed
+        'sideslip_bias_rad': 0.01,
+    }
+)
+HARD_NOISE: Mapping[str, float] = MappingProxyType(
+    {
+        'position_noise_m': 0.02,
+        'yaw_noise_rad': 0.002,
+        'yaw_rate_noise_radps': 0.01,
+        'obstacle_noise_m': 0.05,
+        'obstacle_dropout': 0.05,  # share of the time
+    }
+)
 
 
 class Draw(NamedTuple):
@@ -100,12 +120,25 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     settings: dict[str, dict[str, Any]] = {}
     if hard:
         parts['friction'] = rounded(random.uniform(*HARD_FRICTION))
-        settings['controller'] = {'model.friction': BELIEVED_FRICTION}
+        settings = _disturbances(random)
     one = Draw(family, seed, index, difficulty, '', settings)
     parts['name'] = one.name
     return one._replace(
         text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
     )
+
+
+def _disturbances(random):
+    """Return the parameters, by role and dotted name, that make a draw hard."""
+    biases = {name: random.uniform(-most, most) for name, most in HARD_BIASES.items()}
+    errors = {'seed': random.randrange(2**31), **rounded(biases), **HARD_NOISE}
+    return {
+        'plant': {'command_delay_ms': random.randint(*HARD_DELAY_MS)},
+        'controller': {
+            'model.friction': BELIEVED_FRICTION,
+            **{f'measurement_errors.{name}': value for name, value in errors.items()},
+        },
+    }
 
 
 def _first_possible(family, random, hard):

@@ -162,54 +162,71 @@ def double_lane_change(random: Random, hard: bool) -> Document | None:
 def iso_3888_1(random: Random, hard: bool) -> Document | None:
     """Return the double lane change of ISO 3888-1; the lanes are the edges of the road."""
     speed = random.uniform(23.0, 28.0) if hard else random.uniform(18.0, 24.0)
-    return iso_course(speed, ISO_1_LENGTHS, ISO_1_WIDTHS, ISO_1_OFFSET, 'ISO 3888-1')
+    return iso_course_1(speed)
 
 
 def iso_3888_2(random: Random, hard: bool) -> Document | None:
     """Return the obstacle avoidance of ISO 3888-2; the lanes are the edges of the road."""
-    speed = random.uniform(17.0, 20.0) if hard else random.uniform(12.0, 17.5)
-    first, third = (lane_width(*width) for width in ISO_2_WIDTHS[:2])
+    speed = random.uniform(12.5, 16.0) if hard else random.uniform(9.0, 12.5)
+    return iso_course_2(speed)
+
+
+def iso_course_1(speed: float) -> Document:
+    """Return the course of ISO 3888-1 at a speed [m/s]."""
+    widths = [lane_width(*width) for width in ISO_1_WIDTHS]
+    return _iso_course(speed, ISO_1_LENGTHS, widths, ISO_1_OFFSET, 4.0, 'ISO 3888-1')
+
+
+def iso_course_2(speed: float) -> Document:
+    """Return the course of ISO 3888-2 at a speed [m/s]."""
+    first, third, last = (lane_width(*width) for width in ISO_2_WIDTHS)
     offset = first / 2 + ISO_2_GAP + third / 2
-    return iso_course(speed, ISO_2_LENGTHS, ISO_2_WIDTHS, offset, 'ISO 3888-2', ISO_2_LEAST)
+    widths = [first, third, max(ISO_2_LEAST, last)]
+    return _iso_course(speed, ISO_2_LENGTHS, widths, offset, 2.0, 'ISO 3888-2')
 
 
-def lane_width(factor: float, constant: float, least: float = 0.0) -> float:
+def lane_width(factor: float, constant: float) -> float:
     """Return the width [m] of a lane of the standard for our car."""
-    return max(least, factor * possible.CAR_WIDTH + constant)
+    return factor * possible.CAR_WIDTH + constant
 
 
-def iso_course(speed, lengths, widths, offset, name, least=0.0) -> Document:
+def _iso_course(speed, lengths, widths, offset, early, name):
     """Return a course of five sections, the third one `offset` [m] to the left.
 
     The centre line runs through the middle of the lanes and changes in sections 2 and 4; there the
-    road is open to both sides. A lane opens within FLARE at its ends, outside of it.
+    road is open to both sides. A lane opens within FLARE at its ends, outside of it. The coarse
+    path begins to change `early` [m] before a lane ends and ends so far behind the next begins, as
+    a driver does.
     """
     one, two, three, four, five = lengths
-    half = [lane_width(*w, at_least) / 2 for w, at_least in zip(widths, (0.0, 0.0, least))]
-    # the first one may be entered straight: nothing is narrow before it
-    begin = RUN_IN
-    ends = [(begin, begin + one)]
-    # along the line a change is longer than straight ahead, by less than a flare
-    ends.append((ends[-1][1] + two, ends[-1][1] + two + three))
-    ends.append((ends[-1][1] + four, ends[-1][1] + four + five))
+    # along the centre line a change is longer than straight ahead, by less than a flare
+    ends, begin = [], RUN_IN
+    for lane, change in ((one, two), (three, four), (five, 0.0)):
+        ends.append((begin, begin + lane))
+        begin += lane + change
     stations, offsets = [0.0], [WIDE]
-    for (from_s, to_s), width in zip(ends, half):
+    for (from_s, to_s), width in zip(ends, widths):
         stations += [from_s - FLARE, from_s, to_s, to_s + FLARE]
-        offsets += [WIDE, width, width, WIDE]
+        offsets += [WIDE, width / 2, width / 2, WIDE]
     length = ends[-1][1] + 35.0
-    segments = [
-        straight(begin + one),
-        lane_change(two, offset),
-        straight(three),
-        lane_change(four, -offset),
-        straight(length - ends[-1][0]),
-    ]
     return document(
         description=f'{name} at {speed:.1f} m/s: the lanes are the edges of the road.',
         length=length,
         speed=speed,
-        segments=segments,
+        segments=_changes(lengths, offset, 0.0, length),
+        path_segments=_changes(lengths, offset, early, length),
         obstacles=[],
         left=(stations, offsets),
         right=(stations, [-value for value in offsets]),
     )
+
+
+def _changes(lengths, offset, early, length):
+    one, two, three, four, _ = lengths
+    return [
+        straight(RUN_IN + one - early),
+        lane_change(two + 2.0 * early, offset),
+        straight(three - 2.0 * early),
+        lane_change(four + 2.0 * early, -offset),
+        straight(length - RUN_IN - one - two - three - four - early),
+    ]

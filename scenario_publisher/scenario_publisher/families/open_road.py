@@ -99,8 +99,10 @@ def cut_in(random: Random, hard: bool) -> Document | None:
     # where it has arrived in the lane, and where it has braked
     braking = (theirs**2 - slow**2) / (2.0 * deceleration)
     arrives = lead + theirs * move_s
-    gap = arrives - speed * move_s - CAR_BACK
-    if not hard and not _can_follow_braking(speed, theirs, slow, deceleration, gap):
+    gap = arrives - speed * move_s - CAR_BACK - possible.CAR_NOSE
+    if not hard and not possible.can_follow_braking(
+        speed, theirs, slow, deceleration, gap, FRICTION
+    ):
         return None
     points = [
         waypoint(lead, LANE, theirs),
@@ -206,7 +208,7 @@ def stop_and_go(random: Random, hard: bool) -> Document | None:
     wait_s, on = random.uniform(1.0, 3.0), random.uniform(0.6, 1.0) * speed
     lead = CAR_BACK + possible.CAR_NOSE + speed * lead_s
     gap = speed * lead_s
-    if not hard and not _can_follow_braking(speed, speed, 0.0, deceleration, gap):
+    if not hard and not possible.can_follow_braking(speed, speed, 0.0, deceleration, gap, FRICTION):
         return None
     brakes = lead + speed * random.uniform(0.5, 1.5)
     stands = brakes + speed**2 / (2.0 * deceleration)
@@ -243,11 +245,3 @@ def _can_pass_or_stop(speed, ahead_s, radius, offset):
 def _can_follow(speed, theirs, gap):
     """Return whether a car can brake to another's speed before it has closed a gap [m]."""
     return possible.can_stop(speed - theirs, gap, FRICTION)
-
-
-def _can_follow_braking(speed, theirs, slow, deceleration, gap):
-    """Return whether a car can brake behind one that brakes to a speed, from a gap [m]."""
-    own = possible.braking_distance(speed, FRICTION, slow)
-    other = (theirs**2 - slow**2) / (2.0 * deceleration)
-    # while the own car brakes, the slow one drives on; that it brakes harder is left as room
-    return own + possible.CLEARANCE <= gap + other

@@ -42,3 +42,28 @@ def shift_beside(radius: float, offset: float) -> float:
 def can_stop(speed: float, distance: float, friction: float, to_speed: float = 0.0) -> bool:
     """Return whether a car can brake to a speed before its nose has gone a distance [m]."""
     return braking_distance(speed, friction, to_speed) + CAR_NOSE <= distance
+
+
+def can_follow_braking(
+    speed: float, theirs: float, slow: float, deceleration: float, gap: float, friction: float
+) -> bool:
+    """Return whether a car can stay behind one that brakes at once, from a gap [m].
+
+    theirs, slow, deceleration  of the car ahead: its speed, that to which it brakes, and how hard
+    gap                         from the own nose to its tail when it begins to brake
+
+    Both brake; the gap is smallest when the speeds are equal, on the way or at the end.
+    """
+    own = GRIP_SHARE * friction * GRAVITY
+    ends = (theirs - slow) / deceleration
+    # own speed: speed - own (t - DELAY_S); theirs: theirs - deceleration t
+    equal = ends
+    if own > deceleration:
+        equal = max(DELAY_S, (speed - theirs + own * DELAY_S) / (own - deceleration))
+    if equal >= ends:
+        # the other one has slowed down before
+        equal = DELAY_S + max(0.0, speed - slow) / own
+    braking, slowing = max(0.0, equal - DELAY_S), min(equal, ends)
+    own_way = speed * equal - own * braking**2 / 2.0
+    their_way = theirs * slowing - deceleration * slowing**2 / 2.0 + slow * (equal - slowing)
+    return own_way - their_way + CLEARANCE <= gap

@@ -26,7 +26,7 @@ def low_mu(random: Random, hard: bool) -> Document | None:
 
 def _patch(random, hard, offsets, what):
     speed = random.uniform(10.0, 20.0)
-    friction = random.uniform(0.25, 0.5) if hard else random.uniform(0.4, 0.75)
+    friction = random.uniform(0.25, 0.5) if hard else random.uniform(0.5, 0.85)
     begin, length = random.uniform(20.0, 40.0), random.uniform(40.0, 80.0)
     ahead_s = random.uniform(1.2, 2.2) if hard else random.uniform(1.6, 3.5)
     x = begin + random.uniform(0.2, 0.9) * length
