@@ -27,6 +27,8 @@ class Model:
     friction: Annotated[float, parameters.ROAD_FRICTION]  # believed, 1 = as identified
     # in place of the car's; 0 is rear-wheel drive
     drive_front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
+    # whether actuators follow their set-points with the lags of `car_file`; left out: without lag
+    servo_lag: bool | None
 
 
 @dataclass(frozen=True)

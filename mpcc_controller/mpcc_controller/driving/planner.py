@@ -82,7 +82,7 @@ class Planner:
             params, self.problem, limit_time, self.first_solver
         )
         self.evaluator = PlanEvaluator(symbolic)
-        self._step = BufferedFunction(single_track.step(params.model.step_s))
+        self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
         self.alternatives: CandidatePlans | None = None
         if (params.candidates.most or 1) > 1:
             self.alternatives = CandidatePlans(params, self.car, self.step)

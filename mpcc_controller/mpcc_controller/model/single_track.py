@@ -62,6 +62,17 @@ class Car(NamedTuple):
     force_blend: Any  # N, width of the change from braking to driving
 
 
+class ServoLags(NamedTuple):
+    """How far the actuators are behind set-points that move at constant rates."""
+
+    steer_lag: Any  # s
+    force_lag: Any  # s
+
+
+# parameters of a car whose actuators lag; the functions here take either
+LaggingCar = namedtuple('LaggingCar', Car._fields + ServoLags._fields)
+
+
 class Axles(NamedTuple):
     """One quantity per axle."""
 
@@ -183,11 +194,24 @@ def tyre_forces(x, u, car):
     )
 
 
-def body_rates(x, u: Input, car: Car) -> BodyRates:
-    """Return the rates of the body velocities (paper, eq. 1).
+def acting(x, u: Input, car: Car | LaggingCar):
+    """Return the state with the angle and the force that act instead of their set-points.
+
+    A linear servo of any order follows a ramp by a constant time behind it, 2 zeta / omega if it
+    is of second order, once its transient is over. So within a step, where set-points move at
+    constant rates, delta - lag d_delta acts. Exact for rates that last, without a state.
+    """
+    if not isinstance(car, LaggingCar):
+        return x
+    return x._replace(delta=x.delta - car.steer_lag * u.d_delta, Fx=x.Fx - car.force_lag * u.d_Fx)
+
+
+def body_rates(x, u: Input, car: Car | LaggingCar) -> BodyRates:
+    """Return the rates of the body velocities (paper, eq. 1), of a lagging car by what acts.
 
     `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter.
     """
+    x = acting(x, u, car)
     F = tyre_forces(x, u, car)
     F_drag = car.drag * x.vx**2 + car.rolling
     sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
@@ -204,7 +228,7 @@ def lateral_jerk(x, u: Input, car: Car):
     """Return the rate of the lateral acceleration ay = vy' + r vx [m/s^3] at constant inputs."""
     names = ('vx', 'vy', 'r', 'delta', 'Fx')
     moving = namedtuple('Moving', names)(*(ca.SX.sym(name) for name in names))
-    parameters = Car(*(ca.SX.sym(name) for name in Car._fields))
+    parameters = type(car)(*(ca.SX.sym(name) for name in car._fields))
     lambda_b, d_delta, d_Fx = (ca.SX.sym(name) for name in ('lambda_b', 'd_delta', 'd_Fx'))
     body = body_rates(moving, Input(d_delta, d_Fx, lambda_b, slack=0.0), parameters)
     ay = body.vy + moving.r * moving.vx
@@ -234,10 +258,13 @@ def derivative(x: State, u: Input, car: Car) -> State:
 
 
 @cache
-def step(dt: float) -> ca.Function:
-    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2)."""
+def step(dt: float, kind: type = Car) -> ca.Function:
+    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2).
+
+    `kind` is the type of the car: `Car` or `LaggingCar`.
+    """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    car = ca.SX.sym('car', len(Car._fields))
-    rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), Car(*ca.vertsplit(car)))
+    car = ca.SX.sym('car', len(kind._fields))
+    rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), kind(*ca.vertsplit(car)))
     f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
     return ca.Function('step', [x, u, car], [rk2(f, dt)(x, u, car)], ['x', 'u', 'car'], ['x_next'])

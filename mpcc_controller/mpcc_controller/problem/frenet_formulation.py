@@ -77,12 +77,13 @@ class Rules(NamedTuple):
 
     priority: Any = priorities.step_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.BASELINE
+    car: type = Car  # of its parameters: `Car` or `LaggingCar`
 
 
 def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
     """Return a `FrenetStage` of the given size; its leaves have no meaning."""
     return FrenetStage(
-        **ocp.common_template(circles, rules.terms),
+        **ocp.common_template(circles, rules.terms, rules.car),
         kappa='kappa',
         v_ref='v_ref',
         edges=FRENET.edges,
@@ -174,7 +175,7 @@ class FrenetFormulation:
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car
         priority = priorities.PRIORITIES[params.formulation.priority]
-        self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params))
+        self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params), type(car))
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)

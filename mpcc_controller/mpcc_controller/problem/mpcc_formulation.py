@@ -62,12 +62,13 @@ class Rules(NamedTuple):
     frame: DistanceFrame = CARTESIAN
     priority: Any = priorities.gaussian_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.PAPER
+    car: type = Car  # of its parameters: `Car` or `LaggingCar`
 
 
 def template(circles: int, obstacles: int, rules: Rules) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
     return Stage(
-        **ocp.common_template(circles, rules.terms),
+        **ocp.common_template(circles, rules.terms, rules.car),
         path=Arc(*Arc._fields),
         v_ref='v_ref',
         centre=Arc(*Arc._fields),
@@ -136,6 +137,7 @@ class MpccFormulation:
             FRAMES[options.distance],
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
+            type(car),
         )
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))

@@ -63,11 +63,11 @@ class SymbolicOcp(NamedTuple):
         return cost_terms.squared_errors(self.terms, self.quantities(x, u, p))
 
 
-def common_template(circles: int, terms: Sequence[CostTerm]) -> dict[str, Any]:
+def common_template(circles: int, terms: Sequence[CostTerm], car: type = Car) -> dict[str, Any]:
     """Return the stage parameters that every formulation has, by name, without meaning."""
     kind, limits = cost_terms.weights_type(terms), cost_terms.limits_type(terms)
     return {
-        'car': Car(*Car._fields),
+        'car': car(*car._fields),
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
         'body': VehicleCircles('radius', ('offset',) * circles),

@@ -74,8 +74,9 @@ def _values(symbolic) -> PlanValues:
     v2o, v2e = (
         tuple(_smallest(circles) for circles in group) for group in (quantities.v2o, quantities.v2e)
     )
-    Fz = single_track.loads(x.Fx, p.car)
-    F = single_track.tyre_forces(x, u, p.car)
+    acting = single_track.acting(x, u, p.car)
+    Fz = single_track.loads(acting.Fx, p.car)
+    F = single_track.tyre_forces(acting, u, p.car)
     return PlanValues(
         costs=type(p.weights)(**cost_terms.costs(errors, p.weights)),
         v2o=v2o,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.model.single_track import Car, LaggingCar, ServoLags, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
@@ -21,6 +21,7 @@ from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
+from node_runtime.parameters import ParameterError
 
 CONSTANTS = ('car', 'weights', 'D_sft', 'body', 'envelope')  # the first fields of the stages
 
@@ -41,11 +42,15 @@ class StageParameters(NamedTuple):
     obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
 
 
-def car(params: ControllerParams, vehicle: CarParams) -> Car:
-    """Return the parameters of the prediction model in the paper's symbols."""
+def car(params: ControllerParams, vehicle: CarParams) -> Car | LaggingCar:
+    """Return the parameters of the prediction model in the paper's symbols.
+
+    With `model.servo_lag` they have the lags of the actuators. Raises ParameterError for a car file
+    without them.
+    """
     body, tyre = vehicle.car, vehicle.tyre
     lambda_d = params.model.drive_front_share
-    return Car(
+    ideal = Car(
         m=body.mass_kg,
         Izz=body.yaw_inertia_kgm2,
         l_f=body.cog_to_front_m,
@@ -62,6 +67,18 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
         v_slip=params.model.least_slip_speed_mps,
         force_blend=params.model.force_blend_n,
     )
+    return LaggingCar(*ideal, *_lags(params, vehicle)) if params.model.servo_lag else ideal
+
+
+def _lags(params, vehicle):
+    lags = ServoLags(vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
+    for name, value in lags._asdict().items():
+        if value is None:
+            raise ParameterError(
+                f'model.servo_lag: is true, but car_file {params.car_file} does not have '
+                f'actuators.{name}_s; allowed with a file of `identify` that has it'
+            )
+    return lags
 
 
 def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:

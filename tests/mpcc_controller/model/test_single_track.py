@@ -1,5 +1,6 @@
 """Single track against an independent transcription and general properties of a car."""
 
+import dataclasses
 import math
 
 import casadi as ca
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import stage_parameters
+from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import rk2
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
@@ -248,3 +251,45 @@ def test_at_the_greatest_yaw_rate_a_steady_turn_takes_all_friction(car, vx):
     r = float(single_track.greatest_yaw_rate(x, car))
     # 1 % for the rounding of the speed at 8 m/s
     assert car.m * r * vx == pytest.approx(force, rel=0.01)
+
+
+@quick
+@given(
+    st.floats(10, 60),
+    st.floats(0.4, 1.5),
+    st.floats(-0.5, 0.5),
+    st.floats(-3e4, 3e4),
+)
+def test_what_acts_is_what_a_settled_servo_reaches_on_a_ramp(car, omega, zeta, d_delta, d_Fx):
+    """Against a servo of second order, integrated until its transient is over."""
+    lag = 2 * zeta / omega
+    lagging = single_track.LaggingCar(*car, steer_lag=lag, force_lag=2 * lag)
+    A = np.array([[0.0, 1.0], [-(omega**2), -2 * zeta * omega]])
+    T = 30 / (zeta * omega) + 30 * zeta / omega
+    for name, rate, speed in (('delta', d_delta, 1.0), ('Fx', d_Fx, 0.5)):
+        # deviation from the steady ramp; half of omega doubles the lag
+        slow = A * np.array([[1, 1], [speed**2, speed]])
+        left = expm(slow * T / speed) @ np.array([rate * lag / speed, -rate])
+        reached = rate * T - rate * lag / speed + left[0]
+        x = State(0, 0, 0, 20.0, 0, 0, 0, delta=0.0, Fx=0.0)._replace(**{name: rate * T})
+        found = getattr(single_track.acting(x, Input(d_delta, d_Fx, 0.6, 0), lagging), name)
+        assert found == pytest.approx(reached, rel=1e-6, abs=1e-6)
+
+
+def test_while_set_points_stand_still_a_lagging_car_moves_like_one_without_lag(car):
+    lagging = single_track.LaggingCar(*car, steer_lag=0.05, force_lag=0.07)
+    x, u = [0, 0, 0, 20, 0.3, 0.2, 0, 0.05, -3000], [0, 0, 0.6, 0]
+    with_lag = single_track.step(0.05, type(lagging))(x, u, list(lagging)).full()
+    assert with_lag == pytest.approx(single_track.step(0.05)(x, u, list(car)).full(), abs=1e-12)
+
+
+def test_the_lags_of_the_car_file_are_in_the_model_where_the_switch_is_on(world):
+    params, vehicle = world.load()
+    assert type(stage_parameters.car(params, vehicle)) is single_track.Car
+    params, vehicle = world.load(model__servo_lag=True)
+    car = stage_parameters.car(params, vehicle)
+    actuators = vehicle.actuators
+    assert (car.steer_lag, car.force_lag) == (actuators.steer_lag_s, actuators.force_lag_s)
+    older = dataclasses.replace(vehicle, actuators=dataclasses.replace(actuators, force_lag_s=None))
+    with pytest.raises(ParameterError, match=r'does not have actuators\.force_lag_s'):
+        stage_parameters.car(params, older)
