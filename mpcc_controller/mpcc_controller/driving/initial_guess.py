@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mpcc_controller.driving.setpoints import SetpointTarget
 from mpcc_controller.model.single_track import Car, Input, State, ideal_split
 from mpcc_controller.path import arc, reference_path
 from mpcc_controller.path.reference_path import ReferencePath
@@ -36,6 +37,31 @@ def guess_from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: 
     )
     constant = Input(d_delta=0.0, d_Fx=0.0, lambda_b=ideal_split(0.0, car), slack=0.0)
     return start_at(Plan(np.column_stack(states), np.tile(constant, (horizon, 1))), x0)
+
+
+def guess_from_law(
+    law: Callable[[State], SetpointTarget],
+    step: Callable,
+    car: Car,
+    x0: State,
+    horizon: int,
+    dt: float,
+) -> Plan:
+    """Return the plan that a control law drives in the prediction model (single shooting).
+
+    `law` gives the set-points at the end of a tick from the state at its begin; `step` is that of
+    `single_track.step`. The guess obeys the dynamics and the limits of the actuators, from any
+    state: a car that slides is not near any plan along the path.
+    """
+    X, U, parameters = [np.array(x0, float)], [], np.array(car)
+    for _ in range(horizon):
+        x = State(*X[-1].tolist())
+        target = law(x)
+        rates = (target.delta - x.delta) / dt, (target.Fx - x.Fx) / dt
+        u = Input(*rates, lambda_b=target.lambda_b, slack=0.0)
+        U.append(np.array(u, float))
+        X.append(step(X[-1], U[-1], parameters))
+    return Plan(np.array(X), np.array(U))
 
 
 def start_at(plan: Plan, x0: State) -> Plan:

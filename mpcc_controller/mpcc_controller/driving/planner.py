@@ -8,13 +8,14 @@ import numpy as np
 
 from mpcc_controller import car_file
 from mpcc_controller.covering_circles import with_covering_circles
-from mpcc_controller.driving import fallback, initial_guess, solver_selection
+from mpcc_controller.driving import fallback, initial_guess, recovery, solver_selection
+from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.candidate_plans import CandidatePlans
 from mpcc_controller.driving.candidates import FOLLOWED
 from mpcc_controller.driving.fallback import Decision, FallbackLogic
 from mpcc_controller.driving.parallel_solves import ParallelSolves
-from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
@@ -138,14 +139,17 @@ class Planner:
     def plan(self, x0: State, scene: Scene, sliding: bool = False) -> tuple[Decision, Attempt]:
         """Return what to drive from `x0`, and the solutions that led to it.
 
-        A car that is `sliding` is to be recovered where there is no plan.
+        A car that is `sliding` is to be recovered where there is no plan, and the recovery law
+        then drives the guess.
         """
         began = self.clock()
         model = self.params.model
         shifted = self._shifted_plan(x0)
         warm = self.fallback.is_warm
         guess = shifted
-        if not warm:
+        if sliding and (not warm or self.fallback.failures):
+            guess = self.guess_from_law(x0, scene)
+        elif not warm:
             guess = initial_guess.guess_from_path(
                 scene.path, x0, self.car, model.horizon, model.step_s
             )
@@ -170,6 +174,21 @@ class Planner:
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
             problem, first, second, decision.plan, warm, prepare_s, age, failures, comparison
+        )
+
+    def guess_from_law(self, x0: State, scene: Scene) -> Plan:
+        """Return the plan that the recovery law drives from `x0` in the prediction model."""
+        params, path = self.params, scene.path
+
+        def law(x: State) -> SetpointTarget:
+            preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
+            arcs, _ = reference_path.arcs_at(path, x.theta + preview)
+            ahead = Point(float(arcs.X), float(arcs.Y))
+            return recovery.recovery_target(x, Setpoints(x.delta, x.Fx), ahead, self.car, params)
+
+        model = params.model
+        return initial_guess.guess_from_law(
+            law, self.step, self.car, x0, model.horizon, model.step_s
         )
 
     def build_problem(self, x0: State, scene: Scene, guess_map: Plan) -> TickProblem:

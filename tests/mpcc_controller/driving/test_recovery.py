@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import braking, recovery
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.fallback import BRAKING, RECOVERY
+from mpcc_controller.driving.fallback import BRAKING, RECOVERY, rejection_reason
 from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.initial_guess import guess_from_path
 from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_of
 from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import stage_parameters
 from msgs_yaml.types import Command
 from vehicle_plant import parameters as plant_parameters
@@ -123,3 +125,49 @@ def test_a_slide_that_spins_the_braked_car_is_recovered(spin, speed, vy, r):
     assert recovered[0].decision.level == RECOVERY
     assert last.decision.level == BRAKING
     assert not any(record.gate_reason for record in recovered)
+
+
+@pytest.fixture(scope='module')
+def controller_on_road(world):
+    return world.set_inputs(Controller(*world.load()), world.straight())
+
+
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(st.floats(7, 40), st.floats(-1, 1), st.floats(-2, 2), st.floats(-0.3, 0.3))
+def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
+    controller_on_road, v, beta, r, delta
+):
+    planner, scene = controller_on_road.planner, controller_on_road.scene
+    limits, step_s = planner.params.limits, planner.params.model.step_s
+    x0 = State(9.0, 1.0, -beta, v * math.cos(beta), v * math.sin(beta), r, 9.0, delta, 0.0)
+    plan = planner.guess_from_law(x0, scene)
+    assert np.isfinite(plan.X).all()
+    assert plan.X[0] == pytest.approx(np.array(x0))
+    step = single_track.step(step_s)
+    for x, u, after in zip(plan.X, plan.U, plan.X[1:]):
+        assert after == pytest.approx(step(x, u, planner.car).full().ravel(), abs=1e-9)
+    states, inputs = State(*plan.X.T), Input(*plan.U.T)
+    rounding = 1 + 1e-9
+    assert abs(states.delta).max() <= limits.steer_rad * rounding
+    assert abs(inputs.d_delta).max() <= limits.steer_rate_radps * rounding
+    assert abs(inputs.d_Fx).max() <= limits.force_rate_nps * rounding
+
+
+def test_from_the_guess_of_the_law_most_sliding_cars_get_a_plan(world):
+    """Sideslip to 60 deg, yaw rate to 2 rad/s, 7 to 40 m/s."""
+    params, vehicle = world.load(solver__max_iterations=300, solver__fallback='none')
+    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+    planner, scene, model = controller.planner, controller.scene, params.model
+    rng = np.random.default_rng(7)
+    usable = {'law': 0, 'path': 0}
+    count = 40
+    for _ in range(count):
+        v, beta, r = rng.uniform((7, -1.05, -2), (40, 1.05, 2))
+        x = world.rolling(v=v * math.cos(beta), vy=v * math.sin(beta), r=r, X=10.0, psi=-beta)
+        x0 = planner.initial_state(x, Setpoints(0.0, 0.0), scene)
+        cold = guess_from_path(scene.path, x0, controller.car, model.horizon, model.step_s)
+        for name, guess in {'law': planner.guess_from_law(x0, scene), 'path': cold}.items():
+            solution, _ = planner.solve(planner.build_problem(x0, scene, guess))
+            usable[name] += not rejection_reason(solution, params.fallback)
+    assert usable['law'] > 0.75 * count
+    assert usable['law'] >= usable['path']
