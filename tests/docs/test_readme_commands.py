@@ -191,6 +191,11 @@ def studies(home, words):
     assert list((home.folder / 'paper/study').rglob('*.md'))
 
 
+def drives_emergencies(home, words):
+    home.run(*words, '--draws', '1', '--jobs', '1')
+    assert list((home.folder / 'tmp').rglob('results.parquet'))
+
+
 def makes(home, words):
     """Its targets are there; the continuous integration runs them."""
     makefile = (ROOT / 'Makefile').read_text()
@@ -238,6 +243,7 @@ RULES = [
     Rule(r'experiments tune ', tunes),
     Rule(r'experiments study distributions', studies),
     Rule(r'experiments batch .*--out ', writes('--out')),
+    Rule(r'experiments library ', drives_emergencies),
     Rule(r'bags repair ', repairs),
     Rule(r'manoeuvre --list', says('step_steer')),
     Rule(r'manoeuvre .*--out ', writes('--out')),

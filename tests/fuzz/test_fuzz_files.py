@@ -32,6 +32,9 @@ FUZZ = settings.get_profile('fuzz')
 BATCH = 4
 BAG = 4 * BATCH  # messages of a bag: to make one takes longer than to write them
 FEWER = settings(FUZZ, max_examples=max(FUZZ.max_examples // 4, 1))
+# of the entries of the library, which are alike, one of each kind of block
+FUZZED = [name for name in scenario.available() if not scenario.load(name).expect]
+FUZZED += ['cut_in', 'iso_3888_2', 'low_mu_obstacle']
 CONFIGS = {
     'mpcc.yaml': ('mpcc_controller', ControllerParams),
     'car.yaml': ('mpcc_controller', CarParams),
@@ -83,7 +86,7 @@ def batch(strategy, size=BATCH):
     return st.lists(strategy, min_size=size, max_size=size)
 
 
-@pytest.mark.parametrize('name', scenario.available())
+@pytest.mark.parametrize('name', FUZZED)
 def test_every_scenario_is_read_or_refused_with_a_reason(name, count):
     text = scenario.load(name).text
 

@@ -1,0 +1,103 @@
+"""`experiments library` end to end: real drives, resumed; listed, written and refused."""
+
+import pytest
+from pyarrow import parquet
+
+from experiments import cli
+from experiments.library import library_drive
+from experiments.library.library_drive import LibraryDrive
+from experiments.study import code_version
+from scenario_publisher import scenario
+from scenario_publisher.families import draw
+
+
+def test_draws_are_driven_once_and_judged(tmp_path, capsys):
+    command = ['library', '--family', 'crossing_pedestrian', '--draws', '2', '--seed', '1']
+    command += ['--controller', 'mpcc', '--out', str(tmp_path), '--jobs', '1']
+    assert cli.main(command) == 0
+    rows = parquet.read_table(tmp_path / 'results.parquet').to_pylist()
+    assert [row['drive'] for row in rows] == ['crossing_pedestrian:0', 'crossing_pedestrian:1']
+    assert [row['index'] for row in rows] == [0, 1]
+    for row in rows:
+        assert row['survived'] is (row['lost_by'] is None)
+        assert row['code_version'] == code_version.digest()
+    assert '2 drives: 0 were kept, 0 failed' in capsys.readouterr().out
+
+    # more draws: the first ones are kept; no family can survive more than all of its draws
+    command[4] = '3'
+    assert cli.main([*command, '--at-least', '0']) == 0
+    assert '3 drives: 2 were kept, 0 failed' in capsys.readouterr().out
+    assert parquet.read_table(tmp_path / 'results.parquet').to_pylist()[:2] == rows
+
+
+def test_the_list_has_every_family_and_entry(capsys):
+    assert cli.main(['library', '--list']) == 0
+    output = capsys.readouterr().out
+    for name in (*draw.FAMILIES, *library_drive.entries()):
+        assert f'\n{name} ' in output
+
+
+@pytest.mark.parametrize('difficulty', draw.DIFFICULTIES)
+def test_a_draw_is_written_as_a_scenario_file(tmp_path, difficulty):
+    path = tmp_path / 'one.yaml'
+    command = ['library', '--draw', 'slalom:3', '--seed', '7', '--difficulty', difficulty]
+    assert cli.main([*command, '--out', str(path)]) == 0
+    one = draw.draw('slalom', 7, 3, difficulty)
+    written = scenario.load(path)
+    assert written.text.endswith(one.text)
+    for role, values in one.settings.items():
+        for name, value in values.items():
+            assert f'--set {role}.{name}={value}' in written.text.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['--draws', '1'], '--out is missing'),
+        (['--family', 'slalon', '--out', 'x'], "no 'slalon'; there are pop_up"),
+        (['--entries', '--entry', 'slalon', '--out', 'x'], "no 'slalon'; there are bend"),
+        (['--entries', '--family', 'slalom', '--out', 'x'], '--entries drives no family'),
+        (['--entry', 'slalom', '--out', 'x'], '--entry: goes with --entries'),
+        (['--draw', 'slalom', '--out', 'x'], 'allowed FAMILY:INDEX'),
+        (['--draw', 'slalom:-1', '--out', 'x'], 'allowed FAMILY:INDEX'),
+        (['--family', 'slalom', '--controller', 'mpc', '--out', 'x'], "no controller 'mpc'"),
+        (['--family', 'slalom', '--set', 'plant.nothing=1', '--out', 'x'], 'nothing'),
+    ],
+)
+def test_mistakes_are_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(['library', *arguments]) == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count('\n') == 1
+
+
+def drive(**changes):
+    base = LibraryDrive('pop_up', '', 1, 0, 'nominal', 'mpcc', ())
+    return base._replace(**changes)
+
+
+def test_what_decides_a_drive_is_in_its_key():
+    keys = {
+        library_drive.key(drive(**changes))
+        for changes in (
+            {},
+            {'family': 'oncoming'},
+            {'seed': 2},
+            {'index': 1},
+            {'difficulty': 'hard'},
+            {'controller': 'frenet'},
+            {'settings': (('controller', 'safety.obstacle_m', 0.6),)},
+            {'name': 'slalom'},
+        )
+    }
+    assert len(keys) == 8
+    assert library_drive.key(drive()) in keys
+
+
+def test_given_settings_win_over_those_of_a_hard_draw():
+    hard = drive(difficulty='hard', settings=(('controller', 'model.friction', 0.7),))
+    setup = library_drive.prepare(hard)
+    assert setup.params.model.friction == 0.7
+    assert setup.params.measurement_errors.position_noise_m == draw.HARD_NOISE['position_noise_m']
+    assert setup.friction == scenario.parse(hard.draw.text, 'a.yaml').friction
