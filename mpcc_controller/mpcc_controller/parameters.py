@@ -173,6 +173,7 @@ class FrictionEstimate:
     speed_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
     lateral_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
     yaw_rate_noise_radps: Annotated[float, Range(1e-4, 10.0, 'rad/s, standard deviation')] | None
+    sideslip_error_rad: Annotated[float, Range(0.0, 0.2, 'rad, likely error, constant')] | None
     actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
 
 

@@ -10,6 +10,9 @@ Control Systems Technology 10(3), 2002; an estimate with its uncertainty for pla
 al., "Fusion of heterogeneous friction estimates for traction adaptive motion planning", IEEE ITSC
 2021.
 
+A sideslip angle that is measured wrongly looks like forces that are not there, as on ice. Every
+hypothesis therefore has a Kalman filter of that error, which straight driving makes known.
+
 Where the hypotheses predict alike (no excitation) the probabilities stay, but for a slow return to
 those of the start. What is believed is a low quantile: uncertainty makes the car careful.
 """
@@ -36,7 +39,9 @@ GRID_STEP = 0.05  # of the friction, between two hypotheses
 LONGEST_S = 0.12  # between two states that are compared; over more the model is no measure
 LEAST_SPEED_MPS = 5.0  # below it the slip angles of the model are rounded (`v_slip`)
 MAX_SIDESLIP = 0.35  # rad; beyond 20 deg the forces of the model are no measure of the friction
-MAX_RESIDUAL = 3.0  # standard deviations: one wild state must not decide
+MAX_DISTANCE = 15.0  # square of standard deviations: one wild state must not decide
+ERROR_STEP = 1e-4  # rad, of differences over the sideslip error
+ERROR_DRIFT_S = 60.0  # over which the sideslip error changes by its standard deviation
 VELOCITIES = tuple(State._fields.index(name) for name in ('vx', 'vy', 'r'))
 SETPOINTS = tuple(State._fields.index(name) for name in Setpoints._fields)
 
@@ -58,17 +63,21 @@ class FrictionEstimator:
         self._params = params
         count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, count)
-        self._predict = _bank(car, tuple(self.grid / highest))
+        # each hypothesis twice: the second one measures the effect of the sideslip error
+        self._predict = _bank(car, (*self.grid / highest,) * 2)
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / count + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
         noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
-        self._noise = np.array(noise)[:, None]
+        self._information = np.array(noise)[:, None] ** -2
         self.reset()
 
     def reset(self) -> None:
         """Return to the belief of the start."""
         self._log = self._prior.copy()  # of the probabilities, without their common factor
+        # of each hypothesis: its estimate of the sideslip error [rad], and the variance
+        self._error = np.zeros(len(self.grid))
+        self._variance = np.full(len(self.grid), self._params.sideslip_error_rad**2)
         self._last: VehicleState | None = None
         self._excitation = 0.0
 
@@ -99,30 +108,54 @@ class FrictionEstimator:
         duration_s = conversions.ns_to_s(x.stamp_ns - last.stamp_ns)
         if not 0 < duration_s <= LONGEST_S or not (_tells_friction(x) and _tells_friction(last)):
             return self.belief
-        predicted = self._bank_prediction(last, x.stamp_ns, duration_s, ramps)
-        measured = np.array([x.vx, x.vy, x.r])[:, None]
-        spread = np.ptp(predicted, axis=1, keepdims=True) / self._noise
-        self._excitation = float(np.sqrt(np.sum(spread**2)))
-        residuals = np.clip((measured - predicted) / self._noise, -MAX_RESIDUAL, MAX_RESIDUAL)
-        kept = np.exp(-duration_s / self._params.memory_s)
-        log = kept * self._log + (1 - kept) * self._prior - np.sum(residuals**2, axis=0) / 2
-        self._log = log - np.max(log)
+        residuals, slopes = self._residuals(last, x, duration_s, ramps)
+        self._weigh(residuals, slopes, duration_s)
+        spread = self._information * np.ptp(residuals, axis=1, keepdims=True) ** 2
+        self._excitation = float(np.sqrt(np.sum(spread)))
         return self.belief
 
-    def _bank_prediction(self, last, to_ns, duration_s, ramps):
-        """Return the velocities (3, hypotheses) that are predicted from the last state."""
+    def _weigh(self, residuals, slopes, duration_s):
+        """Update probabilities, and the sideslip error of every hypothesis by its Kalman filter.
+
+        `residuals` and their `slopes` over the sideslip error are (3, hypotheses).
+        """
+        params, w = self._params, self._information
+        self._variance += params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
+        # of the residuals with the covariance 1 / w + slope variance slope'
+        gained = np.sum(w * slopes**2, axis=0)
+        push = np.sum(w * slopes * residuals, axis=0)
+        growth = 1 + self._variance * gained
+        self._variance /= growth
+        distance = np.sum(w * residuals**2, axis=0) - self._variance * push**2
+        credible = distance <= MAX_DISTANCE
+        self._error -= np.where(credible, self._variance * push, 0.0)
+        likelihood = -(np.minimum(distance, MAX_DISTANCE) + np.log(growth)) / 2
+        kept = np.exp(-duration_s / params.memory_s)
+        log = kept * self._log + (1 - kept) * self._prior + likelihood
+        self._log = log - np.max(log)
+
+    def _residuals(self, last, x, duration_s, ramps):
+        """Return measured minus predicted velocities, and their slopes over the sideslip error."""
         steps = int(np.ceil(duration_s / MAX_STEP_S))
         delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
-        instants = np.linspace(last.stamp_ns - delay_ns, to_ns - delay_ns, steps + 1)
+        instants = np.linspace(last.stamp_ns - delay_ns, x.stamp_ns - delay_ns, steps + 1)
         points = [setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
         h = duration_s / steps
-        start = State(0, 0, 0, last.vx, last.vy, last.r, 0, 0, 0)
-        X = np.tile(np.array(start, float)[:, None], len(self.grid))
+        error = np.concatenate((self._error, self._error + ERROR_STEP))
+        X = np.zeros((len(State._fields), len(error)))
+        X[VELOCITIES, :] = _velocities(last, error)
         for (begin, lambda_b), (end, _) in pairwise(points):
             X[SETPOINTS, :] = np.array(begin)[:, None]
             u = Input((end.delta - begin.delta) / h, (end.Fx - begin.Fx) / h, lambda_b, 0.0)
             X = self._predict(X, np.array(u), h).full()
-        return X[VELOCITIES, :]
+        both = _velocities(x, error) - X[VELOCITIES, :]
+        residuals, shifted = np.split(both, 2, axis=1)
+        return residuals, (shifted - residuals) / ERROR_STEP
+
+
+def _velocities(x: VehicleState, error: np.ndarray) -> np.ndarray:
+    """Return vx, vy and r (3, n) of a state whose measured sideslip angle has these errors."""
+    return np.array([np.full_like(error, x.vx), x.vy - error * x.vx, np.full_like(error, x.r)])
 
 
 def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
@@ -143,7 +176,8 @@ def _bank(car: Car, shares: tuple[float, ...]) -> ca.Function:
     """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
     h, share = ca.SX.sym('h'), ca.SX.sym('share')
-    slippery = car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
+    ideal = Car(*car[: len(Car._fields)])  # the delay of the set-points stands for the lags
+    slippery = ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
     rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), slippery)
     f = ca.Function('rates', [x, u, share], [ca.vertcat(*rates)])
     step = ca.Function('step', [x, u, share, h], [stage_problem.rk2(f, h)(x, u, share)])

@@ -34,6 +34,7 @@ RULES = FrictionEstimate(
     speed_noise_mps=0.05,
     lateral_noise_mps=0.03,
     yaw_rate_noise_radps=0.015,
+    sideslip_error_rad=0.01,
     actuator_delay_s=0.0,
 )
 
