@@ -51,7 +51,8 @@ class ControllerInputs:
         """`on_input` is called after each message that may complete the inputs of a step."""
         self._node, self._controller, self._trigger = node, controller, trigger
         self._watchdog, self._wall, self._on_input = watchdog, wall, on_input
-        self.state = self.actuators = self._path = None
+        self.state = self.actuators = None
+        self._used: dict[str, bytes] = {}  # path and edges, the last that was accepted
         self.received_ns = 0  # wall time, of the state
         self.ignored_ns = range(0)  # stamps of states that are not answered
         callbacks = {
@@ -71,18 +72,12 @@ class ControllerInputs:
         self._refusals = {topic: RejectionLog(topic) for topic in (*TOPICS.values(), ACTUATORS)}
 
     def on_reference(self, raw: bytes) -> None:
-        """Use the path; a repetition is not built again."""
-        if raw_scenario.is_repeat(raw, self._path):
-            fault = self._watchdog.offer(REFERENCE, decode.stamp_ns_of(raw), self._wall.now_ns())
-            if fault:
-                self._reject(TOPICS[REFERENCE], UNTIMELY, fault)
-            self._on_input()
-        elif self._use(REFERENCE, subscriptions_node.read_reference, raw, self._set_reference):
-            self._path = raw
+        """Use the path."""
+        self._use_new(REFERENCE, subscriptions_node.read_reference, raw, self._set_reference)
 
     def on_edges(self, raw: bytes) -> None:
         """Use the road edges."""
-        self._use(EDGES, subscriptions_node.read_road_edges, raw, self._controller.set_edges)
+        self._use_new(EDGES, subscriptions_node.read_road_edges, raw, self._controller.set_edges)
 
     def on_obstacles(self, raw: bytes) -> None:
         """Use the obstacles; in lockstep they complete the inputs of a step."""
@@ -170,6 +165,17 @@ class ControllerInputs:
         )
         if self._slow_path.has_changed(warning) and warning:
             self._node.get_logger().warning(warning)
+
+    def _use_new(self, name, decoder, raw, setter):
+        """Use a message as `_use` does; a repetition is not built again."""
+        stamp_ns = raw_scenario.repeated_ns(TOPICS[name], raw, self._used.get(name))
+        if stamp_ns:
+            fault = self._watchdog.offer(name, stamp_ns, self._wall.now_ns())
+            if fault:
+                self._reject(TOPICS[name], UNTIMELY, fault)
+            self._on_input()
+        elif self._use(name, decoder, raw, setter):
+            self._used[name] = raw
 
     def _use(self, name, decoder, raw, setter) -> bool:
         """Set an input of the controller; a rejected message is logged, the last one stays."""

@@ -50,6 +50,16 @@ def quaternion_to_heading(z: float, w: float) -> float:
     return wrap_angle(2.0 * math.atan2(z, w))
 
 
+def quaternions_to_headings(z: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return `quaternion_to_heading` of rotations (n,), with the same bits."""
+    # math.atan2, as every receiver of a message uses: numpy's may differ in the last bit
+    psi = 2.0 * np.fromiter(map(math.atan2, z.tolist(), w.tolist()), float, len(z))
+    turned = np.abs(psi) > math.pi
+    psi[turned] -= np.copysign(math.tau, psi[turned])  # exact, as the remainder is
+    psi[psi == -math.pi] = math.pi
+    return psi
+
+
 def value_to_text(value: float | int | str | bool) -> str:
     """Return a text that `text_to_value` turns into the same value.
 
@@ -88,11 +98,9 @@ def heading_as_received(psi: float) -> float:
 
 def headings_as_received(psi: np.ndarray) -> np.ndarray:
     """Return `heading_as_received` of headings (n,), with the same bits."""
-    atan2, sin, cos, remainder, turn = math.atan2, math.sin, math.cos, math.remainder, math.tau
     half = (0.5 * psi).tolist()
-    wrapped = np.array([remainder(2.0 * atan2(sin(a), cos(a)), turn) for a in half])
-    wrapped[wrapped == -math.pi] = math.pi  # as `wrap_angle`
-    return wrapped
+    z, w = (np.fromiter(map(of, half), float, len(half)) for of in (math.sin, math.cos))
+    return quaternions_to_headings(z, w)
 
 
 def odometry_as_received(x: VehicleState) -> VehicleState:

@@ -66,7 +66,7 @@ def describe_environment(mode: str) -> dict[str, str]:
 
 
 def digest(text: str) -> str:
-    """Return the SHA-256 of a scenario text as hex digits."""
+    """Return the SHA-256 of a text as hex digits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -24,6 +24,7 @@ OBSTACLES = '/scenario/obstacles'
 ODOMETRY = '/vehicle/odometry'
 PERIOD_S = 1.0  # of wall time, between two counts of publishers
 _COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: number of markers
+_OBJECT_BYTES = 400_000  # of a path or of edges; as objects they take 0.1 s to build and to check
 _MARKER_BYTES, _POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
 
 
@@ -39,14 +40,14 @@ def read_reference(raw: bytes) -> Reference:
         allowed = f'allowed {limit}, those of {most} poses'
         raise decode.DecodeError(f'{REFERENCE}: {len(raw)} bytes; {allowed}')
     path = raw_scenario.read_reference(raw)
-    return decode.reference(ros.deserialize(REFERENCE, raw)) if path is None else path
+    return _decode(REFERENCE, raw, decode.reference) if path is None else path
 
 
 def read_road_edges(raw: bytes) -> RoadEdges:
     """Return the edges of a serialised /scenario/road_edges; see `read_reference`."""
     _check_size(ROAD_EDGES, raw)
     edges = raw_scenario.read_road_edges(raw)
-    return decode.road_edges(ros.deserialize(ROAD_EDGES, raw)) if edges is None else edges
+    return _decode(ROAD_EDGES, raw, decode.road_edges) if edges is None else edges
 
 
 def read_obstacles(raw: bytes) -> Obstacles:
@@ -64,6 +65,16 @@ def read_odometry(raw: bytes) -> VehicleState:
 @cache
 def _odometry_template():
     return Template(ODOMETRY)
+
+
+def _decode(topic, raw, decoder):
+    """Return the value of a message object, or raise the DecodeError that names its violation."""
+    if len(raw) > _OBJECT_BYTES:
+        raise decode.DecodeError(
+            f'{topic}: {len(raw)} bytes violate the contract or are no little-endian CDR; the '
+            f'reason is given up to {_OBJECT_BYTES} bytes'
+        )
+    return decoder(ros.deserialize(topic, raw))
 
 
 def _check_size(topic, raw):

@@ -13,7 +13,7 @@ from scenario_publisher import lines, polyline, schema
 from scenario_publisher.lines import Frame, Line
 from scenario_publisher.scenario_file import KeyedError
 
-MAX_SAMPLES = 5000  # of a published line, as topics.yaml allows
+MAX_SAMPLES = 40_000  # of a published line, as topics.yaml allows
 MAX_KAPPA = 0.2  # 1/m, the tightest circle a passenger car can turn
 MAX_TURN = 0.5  # rad between neighbouring chords of a smooth line
 MAX_CORNER = 1.05  # rad, of an edge, which may have corners

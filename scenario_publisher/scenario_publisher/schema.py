@@ -16,8 +16,8 @@ from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 
 # coordinates and speeds: the ranges of topics.yaml
 Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
-Station = Annotated[float, Range(0.0, 10000.0, 'm')]
-Length = Annotated[float, Range(0.5, 10000.0, 'm')]
+Station = Annotated[float, Range(0.0, 20000.0, 'm')]
+Length = Annotated[float, Range(0.5, 20000.0, 'm')]
 Offset = Annotated[float, Range(-100.0, 100.0, 'm')]
 Yaw = Annotated[float, Range(-6.3, 6.3, 'rad')]
 # 5 m is the tightest circle a passenger car can turn
@@ -244,7 +244,7 @@ class StartPose:
 class Stop:
     """End of the run: finish line or time limit, whichever comes first."""
 
-    progress_m: Annotated[float, Range(1.0, 10000.0, 'm')]
+    progress_m: Annotated[float, Range(1.0, 20000.0, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
 
 

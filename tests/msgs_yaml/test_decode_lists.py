@@ -39,7 +39,7 @@ def test_pose_stamps_that_do_not_increase_are_rejected(rejects):
 def test_a_path_of_one_pose_is_rejected(rejects):
     message = encode.reference(PATH)
     message.poses.pop()
-    rejects(decode.reference, message, 'poses is 1 long; allowed 2 to 5000 elements')
+    rejects(decode.reference, message, 'poses is 1 long; allowed 2 to 40000 elements')
 
 
 def test_a_path_that_starts_later_than_its_stamp_starts_at_zero():

@@ -13,7 +13,6 @@ from std_msgs.msg import ColorRGBA
 
 from msgs_yaml import decode, encode, raw_scenario
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.raw_scenario import is_repeat
 from msgs_yaml.types import Reference
 from node_runtime import ros, subscriptions_node
 
@@ -236,6 +235,10 @@ REPEATED = Reference(
 )
 
 
+def is_repeat(new, old):
+    return raw_scenario.repeated_ns(raw_scenario.REFERENCE, new, old) > 0
+
+
 def raw_path(**changed):
     return ros.serialize(encode.reference(REPEATED._replace(**changed)))
 
@@ -244,7 +247,8 @@ def raw_path(**changed):
     'stamp_ns', [REPEATED.stamp_ns, REPEATED.stamp_ns - S, 1_795_000_000_987_654_321]
 )
 def test_the_same_poses_at_another_time_are_a_repeat(stamp_ns):
-    assert is_repeat(raw_path(stamp_ns=stamp_ns), raw_path())
+    later = raw_path(stamp_ns=stamp_ns)
+    assert raw_scenario.repeated_ns(raw_scenario.REFERENCE, later, raw_path()) == stamp_ns
 
 
 def test_two_poses_are_enough():
@@ -275,10 +279,38 @@ def test_a_path_with_another_layout_count_or_frame_is_no_repeat(byte):
     assert not is_repeat(bytes(broken), raw_path())
 
 
-def test_a_cut_or_first_path_is_no_repeat():
-    assert not is_repeat(raw_path(), None)
-    for size in (0, 4, 50, len(raw_path()) - 72, len(raw_path()) - 1):
-        assert not is_repeat(raw_path()[:size], raw_path()[:size])
+@both
+@pytest.mark.parametrize('cut', [0, 4, 50, -72, -1])
+def test_a_cut_or_first_message_is_no_repeat(kind, cut):
+    raw = kind.raw(4)
+    assert not raw_scenario.repeated_ns(kind.topic, raw, None)
+    assert not raw_scenario.repeated_ns(kind.topic, raw[:cut], raw[:cut])
+
+
+def repeated_edges_ns(message):
+    raw = ros.serialize(message)
+    return raw_scenario.repeated_ns(raw_scenario.ROAD_EDGES, raw, EDGES.raw(3))
+
+
+def test_the_same_edges_at_another_time_are_a_repeat():
+    assert repeated_edges_ns(encode.road_edges(long_paths.edges(3, 9 * S))) == 9 * S
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda left: setattr(left.points[1], 'y', np.nextafter(left.points[1].y, 9.0)),
+        lambda left: setattr(left.header.stamp, 'nanosec', 4),
+        lambda left: setattr(left.header, 'frame_id', 'mop'),
+        lambda left: setattr(left, 'ns', 'lefd'),
+        lambda left: setattr(left, 'action', 2),
+    ],
+    ids=['point', 'stamp', 'frame', 'ns', 'action'],
+)
+def test_edges_of_which_one_differs_are_no_repeat(change):
+    message = encode.road_edges(SHORT[EDGES])
+    change(message.markers[1])
+    assert not repeated_edges_ns(message)
 
 
 @pytest.mark.parametrize('poses', [2, 51, 5000])

@@ -2,8 +2,10 @@
 
 import time
 
+import long_paths
 import numpy as np
 import pytest
+from visualization_msgs.msg import Marker
 
 from msgs_yaml import contract, encode
 from msgs_yaml.decode import DecodeError
@@ -50,6 +52,17 @@ def test_few_but_huge_markers_are_rejected_before_decoding():
     error = quickly(subscriptions_node.read_road_edges, ros.serialize(message))
     assert error.startswith('/scenario/road_edges: ')
     assert 'bytes; allowed' in error
+
+
+def test_the_longest_messages_that_violate_the_contract_are_rejected_without_objects_of_them():
+    path = long_paths.path()
+    path.X[-1] = np.nan
+    raw = ros.serialize(encode.reference(path))
+    assert 'violate the contract' in quickly(subscriptions_node.read_reference, raw)
+    message = encode.road_edges(long_paths.edges())
+    message.markers[1].type = Marker.POINTS
+    raw = ros.serialize(message)
+    assert 'violate the contract' in quickly(subscriptions_node.read_road_edges, raw)
 
 
 def test_the_longest_messages_of_the_contract_are_read():

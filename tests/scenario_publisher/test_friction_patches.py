@@ -169,7 +169,7 @@ MISTAKES = {
     'friction': (patch(5, 9, 0, 4, 0.0), 'friction: is out of range .* allowed 0.05 to 1.5 -'),
     'not finite': (patch(5, float('inf'), 0, 4), r'to_m: must be finite'),
     'not a number': (patch(5, 9, 0, float('nan')), 'to_offset_m: must be finite'),
-    'before the road': (patch(-1, 9, 0, 4), 'from_m: is out of range .* allowed 0 to 10000 m'),
+    'before the road': (patch(-1, 9, 0, 4), 'from_m: is out of range .* allowed 0 to 20000 m'),
     'beyond the road': (
         patch(5, 81, 0, 4),
         r'\[0\].to_m: lies beyond the road with 81; allowed up to 80.00 m',

@@ -103,8 +103,8 @@ MISTAKES = {
     ),
     'path too long to publish': (
         'path.segments[0].straight.length_m',
-        9000.0,
-        r'needs 18081 samples; allowed at most 5000',
+        19990.0,
+        r'needs 40061 samples; allowed at most 40000',
     ),
     'path that doubles back': (
         'path',

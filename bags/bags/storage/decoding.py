@@ -20,7 +20,7 @@ from bags.storage.cdr import HEADER, Layout
 from bags.storage.columns import Columns, table_type
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import decode, flat_fields
-from msgs_yaml.conversions import NS_PER_S, quaternion_to_heading
+from msgs_yaml.conversions import NS_PER_S, quaternions_to_headings
 from msgs_yaml.decode import DecodeError, stamp_ns_of
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
@@ -113,8 +113,7 @@ def build_columns(topic: BagTopic, payloads: list[bytes], zero_ns: int) -> Colum
             table[name][rows] = np.stack([column(bytes_, layout, path) for path in group], axis=1)
     for name, numbers in table.items():
         if name == YAW:
-            # math.atan2, as every receiver of the message uses: numpy's may differ in the last bit
-            table[name] = np.array([quaternion_to_heading(*zw) for zw in numbers.tolist()])
+            table[name] = quaternions_to_headings(*numbers.T)
         elif numbers.shape[1] == 1:
             table[name] = numbers[:, 0]
     return table_type(topic.name)(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, **table)

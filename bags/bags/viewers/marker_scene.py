@@ -181,6 +181,9 @@ def _disc(ns, number, centre, radius, colour, height):
 
 
 def _line(ns, number, points, colour):
+    """Return a line through MAX_POINTS of its points at most: markers are built point by point."""
+    if len(points) > MAX_POINTS:
+        points = points[np.linspace(0, len(points) - 1, MAX_POINTS).round().astype(int)]
     size = (LINE_M, 0.0, 0.0)
     return _shape(ns, number, LINE, (0.0, 0.0, 0.0), size, colour)._replace(points=points)
 
@@ -196,6 +199,7 @@ REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 OBSTACLES, WHY = '/scenario/obstacles', '/controller/why'
 WATCHED = (STATE, PLAN, REFERENCE, EDGES, OBSTACLES, WHY)
 PERIOD_NS = 50_000_000  # that of the controller
+MAX_POINTS = 5000  # of a drawn line, as topics.yaml allows
 
 
 class Drawing(NamedTuple):

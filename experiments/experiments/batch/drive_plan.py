@@ -6,8 +6,6 @@ controller and setting, so drives of one number are pairs, and a longer batch be
 of a shorter one.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
@@ -19,7 +17,8 @@ from experiments.batch.study_file import SCENARIO_SPEED, Setting, StudyFile
 from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
-from experiments.study import code_version, run_spec
+from experiments.study import run_spec
+from node_runtime import provenance
 from vehicle_plant import initial_state
 
 
@@ -131,17 +130,7 @@ def perturb(setup: Setup, perturbation: Perturbation) -> Setup:
     return setup._replace(scn=scn, friction=setup.friction * perturbation.grip)
 
 
-def digest(setup: Setup) -> str:
-    """Return the SHA-256 of all that decides the first run: setup, code, libraries, processor."""
-    parameters = repr((setup.params, setup.vehicle, setup.plant, setup.friction))
-    return _sha256(code_version.digest(), setup.controller, setup.scn.text, parameters)
-
-
 def drive_keys(setup: Setup, perturbations: Sequence[Perturbation]) -> list[str]:
     """Return what identifies each run of a setup: two drives with one key have equal results."""
-    base = digest(setup)
-    return [_sha256(base, *perturbation) for perturbation in perturbations]
-
-
-def _sha256(*content):
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    base = run_spec.cache_key(setup)
+    return [provenance.digest(f'{base} {tuple(perturbation)}') for perturbation in perturbations]

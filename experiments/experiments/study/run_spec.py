@@ -5,8 +5,6 @@ every controller: runs are paired. The first n draws of a longer study are those
 """
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
@@ -22,6 +20,7 @@ from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.study import code_version
 from experiments.study.variants import SCENARIO, Variant
+from node_runtime import provenance
 
 SEED = 1
 SPEED_SPREAD_KPH = 0.5  # either way
@@ -100,13 +99,10 @@ def prepare(spec: RunSpec) -> simulation.Setup:
     )
 
 
-def cache_key(spec: RunSpec) -> str:
+def cache_key(setup: simulation.Setup) -> str:
     """Return the SHA-256 of all that decides the result: setup, code, libraries, processor."""
-    base = _base(spec.scenario, spec.controller, spec.settings)
-    parameters = repr((base.params, base.vehicle, base.plant, base.friction))
-    drawn = (spec.speed_kph, spec.grip, spec.tolerance)
-    content = [code_version.digest(), base.controller, base.scn.text, parameters, *drawn]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    numbers = repr(tuple(setup._replace(scn=None)))
+    return provenance.digest('\0'.join((code_version.digest(), setup.scn.text, numbers)))
 
 
 @cache

@@ -77,7 +77,8 @@ class Runner:
 
         `done_before` of `total` runs with this label were done by earlier calls.
         """
-        files = {spec: self.cache / f'{run_spec.cache_key(spec)}.json' for spec in specs}
+        keys = {spec: run_spec.cache_key(run_spec.prepare(spec)) for spec in specs}
+        files = {spec: self.cache / f'{key}.json' for spec, key in keys.items()}
         results = {spec: _read(file) for spec, file in files.items()}
         missing = [spec for spec, result in results.items() if result is None]
         total = len(files) if total is None else total

@@ -63,7 +63,7 @@ def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_pa
         STATE: 2,
         WHY: 1,
     }
-    assert result[REFERENCE]['first'] == 'message 1: poses is 0 long; allowed 2 to 5000 elements'
+    assert result[REFERENCE]['first'] == 'message 1: poses is 0 long; allowed 2 to 40000 elements'
     assert 'twist.twist.linear.x (vx) is nan' in result[STATE]['first']
     assert 'do not fit its definition' in result[WHY]['first']
     console = Console(file=io.StringIO(), width=200)

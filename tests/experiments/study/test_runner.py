@@ -18,6 +18,10 @@ def specs(*numbers, variant=MPCC):
     return [run_spec.build_spec(variant, 75.0, draws[n - 1]) for n in numbers]
 
 
+def key(spec):
+    return run_spec.cache_key(run_spec.prepare(spec))
+
+
 def test_a_run_equals_the_simulation_and_is_cached(tmp_path):
     seen = []
     with runner.Runner(2, lambda *text: seen.append(text), tmp_path) as runs:
@@ -39,7 +43,7 @@ def test_only_missing_runs_are_simulated(tmp_path):
     kept = {'metrics': {'min_v2o_m': 1.25}, 'solver': {}}
     chosen = specs(1, 2)
     for one in chosen:
-        (tmp_path / f'{run_spec.cache_key(one)}.json').write_text(json.dumps(kept))
+        (tmp_path / f'{key(one)}.json').write_text(json.dumps(kept))
     with runner.Runner(1, cache=tmp_path) as runs:
         assert [one.value('min_v2o_m') for one in runs.run(chosen, 'kept')] == [1.25, 1.25]
         assert runs.simulated == 0
@@ -69,14 +73,12 @@ def test_the_draw_changes_speed_grip_and_tolerance_but_not_the_assumed_friction(
 )
 def test_the_cache_key_depends_on_everything_that_decides_a_run(changed):
     one = run_spec.RunSpec(variants.SCENARIO, 'mpcc', (), 75.0, 1.0, 1e-6)
-    assert run_spec.cache_key(one) != run_spec.cache_key(one._replace(**changed))
+    assert key(one) != key(one._replace(**changed))
 
 
 def test_a_setting_that_changes_nothing_has_the_same_cache_key():
     one = run_spec.RunSpec(variants.SCENARIO, 'mpcc', (), 75.0, 1.0, 1e-6)
-    assert run_spec.cache_key(one) == run_spec.cache_key(
-        one._replace(settings=(('safety.obstacle_m', 0.5),))
-    )
+    assert key(one) == key(one._replace(settings=(('safety.obstacle_m', 0.5),)))
 
 
 def test_the_number_of_jobs_must_be_positive():

@@ -44,7 +44,8 @@ def test_a_switch_changes_its_factor_only(rows, switch):
 
 def test_the_base_of_the_ablation_is_the_mpcc_and_is_simulated_once(rows):
     base, plain = rows[variants.BASE], variants.plain_variants(['mpcc'])[0]
-    keys = {run_spec.cache_key(run_spec.build_spec(one, 75.0, DRAW)) for one in (base, plain)}
+    specs = [run_spec.build_spec(one, 75.0, DRAW) for one in (base, plain)]
+    keys = {run_spec.cache_key(run_spec.prepare(spec)) for spec in specs}
     assert len(keys) == 1
 
 
