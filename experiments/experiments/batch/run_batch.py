@@ -12,6 +12,7 @@ from bags.errors import BagError
 from experiments.batch import drive_plan, results_table, study_file
 from experiments.batch.drive_plan import Combination, Perturbation
 from experiments.batch.drive_records import DriveRecords
+from experiments.batch.record_drives import record_each
 from experiments.batch.simulate import simulate
 from experiments.batch.study_file import StudyFile
 from experiments.progress import CountProgress, print_text
@@ -21,7 +22,6 @@ from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 
 TIMES = ('wall_s', 'cpu_s')  # of a drive
-LINES = 10  # of progress where there is no terminal
 
 
 class Request(NamedTuple):
@@ -144,22 +144,10 @@ def _simulate_missing(plan, records, errors, pool, limit_s, progress, simulate_d
             done += key in records
             if key not in records:
                 missing.setdefault(key, (number, run))
-    keys = list(missing)
-    total = done + len(keys)
     tasks = _Setups(plan, list(missing.values()))
     groups = [plan.combinations[number].formulation for number, _ in tasks.chosen]
-    progress.show('drives', done, total)
-    for finished in pool.finish_each(simulate_drive, tasks, groups, limit_s):
-        key = keys[finished.number]
-        if finished.error:
-            errors[key] = _describe(finished.error)
-        else:
-            records.add(key, finished.value)
-        done += 1
-        note = f'{len(errors):,} failed' if errors else ''
-        progress.show('drives', done, total, note)
-        if done * LINES // total > (done - 1) * LINES // total:
-            progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())
+    ended = pool.finish_each(simulate_drive, tasks, groups, limit_s)
+    record_each(ended, list(missing), done + len(missing), records, errors, progress)
 
 
 class _Setups(Sequence):
@@ -175,12 +163,6 @@ class _Setups(Sequence):
         combination, run = self.chosen[number]
         setup = self.plan.setups[combination]
         return (drive_plan.perturb(setup, self.plan.perturbations[run]),)
-
-
-def _describe(error):
-    """Return an error as one line; those that a person was meant to read have no class."""
-    text = str(error) if isinstance(error, BagError) else f'{type(error).__name__}: {error}'
-    return ' '.join(text.split())
 
 
 def build_rows(

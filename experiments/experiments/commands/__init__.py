@@ -35,6 +35,19 @@ def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     )
 
 
+def add_time_limit(
+    parser: argparse.ArgumentParser, option: str, default_s: float, then: str
+) -> None:
+    """Add the option of a limit of wall time [s]; `then` is what happens after it."""
+    parser.add_argument(
+        option,
+        type=positive_number,
+        default=default_s,
+        metavar='S',
+        help=f'wall time after which {then} (default: {default_s:g} s)',
+    )
+
+
 def add_list(
     parser: argparse.ArgumentParser, option: str, text: str, default: str = '', **settings: Any
 ) -> None:

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_jobs, positive_number
+from experiments.commands import add_jobs, add_time_limit
 
 HELP = 'simulate a grid of scenarios, controllers and settings; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
@@ -38,13 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out', type=Path, required=True, metavar='DIR', help='receives table and records'
     )
     add_jobs(parser, 'the table')
-    parser.add_argument(
-        '--limit-s',
-        type=positive_number,
-        default=LIMIT_S,
-        metavar='S',
-        help=f'wall time after which a drive counts as failed (default: {LIMIT_S:g})',
-    )
+    add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
 
 
 def run(options: argparse.Namespace) -> int:

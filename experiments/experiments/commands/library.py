@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.commands import add_jobs, add_list, positive_count, positive_number
+from experiments.commands import add_jobs, add_list, add_time_limit, positive_count
 
 HELP = 'drive families of emergencies; who survived, with intervals and causes'
 EXAMPLE = (
@@ -75,13 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
     parser.add_argument('--out', type=Path, metavar='PATH', help='receives table and records')
     add_jobs(parser, 'the table')
-    parser.add_argument(
-        '--limit-s',
-        type=positive_number,
-        default=LIMIT_S,
-        metavar='S',
-        help=f'wall time after which a drive counts as failed (default: {LIMIT_S:g})',
-    )
+    add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
     parser.add_argument(
         '--at-least',
         type=_share,

@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out
+from experiments.commands import add_jobs
 
 HELP = 'figures, tables and claims of the paper from scratch'
 EXAMPLE = 'experiments paper --quick --out /tmp/paper'
@@ -16,9 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments paper`."""
     add_out(parser, OUT, 'all files')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
-    parser.add_argument(
-        '--jobs', type=int, metavar='N', help='runs in parallel (default: one per core)'
-    )
+    add_jobs(parser, 'the result')
     parser.add_argument(
         '--readme',
         type=Path,

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out
-from experiments.commands import add_list, positive_number
+from experiments.commands import add_list, add_time_limit
 
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
@@ -34,13 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)',
     )
-    parser.add_argument(
-        '--time-limit',
-        type=positive_number,
-        default=TIME_LIMIT_S,
-        metavar='S',
-        help=f'wall time after which a run is stopped (default: {TIME_LIMIT_S:.0f} s)',
-    )
+    add_time_limit(parser, '--time-limit', TIME_LIMIT_S, 'a run is stopped')
 
 
 def run(options: argparse.Namespace) -> int:

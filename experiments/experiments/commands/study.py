@@ -12,7 +12,7 @@ from rich.console import Console
 
 from bags.command_line import add_out, print_text
 from bags.errors import BagError
-from experiments.commands import add_list
+from experiments.commands import add_jobs, add_list
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='ablation: runs per speed and clearance (default: 3)',
     )
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: one per core)')
+    add_jobs(parser, 'the result')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
     text = 'a tuned controller as a further row of ablation and limit'
     default = 'every *_tuned.yaml in mpcc_controller/config'

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from bags.command_line import print_text
-from bags.errors import BagError
 from experiments import pass_criteria
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords
+from experiments.batch.record_drives import record_each
 from experiments.configuration import node_config, set_option
 from experiments.library import library_drive, survival_table
 from experiments.library.library_drive import ENTRIES, LibraryDrive
@@ -120,27 +120,10 @@ def _keys(drives, progress):
 
 def _drive_missing(drives, keys, records, errors, pool, limit_s, progress):
     missing = {key: drive for key, drive in zip(keys, drives) if key not in records}
-    total, done = len(drives), len(drives) - len(missing)
     tasks = [(drive,) for drive in missing.values()]
     groups = [drive.controller for drive in missing.values()]
-    missing_keys = list(missing)
-    progress.show('drives', done, total)
-    for finished in pool.finish_each(library_drive.run, tasks, groups, limit_s):
-        key = missing_keys[finished.number]
-        if finished.error:
-            errors[key] = _describe(finished.error)
-        else:
-            records.add(key, finished.value)
-        done += 1
-        progress.show('drives', done, total, f'{len(errors):,} failed' if errors else '')
-        if done * 10 // total > (done - 1) * 10 // total:
-            progress.print_line(f'{done:,} of {total:,}')
-
-
-def _describe(error):
-    """Return an error as one line; those that a person was meant to read have no class."""
-    text = str(error) if isinstance(error, BagError) else f'{type(error).__name__}: {error}'
-    return ' '.join(text.split())
+    ended = pool.finish_each(library_drive.run, tasks, groups, limit_s)
+    record_each(ended, list(missing), len(drives), records, errors, progress)
 
 
 def build_rows(
