@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
 from bags.storage import read
 from msgs_yaml.types import Prediction, Why
 
@@ -21,6 +22,7 @@ class ControllerLog(NamedTuple):
     predictions: Sequence[Prediction]  # one per tick
     report_ns: np.ndarray  # (n,) stamps of the controller's reports
     numbers: Mapping[str, np.ndarray]  # (n,) of REPORTED; not-a-number where one is missing
+    candidates: Sequence[Sequence[CandidateLine]] = ()  # of each report
 
     def __repr__(self):
         return f'ControllerLog({len(self.report_ns)} reports, {len(self.predictions)} plans)'
@@ -38,7 +40,8 @@ def read_controller_log(bag: read.Bag) -> ControllerLog:
         return EMPTY_LOG._replace(run_info=bag.run_info, predictions=predictions)
     reports = [why.values for why in tables[WHY].values]
     numbers = {name: report_numbers(reports, name) for name in REPORTED}
-    return ControllerLog(bag.run_info, predictions, tables[WHY].stamp_ns, numbers)
+    compared = [candidate_lines(values) for values in reports]
+    return ControllerLog(bag.run_info, predictions, tables[WHY].stamp_ns, numbers, compared)
 
 
 def report_number(report: Mapping[str, float | str], key: str) -> float:

@@ -75,6 +75,21 @@ def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
     return float32(t=t, x=x, y=y)
 
 
+def candidate_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
+    """Return the plans that were compared and not chosen: a row per tick, gaps between them."""
+    zero_ns, gap = run.drive.motion.stamp_ns[0], np.full((1, 2), np.nan)
+    ticks = [
+        np.concatenate([gap, *(part for c in lines if not c.is_chosen for part in (c.points, gap))])
+        for lines in log.candidates
+    ]
+    length = max(map(len, ticks), default=0)
+    padded = np.full((len(ticks), length, 2), np.nan)
+    for row, points in zip(padded, ticks):
+        row[: len(points)] = points
+    t = (log.report_ns[: len(ticks)] - zero_ns) / NS_PER_S
+    return float32(t=t, x=padded[..., 0], y=padded[..., 1])
+
+
 def _row(values, length):
     padded = np.append(values, np.full(length - len(values), np.nan))
     return padded[::STAGE_EVERY]
@@ -94,7 +109,7 @@ class TopView(NamedTuple):
     plot: figure
     obstacles: dict[str, Any]  # positions in each frame
     places: ColumnDataSource | None  # drawn positions
-    runs: list[dict[str, Any]]  # of each: name, car, plan; sources drawn: body, circles, horizon
+    runs: list[dict[str, Any]]  # of each: name and numbers of car and plans; what is drawn
 
 
 def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> TopView:
@@ -126,6 +141,7 @@ def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> To
             'name': run.name,
             'car': car_frames(run, t),
             'plan': plan_rows(run, logs[run.name]),
+            'others': candidate_rows(run, logs[run.name]),
             **_moving(plot, run),
         }
         for run in runs
@@ -182,16 +198,17 @@ def _trajectory(plot, run):
 
 
 def _moving(plot, run):
-    horizon, body = (ColumnDataSource({'x': [], 'y': []}) for _ in range(2))
+    horizon, body, candidates = (ColumnDataSource({'x': [], 'y': []}) for _ in range(3))
     circles = ColumnDataSource({'x': [], 'y': [], 'width': []})
     ink = {'line_color': run.colour}
     filled = {**ink, 'fill_color': run.colour, 'fill_alpha': 0.45}
     hollow = {**ink, 'fill_color': None, 'line_dash': 'dotted'}
     for drawn in (
+        plot.line('x', 'y', source=candidates, line_alpha=0.5, line_dash='dashed', **ink),
         plot.line('x', 'y', source=horizon, **ink),
         plot.scatter('x', 'y', source=horizon, size=4, **filled),
         plot.patch('x', 'y', source=body, **filled),
         plot.ellipse('x', 'y', 'width', 'width', source=circles, **hollow),
     ):
         tag_run(run, drawn)
-    return {'horizon': horizon, 'body': body, 'circles': circles}
+    return {'horizon': horizon, 'body': body, 'circles': circles, 'candidates': candidates}

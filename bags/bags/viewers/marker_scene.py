@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
 from bags.evaluation.controller_log import report_number
 from bags.figures import style
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
@@ -131,8 +132,10 @@ def safety_shapes(
     return shapes
 
 
-def prediction_shapes(plan: Prediction, reference: Reference | None) -> list[Shape]:
-    """Return the horizon, coloured by its speed, and the coarse path."""
+def prediction_shapes(
+    plan: Prediction, reference: Reference | None, candidates: Sequence[CandidateLine] = ()
+) -> list[Shape]:
+    """Return the horizon, coloured by its speed, the coarse path, and the plans not chosen."""
     points = np.column_stack([plan.X, plan.Y])
     shapes = []
     if len(points) > 1:
@@ -143,6 +146,10 @@ def prediction_shapes(plan: Prediction, reference: Reference | None) -> list[Sha
     if reference is not None:
         path = np.column_stack([reference.X, reference.Y])
         shapes.append(_line('reference', 0, path, _rgba(style.REFERENCE)))
+    for line in candidates:
+        if not line.is_chosen and len(line.points) > 1:
+            colour = _rgba(style.REFERENCE if line.is_clean else style.COLLISION, 0.6)
+            shapes.append(_line('candidate', line.number, line.points, colour))
     return shapes
 
 
@@ -229,6 +236,13 @@ class MarkerScene:
         self._latest[topic] = value
         if topic == PLAN:
             drawn = prediction_shapes(value, self._latest.get(REFERENCE))
+            return [Drawing(PREDICTION, value.stamp_ns, drawn)]
+        plan = self._latest.get(PLAN)
+        if topic == WHY and plan is not None and plan.stamp_ns == value.stamp_ns:
+            lines = candidate_lines(value.values)
+            if not lines:
+                return []
+            drawn = prediction_shapes(plan, self._latest.get(REFERENCE), lines)
             return [Drawing(PREDICTION, value.stamp_ns, drawn)]
         if topic != STATE:
             return []

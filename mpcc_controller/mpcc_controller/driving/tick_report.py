@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mpcc_controller.driving import candidates
-from mpcc_controller.driving.candidate_choice import Outcome
+from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.planner import Attempt, Comparison
 from mpcc_controller.driving.tick import Arrival, TickRecord
@@ -24,6 +24,7 @@ from msgs_yaml.types import Command, Obstacle, Prediction, Why
 from stage_solver.solution import SOLVED, Solution
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+LINE_STAGES = 5  # of a candidate's plan one stage in this many is reported
 
 
 class TickReporter:
@@ -87,6 +88,8 @@ class TickReporter:
             plan = self._formulation.to_local(attempt.plan, scene.path)
             evaluated = self._evaluator.evaluate(plan, parameters.P)
             values |= _planned(evaluated, parameters, attempt.plan.U)
+        if attempt.candidates is not None:
+            values |= _lines(attempt.candidates.choice)
         return values
 
 
@@ -164,6 +167,17 @@ def _candidates(compared: Comparison) -> dict:
     for number, outcome in enumerate(choice.outcomes):
         values |= _candidate(f'candidates.{number}', outcome)
     return values
+
+
+def _lines(choice: Choice) -> dict:
+    """Return the lines of the candidates that may be driven, one text each, for viewers."""
+    return {
+        f'candidates.{number}.line': ' '.join(
+            f'{X:.2f},{Y:.2f}' for X, Y in outcome.solution.plan.X[::LINE_STAGES, :2]
+        )
+        for number, outcome in enumerate(choice.outcomes)
+        if outcome.is_usable
+    }
 
 
 def _candidate(key: str, outcome: Outcome) -> dict:

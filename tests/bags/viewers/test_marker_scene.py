@@ -67,6 +67,32 @@ def test_the_plan_is_coloured_by_its_speed(drawn, find):
     assert slowest[1:, :3] == pytest.approx(np.array([marker_scene.SLOW, marker_scene.SLOW]))
 
 
+def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is(find):
+    lines = {
+        'candidates.count': 3,
+        'candidates.chosen': 1,
+        **{
+            f'candidates.{k}.name': name
+            for k, name in enumerate(('followed', 'left of 7', 'brake'))
+        },
+        **{f'candidates.{k}.line': f'0.00,0.00 5.00,{k:.2f} 10.00,{2 * k:.2f}' for k in range(3)},
+        **{f'candidates.{k}.clean': int(k < 2) for k in range(3)},
+    }
+    scene = marker_scene.MarkerScene(PARAMS)
+    scene.update(marker_scene.PLAN, PLAN)
+    (drawing,) = scene.update(marker_scene.WHY, Why(S, 0, '', lines))
+    others = find(drawing.shapes, 'candidate')
+    assert [shape.id for shape in others] == [0, 2]
+    assert others[1].points[:, 1] == pytest.approx([0.0, 2.0, 4.0])
+    assert others[0].colour != others[1].colour, 'one of them touches'
+    assert len(find(drawing.shapes, 'horizon')) == 1
+    message = markers_node.marker_array(drawing.topic, S, drawing.shapes)
+    assert conformance.check(drawing.topic, message) == []
+    # a report of another tick, or of one without candidates, draws nothing
+    assert scene.update(marker_scene.WHY, Why(2 * S, 0, '', lines)) == []
+    assert scene.update(marker_scene.WHY, Why(S, 0, '', {})) == []
+
+
 def test_what_is_not_known_yet_is_not_drawn():
     state = VehicleState(S, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     outline = marker_scene.OutlineParams(2.0, 2.0, 1.8)

@@ -55,6 +55,15 @@ def test_at_a_pop_up_every_side_with_room_and_braking_are_compared(controller, w
     )
 
 
+def test_the_line_of_the_chosen_candidate_is_the_prediction(controller, world):
+    pop_up(controller)
+    _, prediction, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    line = why.values[f'candidates.{why.values["candidates.chosen"]}.line']
+    points = np.array([pair.split(',') for pair in line.split()], float)
+    planned = np.column_stack([prediction.X, prediction.Y])[::5]
+    assert points == pytest.approx(planned, abs=0.0051)
+
+
 def test_the_number_of_threads_does_not_change_a_bit(controller, world, monkeypatch):
     def run():
         world.set_inputs(controller, world.straight(left=6.0, right=-2.5))

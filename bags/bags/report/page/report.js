@@ -8,7 +8,8 @@ function startReport(film, panels) {
   const get = (holder, key) => (holder instanceof Map ? holder.get(key) : holder[key]);
   const runs = Array.from(get(film, 'runs'), (run) => ({
     name: get(run, 'name'), car: get(run, 'car'), plan: get(run, 'plan'), body: get(run, 'body'),
-    circles: get(run, 'circles'), horizon: get(run, 'horizon'),
+    circles: get(run, 'circles'), horizon: get(run, 'horizon'), others: get(run, 'others'),
+    candidates: get(run, 'candidates'),
   }));
   const plot = get(film, 'plot'), obstacles = get(film, 'obstacles'), places = get(film, 'places');
   const plots = [plot, ...panels];
@@ -60,15 +61,21 @@ function startReport(film, panels) {
       `${at.speed.toFixed(1)} m/s${ended}`;
   }
 
-  function drawPlan(run, t) {
-    const times = get(run.plan, 't');
+  // The plan that is driven, and those that were compared with it.
+  function drawPlans(run, t) {
+    drawRow(run.plan, run.horizon, t);
+    drawRow(run.others, run.candidates, t);
+  }
+
+  function drawRow(table, source, t) {
+    const times = get(table, 't');
     if (!times.length || t < times[0] - 1e-6) {
-      run.horizon.data = { x: [], y: [] };
+      source.data = { x: [], y: [] };
       return;
     }
-    const x = get(run.plan, 'x'), y = get(run.plan, 'y');
+    const x = get(table, 'x'), y = get(table, 'y');
     const width = x.length / times.length, k = before(times, t);
-    run.horizon.data = { x: row(x, k, width), y: row(y, k, width) };
+    source.data = { x: row(x, k, width), y: row(y, k, width) };
   }
 
   function drawObstacles(t) {
@@ -115,7 +122,7 @@ function startReport(film, panels) {
     now = Math.min(Math.max(t, 0), duration);
     for (const run of runs) {
       drawCar(run, now);
-      drawPlan(run, now);
+      drawPlans(run, now);
     }
     drawObstacles(now);
     look(now);
