@@ -10,7 +10,7 @@ from bags.viewers import marker_scene
 from msgs_yaml import conformance
 from msgs_yaml.types import VehicleState, Why
 
-from .conftest import PARAMS
+from .conftest import PARAMS, PLAN
 
 S = 1_000_000_000
 TOPICS = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
@@ -71,13 +71,11 @@ def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is(find):
     lines = {
         'candidates.count': 3,
         'candidates.chosen': 1,
-        **{
-            f'candidates.{k}.name': name
-            for k, name in enumerate(('followed', 'left of 7', 'brake'))
-        },
-        **{f'candidates.{k}.line': f'0.00,0.00 5.00,{k:.2f} 10.00,{2 * k:.2f}' for k in range(3)},
-        **{f'candidates.{k}.clean': int(k < 2) for k in range(3)},
     }
+    for k, name in enumerate(('followed', 'left of 7', 'brake')):
+        lines[f'candidates.{k}.name'] = name
+        lines[f'candidates.{k}.line'] = f'0.00,0.00 5.00,{k:.2f} 10.00,{2 * k:.2f}'
+        lines[f'candidates.{k}.clean'] = int(k < 2)
     scene = marker_scene.MarkerScene(PARAMS)
     scene.update(marker_scene.PLAN, PLAN)
     (drawing,) = scene.update(marker_scene.WHY, Why(S, 0, '', lines))
