@@ -50,6 +50,8 @@ class Body:
     circle_offsets_m: Annotated[tuple[float, ...], Range(-5.0, 5.0, 'm ahead of the CoG')]
     # that cover the outline of `car_file`, in place of those above; left out: those above
     circles: Annotated[int, Range(1, 9, 'circles')] | None
+    # of the circles at road edges; left out: their radius, with `circles` half of the car's width
+    edge_radius_m: Annotated[float, Range(0.1, 5.0, 'm')] | None
 
 
 @dataclass(frozen=True)

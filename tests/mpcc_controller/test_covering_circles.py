@@ -9,8 +9,16 @@ from hypothesis import strategies as st
 
 from bags.evaluation.vehicle_shape import Outline, circles_of
 from mpcc_controller import covering_circles
+from mpcc_controller.driving import initial_guess
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarOutline
+from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.problem import formulation, stage_parameters
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Obstacle
+from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
@@ -73,8 +81,8 @@ def test_a_car_file_without_an_outline_is_named(world):
 def test_with_circles_over_the_outline_the_nose_stays_off_an_obstacle(world):
     """With one circle a bonnet longer than its radius may reach into what the circle avoids."""
 
-    def drive(**changes):
-        controller = Controller(*world.load(**changes))
+    def drive(name):
+        controller = Controller(*world.load(name, candidates__most=1))
         run = world.drive(world.set_inputs(controller, world.lane_change()), 70)
         obstacle = world.lane_change().obstacles.items[0]
         x, shape = run.states, world.load()[1].outline
@@ -85,10 +93,48 @@ def test_with_circles_over_the_outline_the_nose_stays_off_an_obstacle(world):
         gap = np.hypot(np.maximum(beyond, 0), np.maximum(aside - shape.width_m / 2, 0))
         return gap.min() - obstacle.r_obs, run.whys
 
-    one, _ = drive()
-    several, whys = drive(body__circles=3)
+    one, _ = drive('mpcc')
+    several, whys = drive('mpcc_road')  # its problem is compiled for other tests, too
     assert several > max(one, 0.3)
     values = whys[10].values
     gaps = [values[f'v2o.1.circle_{number}'] for number in (1, 2, 3)]
     assert min(gaps) == values['v2o.1']
     assert {f'v2e.{side}.circle_{k}' for side in ('left', 'right') for k in (1, 3)} <= set(values)
+
+
+def test_at_edges_half_of_the_width_counts_unless_another_radius_is_given(world):
+    params, vehicle = world.load(body__circles=3)
+    body = covering_circles.with_covering_circles(params, vehicle).body
+    assert body.edge_radius_m == vehicle.outline.width_m / 2 < body.circle_radius_m
+    params, _ = world.load(body__circles=3, body__edge_radius_m=1.3)
+    assert covering_circles.with_covering_circles(params, vehicle).body.edge_radius_m == 1.3
+
+
+@pytest.mark.parametrize('controller', ['mpcc', 'frenet'])
+def test_the_radius_at_edges_changes_distances_to_edges_only(world, controller):
+    """A car that stands beside the path between straight edges 6 m to either side."""
+    obstacle = Obstacle(1, 62.0, 1.0, 0.5, 0.0, 0.0)
+    situation = world.straight(obstacles=[obstacle])
+    scene = Scene(
+        reference_path.build(situation.reference),
+        road_edges.build(situation.edges),
+        situation.obstacles,
+    )
+    x0 = State(50.0, 0.5, 0.0, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
+
+    def first_stage(**changes):
+        params, vehicle = world.load(controller, **changes)
+        car = stage_parameters.car(params, vehicle)
+        form = formulation.make(params, car)
+        plan = initial_guess.guess_from_path(scene.path, x0, car, 5, 0.05)
+        numbers = form.stage_parameters(scene, plan.X)
+        values = PlanEvaluator(form.ocp).evaluate(form.to_local(plan, scene.path), numbers.P)
+        return values.v2o[0][0], [side[0] for side in values.v2e], form.ocp
+
+    near, own, paper = first_stage()
+    also_near, given, narrow = first_stage(body__edge_radius_m=0.9)
+    assert also_near == pytest.approx(near)
+    assert own == pytest.approx([6 - 0.5 - 1.1, 6 + 0.5 - 1.1], abs=1e-3)
+    assert given == pytest.approx([6 - 0.5 - 0.9, 6 + 0.5 - 0.9], abs=1e-3)
+    names = (set(named_vector.names(ocp_.template)) for ocp_ in (narrow, paper))
+    assert next(names) - next(names) == {'body.edge_radius'}

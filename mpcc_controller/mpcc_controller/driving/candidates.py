@@ -99,7 +99,8 @@ def surroundings(
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = _left_of(arcs, track.centre.X, track.centre.Y)
-    room = np.maximum(track.half_width - params.body.circle_radius_m, 0)
+    at_edges = params.body.edge_radius_m or params.body.circle_radius_m
+    room = np.maximum(track.half_width - at_edges, 0)
     hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
     return Surroundings(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 

@@ -231,6 +231,8 @@ def distances_now(
         values |= _per_circle(f'v2o.{obstacle.id}', gaps)
     X, Y = np.array([x.X]), np.array([x.Y])
     edges = road_edges.edges_near(scene.road, X, Y, params.surroundings.edge_window_m)
+    if params.body.edge_radius_m is not None:
+        circles = [c._replace(r=params.body.edge_radius_m) for c in circles]
     for side, *gaps in zip(('left', 'right'), *(distance.v2e(c, edges) for c in circles)):
         gaps = [float(gap[0]) for gap in gaps]
         values[f'v2e.{side}'] = min(gaps)

@@ -182,11 +182,11 @@ def v2e(point: FrenetPoint, radius, edges: FrenetEdges):
 def distances(points: list[FrenetPoint], p):
     """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles.
 
-    `p` holds `body.radius`, `obstacles` and `edges` in path coordinates.
+    `p` holds `body`, `obstacles` and `edges`, the last two in path coordinates.
     """
-    radius = p.body.radius
+    radius, at_edges = p.body.radius, distance.edge_radius(p.body)
     obstacles = [[v2o(point, radius, obstacle) for point in points] for obstacle in p.obstacles]
-    edges = [list(D) for D in zip(*(v2e(point, radius, p.edges) for point in points))]
+    edges = [list(D) for D in zip(*(v2e(point, at_edges, p.edges) for point in points))]
     return obstacles, edges
 
 

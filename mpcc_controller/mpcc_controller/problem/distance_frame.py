@@ -31,7 +31,8 @@ class DistanceFrame(NamedTuple):
 def cartesian_distances(circles: list[Circle], p):
     """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
     v2o = [[distance.v2o(c, obstacle) for c in circles] for obstacle in p.obstacles]
-    v2e = [list(D) for D in zip(*(distance.v2e(c, p.edges) for c in circles))]
+    at_edges = [c._replace(r=distance.edge_radius(p.body)) for c in circles]
+    v2e = [list(D) for D in zip(*(distance.v2e(c, p.edges) for c in at_edges))]
     return v2o, v2e
 
 

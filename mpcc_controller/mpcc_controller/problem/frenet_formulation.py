@@ -14,7 +14,7 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import frenet_frame, reference_path
+from mpcc_controller.path import distance, frenet_frame, reference_path
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.frenet_frame import FrenetEdges, FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
@@ -78,12 +78,13 @@ class Rules(NamedTuple):
     priority: Any = priorities.step_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.BASELINE
     car: type = Car  # of its parameters: `Car` or `LaggingCar`
+    body: type = VehicleCircles  # or `NarrowCircles`
 
 
 def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
     """Return a `FrenetStage` of the given size; its leaves have no meaning."""
     return FrenetStage(
-        **ocp.common_template(circles, rules.terms, rules.car),
+        **ocp.common_template(circles, rules.terms, rules.car, rules.body),
         kappa='kappa',
         v_ref='v_ref',
         edges=FRENET.edges,
@@ -116,7 +117,7 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     """Return the constrained quantities, the same as those of the MPCC."""
     left, right = (frenet_frame.edge_offset(edge, x.s) for edge in p.edges)
     gap = ca.sqrt((x.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
-    return ocp.constraints(x, u, p, gap - ((left - right) / 2 - p.body.radius))
+    return ocp.constraints(x, u, p, gap - ((left - right) / 2 - distance.edge_radius(p.body)))
 
 
 @cache
@@ -175,7 +176,8 @@ class FrenetFormulation:
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car
         priority = priorities.PRIORITIES[params.formulation.priority]
-        self.rules = Rules(priority, cost_terms.in_use(cost_terms.FRENET, params), type(car))
+        terms = cost_terms.in_use(cost_terms.FRENET, params)
+        self.rules = Rules(priority, terms, type(car), stage_parameters.body_type(params))
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)

@@ -63,12 +63,13 @@ class Rules(NamedTuple):
     priority: Any = priorities.gaussian_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.PAPER
     car: type = Car  # of its parameters: `Car` or `LaggingCar`
+    body: type = VehicleCircles  # or `NarrowCircles`
 
 
 def template(circles: int, obstacles: int, rules: Rules) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
     return Stage(
-        **ocp.common_template(circles, rules.terms, rules.car),
+        **ocp.common_template(circles, rules.terms, rules.car, rules.body),
         path=Arc(*Arc._fields),
         v_ref='v_ref',
         centre=Arc(*Arc._fields),
@@ -96,7 +97,7 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
     """Return the constrained quantities (paper, section 3.2)."""
     centre = arc.pose_at(p.centre, x.theta)
     gap = ca.sqrt((x.X - centre.X) ** 2 + (x.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
-    return ocp.constraints(x, u, p, gap - (p.half_width - p.body.radius))
+    return ocp.constraints(x, u, p, gap - (p.half_width - distance.edge_radius(p.body)))
 
 
 @cache
@@ -138,6 +139,7 @@ class MpccFormulation:
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
             type(car),
+            stage_parameters.body_type(params),
         )
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))

@@ -36,6 +36,14 @@ class VehicleCircles(NamedTuple):
     offsets: tuple  # m ahead of the CoG, one per circle
 
 
+class NarrowCircles(NamedTuple):
+    """The circles that cover the vehicle, of another radius at road edges."""
+
+    radius: Any  # m
+    offsets: tuple  # m ahead of the CoG, one per circle
+    edge_radius: Any  # m
+
+
 class Constraints(NamedTuple):
     """The constrained quantities of a stage, in the order of the rows of g."""
 
@@ -63,14 +71,16 @@ class SymbolicOcp(NamedTuple):
         return cost_terms.squared_errors(self.terms, self.quantities(x, u, p))
 
 
-def common_template(circles: int, terms: Sequence[CostTerm], car: type = Car) -> dict[str, Any]:
+def common_template(
+    circles: int, terms: Sequence[CostTerm], car: type = Car, body: type = VehicleCircles
+) -> dict[str, Any]:
     """Return the stage parameters that every formulation has, by name, without meaning."""
     kind, limits = cost_terms.weights_type(terms), cost_terms.limits_type(terms)
     return {
         'car': car(*car._fields),
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
-        'body': VehicleCircles('radius', ('offset',) * circles),
+        'body': body(*body._fields)._replace(offsets=('offset',) * circles),
         'envelope': limits(*limits._fields),
     }
 

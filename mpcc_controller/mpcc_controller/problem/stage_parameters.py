@@ -17,7 +17,7 @@ from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
+from mpcc_controller.problem.ocp import NarrowCircles, SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
@@ -95,10 +95,22 @@ def constant_parameters(
         car,
         cost_terms.weights(terms, params),
         SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
-        VehicleCircles(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
+        _vehicle_circles(params.body),
         cost_terms.limits(terms, params),
     )
     return dict(zip(CONSTANTS, values, strict=True))
+
+
+def body_type(params: ControllerParams) -> type:
+    """Return the type of the vehicle circles in the stage parameters."""
+    return VehicleCircles if params.body.edge_radius_m is None else NarrowCircles
+
+
+def _vehicle_circles(body):
+    circles = VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m))
+    if body.edge_radius_m is None:
+        return circles
+    return NarrowCircles(*circles, body.edge_radius_m)
 
 
 def constant_numbers(stages) -> np.ndarray:
