@@ -9,6 +9,7 @@ COMMANDS = (
     'run',
     'batch',
     'library',
+    'survivable',
     'replay-check',
     'resolve',
     'golden',

@@ -8,4 +8,6 @@ judgement    how far a trajectory is from surviving, and whether it survives
 evolution    CMA-ES
 bound        positions that no car can leave: what is impossible
 search       `survivable(setup)`: possible (a drive proves it), impossible (bound), or undecided
+regret       the losses of controllers that were possible; controllers paired on the same draws
+report       the command: what is missing is searched, then shown
 """

@@ -1,0 +1,68 @@
+"""Say which of the drives that were lost a car could have survived.
+
+DIR are folders of `experiments library`, of the same draws by any controllers. A draw that one of
+them survived is possible. For the others a search drives the plant from the instant at which the
+first obstacle is there: with the MPCC that knows friction and future, then with manoeuvres changed
+by CMA-ES. What it finds proves that the draw is possible; a bound says what is impossible; the rest
+stays undecided.
+
+Prints survived of the possible draws per family and controller (`strict`: of the undecided ones,
+too), the losses of --base, and each other controller paired with it: on how many draws each
+survived alone, the difference with its interval of 95 %, and McNemar's exact test. So parts of a
+controller are compared, too, which the files in experiments/config/road_ablation leave out.
+
+Verdicts are kept in the first DIR. The exit code is 1 when a search failed, otherwise 0.
+"""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from experiments.commands import add_jobs
+
+HELP = 'which lost drives were possible; controllers paired on the same draws'
+EXAMPLE = 'experiments survivable /tmp/library --base mpcc_road'
+BUDGET = 400
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments survivable`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        'folders', type=Path, nargs='+', metavar='DIR', help='folders of `experiments library`'
+    )
+    parser.add_argument(
+        '--budget',
+        type=_count,
+        default=BUDGET,
+        metavar='N',
+        help=f'rollouts of a search; 0 searches nothing (default: {BUDGET})',
+    )
+    parser.add_argument(
+        '--preview',
+        action='store_true',
+        help='the search may act from the start of the run, before anything appears',
+    )
+    parser.add_argument(
+        '--base', default='mpcc_road', metavar='C', help='(default: mpcc_road), see above'
+    )
+    add_jobs(parser, 'the verdicts')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Search and show; 0 when no search failed. Raises BagError."""
+    # imported late: simulation and controllers take a second to load
+    from experiments.survivable import report
+
+    request = report.Request(
+        options.folders, options.budget, options.preview, options.base, options.jobs
+    )
+    return report.run(request, Console())
+
+
+def _count(text):
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
+    return value

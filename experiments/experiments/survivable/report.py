@@ -1,0 +1,156 @@
+"""`experiments survivable`: search where every controller lost, and show what was possible."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from bags.command_line import print_text
+from bags.errors import BagError
+from experiments.batch import results_table
+from experiments.batch.drive_records import DriveRecords
+from experiments.library.survival_table import wilson_interval
+from experiments.progress import CountProgress
+from experiments.survivable import regret
+from experiments.survivable.regret import DrawKey, Pairs, Regret
+from experiments.survivable.search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.worker_pool import WorkerPool
+
+FOLDER = 'possible'  # of the verdicts, in the first folder of drives
+COLUMNS = (
+    *('drive', 'family', 'difficulty', 'seed', 'index', 'controller'),
+    *('error', 'survived', 'lost_by', 'verdict'),
+)
+SHOWN_LOSSES = 100
+
+
+class Request(NamedTuple):
+    """The arguments of `experiments survivable`."""
+
+    folders: Sequence[Path]
+    budget: int  # rollouts per draw; 0: search nothing
+    preview: bool
+    base: str  # the controller whose losses are listed and with which the others are paired
+    jobs: int
+
+
+def run(request: Request, console: Console) -> int:
+    """Show regret, losses and paired comparisons; 0 when no search failed. Raises BagError."""
+    rows = [row for folder in request.folders for row in read_rows(folder)]
+    if request.base not in {row['controller'] for row in rows}:
+        known = ', '.join(dict.fromkeys(row['controller'] for row in rows))
+        raise BagError(f'--base: no drives by {request.base!r}; there are {known}')
+    failures: list[str] = []
+    answers = dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
+    if request.budget:
+        answers |= _search(request, rows, answers, failures, console)
+    console.print(build_table(regret.count_regret(rows, answers)))
+    _show_losses(rows, answers, request.base, console)
+    others = dict.fromkeys(row['controller'] for row in rows)
+    pairs = [regret.pair(rows, request.base, other) for other in others if other != request.base]
+    if pairs:
+        console.print(build_pairs(pairs))
+    for text in failures:
+        print_text(console, text)
+    return 1 if failures else 0
+
+
+def read_rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the rows of the table of `experiments library` in a folder. Raises BagError."""
+    from pyarrow import ArrowException, parquet
+
+    path = folder / results_table.FILE
+    try:
+        table = parquet.read_table(path)
+    except (OSError, ArrowException) as error:
+        raise BagError(f'{path}: is no table of experiments library: {error}') from None
+    missing = [name for name in COLUMNS if name not in table.column_names]
+    if missing:
+        raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
+    return table.select(list(COLUMNS)).to_pylist()
+
+
+def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
+    """Return the answers of the draws that have none."""
+    draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
+    found: dict[DrawKey, str] = {}
+    with (
+        CountProgress(console) as progress,
+        DriveRecords(request.folders[0] / FOLDER) as records,
+        WorkerPool(request.jobs) as pool,
+    ):
+        keys = {draw: regret.verdict_key(draw, request.budget, request.preview) for draw in draws}
+        missing = [draw for draw in draws if keys[draw] not in records]
+        tasks = [(draw, request.budget, request.preview) for draw in missing]
+        done = len(draws) - len(missing)
+        progress.show('searches', done, len(draws))
+        for finished in pool.finish_each(regret.verdict, tasks):
+            draw = missing[finished.number]
+            if finished.error:
+                failures.append(f'{draw[1] or draw[0]}:{draw[3]}: no verdict: {finished.error}')
+            else:
+                records.add(keys[draw], finished.value)
+            done += 1
+            progress.show('searches', done, len(draws))
+        for draw in draws:
+            if keys[draw] in records:
+                found[draw] = json.loads(records[keys[draw]])['answer']
+    return found
+
+
+def build_table(families: Sequence[Regret]) -> Table:
+    """Return a row per family: what is known of its draws, and survived of the possible ones."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column('survived of the possible')
+    for name in (POSSIBLE, IMPOSSIBLE, UNDECIDED):
+        table.add_column(name, justify='right')
+    controllers = list(families[0].survived)
+    for controller in controllers:
+        table.add_column(controller, justify='right')
+    for family in families:
+        counts = [str(family.answers[kind]) for kind in (POSSIBLE, IMPOSSIBLE, UNDECIDED)]
+        cells = (_cell(family, controller) for controller in controllers)
+        table.add_row(family.family, *counts, *cells)
+    return table
+
+
+def _cell(family, controller):
+    """Return survived of possible draws with its interval, and the share with the undecided."""
+    survived, possible = family.survived[controller], family.driven[controller]
+    if not possible:
+        return '–'
+    low, high = (100 * bound for bound in wilson_interval(survived, possible))
+    strict = family.driven_or_undecided[controller]
+    text = f'{survived}/{possible} {survived / possible:.1%} [dim]({low:.0f}–{high:.0f})[/]'
+    return text if strict == possible else f'{text}, strict {survived / strict:.1%}'
+
+
+def _show_losses(rows, answers: Mapping[DrawKey, str], base: str, console: Console) -> None:
+    losses = list(regret.lost_though_possible(rows, answers, base))
+    for row, kind in losses[:SHOWN_LOSSES]:
+        why = row['lost_by'] or row['error']
+        print_text(console, f'{kind}: {row["drive"]} {base}: {why} ({row["verdict"]})')
+    if len(losses) > SHOWN_LOSSES:
+        print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
+
+
+def build_pairs(pairs: Sequence[Pairs]) -> Table:
+    """Return a row per controller that was paired with the base."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    base = pairs[0].base
+    for title in (f'{base} and', 'draws', 'both', f'{base} only', 'it only', 'neither'):
+        table.add_column(title, justify='right' if title != f'{base} and' else 'left')
+    table.add_column('difference (95 %)', justify='right')
+    table.add_column('p', justify='right')
+    for one in pairs:
+        counts = (one.draws, one.both, one.base_only, one.other_only, one.neither)
+        if not one.draws:
+            table.add_row(one.other, *map(str, counts), '–', '–')
+            continue
+        low, high = one.interval
+        shown = f'{one.difference:+.1%} ({low:+.1%} to {high:+.1%})'
+        table.add_row(one.other, *map(str, counts), shown, f'{one.p_value:.2g}')
+    return table
