@@ -104,28 +104,32 @@ def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
 def build_table(families: Sequence[Regret]) -> Table:
     """Return a row per family: what is known of its draws, and survived of the possible ones."""
     table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column('survived of the possible')
+    table.add_column('survived of the possible', no_wrap=True)
     for name in (POSSIBLE, IMPOSSIBLE, UNDECIDED):
         table.add_column(name, justify='right')
     controllers = list(families[0].survived)
     for controller in controllers:
         table.add_column(controller, justify='right')
+        table.add_column('strict', justify='right')
     for family in families:
         counts = [str(family.answers[kind]) for kind in (POSSIBLE, IMPOSSIBLE, UNDECIDED)]
-        cells = (_cell(family, controller) for controller in controllers)
+        cells = (cell for controller in controllers for cell in _cells(family, controller))
         table.add_row(family.family, *counts, *cells)
     return table
 
 
-def _cell(family, controller):
-    """Return survived of possible draws with its interval, and the share with the undecided."""
+def _cells(family, controller):
+    """Return survived of the possible draws with its interval, and of the undecided ones, too."""
     survived, possible = family.survived[controller], family.driven[controller]
-    if not possible:
-        return '–'
-    low, high = (100 * bound for bound in wilson_interval(survived, possible))
     strict = family.driven_or_undecided[controller]
-    text = f'{survived}/{possible} {survived / possible:.1%} [dim]({low:.0f}–{high:.0f})[/]'
-    return text if strict == possible else f'{text}, strict {survived / strict:.1%}'
+    strictly = f'{survived / strict:.0%}' if strict else '–'
+    if not possible:
+        return '–', strictly
+    low, high = (100 * bound for bound in wilson_interval(survived, possible))
+    return (
+        f'{survived}/{possible} {survived / possible:.0%} [dim]({low:.0f}–{high:.0f})[/]',
+        strictly,
+    )
 
 
 def _show_losses(rows, answers: Mapping[DrawKey, str], base: str, console: Console) -> None:

@@ -1,0 +1,104 @@
+"""What counts as lost though possible, and the paired comparison, on tables made by hand."""
+
+import io
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.batch import results_table
+from experiments.survivable import regret, report
+from experiments.survivable.search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+
+
+def row(index, controller, survived, family='pop_up', error=''):
+    return {
+        'drive': f'{family}:{index}',
+        'family': family,
+        'difficulty': 'nominal',
+        'seed': 7,
+        'index': index,
+        'controller': controller,
+        'error': error,
+        'survived': survived,
+        'lost_by': None if survived else 'touched obstacle 1',
+        'verdict': '',
+    }
+
+
+def draw(index, family='pop_up'):
+    return family, '', 7, index, 'nominal'
+
+
+def test_a_draw_that_any_controller_survived_is_possible_for_all():
+    rows = [row(0, 'a', False), row(0, 'b', True), row(1, 'a', False), row(1, 'b', False)]
+    assert regret.proved_by_drives(rows) == {draw(0): 'b'}
+
+
+def test_only_losses_of_possible_draws_count_and_undecided_ones_strictly():
+    rows = [row(i, 'a', i == 0) for i in range(4)]
+    answers = {draw(0): POSSIBLE, draw(1): POSSIBLE, draw(2): IMPOSSIBLE, draw(3): UNDECIDED}
+    (family,) = regret.count_regret(rows, answers)
+    assert family.answers == {POSSIBLE: 2, IMPOSSIBLE: 1, UNDECIDED: 1}
+    assert (family.survived['a'], family.driven['a']) == (1, 2)
+    assert family.driven_or_undecided['a'] == 3
+    losses = [(r['index'], kind) for r, kind in regret.lost_though_possible(rows, answers, 'a')]
+    assert losses == [(1, POSSIBLE), (3, UNDECIDED)]
+
+
+def test_a_drive_without_a_result_is_no_loss_of_its_controller():
+    rows = [row(0, 'a', None, error='ended'), row(0, 'b', True)]
+    (family,) = regret.count_regret(rows, {draw(0): POSSIBLE})
+    assert (family.driven['a'], family.driven['b']) == (0, 1)
+    assert regret.pair(rows, 'a', 'b').draws == 0
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40))
+def test_a_pair_counts_every_draw_once_and_turns_around(outcomes):
+    rows = [
+        row(i, name, survived)
+        for i, pair in enumerate(outcomes)
+        for name, survived in zip('ab', pair)
+    ]
+    one, other = regret.pair(rows, 'a', 'b'), regret.pair(rows, 'b', 'a')
+    assert one.draws == len(outcomes)
+    shares = [sum(column) / len(outcomes) for column in zip(*outcomes)]
+    assert one.difference == pytest.approx(shares[0] - shares[1])
+    assert other.difference == -one.difference
+    assert other.p_value == one.p_value
+    low, high = one.interval
+    assert low <= one.difference <= high
+
+
+def test_the_p_value_is_that_of_a_fair_coin():
+    """10 against 2: the chance that a coin is as uneven, 2 (1 + 12 + 66) / 2^12."""
+    pairs = regret.Pairs('a', 'b', 50, 10, 2, 0)
+    expected = 2 * sum(math.comb(12, k) for k in range(3)) / 2**12
+    assert pairs.p_value == pytest.approx(expected)
+    assert regret.Pairs('a', 'b', 5, 0, 0, 5).p_value == 1.0
+
+
+def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path):
+    """The table says that it was lost: an MPCC with hindsight survives it."""
+    table = results_table.build_columns([row(1, 'mpcc', False), row(2, 'mpcc', True)])
+    results_table.write(table, {}, tmp_path)
+    request = report.Request([tmp_path], 20, False, 'mpcc', 1)
+    for _ in range(2):
+        console = Console(record=True, width=160, file=io.StringIO())
+        assert report.run(request, console) == 0
+        text = console.export_text()
+        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in text
+        (line,) = (tmp_path / report.FOLDER / 'drives.jsonl').read_text().splitlines()
+        assert json.loads(line)['results']['answer'] == POSSIBLE
+
+
+def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
+    with pytest.raises(BagError, match=r'results.parquet: is no table of experiments library'):
+        report.run(report.Request([tmp_path], 0, False, 'mpcc', 1), Console())
+    results_table.write(results_table.build_columns([row(1, 'mpcc', True)]), {}, tmp_path)
+    with pytest.raises(BagError, match="no drives by 'mpcc_road'; there are mpcc"):
+        report.run(report.Request([tmp_path], 0, False, 'mpcc_road', 1), Console())
