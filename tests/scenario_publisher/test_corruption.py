@@ -31,12 +31,17 @@ odd_values = st.one_of(
 )
 
 
-@settings(
-    deadline=None,
-    derandomize=True,
-    max_examples=300,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+def examples(number):
+    """Return the settings of a test of so many examples, whose fixtures hold no state."""
+    return settings(
+        deadline=None,
+        derandomize=True,
+        max_examples=number,
+        suppress_health_check=[HealthCheck.function_scoped_fixture],
+    )
+
+
+@examples(300)
 @given(data=st.data())
 def test_any_corruption_is_a_scenario_or_a_named_error(make, tree, data):
     corrupted = copy.deepcopy(tree)
@@ -54,12 +59,7 @@ def test_any_corruption_is_a_scenario_or_a_named_error(make, tree, data):
     assert message.startswith('bend.yaml')
 
 
-@settings(
-    deadline=None,
-    derandomize=True,
-    max_examples=200,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@examples(200)
 @given(data=st.data())
 def test_any_damage_to_the_text_is_a_scenario_or_a_named_error(make, text, data):
     place = data.draw(st.integers(0, len(text) - 1))

@@ -47,6 +47,7 @@ def run_and_compare(batch: Batch, console: Console) -> int:
     starts, and Interrupted, which names the bags kept, after a signal. No process is left behind in
     any case.
     """
+    node_config.find_controllers(batch.controllers)  # refused before a scenario loads SciPy
     expect = _expectations(batch.scenario)
     folder, outcomes = run_controllers(batch, console)
     bags = _kept_bags(outcomes)

@@ -252,42 +252,41 @@ def test_a_tyre_property_file_is_recorded_as_the_tyre_that_the_plant_reads(
     assert recorded['car.body.mass_kg'] > 0.0
 
 
+REFUSED_SETTINGS = [
+    ('plant.friction=1e-1x', 'friction: must be a number'),
+    ('plant.frictoin=1', "did you mean 'friction'"),
+    ('plant.tyre_set=nosuch.yaml', 'nosuch.yaml'),
+    ('plant.plant_params=1', 'plant_params: must be a text'),
+    ('plant.start.from=foo', 'start.from: '),
+    ('plant.start.from=1', 'allowed reference or parameters'),
+    ('recorder.chnk_s=0.1', 'recorder.chnk_s: chnk_s: this node has no such param'),
+    ('recorder.chnk_s=0.1', "did you mean 'chunk_s'?"),
+    ('recorder.split_mb=abc', 'split_mb: must be a number'),
+    ('recorder.split_mb=-1', 'with -1; allowed 0 to 1e+06 MB'),
+    ('recorder.realtime.priority=high', 'realtime.priority: '),
+    ('scenario.speed=24', 'speed: this node has no such parameter'),
+    ('scenario.mode=fast', 'mode: '),
+    ('controller.car_file=nosuch.yaml', 'nosuch.yaml'),
+    (
+        'controller.car_file=~nosuchuser/car.yaml',
+        'car_file: there is no file ~nosuchuser/car.yaml',
+    ),
+    (
+        'controller.limits.steer_rate_radps=0.9',
+        '--set controller.limits.steer_rate_radps: limits.steer_rate_radps: is 0.9; allowed up '
+        'to 0.8, which the car can do (actuators.steer_rate_radps)',
+    ),
+    (
+        'controller.formulation.name=trackin',
+        "formulation.name: is 'trackin'; did you mean 'tracking'?; allowed mpcc or frenet or ",
+    ),
+]
+
+
 @pytest.mark.parametrize(
     ('settings', 'expected'),
     [
-        (['--set', 'plant.friction=1e-1x'], 'friction: must be a number'),
-        (['--set', 'plant.frictoin=1'], "did you mean 'friction'"),
-        (['--set', 'plant.tyre_set=nosuch.yaml'], 'nosuch.yaml'),
-        (['--set', 'plant.plant_params=1'], 'plant_params: must be a text'),
-        (
-            ['--set', 'plant.start.from=foo'],
-            'start.from: ',
-        ),
-        (['--set', 'plant.start.from=1'], 'allowed reference or parameters'),
-        (['--set', 'recorder.chnk_s=0.1'], 'recorder.chnk_s: chnk_s: this node has no such param'),
-        (['--set', 'recorder.chnk_s=0.1'], "did you mean 'chunk_s'?"),
-        (['--set', 'recorder.split_mb=abc'], 'split_mb: must be a number'),
-        (
-            ['--set', 'recorder.split_mb=-1'],
-            'with -1; allowed 0 to 1e+06 MB',
-        ),
-        (['--set', 'recorder.realtime.priority=high'], 'realtime.priority: '),
-        (['--set', 'scenario.speed=24'], 'speed: this node has no such parameter'),
-        (['--set', 'scenario.mode=fast'], 'mode: '),
-        (['--set', 'controller.car_file=nosuch.yaml'], 'nosuch.yaml'),
-        (
-            ['--set', 'controller.car_file=~nosuchuser/car.yaml'],
-            'car_file: there is no file ~nosuchuser/car.yaml',
-        ),
-        (
-            ['--set', 'controller.limits.steer_rate_radps=0.9'],
-            '--set controller.limits.steer_rate_radps: limits.steer_rate_radps: is 0.9; allowed up '
-            'to 0.8, which the car can do (actuators.steer_rate_radps)',
-        ),
-        (
-            ['--set', 'controller.formulation.name=trackin'],
-            "formulation.name: is 'trackin'; did you mean 'tracking'?; allowed mpcc or frenet or ",
-        ),
+        *((['--set', setting], expected) for setting, expected in REFUSED_SETTINGS),
         (['--controller', 'car'], 'there are frenet, frenet_tuned, mpcc'),
         (['--controller', 'broken.yaml'], 'broken.yaml'),
         (['--out', '/dev/null'], '--out /dev/null: cannot create the folder'),

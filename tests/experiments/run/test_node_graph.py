@@ -141,6 +141,16 @@ def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(
     assert '/.mpcc.' not in outcome.message
 
 
+def kept_as_failed(tmp_path, outcome, error):
+    """Check that a run failed with an error and that its bag is whole; return its folder."""
+    failed = tmp_path / 'runs/mpcc.failed'
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message.startswith(error)
+    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
+    assert (failed / 'mpcc/metadata.yaml').is_file()
+    return failed
+
+
 def fail_once_recording(reader):
     """Stand for an error that nobody expects while a run is watched."""
     if (reader.folder.parent / 'logs/recording').exists():
@@ -153,11 +163,7 @@ def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
     prefix('vehicle_plant/plant_node', WAIT)
     monkeypatch.setattr(node_graph.PositionReader, 'poll', fail_once_recording)
     outcome = drive()
-    failed = tmp_path / 'runs/mpcc.failed'
-    assert (outcome.completed, outcome.bag) == (False, None)
-    assert outcome.message.startswith('ZeroDivisionError: no such speed\n')
-    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
-    assert (failed / 'mpcc/metadata.yaml').is_file()
+    failed = kept_as_failed(tmp_path, outcome, 'ZeroDivisionError: no such speed\n')
     assert 'fail_once_recording' in (failed / 'logs' / node_graph.TRACEBACK).read_text()
     assert left_over(tmp_path) == []
 
@@ -183,11 +189,7 @@ def test_a_run_that_cannot_replace_the_older_one_is_kept_as_failed(
 ):
     refuse_moves(lambda path: path.name == 'mpcc')
     outcome = drive()
-    failed = tmp_path / 'runs/mpcc.failed'
-    assert (outcome.completed, outcome.bag) == (False, None)
-    assert outcome.message.startswith('PermissionError: ')
-    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
-    assert (failed / 'mpcc/metadata.yaml').is_file()
+    failed = kept_as_failed(tmp_path, outcome, 'PermissionError: ')
     assert 'finish line crossed' in (failed / 'logs/plant_node.log').read_text()
     assert (failed / 'logs' / node_graph.TRACEBACK).is_file()
     assert (old_bag / 'metadata.yaml').read_text() == 'old'

@@ -6,30 +6,14 @@ import pytest
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
-from mpcc_controller.parameters import (
-    CarActuators,
-    CarBody,
-    CarOutline,
-    CarParams,
-    ControllerParams,
-    Tyre,
-)
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml import share
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
-from node_runtime import parameters
 from stage_solver.solution import SOLVED, SolverOptions
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan
 
-CAR = CarParams(
-    CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
-    Tyre(144e3, 198e3, 0.88, 0.92),
-    CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3, None, None),
-    CarOutline(None, None, None),
-)
 SPEED = 20.0
 IN_THE_WAY = Obstacle(0, X=40.0, Y=1.9, r_obs=1.0, vX=0.0, vY=0.0)
 POPS_UP = Obstacle(1, X=48.0, Y=-1.6, r_obs=0.8, vX=0.0, vY=0.0)
@@ -40,10 +24,9 @@ NOISE = State(X=0.1, Y=0.1, psi=0.02, vx=0.5, vy=0.1, r=0.05, theta=0.0, delta=0
 class Drive:
     """The plan's numbers at any state, and the problem they belong to."""
 
-    def __init__(self):
-        file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
-        self.params = parameters.load(ControllerParams, file)
-        self.car = stage_parameters.car(self.params, CAR)
+    def __init__(self, params, vehicle):
+        self.params = params
+        self.car = stage_parameters.car(self.params, vehicle)
         model = self.params.model
         self.formulation = formulation.make(self.params, self.car)
         self.problem = ocp.build(self.formulation.ocp, model.horizon, model.step_s)
@@ -70,8 +53,8 @@ class Drive:
 
 
 @pytest.fixture(scope='module')
-def drive():
-    return Drive()
+def drive(world):
+    return Drive(*world.load())
 
 
 @pytest.fixture(scope='module')
