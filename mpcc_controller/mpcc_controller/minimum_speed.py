@@ -5,6 +5,10 @@ Measured on `straight` with `limits.least_speed_mps` of 7 m/s: a start at 7 m/s 
 with a desired speed of 7.4 m/s and drives with 7.6 m/s.
 """
 
+import dataclasses
+
+from mpcc_controller.parameters import ControllerParams
+
 START_MARGIN_MPS = 0.2  # above the minimum speed a start may still stop
 DESIRED_MARGIN_MPS = 0.5  # the same for a desired speed
 ROUNDING_MPS = 0.01  # of a desired speed, which is a distance over a time
@@ -12,8 +16,21 @@ ROUNDING_MPS = 0.01  # of a desired speed, which is a distance over a time
 BELOW, NEAR = 'below', 'at or just above'
 
 
+def with_low_speed(params: ControllerParams) -> ControllerParams:
+    """Return the parameters with a least speed of 0 where the model holds down to standstill."""
+    if not params.model.low_speed:
+        return params
+    limits = dataclasses.replace(params.limits, least_speed_mps=0.0, speed_hysteresis_mps=0.0)
+    return dataclasses.replace(params, limits=limits)
+
+
 def compare(speed_mps: float, minimum_mps: float, margin_mps: float) -> str:
-    """Return BELOW, NEAR (within the margin above), or '' for a speed that is high enough."""
+    """Return BELOW, NEAR (within the margin above), or '' for a speed that is high enough.
+
+    Without a minimum (0) every speed is.
+    """
+    if not minimum_mps:
+        return ''
     if speed_mps < minimum_mps - ROUNDING_MPS:
         return BELOW
     return NEAR if speed_mps <= minimum_mps + margin_mps + ROUNDING_MPS else ''

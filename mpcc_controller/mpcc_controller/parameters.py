@@ -29,6 +29,9 @@ class Model:
     drive_front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
     # whether actuators follow their set-points with the lags of `car_file`; left out: without lag
     servo_lag: bool | None
+    # whether the model holds down to standstill (kinematic when slow), which ends
+    # limits.least_speed_mps; left out: false
+    low_speed: bool | None
 
 
 @dataclass(frozen=True)

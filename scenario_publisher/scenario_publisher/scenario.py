@@ -53,6 +53,7 @@ class Stop(NamedTuple):
     psi: float  # rad, heading of the path there, in [-pi, pi]
     armed_after: float  # m travelled, before which crossing the line does not count
     time: float  # s
+    standstill: float | None = None  # s that the car may stand once it has moved, None: 1 s
 
 
 class GivenSpeed(NamedTuple):
@@ -221,4 +222,4 @@ def _stop(block, path: Line, start: Start):
     # laps cross the line before: it counts from half way after the last crossing
     last = float(path.s[1:][crossing & between].max(initial=begin))
     armed_after = (last + block.progress_m) / 2 - begin
-    return Stop(X, Y, remainder(psi, tau), armed_after, block.time_s)
+    return Stop(X, Y, remainder(psi, tau), armed_after, block.time_s, block.standstill_s)

@@ -242,10 +242,11 @@ class StartPose:
 
 @dataclass(frozen=True)
 class Stop:
-    """End of the run: finish line or time limit, whichever comes first."""
+    """End of the run: finish line, time limit or standstill, whichever comes first."""
 
     progress_m: Annotated[float, Range(1.0, 20000.0, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
+    standstill_s: Annotated[float, parameters.RUN_TIME] = None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
 
-FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
+FAR = StopParams(
+    x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0, standstill_s=None
+)
 S = 1_000_000_000
 
 

@@ -12,7 +12,9 @@ from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
-FAR = StopParams(x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0)
+FAR = StopParams(
+    x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0, standstill_s=None
+)
 
 
 def stepper(kind, params, stop=FAR, speed=20.0):
@@ -186,6 +188,6 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
         np.array([0.9, 0.5, 0.0]),
         np.array([0.0, 0.25, 1.0]),
     )
-    assert initial_state.start_from_reference(path) == (1.0, 2.0, 0.9, 20.0)
+    assert initial_state.start_from_reference(path)[:4] == (1.0, 2.0, 0.9, 20.0)
     own = parameters.StartParams(x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0)
     assert initial_state.start_from_parameters(own) == (1.0, 2.0, 0.3, 4.0)

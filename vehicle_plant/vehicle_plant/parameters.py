@@ -42,6 +42,8 @@ class StopParams:
     yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
     armed_after_m: Annotated[float, Range(0.0, 1e5, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
+    # a car that has moved and stands for so long ends the run; left out: 1 s
+    standstill_s: Annotated[float, parameters.RUN_TIME] | None
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,15 @@ SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
 
 def stop_params(scn: Scenario) -> StopParams:
     """Return the finish line and time limit of a scenario as parameters of the plant."""
-    x, y, yaw, armed_after, time = scn.stop
-    return StopParams(x_m=x, y_m=y, yaw_rad=yaw, armed_after_m=armed_after, time_s=time)
+    x, y, yaw, armed_after, time, standstill = scn.stop
+    return StopParams(
+        x_m=x,
+        y_m=y,
+        yaw_rad=yaw,
+        armed_after_m=armed_after,
+        time_s=time,
+        standstill_s=standstill,
+    )
 
 
 def load_scenario(name_or_path: str, speed_mps: float | None = None) -> Scenario:
@@ -78,7 +85,7 @@ def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
         source=source,
         friction=scn.friction,
         start=start,
-        stop=parameters.flatten(stop_params(scn)),
+        stop={name: v for name, v in parameters.flatten(stop_params(scn)).items() if v is not None},
         patches=scn.patches._asdict(),
         path=path,
         length_m=outcome.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
@@ -146,7 +153,7 @@ def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) 
     is_set = start_mps != facts.start['speed_mps']
     # without a start speed of its own the scenario starts at the desired speed, checked anyway
     start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
-    least = params.limits.least_speed_mps
+    least = minimum_speed.with_low_speed(params).limits.least_speed_mps
     start_words = ('the car starts at', 'does not pull away', 'may not pull away')
     desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
     return [

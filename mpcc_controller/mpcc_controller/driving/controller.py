@@ -45,6 +45,7 @@ from msgs_yaml.types import (
     Why,
 )
 
+BACKWARDS_MPS = -1.0  # a car that rolls back faster than this is braked, whatever the least speed
 NEVER_NS = -1  # older than every stamp
 REMEMBERED_RAMPS = 8  # of set-points, as far back as delays reach
 NOT_FINITE = 'state_not_finite'
@@ -277,7 +278,8 @@ class Controller:
             return NOT_FINITE
         limits = self.params.limits
         margin = limits.speed_hysteresis_mps if self._is_too_slow else 0.0
-        self._is_too_slow = x.vx < limits.least_speed_mps + margin
+        least = limits.least_speed_mps or BACKWARDS_MPS
+        self._is_too_slow = x.vx < least + margin
         if self.missing():
             return f'no_{self.missing()[0]}'
         return fault or (TOO_SLOW if self._is_too_slow else '')

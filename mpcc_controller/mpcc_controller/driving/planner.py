@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import car_file
+from mpcc_controller import car_file, minimum_speed
 from mpcc_controller.covering_circles import with_covering_circles
 from mpcc_controller.driving import fallback, initial_guess, recovery, solver_selection
 from mpcc_controller.driving.braking import Point
@@ -67,6 +67,7 @@ class Planner:
     ):
         """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
         params = car_file.limit_to_car(params, vehicle)
+        params = minimum_speed.with_low_speed(params)
         self.params = params = with_covering_circles(params, vehicle)
         self.car = self._nominal_car = stage_parameters.car(params, vehicle)
         self.friction = params.model.friction  # believed, that of `car`

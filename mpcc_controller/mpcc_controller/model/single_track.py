@@ -73,6 +73,18 @@ class ServoLags(NamedTuple):
 LaggingCar = namedtuple('LaggingCar', Car._fields + ServoLags._fields)
 
 
+# kinds of car that drive at every speed: below the tyre dynamics a kinematic single track
+LowSpeedCar = namedtuple('LowSpeedCar', (*Car._fields, 'settling'))
+LaggingLowSpeedCar = namedtuple('LaggingLowSpeedCar', (*LaggingCar._fields, 'settling'))
+AnyCar = Car | LaggingCar | LowSpeedCar | LaggingLowSpeedCar
+# m/s, between them the kinematic model changes to the dynamic one; from 5 m/s on RK2 at 50 ms is
+# stable on the tyre dynamics, and the slip angles have the true speed
+BLEND_MPS = (5.0, 8.0)
+SETTLING_S = 0.1  # in which the lateral motion takes up that of the kinematic model
+ROLLING_MPS = 0.3  # below it the resistances fade out: they do not push a standing car back
+CREEP_MPS = 0.1  # below it the travelled distance of the kinematic model is rounded
+
+
 class Axles(NamedTuple):
     """One quantity per axle."""
 
@@ -194,24 +206,68 @@ def tyre_forces(x, u, car):
     )
 
 
-def acting(x, u: Input, car: Car | LaggingCar):
+def acting(x, u: Input, car: AnyCar):
     """Return the state with the angle and the force that act instead of their set-points.
 
     A linear servo of any order follows a ramp by a constant time behind it, 2 zeta / omega if it
     is of second order, once its transient is over. So within a step, where set-points move at
     constant rates, delta - lag d_delta acts. Exact for rates that last, without a state.
     """
-    if not isinstance(car, LaggingCar):
+    if not hasattr(car, 'steer_lag'):
         return x
     return x._replace(delta=x.delta - car.steer_lag * u.d_delta, Fx=x.Fx - car.force_lag * u.d_Fx)
 
 
-def body_rates(x, u: Input, car: Car | LaggingCar) -> BodyRates:
+def body_rates(x, u: Input, car: AnyCar) -> BodyRates:
     """Return the rates of the body velocities (paper, eq. 1), of a lagging car by what acts.
 
-    `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter.
+    `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter. A car of
+    the low-speed kinds moves by `kinematic_rates` when it is slow.
     """
     x = acting(x, u, car)
+    dynamic = dynamic_rates(x, u, car)
+    if not hasattr(car, 'settling'):
+        return dynamic
+    slow, share = kinematic_rates(x, u, car), dynamic_share(x)
+    return BodyRates(*(share * d + (1 - share) * k for d, k in zip(dynamic, slow)))
+
+
+def dynamic_share(x):
+    """Return the share of the dynamic model at a speed: 0 below `BLEND_MPS`, 1 above.
+
+    The quintic between them has two continuous derivatives, as exact Hessians need. Sideways
+    motion counts: a car that slides is not kinematic.
+    """
+    low, high = BLEND_MPS
+    speed = ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING)
+    t = ca.fmin(ca.fmax((speed - low) / (high - low), 0), 1)
+    return t**3 * (10 - 15 * t + 6 * t**2)
+
+
+def kinematic_rates(x, u: Input, car) -> BodyRates:
+    """Return the rates of the kinematic single track (Kong et al. 2015), which rolls without slip.
+
+    There r = vx tan(delta) / L and vy = l_r r: the centre of the rear axle does not move sideways.
+    The lateral motion follows these at their own rates and takes them up within `settling`. Blends
+    of both models: Polack et al. 2017.
+    """
+    wheelbase = car.l_f + car.l_r
+    F = smooth_split(x.Fx, u.lambda_b, car)
+    rolling = ca.tanh(x.vx / ROLLING_MPS)
+    F_drag = (car.drag * x.vx**2 + car.rolling) * rolling
+    tan_delta = ca.tan(x.delta)
+    vx_rate = (F.f * ca.cos(x.delta) + F.r - F_drag) / car.m
+    r = x.vx * tan_delta / wheelbase
+    r_rate = (vx_rate * tan_delta + x.vx * (1 + tan_delta**2) * u.d_delta) / wheelbase
+    return BodyRates(
+        vx=vx_rate,
+        vy=car.l_r * r_rate + (car.l_r * r - x.vy) / car.settling,
+        r=r_rate + (r - x.r) / car.settling,
+    )
+
+
+def dynamic_rates(x, u: Input, car) -> BodyRates:
+    """Return the rates of the body by the forces of the tyres (paper, eq. 1)."""
     F = tyre_forces(x, u, car)
     F_drag = car.drag * x.vx**2 + car.rolling
     sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
@@ -251,17 +307,30 @@ def derivative(x: State, u: Input, car: Car) -> State:
         vx=body.vx,
         vy=body.vy,
         r=body.r,
-        theta=ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING),
+        theta=travel_rate(x, car),
         delta=u.d_delta,
         Fx=u.d_Fx,
     )
+
+
+def travel_rate(x, car: AnyCar):
+    """Return the speed [m/s]; near standstill that of the low-speed kinds is rounded.
+
+    Their exact speed has a corner there, whose curvature a solver does not get past.
+    """
+    square = x.vx**2 + x.vy**2
+    exact = ca.sqrt(square + STANDSTILL_ROUNDING)
+    if not hasattr(car, 'settling'):
+        return exact
+    share = dynamic_share(x)
+    return share * exact + (1 - share) * square / ca.sqrt(square + CREEP_MPS**2)
 
 
 @cache
 def step(dt: float, kind: type = Car) -> ca.Function:
     """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2).
 
-    `kind` is the type of the car: `Car` or `LaggingCar`.
+    `kind` is the type of the car, of `AnyCar`.
     """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
     car = ca.SX.sym('car', len(kind._fields))

@@ -77,7 +77,7 @@ class Rules(NamedTuple):
 
     priority: Any = priorities.step_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.BASELINE
-    car: type = Car  # of its parameters: `Car` or `LaggingCar`
+    car: type = Car  # of its parameters, of `single_track.AnyCar`
     body: type = VehicleCircles  # or `NarrowCircles`
 
 

@@ -62,7 +62,7 @@ class Rules(NamedTuple):
     frame: DistanceFrame = CARTESIAN
     priority: Any = priorities.gaussian_priority  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...] = cost_terms.PAPER
-    car: type = Car  # of its parameters: `Car` or `LaggingCar`
+    car: type = Car  # of its parameters, of `single_track.AnyCar`
     body: type = VehicleCircles  # or `NarrowCircles`
 
 

@@ -8,7 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpcc_controller.model.single_track import Car, LaggingCar, ServoLags, State
+from mpcc_controller.model.single_track import (
+    SETTLING_S,
+    AnyCar,
+    Car,
+    LaggingCar,
+    LaggingLowSpeedCar,
+    LowSpeedCar,
+    ServoLags,
+    State,
+)
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
@@ -42,11 +51,11 @@ class StageParameters(NamedTuple):
     obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
 
 
-def car(params: ControllerParams, vehicle: CarParams) -> Car | LaggingCar:
+def car(params: ControllerParams, vehicle: CarParams) -> AnyCar:
     """Return the parameters of the prediction model in the paper's symbols.
 
-    With `model.servo_lag` they have the lags of the actuators. Raises ParameterError for a car file
-    without them.
+    With `model.servo_lag` they have the lags of the actuators, with `model.low_speed` it drives at
+    every speed. Raises ParameterError for a car file without the lags.
     """
     body, tyre = vehicle.car, vehicle.tyre
     lambda_d = params.model.drive_front_share
@@ -67,7 +76,10 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car | LaggingCar:
         v_slip=params.model.least_slip_speed_mps,
         force_blend=params.model.force_blend_n,
     )
-    return LaggingCar(*ideal, *_lags(params, vehicle)) if params.model.servo_lag else ideal
+    if params.model.servo_lag:
+        lagging = LaggingCar(*ideal, *_lags(params, vehicle))
+        return LaggingLowSpeedCar(*lagging, SETTLING_S) if params.model.low_speed else lagging
+    return LowSpeedCar(*ideal, SETTLING_S) if params.model.low_speed else ideal
 
 
 def _lags(params, vehicle):
