@@ -76,7 +76,7 @@ def test_given_start_speed_beats_the_desired_one(make, tree):
 def test_finish_line_lies_on_the_path_and_counts_from_half_way(make, tree):
     stop = make(tree).stop
     exact = (40 + 50 * np.sin(0.4), 50 - 50 * np.cos(0.4), 0.4, 30.0, 20.0)
-    assert stop == pytest.approx(exact, abs=1e-4)
+    assert stop[:5] == pytest.approx(exact, abs=1e-4)
 
 
 def test_finish_line_counts_from_half_way_of_what_is_left_to_travel(make, tree):
