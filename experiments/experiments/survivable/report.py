@@ -12,6 +12,7 @@ from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords
+from experiments.batch.record_drives import record_each
 from experiments.library.survival_table import wilson_interval
 from experiments.progress import CountProgress
 from experiments.survivable import regret
@@ -77,24 +78,20 @@ def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
     """Return the answers of the draws that have none."""
     draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
     found: dict[DrawKey, str] = {}
+    errors: dict[str, str] = {}
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folders[0] / FOLDER) as records,
         WorkerPool(request.jobs) as pool,
     ):
         keys = {draw: regret.verdict_key(draw, request.budget, request.preview) for draw in draws}
-        missing = [draw for draw in draws if keys[draw] not in records]
-        tasks = [(draw, request.budget, request.preview) for draw in missing]
-        done = len(draws) - len(missing)
-        progress.show('searches', done, len(draws))
-        for finished in pool.finish_each(regret.verdict, tasks):
-            draw = missing[finished.number]
-            if finished.error:
-                failures.append(f'{draw[1] or draw[0]}:{draw[3]}: no verdict: {finished.error}')
-            else:
-                records.add(keys[draw], finished.value)
-            done += 1
-            progress.show('searches', done, len(draws))
+        missing = {keys[draw]: draw for draw in draws if keys[draw] not in records}
+        tasks = [(draw, request.budget, request.preview) for draw in missing.values()]
+        ended = pool.finish_each(regret.verdict, tasks)
+        record_each(ended, list(missing), len(draws), records, errors, progress)
+        for key, error in errors.items():
+            family, name, _, index, _ = missing[key]
+            failures.append(f'{name or f"{family}:{index}"}: no verdict: {error}')
         for draw in draws:
             if keys[draw] in records:
                 found[draw] = json.loads(records[keys[draw]])['answer']
