@@ -21,7 +21,8 @@ from msgs_yaml.types import Command, Prediction, Why
 
 COMMAND_TOLERANCE = 1e-6  # rad, rad/s, N
 VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
-EXEMPT = 'time.'  # wall time, which is not repeatable
+# times of the wall and of threads, which are not repeatable
+EXEMPT, EXEMPT_END = 'time.', '.cpu_ms'
 ABSENT = 'absent'
 COMMAND_UNITS = {'delta': 'rad', 'd_delta': 'rad/s', 'Fxf': 'N', 'Fxr': 'N'}
 POSES = ('X', 'Y', 'psi')
@@ -145,7 +146,7 @@ def pair_commands(recorded: Command, replayed: Command) -> Iterator[Pair]:
 def pair_reports(recorded: Why, replayed: Why) -> Iterator[Pair]:
     """Yield every value of two reports except times; a missing value is ABSENT."""
     for name in recorded.values | replayed.values:
-        if not name.startswith(EXEMPT):
+        if not (name.startswith(EXEMPT) or name.endswith(EXEMPT_END)):
             values = recorded.values.get(name, ABSENT), replayed.values.get(name, ABSENT)
             yield Pair(name, *values, _tolerance(values[0]))
 

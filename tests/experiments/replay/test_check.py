@@ -30,6 +30,7 @@ def test_a_command_may_differ_by_a_millionth_of_its_unit():
     ('change', 'found'),
     [
         ({'time.solve_ms': 9.0}, []),
+        ({'candidates.1.cpu_ms': 9.0}, []),
         ({'rung': 'braking'}, ['rung']),
         ({'cost.con': 20.00003}, ['cost.con']),
         ({'cost.con': 20.00001}, []),
