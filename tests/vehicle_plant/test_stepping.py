@@ -189,5 +189,7 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
         np.array([0.0, 0.25, 1.0]),
     )
     assert initial_state.start_from_reference(path)[:4] == (1.0, 2.0, 0.9, 20.0)
-    own = parameters.StartParams(x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0)
-    assert initial_state.start_from_parameters(own) == (1.0, 2.0, 0.3, 4.0)
+    own = parameters.StartParams(
+        x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
+    )
+    assert initial_state.start_from_parameters(own) == (1.0, 2.0, 0.3, 4.0, 0.0, -0.5)
