@@ -28,7 +28,8 @@ from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
 SURPRISE_M = 0.1  # by which V2O of the followed plan shrinks from one tick to the next
-BRAKING_SHARE = 0.25
+BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one costs at least
+MOST_DOUBLINGS = 2
 
 
 class Kept(NamedTuple):
@@ -44,7 +45,8 @@ class CandidatePlans:
 
     A plan that was solved in the last tick converges in a few iterations: the best of each way
     around the obstacles is the guess of the next tick. A new guess that led nowhere new is tried
-    again after `candidates.retry_ticks`, or at once when the followed plan becomes useless.
+    again after `candidates.retry_ticks`, twice as many after each further attempt (at most
+    MOST_DOUBLINGS times), or at once when the followed plan becomes useless.
     """
 
     def __init__(self, params: ControllerParams, car: Car, step: Callable):
@@ -59,7 +61,7 @@ class CandidatePlans:
         self.around: Surroundings | None = None
         self._scene: Scene | None = None
         self._kept: list[Kept] = []
-        self._waits: dict[str, int] = {}  # ticks until a name is tried again
+        self._forget_waits()
         self._cost = np.inf  # of the followed plan in the last tick
         self._gap = np.inf  # m, its least V2O
 
@@ -73,12 +75,14 @@ class CandidatePlans:
         around = candidates.surroundings(scene, x0, lines, self.car, self.params)
         self.around, self._scene = around, scene
         if around is None:
-            self._kept, self._waits = [], {}
+            self._kept = []
+            self._forget_waits()
             return []
         # the last stage is new: nothing was planned there
         now = np.min(candidates.least_gaps(guess.X[:-1], scene, self.params))
         if now < self._gap - SURPRISE_M:
-            self._cost, self._waits = np.inf, {}
+            self._cost = np.inf
+            self._forget_waits()
         self._waits = {name: ticks - 1 for name, ticks in self._waits.items() if ticks > 1}
         room = self.params.candidates.most - 1
         followed = self.sides_of(guess)
@@ -151,6 +155,15 @@ class CandidatePlans:
             return []
         return [Candidate(BRAKE, plan)]
 
+    def _forget_waits(self):
+        self._waits: dict[str, int] = {}  # ticks until a name is tried again
+        self._attempts: dict[str, int] = {}  # useless ones of a name
+
+    def _wait(self, name):
+        attempts = self._attempts.get(name, 0)
+        self._waits[name] = self.params.candidates.retry_ticks * 2 ** min(attempts, MOST_DOUBLINGS)
+        self._attempts[name] = attempts + 1
+
     def _keep(self, choice):
         """Keep the best plan of every way that is not the driven one; let the other names wait."""
         driven, kept = choice.outcome, []
@@ -163,10 +176,10 @@ class CandidatePlans:
                 name = outcome.name if outcome.name == BRAKE else candidates.name_of(outcome.sides)
                 kept.append(Kept(name, outcome.sides, outcome.solution.plan))
             elif not is_driven and outcome.name != FOLLOWED:
-                self._waits[outcome.name] = self.params.candidates.retry_ticks
+                self._wait(outcome.name)
         self._kept = kept
         if not driven.is_clean:
-            self._waits = {}
+            self._forget_waits()
 
 
 def _agrees(sides: Sides, wanted: Sides) -> bool:
