@@ -34,6 +34,8 @@ from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
 from stage_solver import stage_problem
+from stage_solver.buffered_function import BufferedFunction
+from stage_solver.compiled_functions import compile_functions
 
 GRID_STEP = 0.05  # of the friction, between two hypotheses
 LONGEST_S = 0.12  # between two states that are compared; over more the model is no measure
@@ -58,13 +60,18 @@ class FrictionBelief(NamedTuple):
 class FrictionEstimator:
     """Estimates the friction from states 50 ms apart and the set-points between them."""
 
-    def __init__(self, params: FrictionEstimate, car: Car, highest: float):
-        """`car` is that of friction `highest`, which is believed without other evidence."""
+    def __init__(self, params: FrictionEstimate, car: Car, highest: float, compiled: bool = True):
+        """`car` is that of friction `highest`, the most that is believed.
+
+        compiled: the model is machine code where there is a C compiler.
+        """
         self._params = params
         count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, count)
         # each hypothesis twice: the second one measures the effect of the sideslip error
-        self._predict = _bank(car, (*self.grid / highest,) * 2)
+        cars = np.tile([_on_road(car, share) for share in self.grid / highest], (2, 1))
+        self._predict = BufferedFunction(_bank(2 * count, compiled))
+        self._predict.arguments['cars'][:] = cars.ravel()
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / count + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
@@ -142,13 +149,13 @@ class FrictionEstimator:
         points = [setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
         h = duration_s / steps
         error = np.concatenate((self._error, self._error + ERROR_STEP))
-        X = np.zeros((len(State._fields), len(error)))
-        X[VELOCITIES, :] = _velocities(last, error)
+        X = np.zeros((len(error), len(State._fields)))  # columns of CasADi are rows of numpy
+        X[:, VELOCITIES] = _velocities(last, error).T
         for (begin, lambda_b), (end, _) in pairwise(points):
-            X[SETPOINTS, :] = np.array(begin)[:, None]
+            X[:, SETPOINTS] = begin
             u = Input((end.delta - begin.delta) / h, (end.Fx - begin.Fx) / h, lambda_b, 0.0)
-            X = self._predict(X, np.array(u), h).full()
-        both = _velocities(x, error) - X[VELOCITIES, :]
+            X = self._predict(X=X.ravel(), u=u, h=h)['X_next'].reshape(X.shape)
+        both = _velocities(x, error) - X[:, VELOCITIES].T
         residuals, shifted = np.split(both, 2, axis=1)
         return residuals, (shifted - residuals) / ERROR_STEP
 
@@ -161,7 +168,15 @@ def _velocities(x: VehicleState, error: np.ndarray) -> np.ndarray:
 def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
     """Return the estimator that the parameters ask for; None if it is off."""
     options = params.friction_estimate
-    return FrictionEstimator(options, car, params.model.friction) if options.on else None
+    if not options.on:
+        return None
+    return FrictionEstimator(options, car, params.model.friction, params.solver.compiled)
+
+
+def _on_road(car: Car, share: float) -> Car:
+    """Return a car on a road of a share of its friction."""
+    ideal = Car(*car[: len(Car._fields)])  # the delay of the set-points stands for the lags
+    return ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
 
 def _tells_friction(x: VehicleState) -> bool:
@@ -169,19 +184,21 @@ def _tells_friction(x: VehicleState) -> bool:
 
 
 @cache
-def _bank(car: Car, shares: tuple[float, ...]) -> ca.Function:
-    """Return (X, u, h) -> states (9, shares) one midpoint step of h [s] after X.
+def _bank(columns: int, compiled: bool) -> ca.Function:
+    """Return (X, u, h, cars) -> states (9, columns) one midpoint step of h [s] after X.
 
-    Column i is that of the share i of the friction of `car`.
+    Column i is that of the car in column i of `cars`.
     """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, share = ca.SX.sym('h'), ca.SX.sym('share')
-    ideal = Car(*car[: len(Car._fields)])  # the delay of the set-points stands for the lags
-    slippery = ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), slippery)
-    f = ca.Function('rates', [x, u, share], [ca.vertcat(*rates)])
-    step = ca.Function('step', [x, u, share, h], [stage_problem.rk2(f, h)(x, u, share)])
-    X = ca.MX.sym('X', len(State._fields), len(shares))
+    h, numbers = ca.SX.sym('h'), ca.SX.sym('car', len(Car._fields))
+    car = Car(*ca.vertsplit(numbers))
+    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    f = ca.Function('rates', [x, u, numbers], [ca.vertcat(*rates)])
+    step = ca.Function('step', [x, u, h, numbers], [stage_problem.rk2(f, h)(x, u, numbers)])
+    X, cars = ca.MX.sym('X', len(State._fields), columns), ca.MX.sym('c', len(Car._fields), columns)
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
-    columns = step.map(len(shares))(X, ca.repmat(U, 1, len(shares)), ca.DM(shares).T, H)
-    return ca.Function('bank', [X, U, H], [columns])
+    each = (ca.repmat(value, 1, columns) for value in (U, H))
+    name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
+    rows = step.map(columns)(X, *each, cars)
+    bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
+    return compile_functions({name: bank}, name)[name] if compiled else bank
