@@ -83,6 +83,10 @@ class Planner:
         self.second_solver = solver_selection.make_second_solver(
             params, self.problem, limit_time, self.first_solver
         )
+        self.sliding_solver = None
+        if params.fallback.recovery:
+            options = solver_selection.sliding_options(params, limit_time)
+            self.sliding_solver = make_solver(self.problem, options)
         self.evaluator = PlanEvaluator(symbolic)
         self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
         self.alternatives: CandidatePlans | None = None
@@ -96,6 +100,7 @@ class Planner:
 
     def reset(self) -> None:
         """Drop the plan and the path distance: the next tick starts cold."""
+        self._is_sliding = False  # at this tick, and to be recovered
         self.fallback = FallbackLogic(self.params.fallback)
         self.theta: float | None = None  # m, last projection on the path
         self.last_problem: TickProblem | None = None
@@ -144,6 +149,7 @@ class Planner:
         then drives the guess.
         """
         began = self.clock()
+        self._is_sliding = sliding
         model = self.params.model
         shifted = self._shifted_plan(x0)
         warm = self.fallback.is_warm
@@ -205,8 +211,14 @@ class Planner:
     def solve(self, problem: TickProblem) -> tuple[Solution, Solution | None]:
         """Return the solution of the first solver, and of the second if the first one failed."""
         began = self.clock()
-        first = self._run(self.first_solver, problem, self._take_guess(problem))
+        first = self._run(self._chosen_solver(), problem, self._take_guess(problem))
         return first, self.solve_again(problem, first, began)
+
+    def _chosen_solver(self) -> StageSolver:
+        """Return the first solver, while the car slides the one that iterates longer."""
+        return (
+            self.sliding_solver if self._is_sliding and self.sliding_solver else self.first_solver
+        )
 
     def solve_again(self, problem: TickProblem, first: Solution, began: float) -> Solution | None:
         """Return the solution of the second solver; None where `first` may be driven.
@@ -230,7 +242,7 @@ class Planner:
         guess = self._take_guess(followed)
         jobs = [partial(self._solve_candidate, problem, began) for problem in others.values()]
         first, solved = self.parallel.run(
-            lambda: self._run(self.first_solver, followed, guess), jobs
+            lambda: self._run(self._chosen_solver(), followed, guess), jobs
         )
         solve_s = self.clock() - began
         solutions = [

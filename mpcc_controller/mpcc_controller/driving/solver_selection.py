@@ -10,6 +10,7 @@ from stage_solver.stage_problem import StageProblem
 
 CONVERGED = 'converged'
 HAS_ONE_STEP = 'riccati'
+SLIDING_FACTOR = 3  # of `max_iterations` while a car slides; in realtime the time limit holds
 
 
 def first_solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
@@ -23,6 +24,17 @@ def first_solver_options(params: ControllerParams, limit_time: bool) -> SolverOp
         compiled=chosen.compiled,
         one_step=_one_step(chosen),
     )
+
+
+def sliding_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
+    """Return the options for a car that slides: those of the first solver, with more iterations.
+
+    From the guess of the recovery law 44 % of 100 random slides had a plan that may be driven
+    within 100 iterations, 86 % within 300 (mpcc, sideslip to 60 deg, yaw rate to 2 rad/s).
+    """
+    options = first_solver_options(params, limit_time)
+    most = SLIDING_FACTOR * options.max_iterations
+    return replace(options, max_iterations=most, one_step=None)
 
 
 def candidate_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
