@@ -51,7 +51,7 @@ def test_run_information_without_parameters_is_refused():
 
 
 def test_a_parameter_that_an_older_run_lacks_is_named_and_takes_its_default(run_info):
-    with pytest.warns(OlderRunWarning, match=r'assumed: tolerances\.lag_m = 0\.5$'):
+    with pytest.warns(OlderRunWarning, match=r'assumed: tolerances\.lag_m = 0\.5'):
         made, _ = params_of(without(run_info, 'tolerances.lag_m'))
     assert made == params_of(run_info)[0]
 
