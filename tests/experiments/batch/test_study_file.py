@@ -4,6 +4,7 @@ import pytest
 
 from bags.errors import BagError
 from experiments.batch import drive_plan, study_file
+from msgs_yaml import share
 
 
 @pytest.mark.parametrize(
@@ -80,3 +81,10 @@ def test_files_are_found_from_the_folder_of_the_study(write_study, short_road, m
     other = short_road.with_name('other_road.yaml')
     assert study.scenarios == ('straight', str(other), str(short_road))
     assert study.drives == 3 * 1 * 2 * 2
+
+
+@pytest.mark.parametrize('name', ['batch_example', 'robustness'])
+def test_every_setting_of_a_shipped_study_is_accepted(name):
+    study = study_file.load(share.path('experiments', 'config', f'{name}.yaml'))
+    first, *_, last = drive_plan.combine(study)
+    assert drive_plan.prepare(first) != drive_plan.prepare(last)
