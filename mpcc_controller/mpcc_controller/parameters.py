@@ -132,6 +132,8 @@ class Surroundings:
     max_obstacles: Annotated[int, Range(1, 32, 'obstacles at a time')]
     path_search_m: Annotated[float, Range(1.0, 1e3, 'm, projection around the last foot')]
     edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
+    # left out: obstacles keep their velocity
+    braking_window_s: Annotated[float, Range(0.05, 2.0, 's, to observe how they brake')] | None
 
 
 @dataclass(frozen=True)

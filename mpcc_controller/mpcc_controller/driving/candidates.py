@@ -17,6 +17,7 @@ from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
+from mpcc_controller.problem.obstacle_motion import position
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle
 from stage_solver.stage_problem import Plan
@@ -323,8 +324,8 @@ def _left_of(arcs, X, Y):
 def _positions(obstacles, count, dt):
     """Return X and Y (n, count) [m] of the obstacles at the stages."""
     t = dt * np.arange(count)
-    X, Y, vX, vY = np.array([(o.X, o.Y, o.vX, o.vY) for o in obstacles], float).T[..., None]
-    return X + vX * t, Y + vY * t
+    X, Y = np.array([position(o, t) for o in obstacles]).transpose(1, 0, 2)
+    return X, Y
 
 
 def _quintic(tau, start, slope, end):

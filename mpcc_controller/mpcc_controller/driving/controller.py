@@ -32,6 +32,7 @@ from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.obstacle_motion import ObstacleObserver
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import conversions
 from msgs_yaml.types import (
@@ -81,6 +82,7 @@ class Controller:
         self.predictor = StatePredictor(self.car)
         self._command_ns = round((params.delay.command_s or 0.0) * conversions.NS_PER_S)
         self.friction = friction_estimate.make(params, self.car)
+        self.observer = ObstacleObserver(params.surroundings)
         self.reporter = TickReporter(params, self.planner.formulation, self.planner.evaluator)
         self.scene = Scene(None, None, None)
         self._true_state = unknown_state(NEVER_NS)  # answered last
@@ -109,6 +111,7 @@ class Controller:
     def set_obstacles(self, obstacles: Obstacles) -> None:
         """Set the obstacles as of their stamp."""
         self.scene = self.scene._replace(obstacles=obstacles)
+        self.observer.observe(obstacles)
 
     def missing(self) -> tuple[str, ...]:
         """Return the names of the inputs that were never set."""
@@ -217,7 +220,7 @@ class Controller:
             seen = measurement_errors.measured_obstacles(
                 scene.obstacles, self._true_state, seen_ns, errors
             )
-            scene = scene._replace(obstacles=seen)
+            scene = scene._replace(obstacles=self.observer.predict(seen))
         return stage_parameters.scene_at(scene, stamp_ns)
 
     def _start_from(self, command: Command) -> None:

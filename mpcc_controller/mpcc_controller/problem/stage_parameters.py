@@ -26,6 +26,7 @@ from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
+from mpcc_controller.problem.obstacle_motion import position
 from mpcc_controller.problem.ocp import NarrowCircles, SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
@@ -142,7 +143,7 @@ def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene,
     """
     t = params.model.step_s * np.arange(len(x.X))
     chosen = closest_obstacles(params, scene.obstacles, x, t)
-    discs = (Disc(o.X + o.vX * t, o.Y + o.vY * t, grown_radius(params, o, t)) for o in chosen)
+    discs = (Disc(*position(o, t), grown_radius(params, o, t)) for o in chosen)
     slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
     empty = params.surroundings.max_obstacles - len(slots)
     return slots + (frame.empty_slot(x),) * empty, chosen
@@ -189,7 +190,7 @@ def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Obstac
     """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
 
     def smallest_distance(obstacle):
-        disc = Disc(obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t, obstacle.r_obs)
+        disc = Disc(*position(obstacle, t), obstacle.r_obs)
         return min(
             np.min(distance.v2o(distance.circle(x, offset, params.body.circle_radius_m), disc))
             for offset in params.body.circle_offsets_m

@@ -1,0 +1,105 @@
+"""Obstacles over the horizon: constant velocity, and braking that is observed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from mpcc_controller.problem.obstacle_motion import (
+    MAX_DECELERATION,
+    BrakingObstacle,
+    ObstacleObserver,
+    position,
+)
+from msgs_yaml.types import Obstacle, Obstacles
+
+TICK_NS = 50_000_000
+CAR = Obstacle(id=3, X=10.0, Y=-2.0, r_obs=1.05, vX=12.0, vY=-5.0)
+SPEED = 13.0  # of CAR
+
+
+@pytest.fixture
+def observer(params):
+    return ObstacleObserver(replace(params.surroundings, braking_window_s=0.15))
+
+
+def slowing(deceleration, ticks, first=0):
+    """Messages of CAR, which slows down at a constant rate, 50 ms apart."""
+    for tick in range(first, first + ticks):
+        share = 1 - deceleration * 0.05 * tick / SPEED
+        yield Obstacles(tick * TICK_NS + 1, (CAR._replace(vX=12 * share, vY=-5 * share),))
+
+
+def test_an_obstacle_of_constant_velocity_moves_on_a_straight_line():
+    X, Y = position(CAR, np.array([0.0, 0.5, 2.0]))
+    np.testing.assert_array_equal(X, [10.0, 16.0, 34.0])
+    np.testing.assert_array_equal(Y, [-2.0, -4.5, -12.0])
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(st.floats(0.1, MAX_DECELERATION), st.floats(0.01, 4.0))
+def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(braking, t):
+    """The reference integrates dv/dt = -braking until the speed is 0."""
+    moved = solve_ivp(lambda _, s: [max(SPEED - braking * s[1], 0.0), 1.0], (0, t), (0, 0),
+                      rtol=1e-9, atol=1e-9, max_step=0.02).y[0, -1]  # fmt: skip
+    X, Y = position(BrakingObstacle(*CAR, braking=braking), t)
+    assert np.hypot(X - CAR.X, Y - CAR.Y) == pytest.approx(moved, abs=1e-4)
+    assert (X - CAR.X) * CAR.vY == pytest.approx((Y - CAR.Y) * CAR.vX, abs=1e-9)
+
+
+@pytest.mark.parametrize('deceleration', [0.5, 3.0, 8.0])
+def test_a_constant_deceleration_is_observed_from_two_messages_on(observer, deceleration):
+    first, second, *others = slowing(deceleration, 6)
+    observer.observe(first)
+    assert observer.predict(first) == first
+    for message in (second, *others):
+        observer.observe(message)
+        (predicted,) = observer.predict(message).items
+        assert predicted.braking == pytest.approx(deceleration)
+        assert predicted[:6] == message.items[0]
+
+
+def test_an_obstacle_that_gets_faster_or_keeps_its_speed_keeps_its_velocity(observer):
+    for deceleration in (-2.0, 0.0):
+        observer.reset()
+        for message in slowing(deceleration, 4):
+            observer.observe(message)
+        assert observer.predict(message) == message
+
+
+def test_only_the_last_window_counts(observer):
+    for message in (*slowing(6.0, 10), *(m._replace(items=(CAR,)) for m in slowing(0.0, 10, 10))):
+        observer.observe(message)
+    assert observer.predict(message) == message
+
+
+def test_an_impossible_deceleration_is_limited(observer):
+    for stamp_ns, share in ((1, 1.0), (TICK_NS, 0.1)):
+        item = CAR._replace(vX=CAR.vX * share, vY=CAR.vY * share)
+        message = Obstacles(stamp_ns, (item,))
+        observer.observe(message)
+    assert observer.predict(message).items[0].braking == MAX_DECELERATION
+
+
+def test_a_clock_that_is_set_back_and_repeated_messages_tell_nothing(observer):
+    messages = list(slowing(5.0, 3))
+    for message in (messages[2], messages[0], messages[0]):
+        observer.observe(message)
+    assert observer.predict(messages[0]) == messages[0]
+
+
+def test_a_standing_obstacle_does_not_brake(observer):
+    for stamp_ns, speed in ((1, 5.0), (TICK_NS, 0.0)):
+        message = Obstacles(stamp_ns, (CAR._replace(vX=speed, vY=0.0),))
+        observer.observe(message)
+    assert observer.predict(message) == message
+
+
+def test_without_the_parameter_nothing_is_observed(params):
+    observer = ObstacleObserver(params.surroundings)
+    for message in slowing(5.0, 3):
+        observer.observe(message)
+    assert observer.predict(message) is message
