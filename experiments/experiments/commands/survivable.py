@@ -24,6 +24,7 @@ from experiments.commands import add_jobs
 HELP = 'which lost drives were possible; controllers paired on the same draws'
 EXAMPLE = 'experiments survivable /tmp/library --base mpcc_road'
 BUDGET = 400
+FILE_WIDTH = 200
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,11 @@ def run(options: argparse.Namespace) -> int:
     request = report.Request(
         options.folders, options.budget, options.preview, options.base, options.jobs
     )
-    return report.run(request, Console())
+    # a table has a column per controller: in a file it is not folded to 80 characters
+    console = Console()
+    if not console.is_terminal:
+        console.width = FILE_WIDTH
+    return report.run(request, console)
 
 
 def _count(text):
