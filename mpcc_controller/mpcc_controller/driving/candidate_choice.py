@@ -11,6 +11,7 @@ from mpcc_controller.parameters import Candidates
 from stage_solver.solution import Solution
 
 CONTACT_M = 0.0  # a plan whose circles come nearer than this touches
+SPEED_STEP_MPS = 2.0  # contact speeds that differ by less count as equal
 OFF_ROAD_M = 0.05  # a circle at the CoG may be so far off the road: the constraint is soft
 
 
@@ -24,6 +25,7 @@ class Outcome(NamedTuple):
     sides: Sides  # on which the plan passes the dangerous obstacles
     least_gap: float  # m, V2O to every obstacle over the horizon
     off_road: float  # m, by which the slack lets the circle at the CoG leave the road
+    contact_speed: float = 0.0  # m/s, relative, where the plan runs into an obstacle
 
     @property
     def is_usable(self) -> bool:
@@ -52,7 +54,8 @@ class Choice(NamedTuple):
 class CandidateChooser:
     """Chooses the cheapest plan; another one than the followed must be cheaper by a share.
 
-    Plans that touch an obstacle or leave the road lose against those that do not. After a switch
+    Plans that touch an obstacle or leave the road lose against those that do not, and of plans
+    that run into an obstacle the slower ones win. After a switch
     the share is larger for some ticks. A followed plan that cannot be driven, or is not clean, is
     left at once for one that is better.
     """
@@ -75,9 +78,13 @@ class CandidateChooser:
         if self._hold:
             share = self.params.hold_share
         costs = [self._cost(outcome, path_sides) for outcome in outcomes]
-        order = [(not o.is_usable, not o.is_clean, cost) for o, cost in zip(outcomes, costs)]
+        # plans that touch: the slower ones first, in steps of SPEED_STEP_MPS
+        order = [
+            (not o.is_usable, not o.is_clean, round(o.contact_speed / SPEED_STEP_MPS), cost)
+            for o, cost in zip(outcomes, costs)
+        ]
         best = min(range(len(outcomes)), key=order.__getitem__)
-        if order[best][:2] == order[0][:2] and not costs[best] < (1 - share) * costs[0]:
+        if order[best][:3] == order[0][:3] and not costs[best] < (1 - share) * costs[0]:
             best = 0
         switched = are_opposed(outcomes[0].sides, outcomes[best].sides)
         if switched:

@@ -7,6 +7,7 @@ import numpy as np
 
 from mpcc_controller.driving import candidates, initial_guess
 from mpcc_controller.driving.candidate_choice import (
+    CONTACT_M,
     CandidateChooser,
     Choice,
     Outcome,
@@ -29,6 +30,10 @@ from stage_solver.stage_problem import Plan
 
 SURPRISE_M = 0.1  # by which V2O of the followed plan shrinks from one tick to the next
 BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one costs at least
+# shares of a plan's contact speed below which braking is better: a plan that only brushes an
+# obstacle may still find its way past it, one that leads through it will not
+MUCH_SLOWER, SLOWER = 0.5, 0.9
+THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
 
 
@@ -106,7 +111,8 @@ class CandidatePlans:
         # the slack serves the least speed as well
         too_slow = np.maximum(self.params.limits.least_speed_mps - plan.X[:-1, 3], 0)
         off_road = float(np.max(plan.U[:, 3] - too_slow))
-        return Outcome(name, problem, solution, '', self.sides_of(plan), gap, off_road)
+        speed = candidates.contact_speed(plan.X, self._scene, self.params) if gap < 0 else 0.0
+        return Outcome(name, problem, solution, '', self.sides_of(plan), gap, off_road, speed)
 
     def choose(self, outcomes: list[Outcome]) -> Choice:
         """Return which outcome is driven, the first being the followed plan; keep the others."""
@@ -122,6 +128,23 @@ class CandidatePlans:
         if plan is not None and self._scene.obstacles.items:
             self._gap = float(np.min(candidates.least_gaps(plan.X, self._scene, self.params)))
             self._cost = cost
+            if self._gap < CONTACT_M:
+                self._forget_waits()
+
+    def is_braking_better(self, plan: Plan, x0: State, guess: Plan) -> bool:
+        """Return whether a plan runs into an obstacle that braking to a stop does not, or slower.
+
+        Braking is along `guess`. A plan cannot stop: its least speed is `limits.least_speed_mps`.
+        """
+        if self.around is None:
+            return False
+        planned = candidates.contact_speed(plan.X, self._scene, self.params)
+        if planned == 0:
+            return False
+        stop = candidates.braking_guess(guess.X, x0, self.car, self.params, floor=0.0)
+        braked = candidates.contact_speed(stop.X, self._scene, self.params)
+        overlap = -np.min(candidates.least_gaps(plan.X, self._scene, self.params))
+        return braked < (SLOWER if overlap > THROUGH_M else MUCH_SLOWER) * planned
 
     def _shift(self, plan, x0) -> Plan:
         return initial_guess.shift_to(plan, self.step, self.car, x0)

@@ -26,6 +26,7 @@ LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
 FOLLOWED, BRAKE = 'followed', 'brake'
 MOST_SIDES = 3  # obstacles whose sides are combined, the first ones that the car meets
 LEAST_TIME_S = 0.3  # to move aside: below it the guess would be no help
+OVERLAP_M = 0.1
 SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
 RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
 # peak acceleration of the quintic from rest to rest over a length d in the time T: d / T^2 times
@@ -108,6 +109,28 @@ def surroundings(
 
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
     """Return the least V2O [m] to each obstacle (n,) along planned states (N + 1, 9)."""
+    return np.min(_gaps(X, scene, params), axis=-1)
+
+
+def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
+    """Return the relative speed [m/s] of the first contact of planned states (N + 1, 9).
+
+    0 without one. Circles that overlap by less than OVERLAP_M may be outlines that do not touch.
+    """
+    if not scene.obstacles.items:
+        return 0.0
+    touches = _gaps(X, scene, params) < -OVERLAP_M
+    if not np.any(touches):
+        return 0.0
+    stage = int(np.argmax(np.any(touches, axis=0)))
+    x, obstacle = State(*X[stage]), scene.obstacles.items[int(np.argmax(touches[:, stage]))]
+    vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - obstacle.vX
+    vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - obstacle.vY
+    return math.hypot(vX, vY)
+
+
+def _gaps(X, scene, params) -> np.ndarray:
+    """Return V2O [m] to each obstacle at each stage (n, N + 1)."""
     x = State(*X.T)
     oX, oY = _positions(scene.obstacles.items, len(X), params.model.step_s)
     cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
@@ -116,7 +139,7 @@ def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndar
         dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
         square = np.minimum(square, dX**2 + dY**2)
     radii = np.array([o.r_obs for o in scene.obstacles.items]) + params.body.circle_radius_m
-    return np.sqrt(np.min(square, axis=-1)) - radii
+    return np.sqrt(square) - radii[:, None]
 
 
 def passed_sides(
@@ -239,17 +262,19 @@ def guess_along(
     return _steady_plan(X, Y, course, around.vx, arcs.theta, x0, car, params)
 
 
-def braking_guess(line: np.ndarray, x0: State, car: Car, params: ControllerParams) -> Plan:
+def braking_guess(
+    line: np.ndarray, x0: State, car: Car, params: ControllerParams, floor: float | None = None
+) -> Plan:
     """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
 
-    It brakes with the usable friction that the curvature of the line leaves; below
-    `limits.least_speed_mps` the prediction holds no more.
+    It brakes with the usable friction that the curvature of the line leaves. Below the floor
+    [m/s], by default `limits.least_speed_mps`, the prediction holds no more.
     """
     t = params.model.step_s * np.arange(len(line))
     available = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
     lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
     deceleration = math.sqrt(available**2 - lateral**2)
-    floor = min(params.limits.least_speed_mps, x0.vx)
+    floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
     vx = np.maximum(x0.vx - deceleration * t, floor)
     travelled = _travelled(vx, params.model.step_s)
     along = line[:, THETA] - line[0, THETA]

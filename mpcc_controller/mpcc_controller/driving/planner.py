@@ -30,6 +30,8 @@ from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan, shift
 
+PLAN_TOUCHES = 'plan_touches'  # an obstacle before which the car can stop
+
 
 class Comparison(NamedTuple):
     """The candidates of one tick. `first` and `problem` of the attempt are those of the chosen."""
@@ -177,7 +179,11 @@ class Planner:
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
             self.alternatives.follow(first.plan if usable else None, first.cost)
-        decision = self.fallback.decide(first, second, shifted, sliding)
+            touches = usable and self.alternatives.is_braking_better(first.plan, x0, guess)
+        if self.alternatives and touches and not sliding:
+            decision = self.fallback.brake(PLAN_TOUCHES)
+        else:
+            decision = self.fallback.decide(first, second, shifted, sliding)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
             problem, first, second, decision.plan, warm, prepare_s, age, failures, comparison

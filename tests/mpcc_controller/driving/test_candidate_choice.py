@@ -115,3 +115,13 @@ def test_ways_are_opposed_where_one_obstacle_is_passed_on_both_sides():
     assert are_opposed({1: LEFT, 2: LEFT}, {2: RIGHT})
     assert not are_opposed({1: LEFT, 2: BEHIND}, {1: LEFT, 2: RIGHT})
     assert not are_opposed({1: LEFT}, {2: RIGHT})
+
+
+def test_of_plans_that_run_into_an_obstacle_the_slower_one_is_driven(chooser):
+    fast = outcome(10.0, gap=-1.0)._replace(contact_speed=15.0)
+    slow = outcome(1e4, gap=-1.0)._replace(contact_speed=7.0)
+    assert chooser.choose([fast, slow], NO_SIDES).chosen == 1
+    assert chooser.choose([slow, fast], NO_SIDES).chosen == 0
+    # a small difference of the speeds does not decide
+    same = outcome(9.0, gap=-1.0)._replace(contact_speed=15.5)
+    assert chooser.choose([fast, same], NO_SIDES).chosen == 1

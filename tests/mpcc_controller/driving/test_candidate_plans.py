@@ -139,7 +139,8 @@ def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
     solvers = [world.ModifiedSolver(solver, explode) for solver in planner.parallel.solvers]
     monkeypatch.setattr(planner.parallel, 'solvers', solvers)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert why.values['rung'] == SOLVED
+    assert why.values['candidates.0.status'] == SOLVED
+    assert why.values['candidates.chosen'] == 0
     assert why.values['candidates.1.status'] == 'solver_failed'
 
 
@@ -163,3 +164,16 @@ def test_an_oncoming_car_is_passed_that_one_plan_brakes_for(controller, shared_c
     one, many = least_gap_and_speed(shared_controller), least_gap_and_speed(controller)
     assert one[0] < 0.0
     assert many[0] > 0.2
+
+
+def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(controller, world):
+    """A plan drives at least 7 m/s: before a closed road it leads into the barrier."""
+    wall = [Obstacle(key, 40.0, y, 1.1, 0.0, 0.0) for key, y in enumerate((-2.0, 0.2, 2.4, 4.6), 1)]
+    x = State(0.0, 0.0, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    world.set_inputs(controller, world.straight(v=15.0, left=6.0, right=-2.5))
+    pop_up(controller, *wall)
+    run = world.drive(controller, 70, x)
+    nearest = min(np.min(np.hypot(run.states.X - o.X, run.states.Y - o.Y)) for o in wall) - 2.2
+    assert nearest > 0.0
+    assert run.states.vx[-1] < 2.0
+    assert 'plan_touches' in {why.values['reason'] for why in run.whys}

@@ -229,3 +229,16 @@ def test_a_plan_that_stays_behind_passes_on_no_side(world, params):
     assert (
         candidates.name_of({1: LEFT, 4: RIGHT, 5: BEHIND}) == 'left of 1, right of 4, behind of 5'
     )
+
+
+def test_the_contact_speed_is_that_of_both_cars(world, params):
+    def speed_at_contact(obstacle):
+        plan = np.zeros((51, 9))
+        plan[:, 0], plan[:, 3] = 20.0 * STEP_S * np.arange(51), 20.0
+        return candidates.contact_speed(plan, scene_of(world, [obstacle]), params)
+
+    assert speed_at_contact(standing(1, 30.0, 0.0)) == pytest.approx(20.0)
+    assert speed_at_contact(Obstacle(1, 60.0, 0.0, 1.0, -15.0, 0.0)) == pytest.approx(35.0)
+    assert speed_at_contact(Obstacle(1, 20.0, 0.0, 1.0, 8.0, 0.0)) == pytest.approx(12.0)
+    assert speed_at_contact(standing(1, 30.0, 3.0)) == 0.0
+    assert speed_at_contact(standing(1, 70.0, 0.0)) == 0.0  # beyond the horizon
