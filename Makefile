@@ -2,7 +2,7 @@
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
 # make check     what the continuous integration runs: lint, every test, coverage of the safety modules
 # make paper     every figure and claim of the paper, into paper/
-# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (1 to 2 hours)
+# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (half an hour)
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--sweep-runs',
         type=int,
         metavar='N',
-        help='ablation: runs per speed and clearance (default: 3)',
+        help='ablation: runs per speed and clearance (default: 20)',
     )
     add_jobs(parser, 'the result')
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')

@@ -13,7 +13,7 @@ from experiments.study.variants import SWITCHES, Switch
 
 SPEEDS_KPH = tuple(60.0 + 5.0 * step for step in range(8))  # 60 .. 95
 CLEARANCES_M = (0.3, 0.5, 0.7)  # D_sft,O, the requested clearance
-SWEEP_RUNS = 3  # per speed and clearance
+SWEEP_RUNS = 20  # per speed and clearance
 STEM, SWITCHES_STEM = 'ablation', 'ablation_switches'
 POINT = 'operating point'
 FRAMES = {'cartesian': variants.BASE, 'path': 'path lag gaussian'}
