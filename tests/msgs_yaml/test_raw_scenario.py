@@ -251,6 +251,12 @@ def test_the_same_poses_at_another_time_are_a_repeat(stamp_ns):
     assert raw_scenario.repeated_ns(raw_scenario.REFERENCE, later, raw_path()) == stamp_ns
 
 
+def test_the_padding_before_the_first_pose_does_not_count():
+    raw = bytearray(raw_path(stamp_ns=9 * S))
+    raw[raw_scenario.PADDING] = b'\x5a\x01\xff\x33'
+    assert is_repeat(bytes(raw), raw_path())
+
+
 def test_two_poses_are_enough():
     short = {name: getattr(REPEATED, name)[:2] for name in ('X', 'Y', 'psi', 't')}
     assert is_repeat(raw_path(**short, stamp_ns=9 * S), raw_path(**short))
