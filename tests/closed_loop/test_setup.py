@@ -40,8 +40,7 @@ def test_settings_reach_controller_and_plant():
 
 def test_another_speed_is_that_of_path_and_start():
     made = simulation.prepare('double_lane_change', 'mpcc', speed_mps=18.0)
-    *_, speed = made.scn.start
-    assert speed == pytest.approx(18.0)
+    assert made.scn.start.speed == pytest.approx(18.0)
 
 
 @pytest.mark.parametrize('role', ['controller', 'plant'])

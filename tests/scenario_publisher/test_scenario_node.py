@@ -199,8 +199,8 @@ def test_sigterm_ends_the_node_with_success(listener, node):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (('-p', 'scenario:=nowhere'), "no scenario 'nowhere'; available: circle_20m, double"),
-        (('-p', 'scenario:=/tmp/nowhere.yaml'), "no file '/tmp/nowhere.yaml'; available: circle"),
+        (('-p', 'scenario:=nowhere'), "no scenario 'nowhere'; available: bend_inside_fast, bend"),
+        (('-p', 'scenario:=/tmp/nowhere.yaml'), "no file '/tmp/nowhere.yaml'; available: bend"),
         (('-p', 'mode:=fast'), 'lockstep or realtime'),
         (('-p', 'scenari:=straight'), "did you mean 'scenario'"),
     ],

@@ -30,9 +30,9 @@ from stage_solver.stage_problem import Plan
 
 SURPRISE_M = 0.1  # by which V2O of the followed plan shrinks from one tick to the next
 BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one costs at least
-# shares of a plan's contact speed below which braking is better: a plan that only brushes an
+# share of a plan's contact speed below which braking is better: a plan that only brushes an
 # obstacle may still find its way past it, one that leads through it will not
-MUCH_SLOWER, SLOWER = 0.5, 0.9
+MUCH_SLOWER = 0.5
 THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
 
@@ -144,7 +144,8 @@ class CandidatePlans:
         stop = candidates.braking_guess(guess.X, x0, self.car, self.params, floor=0.0)
         braked = candidates.contact_speed(stop.X, self._scene, self.params)
         overlap = -np.min(candidates.least_gaps(plan.X, self._scene, self.params))
-        return braked < (SLOWER if overlap > THROUGH_M else MUCH_SLOWER) * planned
+        # a plan through an obstacle goes on there: braking is better even at the same speed
+        return braked <= (planned if overlap > THROUGH_M else MUCH_SLOWER * planned)
 
     def _shift(self, plan, x0) -> Plan:
         return initial_guess.shift_to(plan, self.step, self.car, x0)

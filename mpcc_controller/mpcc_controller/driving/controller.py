@@ -295,7 +295,8 @@ class Controller:
         lookahead = self._lookahead_point(x, scene)
         recovers = decision.level == RECOVERY
         law = recovery.recovery_target if recovers else braking.braking_target
-        target = law(x, now, lookahead.point, self.car, self.params)
+        car = self.car if recovers else self.planner.car_to_brake
+        target = law(x, now, lookahead.point, car, self.params)
         step_s = self.params.model.step_s
         command = setpoints.command_to(target, now, self.car, step_s, stamp_ns)
         return command, lookahead.line

@@ -30,6 +30,7 @@ from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan, shift
 
+BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
 PLAN_TOUCHES = 'plan_touches'  # an obstacle before which the car can stop
 
 
@@ -116,6 +117,16 @@ class Planner:
         self.formulation.set_car(self.car)
         if self.alternatives:
             self.alternatives.car = self.car
+
+    @property
+    def car_to_brake(self) -> Car:
+        """The car on a road of a little more friction than is believed.
+
+        What is believed is cautious, and only forces beyond it tell whether the road has more. A
+        car that brakes without a plan finds it so; where it is not there, the belief falls at once.
+        """
+        friction = min(BRAKING_PROBE * self.friction, self.params.model.friction)
+        return stage_parameters.with_friction(self._nominal_car, friction, self.params)
 
     def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
         """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""

@@ -1,5 +1,7 @@
 """Several plans per tick in the closed loop: threads, failures, memory, reports."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -177,3 +179,17 @@ def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(con
     assert nearest > 0.0
     assert run.states.vx[-1] < 2.0
     assert 'plan_touches' in {why.values['reason'] for why in run.whys}
+
+
+def test_a_car_before_a_closed_road_brakes_and_does_not_drive_on_through_it(world):
+    """Four discs from edge to edge, so near that the circles touch however hard the car brakes."""
+    controller = world.set_inputs(
+        Controller(*world.load(candidates__most=4)), world.straight(left=6.0, right=-2.5)
+    )
+    wall = [Obstacle(i, 24.0, y, 1.1, 0.0, 0.0) for i, y in enumerate((-1.4, 0.7, 2.8, 4.9))]
+    pop_up(controller, *wall)
+    drive = world.drive(controller, 15)
+    assert all(why.values['reason'] == 'plan_touches' for why in drive.whys)
+    forces = [command.Fxf + command.Fxr for command in drive.commands]
+    assert all(later <= earlier for earlier, later in pairwise(forces))
+    assert forces[-1] < -12e3

@@ -188,6 +188,17 @@ def test_plans_bounds_and_brakes_take_the_believed_friction(world, estimating, n
     assert estimating.gate.car == nominal
 
 
+@pytest.mark.parametrize(('believed', 'braked_with'), [(0.4, 0.46), (0.8, 0.92), (0.95, 1.0)])
+def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
+    estimating, nominal, believed, braked_with
+):
+    estimating.planner.believe(believed)
+    car = estimating.planner.car_to_brake
+    assert (car.mu_f, car.mu_r) == pytest.approx(
+        (braked_with * nominal.mu_f, braked_with * nominal.mu_r)
+    )
+
+
 def test_after_a_restart_the_friction_of_the_parameters_is_believed(world, estimating, nominal):
     beliefs = []
     for _ in range(2):
