@@ -12,11 +12,11 @@ from msgs_yaml import contract, share
 
 pytestmark = pytest.mark.alone
 REFERENCE, OBSTACLES = '/scenario/reference', '/scenario/obstacles'
-# half a metre between poses, of which there are 4,961
+# a decimetre between poses, of which there are 39,801
 LONG = {
-    'name: straight': 'name: straight\nsampling: {path_m: 0.5, edges_m: 0.5}',
-    'length_m: 140.0': 'length_m: 2490.0',
-    'length_m: 120.0': 'length_m: 2480.0',
+    'name: straight': 'name: straight\nsampling: {path_m: 0.1, edges_m: 0.1}',
+    'length_m: 140.0': 'length_m: 3990.0',
+    'length_m: 120.0': 'length_m: 3980.0',
 }
 DRIVEN = {'stop.x_m': 60.0, 'stop.armed_after_m': 1.0}  # 4 s
 LONGEST_S = 0.075  # between two obstacles, four times out of five: other processes take the rest
