@@ -70,7 +70,8 @@ def impossible_at(emergency: Emergency) -> float | None:
             return t
         if not obstacles and t > speed / a:
             return None
-        if not any(o.vX or o.vY for o in obstacles) and grid.has_passed(box, reached, obstacles):
+        stand = obstacles and not any(o.vX or o.vY for o in obstacles)
+        if stand and grid.has_passed(box, reached, obstacles):
             return None
     return None
 

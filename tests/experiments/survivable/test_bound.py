@@ -44,6 +44,10 @@ def test_nothing_moves_aside_faster_than_friction_allows(straight_emergency):
     assert verdict(1.3 * needed) is None
 
 
+def test_on_an_empty_road_nothing_is_impossible(straight_emergency):
+    assert bound.impossible_at(Emergency(straight_emergency(20.0, []))) is None
+
+
 def test_less_friction_makes_more_impossible(straight_emergency):
     obstacles = wall(36.0)
     assert bound.impossible_at(Emergency(straight_emergency(20.0, obstacles))) is None
