@@ -25,6 +25,7 @@ from mpcc_controller.driving.candidates import (
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem.stage_parameters import Scene
+from node_runtime.parameters import ParameterError
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
@@ -56,6 +57,12 @@ class CandidatePlans:
 
     def __init__(self, params: ControllerParams, car: Car, step: Callable):
         """`step` is that of `single_track.step`: (x, u, car) -> the state one tick later."""
+        for name, value in vars(params.candidates).items():
+            if value is None:
+                raise ParameterError(
+                    f'candidates.{name}: is missing, and candidates.most is above 1; '
+                    'allowed to be left out with candidates.most 1'
+                )
         self.params, self.car, self.step = params, car, step
         self.chooser = CandidateChooser(params.candidates)
         self.reset()
@@ -191,7 +198,10 @@ class CandidatePlans:
     def _keep(self, choice):
         """Keep the best plan of every way that is not the driven one; let the other names wait."""
         driven, kept = choice.outcome, []
-        for outcome in sorted(choice.outcomes, key=lambda o: o.solution.cost):
+        usable_first = sorted(
+            choice.outcomes, key=lambda o: o.solution.cost if o.is_usable else np.inf
+        )
+        for outcome in usable_first:
             is_driven = outcome is driven
             is_new = outcome.is_usable and not any(
                 is_same_way(outcome.sides, other.sides) for other in (driven, *kept)

@@ -17,7 +17,7 @@ from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.problem.obstacle_motion import position
+from mpcc_controller.problem.obstacle_motion import position, velocity
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle
 from stage_solver.stage_problem import Plan
@@ -27,6 +27,7 @@ FOLLOWED, BRAKE = 'followed', 'brake'
 MOST_SIDES = 3  # obstacles whose sides are combined, the first ones that the car meets
 LEAST_TIME_S = 0.3  # to move aside: below it the guess would be no help
 OVERLAP_M = 0.1
+LEAST_CONTACT_MPS = 1e-3  # of a contact: 0 stands for none
 SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
 RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
 # peak acceleration of the quintic from rest to rest over a length d in the time T: d / T^2 times
@@ -124,9 +125,10 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
         return 0.0
     stage = int(np.argmax(np.any(touches, axis=0)))
     x, obstacle = State(*X[stage]), scene.obstacles.items[int(np.argmax(touches[:, stage]))]
-    vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - obstacle.vX
-    vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - obstacle.vY
-    return math.hypot(vX, vY)
+    vX, vY = velocity(obstacle, stage * params.model.step_s)
+    vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - vX
+    vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - vY
+    return max(math.hypot(vX, vY), LEAST_CONTACT_MPS)
 
 
 def _gaps(X, scene, params) -> np.ndarray:

@@ -166,4 +166,7 @@ def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits, gains: Gains) -> fl
     share = min(
         max(Fz.f / (Fz.f + Fz.r), limits.brake_front_share_min), limits.brake_front_share_max
     )
-    return -gains.brake_use * min(front / share, rear / (1 - share), limits.brake_n)
+    # an axle that does not brake limits nothing
+    front = front / share if share > 0 else math.inf
+    rear = rear / (1 - share) if share < 1 else math.inf
+    return -gains.brake_use * min(front, rear, limits.brake_n)

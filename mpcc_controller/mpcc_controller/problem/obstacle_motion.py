@@ -40,6 +40,22 @@ def position(obstacle: Obstacle | BrakingObstacle, t: Any) -> tuple[Any, Any]:
     return obstacle.X + obstacle.vX * t, obstacle.Y + obstacle.vY * t
 
 
+def velocity(obstacle: Obstacle | BrakingObstacle, t: float) -> tuple[float, float]:
+    """Return vX and vY [m/s] of an obstacle `t` [s] from now."""
+    if not isinstance(obstacle, BrakingObstacle):
+        return obstacle.vX, obstacle.vY
+    share = max(1.0 - obstacle.braking * t / np.hypot(obstacle.vX, obstacle.vY), 0.0)
+    return obstacle.vX * share, obstacle.vY * share
+
+
+def moved(obstacle: Obstacle | BrakingObstacle, t: float) -> Obstacle | BrakingObstacle:
+    """Return an obstacle as it will be `t` [s] from now; one that then stands brakes no more."""
+    (X, Y), (vX, vY) = position(obstacle, t), velocity(obstacle, t)
+    if isinstance(obstacle, BrakingObstacle) and np.hypot(vX, vY) < LEAST_SPEED_MPS:
+        return Obstacle(obstacle.id, X, Y, obstacle.r_obs, 0.0, 0.0)
+    return obstacle._replace(X=X, Y=Y, vX=vX, vY=vY)
+
+
 class ObstacleObserver:
     """Observes how obstacles slow down over `surroundings.braking_window_s`."""
 
@@ -58,8 +74,10 @@ class ObstacleObserver:
         before, self._speeds = self._speeds, {}
         for o in obstacles.items:
             speeds = self._speeds[o.id] = before.get(o.id, deque())
-            if speeds and speeds[-1][0] >= obstacles.stamp_ns:
-                speeds.clear()  # the clock was set back, or the message is repeated
+            if speeds and speeds[-1][0] == obstacles.stamp_ns:
+                speeds.pop()  # the message is repeated
+            elif speeds and speeds[-1][0] > obstacles.stamp_ns:
+                speeds.clear()  # the clock was set back
             speeds.append((obstacles.stamp_ns, float(np.hypot(o.vX, o.vY))))
             while ns_to_s(obstacles.stamp_ns - speeds[0][0]) > self._window_s:
                 speeds.popleft()

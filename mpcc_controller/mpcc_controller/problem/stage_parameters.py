@@ -26,7 +26,7 @@ from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.obstacle_motion import position
+from mpcc_controller.problem.obstacle_motion import moved, position
 from mpcc_controller.problem.ocp import NarrowCircles, SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
@@ -178,11 +178,11 @@ def to_matrix(
 
 
 def scene_at(scene: Scene, stamp_ns: int) -> Scene:
-    """Return the scene with its obstacles at `stamp_ns`, moved at constant velocity."""
+    """Return the scene with its obstacles at `stamp_ns`, moved as they are expected to move."""
     if scene.obstacles is None:
         return scene
     t = ns_to_s(stamp_ns - scene.obstacles.stamp_ns)
-    items = (o._replace(X=o.X + o.vX * t, Y=o.Y + o.vY * t) for o in scene.obstacles.items)
+    items = (moved(o, t) for o in scene.obstacles.items)
     return scene._replace(obstacles=Obstacles(stamp_ns, tuple(items)))
 
 

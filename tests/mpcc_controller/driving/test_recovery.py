@@ -65,6 +65,18 @@ def test_it_counter_steers_a_tail_that_swings_out_and_does_not_brake_first(
     assert along.Fx < -1000.0
 
 
+@pytest.mark.parametrize('share', [0.0, 1.0])
+def test_a_car_that_brakes_with_one_axle_only_is_recovered_with_that_axle(
+    car, params, world, share
+):
+    only = {'brake_front_share_min': share, 'brake_front_share_max': share}
+    params = dataclasses.replace(params, limits=dataclasses.replace(params.limits, **only))
+    x = world.rolling(stamp_ns=0)._replace(vx=20.0, vy=-4.0, r=0.5)
+    target = recovery.recovery_target(x, Setpoints(0.0, 0.0), None, car, params)
+    assert np.all(np.isfinite(target))
+    assert target.lambda_b == pytest.approx(share)
+
+
 def test_it_mirrors(car, params, world):
     rest = Setpoints(0.0, 0.0)
     left = recovery.recovery_target(

@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from mpcc_controller.problem.obstacle_motion import (
+    LEAST_SPEED_MPS,
     MAX_DECELERATION,
     BrakingObstacle,
     ObstacleObserver,
+    moved,
     position,
+    velocity,
 )
 from msgs_yaml.types import Obstacle, Obstacles
 
@@ -50,6 +53,24 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
     assert (X - CAR.X) * CAR.vY == pytest.approx((Y - CAR.Y) * CAR.vX, abs=1e-9)
 
 
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(st.floats(0.1, MAX_DECELERATION), st.floats(0.0, 3.0), st.floats(0.0, 3.0))
+def test_to_move_an_obstacle_first_does_not_change_where_it_stops(braking, first, later):
+    start = BrakingObstacle(*CAR, braking=braking)
+    at_once = np.array(position(start, first + later))
+    in_steps = np.array(position(moved(start, first), later))
+    # a car below LEAST_SPEED_MPS stands: it would have moved by v^2 / 2 a
+    assert np.hypot(*(at_once - in_steps)) <= LEAST_SPEED_MPS**2 / (2 * braking) + 1e-9
+
+
+def test_the_velocity_is_the_derivative_of_the_position():
+    braking, h = BrakingObstacle(*CAR, braking=4.0), 1e-6
+    for t in (0.5, 2.0, 3.2, 4.0):
+        difference = (np.array(position(braking, t + h)) - position(braking, t - h)) / (2 * h)
+        np.testing.assert_allclose(velocity(braking, t), difference, atol=1e-6)
+        assert velocity(CAR, t) == (12.0, -5.0)
+
+
 @pytest.mark.parametrize('deceleration', [0.5, 3.0, 8.0])
 def test_a_constant_deceleration_is_observed_from_two_messages_on(observer, deceleration):
     first, second, *others = slowing(deceleration, 6)
@@ -84,11 +105,18 @@ def test_an_impossible_deceleration_is_limited(observer):
     assert observer.predict(message).items[0].braking == MAX_DECELERATION
 
 
-def test_a_clock_that_is_set_back_and_repeated_messages_tell_nothing(observer):
+def test_a_clock_that_is_set_back_tells_nothing(observer):
     messages = list(slowing(5.0, 3))
     for message in (messages[2], messages[0], messages[0]):
         observer.observe(message)
     assert observer.predict(messages[0]) == messages[0]
+
+
+def test_a_repeated_message_changes_nothing(observer):
+    messages = list(slowing(5.0, 3))
+    for message in (*messages, messages[2]):
+        observer.observe(message)
+    assert observer.predict(messages[2]).items[0].braking == pytest.approx(5.0)
 
 
 def test_a_standing_obstacle_does_not_brake(observer):
