@@ -1,5 +1,6 @@
 """Batches: every combination of scenarios, controllers, settings and runs, one row per drive.
 
+distributions  of drawn values, and their scrambled Sobol points
 study_file     the YAML file that says what is varied
 drive_plan     the drives of a study, their setups and keys; paired perturbations
 simulate       one drive, in a worker
