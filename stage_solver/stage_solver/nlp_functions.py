@@ -98,9 +98,9 @@ class _Assembly:
         return ca.sum2(F) + f_last, self._close_gaps(*self._evaluate('constraints', self._plain))
 
     def gradient(self):
-        """Return the gradient of the cost."""
+        """Return the gradient of the cost, dense: nlpsol leaves what has no entry uninitialised."""
         gradients, last = self._evaluate('gradient', self._plain)
-        return ca.vertcat(ca.vec(gradients), last)
+        return ca.densify(ca.vertcat(ca.vec(gradients), last))
 
     def lagrangian(self):
         """Return the outputs of `nlp_grad`."""
