@@ -1,8 +1,8 @@
-"""Batches: every combination of scenarios, controllers, settings and runs, one row per drive.
+"""Batches: every combination of scenarios, controllers, settings, draws and runs; rows per drive.
 
 distributions  of drawn values, and their scrambled Sobol points
 study_file     the YAML file that says what is varied
-drive_plan     the drives of a study, their setups and keys; paired perturbations
+drive_plan     the drives of a study, their setups and keys; paired draws and perturbations
 simulate       one drive, in a worker
 drive_records  finished drives, kept one by one
 results_table  rows as Parquet, and their summary

@@ -188,6 +188,9 @@ def _parse_normal(item, members):
 
 def _parse_choice(_, members):
     values = tuple(element.value() for element in members['choice'].elements())
+    for element, value in zip(members['choice'].elements(), values):
+        if isinstance(value, dict | list):
+            raise element.error('is no single value; allowed numbers, true, false and words')
     if not values:
         raise members['choice'].error('is empty; allowed at least one value')
     return Choice(values)

@@ -1,43 +1,76 @@
-"""The drives of a study: the full grid of its values, in the order of the file, times the runs.
+"""The drives of a study: the full grid of its values, in the order of the file, draws and runs.
 
-Run 1 is as configured. Further runs differ in entry speed and grip, by the draws of
-`experiments study` (run k is draw k - 1): run k has the same perturbation for every scenario,
-controller and setting, so drives of one number are pairs, and a longer batch begins with the runs
-of a shorter one.
+Draw k is point k of the scrambled Sobol points of what is drawn, and draw k of a family: it is the
+same for every controller and setting. Run 1 is as configured. Further runs differ in entry speed
+and grip, by the draws of `experiments study` (run k is draw k - 1): run k has the same perturbation
+for every scenario, controller, setting and draw. Drives of one draw and run are pairs, and a longer
+batch begins with the draws and runs of a shorter one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
 from experiments import simulation
-from experiments.batch.study_file import SCENARIO_SPEED, Setting, StudyFile
+from experiments.batch import distributions
+from experiments.batch.study_file import SCENARIO_FRICTION, SCENARIO_SPEED, Setting, StudyFile
 from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
 from experiments.study import run_spec
+from msgs_yaml import share
 from node_runtime import provenance
+from scenario_publisher import scenario
+from scenario_publisher.families import draw as families
 from vehicle_plant import initial_state
+
+ANY_ROAD = 'straight'  # stands for the draws of a family where only parameters matter
+Pairs = tuple[tuple[str, Any], ...]  # names and values of settings
+
+
+class Family(NamedTuple):
+    """A family of the scenario library, and which draws of it."""
+
+    name: str
+    seed: int
+    difficulty: str
+
+    def __str__(self) -> str:
+        return self.name
+
+    def draw(self, number: int) -> families.Draw:
+        """Return a draw."""
+        return families.draw(self.name, self.seed, number, self.difficulty)
+
+    def scenario_name(self, number: int) -> str:
+        """Return the name of the scenario of a draw."""
+        return families.Draw(self.name, self.seed, number, self.difficulty, '', {}).name
 
 
 class Combination(NamedTuple):
-    """One scenario and controller with one value of every setting."""
+    """One scenario or family, and controller, with one value of every setting."""
 
-    scenario: str  # a name, or the path of a file
-    controller: str  # the path of its file
-    settings: tuple[tuple[str, Any], ...]
+    scenario: str | Family  # a name, the path of a file, or a family
+    controller: str  # a name, or the path of a file
+    settings: Pairs
 
     def __str__(self) -> str:
         changed = ''.join(f', {name}={value}' for name, value in self.settings)
         return f'{self.controller} in {self.scenario}{changed}'
 
+
+class Draw(NamedTuple):
+    """One draw of a study: its number, and the drawn values by name."""
+
+    number: int
+    values: Pairs
+
     @property
-    def formulation(self) -> str:
-        """Equal for combinations whose controllers solve equal problems."""
-        own = [pair for pair in self.settings if pair[0].startswith('controller.')]
-        return repr((self.controller, own))
+    def words(self) -> Pairs:
+        """The drawn values that are words: some parameters name files."""
+        return tuple(pair for pair in self.values if isinstance(pair[1], str))
 
 
 class Perturbation(NamedTuple):
@@ -47,6 +80,25 @@ class Perturbation(NamedTuple):
     grip: float  # of the plant, over that of the scenario; the controller assumes the latter
 
 
+class Drive(NamedTuple):
+    """One drive of a study; it can be sent to another process, or machine."""
+
+    combination: Combination
+    draw: Draw
+    perturbation: Perturbation
+
+    @property
+    def formulation(self) -> str:
+        """Equal for drives whose controllers may solve equal problems.
+
+        Numbers are taken for parameters of a problem, which do not change it.
+        """
+        pairs = (*self.combination.settings, *self.draw.words)
+        own = [pair for pair in pairs if pair[0].startswith('controller.')]
+        return repr((self.combination.controller, own))
+
+
+NOT_DRAWN = Draw(0, ())
 NOMINAL = Perturbation(0.0, 1.0)
 
 
@@ -58,49 +110,117 @@ def combine(study: StudyFile) -> list[Combination]:
         raise BagError(f'{study.path}: controllers: {error}') from None
     names = [setting.name for setting in study.settings]
     values = [setting.values for setting in study.settings]
+    drawn = [Family(name, study.seed, study.difficulty) for name in study.families]
     return [
-        Combination(scenario, str(controller.config), tuple(zip(names, chosen)))
-        for scenario, controller, *chosen in product(study.scenarios, controllers, *values)
+        Combination(road, _name_or_path(controller), tuple(zip(names, chosen)))
+        for road, controller, *chosen in product((*study.scenarios, *drawn), controllers, *values)
     ]
 
 
-def prepare(combination: Combination) -> Setup:
-    """Return the setup of the first run. Raises BagError for unusable input."""
+def _name_or_path(controller):
+    """Return the name of a controller that comes with the package, which any machine finds."""
+    shipped = share.path('mpcc_controller', 'config') / f'{controller.name}.yaml'
+    return controller.name if controller.config == shipped.absolute() else str(controller.config)
+
+
+def sample_draws(study: StudyFile) -> list[Draw]:
+    """Return the draws of a study, numbered."""
+    drawn = {drawn.name: drawn.distribution for drawn in study.drawn}
+    samples = distributions.sample(drawn, len(study.draws), study.seed, study.draws.start)
+    return [Draw(number, tuple(one.items())) for number, one in zip(study.draws, samples)]
+
+
+def draws_of(combination: Combination, draws: Sequence[Draw]) -> Sequence[Draw]:
+    """Return the draws of a combination: all those of a study, one where nothing is drawn."""
+    is_drawn = isinstance(combination.scenario, Family) or (draws and draws[0].values)
+    return draws if is_drawn else (NOT_DRAWN,)
+
+
+@lru_cache(maxsize=8)
+def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
+    """Return the setup of the first run of a draw. Raises BagError for unusable input."""
+    changes: dict[str, float] = {}
     settings: dict[str, dict[str, Any]] = {}
-    speed_mps = None
-    for name, value in combination.settings:
+    road, source = combination.scenario, str(combination.scenario)
+    if isinstance(road, Family):
+        one = road.draw(draw.number)
+        source = one.name
+        settings = {role: dict(values) for role, values in one.settings.items()}
+    for name, value in (*combination.settings, *draw.values):
         role, _, parameter = name.partition('.')
-        if name == SCENARIO_SPEED:
-            speed_mps = value
+        if name in CHANGES:
+            changes[CHANGES[name]] = value
         else:
             settings.setdefault(role, {})[parameter] = value
-    setup = simulation.prepare(combination.scenario, combination.controller, settings)
-    if speed_mps is None:
-        return setup
-    return setup._replace(scn=_scenario_at_speed(combination.scenario, speed_mps))
+    scn = _load(road, **changes) if isinstance(road, str) else _change(one, changes)
+    return simulation.prepare_scenario(scn, combination.controller, settings, source)
+
+
+# arguments of inputs.load_scenario
+CHANGES: Mapping[str, str] = {SCENARIO_SPEED: 'speed_mps', SCENARIO_FRICTION: 'friction'}
 
 
 @lru_cache(maxsize=256)
-def _scenario_at_speed(scenario, speed_mps):
-    return inputs.load_scenario(scenario, speed_mps)
+def _load(name, speed_mps=None, friction=None):
+    return inputs.load_scenario(name, speed_mps, friction)
+
+
+def _change(draw, changes):
+    try:
+        return inputs.change_scenario(draw.scenario(), draw.name, **changes)
+    except scenario.ScenarioError as error:
+        raise BagError(str(error)) from None
+
+
+def prepare_any(combination: Combination, words: Pairs = ()) -> Setup:
+    """Return a setup with the parameters of a combination, of any draw. Raises BagError.
+
+    That of a family is on another road. `words` are the drawn values that are no numbers.
+    """
+    road = ANY_ROAD if isinstance(combination.scenario, Family) else combination.scenario
+    return prepare(combination._replace(scenario=road), Draw(0, words))
+
+
+def prepare_drive(drive: Drive) -> Setup:
+    """Return the setup of a drive. Raises BagError for drawn values that a node refuses."""
+    return perturb(prepare(drive.combination, drive.draw), drive.perturbation)
 
 
 def locate_error(study: StudyFile, combination: Combination, error: BagError) -> BagError:
-    """Return the error of `prepare` with the place in the file that causes it."""
+    """Return the error of `prepare_any` with the place in the file that causes it."""
+    if isinstance(combination.scenario, str):
+        try:
+            inputs.load_scenario(combination.scenario)
+        except BagError as alone:
+            return BagError(f'{study.path}: scenarios: {alone}')
     try:
-        inputs.load_scenario(combination.scenario)
-    except BagError as alone:
-        return BagError(f'{study.path}: scenarios: {alone}')
-    try:
-        prepare(combination._replace(settings=()))
+        prepare_any(combination._replace(settings=()))
     except BagError as alone:
         return BagError(f'{study.path}: controllers: {alone}')
     for setting, (name, value) in zip(study.settings, combination.settings):
         try:
-            prepare(combination._replace(settings=((name, value),)))
+            prepare_any(combination._replace(settings=((name, value),)))
         except BagError as alone:
             return BagError(str(_item(setting, value).error(str(alone))))
     return BagError(f'{study.path}: {combination}: {error}')
+
+
+def check_drawn(study: StudyFile, combinations: Sequence[Combination]) -> None:
+    """Raise BagError where a node refuses an end of what is drawn, or a choice, whoever drives.
+
+    Values between the ends are within the range of a parameter, too. Values that a node refuses
+    only together cost the rows of their drives.
+    """
+    first = {one.controller: one for one in reversed(combinations)}
+    for drawn in study.drawn:
+        for combination in first.values():
+            for end in drawn.distribution.ends():
+                pair = (drawn.name, end)
+                changed = combination._replace(settings=(*combination.settings, pair))
+                try:
+                    prepare_any(changed)
+                except BagError as error:
+                    raise BagError(str(drawn.item.error(f'{end}: {error}'))) from None
 
 
 def _item(setting: Setting, value):
@@ -130,7 +250,17 @@ def perturb(setup: Setup, perturbation: Perturbation) -> Setup:
     return setup._replace(scn=scn, friction=setup.friction * perturbation.grip)
 
 
-def drive_keys(setup: Setup, perturbations: Sequence[Perturbation]) -> list[str]:
-    """Return what identifies each run of a setup: two drives with one key have equal results."""
-    base = run_spec.cache_key(setup)
-    return [provenance.digest(f'{base} {tuple(perturbation)}') for perturbation in perturbations]
+def base_key(combination: Combination, words: Pairs = ()) -> str:
+    """Return what identifies the inputs of a combination, its files included. Raises BagError."""
+    return run_spec.cache_key(prepare_any(combination, words))
+
+
+def drive_key(base: str, drive: Drive) -> str:
+    """Return what identifies a drive: two drives with one key have equal results.
+
+    `base` is the `base_key` of its combination and of the words that it draws.
+    """
+    road, decided = drive.combination.scenario, [base, drive.draw.values]
+    if isinstance(road, Family):
+        decided += [road, drive.draw.number]
+    return provenance.digest(repr((*decided, tuple(drive.perturbation))))

@@ -10,7 +10,15 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments.batch import drive_plan, results_table, study_file
-from experiments.batch.drive_plan import Combination, Perturbation
+from experiments.batch.drive_plan import (
+    NOT_DRAWN,
+    Combination,
+    Draw,
+    Drive,
+    Family,
+    Pairs,
+    Perturbation,
+)
 from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
 from experiments.batch.simulate import simulate
@@ -34,16 +42,24 @@ class Request(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The drives of a study: every perturbation of every combination, in this order."""
+    """The drives of a study: every run of every draw of every combination, in this order."""
 
     study: StudyFile
     combinations: Sequence[Combination]
-    setups: Sequence[Setup]  # of the combinations
+    names: Sequence[tuple[str, str]]  # scenario, '' of a family, and controller of combinations
+    draws: Sequence[Draw]
     perturbations: Sequence[Perturbation]
-    keys: Sequence[Sequence[str]]  # of the drives, by combination and run
+    keys: Sequence[str]  # of the drives
 
     def __repr__(self) -> str:
-        return f'Plan({len(self.combinations)} combinations, {len(self.perturbations)} runs)'
+        return f'Plan({len(self.combinations)} combinations, {len(self.keys)} drives)'
+
+    def drives(self) -> Iterator[Drive]:
+        """Yield every drive."""
+        for combination in self.combinations:
+            for draw in drive_plan.draws_of(combination, self.draws):
+                for perturbation in self.perturbations:
+                    yield Drive(combination, draw, perturbation)
 
 
 def run(
@@ -66,7 +82,7 @@ def run(
             text = f'{records.path}: {records.damaged} damaged records are simulated again'
             print_text(console, text)
         plan = prepare_plan(study, pool, progress)
-        kept = sum(key in records for keys in plan.keys for key in keys)
+        kept = sum(key in records for key in plan.keys)
         interrupted = None
         try:
             _simulate_missing(
@@ -94,98 +110,108 @@ def run(
 
 def prepare_plan(study: StudyFile, pool: WorkerPool, progress: CountProgress) -> Plan:
     """Check every combination of a study and return its drives. Raises BagError."""
-    combinations = drive_plan.combine(study)
-    setups: list[Any] = [None] * len(combinations)
-    shared: dict[str, Any] = {}
-    tasks = [(combination,) for combination in combinations]
-    for done, finished in enumerate(pool.finish_each(drive_plan.prepare, tasks), start=1):
+    combinations, draws = drive_plan.combine(study), drive_plan.sample_draws(study)
+    words = list(dict.fromkeys(draw.words for draw in draws)) if study.drawn else [()]
+    tasks = [(combination, some) for combination in combinations for some in words]
+    checked: dict[tuple[Combination, Pairs], Any] = {}
+    for done, finished in enumerate(pool.finish_each(_check, tasks), start=1):
+        combination, some = tasks[finished.number]
         if isinstance(finished.error, BagError):
-            combination = combinations[finished.number]
-            raise drive_plan.locate_error(study, combination, finished.error)
+            located = drive_plan.locate_error(study, combination, finished.error)
+            drive_plan.check_drawn(study, [combination])  # a word may be the cause
+            raise located
         if finished.error:
             raise finished.error
-        setups[finished.number] = _share_parts(finished.value, shared)
+        checked[combination, some] = finished.value
         progress.show('checked', done, len(tasks))
-    _refuse_equal_names(study, combinations, setups)
+    drive_plan.check_drawn(study, combinations)
+    names = [checked[combination, words[0]][:2] for combination in combinations]
+    _refuse_equal_names(study, combinations, names)
     perturbations = drive_plan.draw_perturbations(study.runs, study.seed)
-    keys = [drive_plan.drive_keys(setup, perturbations) for setup in setups]
-    return Plan(study, combinations, setups, perturbations, keys)
+    plan = Plan(study, combinations, names, draws, perturbations, [])
+    keys = [
+        drive_plan.drive_key(checked[drive.combination, drive.draw.words][2], drive)
+        for drive in plan.drives()
+    ]
+    return plan._replace(keys=keys)
 
 
-def _share_parts(setup, shared):
-    """Return a setup whose equal parts are those of earlier setups: a grid may have thousands."""
-    return setup._replace(
-        scn=shared.setdefault(setup.scn.text, setup.scn),
-        **{
-            name: shared.setdefault(repr(getattr(setup, name)), getattr(setup, name))
-            for name in ('params', 'vehicle', 'plant')
-        },
-    )
+def _check(combination, words):
+    """Return scenario, controller and key of a combination, in a worker."""
+    setup = drive_plan.prepare_any(combination, words)
+    name = '' if isinstance(combination.scenario, Family) else setup.scn.name
+    return name, setup.controller, drive_plan.base_key(combination, words)
 
 
-def _refuse_equal_names(study, combinations, setups):
+def _refuse_equal_names(study, combinations, names):
     """Refuse two scenario files of one name: their rows could not be told apart."""
     files: dict[str, str] = {}
-    for combination, setup in zip(combinations, setups):
-        other = files.setdefault(setup.scn.name, combination.scenario)
+    for combination, (name, _) in zip(combinations, names):
+        other = files.setdefault(name, combination.scenario) if name else combination.scenario
         if other != combination.scenario:
             raise BagError(
                 f'{study.path}: scenarios: {other} and {combination.scenario} have one name, '
-                f'{setup.scn.name!r}; give one of them another'
+                f'{name!r}; give one of them another'
             )
 
 
 def _simulate_missing(plan, records, errors, pool, limit_s, progress, simulate_drive):
     """Simulate each drive without a record once, also where it is in several rows."""
-    missing: dict[str, tuple[int, int]] = {}
+    missing: dict[str, Drive] = {}
     done = 0
-    for number, keys in enumerate(plan.keys):
-        for run, key in enumerate(keys):
-            done += key in records
-            if key not in records:
-                missing.setdefault(key, (number, run))
-    tasks = _Setups(plan, list(missing.values()))
-    groups = [plan.combinations[number].formulation for number, _ in tasks.chosen]
-    ended = pool.finish_each(simulate_drive, tasks, groups, limit_s)
+    for key, drive in zip(plan.keys, plan.drives()):
+        done += key in records
+        if key not in records:
+            missing.setdefault(key, drive)
+    tasks = [(simulate_drive, drive) for drive in missing.values()]
+    groups = [drive.formulation for drive in missing.values()]
+    ended = pool.finish_each(_drive, tasks, groups, limit_s)
     record_each(ended, list(missing), done + len(missing), records, errors, progress)
 
 
-class _Setups(Sequence):
-    """The arguments of each task, made when the task begins."""
-
-    def __init__(self, plan, chosen):
-        self.plan, self.chosen = plan, chosen
-
-    def __len__(self):
-        return len(self.chosen)
-
-    def __getitem__(self, number):
-        combination, run = self.chosen[number]
-        setup = self.plan.setups[combination]
-        return (drive_plan.perturb(setup, self.plan.perturbations[run]),)
+def _drive(simulate_drive, drive):
+    """Return the results of a drive, in a worker."""
+    return simulate_drive(drive_plan.prepare_drive(drive))
 
 
 def build_rows(
     plan: Plan, records: DriveRecords, errors: dict[str, str]
 ) -> Iterator[dict[str, Any]]:
     """Yield the row of every drive that has ended, in the order of the plan."""
-    for combination, setup, keys in zip(plan.combinations, plan.setups, plan.keys):
-        for run, (perturbation, key) in enumerate(zip(plan.perturbations, keys), start=1):
-            if key not in records and key not in errors:
-                continue
-            results = json.loads(records[key]) if key in records else {}
-            yield {
-                'scenario': setup.scn.name,
-                'controller': setup.controller,
-                **dict(combination.settings),
-                'run': run,
-                'seed': plan.study.seed,
-                **{f'perturbation.{name}': value for name, value in perturbation._asdict().items()},
-                'error': errors.get(key, ''),
-                'code_version': code_version.digest(),
-                **{name: results.pop(name, None) for name in TIMES},
-                **results,
-            }
+    names = dict(zip(plan.combinations, plan.names))
+    runs = {perturbation: run for run, perturbation in enumerate(plan.perturbations, start=1)}
+    for key, drive in zip(plan.keys, plan.drives()):
+        if key not in records and key not in errors:
+            continue
+        results = json.loads(records[key]) if key in records else {}
+        road, draw = drive.combination.scenario, drive.draw
+        scenario, controller = names[drive.combination]
+        is_family = isinstance(road, Family)
+        yield {
+            'scenario': road.scenario_name(draw.number) if is_family else scenario,
+            'controller': controller,
+            **({'family': str(road) if is_family else None} if plan.study.families else {}),
+            **_draw_columns(plan, draw),
+            **dict(drive.combination.settings),
+            **dict(draw.values),
+            'run': runs[drive.perturbation],
+            'seed': plan.study.seed,
+            **{
+                f'perturbation.{name}': value
+                for name, value in drive.perturbation._asdict().items()
+            },
+            'error': errors.get(key, ''),
+            'code_version': code_version.digest(),
+            **{name: results.pop(name, None) for name in TIMES},
+            **results,
+        }
+
+
+def _draw_columns(plan, draw):
+    """Return the number of the draw where the study has draws, None in rows without."""
+    if not (plan.study.drawn or plan.study.families):
+        return {}
+    return {'draw': None if draw is NOT_DRAWN else draw.number}
 
 
 def _notes(study):

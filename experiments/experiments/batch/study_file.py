@@ -2,10 +2,14 @@
 
 schema: 1
 scenarios: [double_lane_change, ./roads/*.yaml]
+families: [pop_up]
 controllers: [mpcc, ./my_mpcc.yaml]
 set:
-  plant.friction: [0.8, 0.9, 1.0]
-  scenario.speed_mps: [18.0, 20.0]
+  plant.command_delay_ms: [0, 20]
+draw:
+  scenario.friction: {uniform: [0.4, 1.0]}
+  controller.tolerances.velocity_mps: {log_uniform: [1.0, 30.0]}
+draws: 256
 runs: 20
 seed: 1
 """
@@ -14,18 +18,27 @@ import glob
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from bags.errors import BagError
+from experiments.batch import distributions
+from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.simulation import PLANT_SETTING_GROUP, PLANT_SETTINGS
 from experiments.study.run_spec import MAX_RUNS, SEED
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 from node_runtime.parameters import SPEED, Range
 from node_runtime.typed_yaml import Pattern, parse_value
+from scenario_publisher import schema
+from scenario_publisher.families.draw import FAMILIES, NOMINAL
 
 SCENARIO_SPEED = 'scenario.speed_mps'  # replaces the desired speed by a constant
+SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller is told
+SCENARIO_SETTINGS = {
+    SCENARIO_SPEED: Annotated[float, SPEED],
+    SCENARIO_FRICTION: schema.Friction,
+}
 ROLES = ('plant', 'controller')
-SETTING_NAMES = f'plant.*, controller.* and {SCENARIO_SPEED}'
+SETTING_NAMES = f'plant.*, controller.*, {SCENARIO_SPEED} and {SCENARIO_FRICTION}'
 MAX_DRIVES = 200_000
 SEEDS = Range(0, 2**32 - 1, '-')
 SUFFIXES = ('.yaml', '.yml')
@@ -33,12 +46,18 @@ Name = Annotated[str, Pattern(r'\S.*', 'a name or a file')]
 FIELDS = {
     'schema': Literal[1],
     'scenarios': tuple[Name, ...],
+    'families': tuple[Literal[tuple(FAMILIES)], ...],
+    'difficulty': Literal['nominal', 'hard'],
     'controllers': tuple[Name, ...],
     'set': None,  # names that only the nodes know
+    'draw': None,
+    'draws': Annotated[int, Range(1, MAX_DRIVES, 'draws')],
+    'first_draw': Annotated[int, Range(0, MAX_DRAWS - MAX_DRIVES, '-')],
     'runs': Annotated[int, Range(1, MAX_RUNS, 'runs')],
     'seed': Annotated[int, SEEDS],
 }
-REQUIRED = ('schema', 'scenarios', 'controllers')
+REQUIRED = ('schema', 'controllers')
+OF_DRAWS = ('draws', 'first_draw')
 
 
 class Setting(NamedTuple):
@@ -49,16 +68,28 @@ class Setting(NamedTuple):
     items: tuple[Item, ...]  # the values in the file, for errors
 
 
+class Drawn(NamedTuple):
+    """One parameter whose value is drawn."""
+
+    name: str
+    distribution: Distribution
+    item: Item  # in the file, for errors
+
+
 class StudyFile(NamedTuple):
     """What a study combines."""
 
     path: Path
     text: str
     scenarios: tuple[str, ...]  # names, and paths of files
-    controllers: tuple[str, ...]  # likewise
+    families: tuple[str, ...]  # of the scenario library
+    difficulty: str  # of the families
+    controllers: tuple[str, ...]  # names, and paths of files
     settings: tuple[Setting, ...]
+    drawn: tuple[Drawn, ...]
+    draws: range  # their numbers
     runs: int  # of every combination
-    seed: int  # of the perturbations
+    seed: int  # of draws, families and perturbations
 
     def __repr__(self) -> str:
         return f'StudyFile({str(self.path)!r}, {self.drives} drives)'
@@ -66,7 +97,9 @@ class StudyFile(NamedTuple):
     @property
     def drives(self) -> int:
         """The number of drives."""
-        count = len(self.scenarios) * len(self.controllers) * self.runs
+        roads = len(self.scenarios) * (len(self.draws) if self.drawn else 1)
+        roads += len(self.families) * len(self.draws)
+        count = roads * len(self.controllers) * self.runs
         for setting in self.settings:
             count *= len(setting.values)
         return count
@@ -100,15 +133,58 @@ def _parse(path, root):
         if FIELDS[name] is not None
     }
     settings = members['set'].items().values() if 'set' in members else ()
-    return StudyFile(
+    drawn = members['draw'].items().values() if 'draw' in members else ()
+    study = StudyFile(
         path,
         path.read_text(encoding='utf-8'),
-        _expand(path.parent, _filled(members['scenarios']), values['scenarios']),
+        _expand(path.parent, _filled(members['scenarios']), values['scenarios'])
+        if 'scenarios' in members
+        else (),
+        values.get('families', ()),
+        values.get('difficulty', NOMINAL),
         _expand(path.parent, _filled(members['controllers']), values['controllers']),
         tuple(map(_parse_setting, settings)),
+        tuple(map(_parse_drawn, drawn)),
+        _draws(root, members, values),
         values.get('runs', 1),
         values.get('seed', SEED),
     )
+    _check_names(study, members)
+    return study
+
+
+def _draws(root, members, values):
+    """Return the numbers of the draws. Raises YamlError where they are missing or without use."""
+    if not {'scenarios', 'families'} & members.keys():
+        raise root._replace(key='scenarios').error(
+            'is missing; allowed scenarios, families or both'
+        )
+    if 'families' in members:
+        _filled(members['families'])
+    elif 'difficulty' in members:
+        raise members['difficulty'].error('has no effect without families')
+    if 'draw' in members or 'families' in members:
+        if 'draws' not in members:
+            where = members.get('draw', members.get('families'))
+            raise where._replace(key='draws').error('is missing; allowed 1 or more')
+    else:
+        for name in OF_DRAWS:
+            if name in members:
+                raise members[name].error('has no effect without draw or families')
+    first = values.get('first_draw', 0)
+    return range(first, first + values.get('draws', 1))
+
+
+def _check_names(study, members):
+    """Refuse names that are both set and drawn, and speeds of families."""
+    names = [setting.name for setting in study.settings]
+    for drawn in study.drawn:
+        if drawn.name in names:
+            raise drawn.item.error('is in set, too; allowed in one of both')
+    if study.families and SCENARIO_SPEED in (*names, *(drawn.name for drawn in study.drawn)):
+        raise members['families'].error(
+            f'draw their own speeds; allowed without {SCENARIO_SPEED} in set and draw'
+        )
 
 
 def _filled(item) -> Sequence[Item]:
@@ -135,17 +211,44 @@ def _expand(folder, items, words):
 
 
 def _parse_setting(item):
-    name = item.key.removeprefix('set.')
+    name = _setting_name(item, 'set')
+    items = tuple(_filled(item))
+    return Setting(name, tuple(_value(name, value) for value in items), items)
+
+
+def _parse_drawn(item):
+    name = _setting_name(item, 'draw')
+    distribution = distributions.parse(item)
+    if name in SCENARIO_SETTINGS:
+        rule = get_args(SCENARIO_SETTINGS[name])[1]
+        for end in distribution.ends():
+            fault = rule.fault(float, end)
+            if fault:
+                raise item.error(f'{fault} {end}; allowed {rule.allowed}')
+    return Drawn(name, distribution, item)
+
+
+def _setting_name(item, field):
+    """Return the name of a parameter that can be changed. Raises YamlError for any other."""
+    name = item.key.removeprefix(f'{field}.')
     role, _, parameter = name.partition('.')
-    if name != SCENARIO_SPEED and (role not in ROLES or not parameter):
-        hint = closest(name, [SCENARIO_SPEED, *(f'{role}.' for role in ROLES)])
+    if name not in SCENARIO_SETTINGS and (role not in ROLES or not parameter):
+        hint = closest(name, [*SCENARIO_SETTINGS, *(f'{role}.' for role in ROLES)])
         raise item.error(f'is no setting of a batch{hint}; allowed {SETTING_NAMES}')
     group = parameter.startswith(PLANT_SETTING_GROUP)
     if role == 'plant' and not group and parameter not in PLANT_SETTINGS:
         allowed = ', '.join(f'plant.{known}' for known in (*PLANT_SETTINGS, 'car.*'))
         raise item.error(f'has no effect in process; allowed {allowed}')
-    items = tuple(_filled(item))
-    if name == SCENARIO_SPEED:
-        kind = Annotated[float, SPEED]
-        return Setting(name, tuple(parse_value(kind, value) for value in items), items)
-    return Setting(name, tuple(value.value() for value in items), items)
+    return name
+
+
+def _value(name, item):
+    if name in SCENARIO_SETTINGS:
+        return parse_value(SCENARIO_SETTINGS[name], item)
+    value = item.value()
+    members = value if isinstance(value, list) else [value]
+    if any(isinstance(member, dict | list) for member in members):
+        raise item.error(
+            'is no parameter; allowed a number, true, false, a word, or a list of them'
+        )
+    return tuple(value) if isinstance(value, list) else value

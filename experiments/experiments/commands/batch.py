@@ -1,16 +1,19 @@
-"""Simulate every combination of scenarios, controllers, settings and runs; one row per drive.
+"""Simulate every combination of scenarios, controllers, settings, draws and runs; a row per drive.
 
 The study is a YAML file (docs/batch.md):
 
     schema: 1
     scenarios: [double_lane_change, ./roads/*.yaml]  # names, files, patterns of files
+    families: [pop_up]                               # of the library, each draw another emergency
     controllers: [mpcc, frenet, ./my_mpcc.yaml]      # names, files
     set:                                             # as of --set; lists of values, full grid
-      plant.friction: [0.8, 0.9, 1.0]
       controller.safety.obstacle_m: [0.5, 0.7]
-      scenario.speed_mps: [18.0, 20.8]
+    draw:                                            # the same names; scrambled Sobol points
+      scenario.friction: {uniform: [0.5, 1.0]}       # or log_uniform, choice: [value, ...]
+      plant.car.body.mass_kg: {normal: [1800, 100], within: [1500, 2100]}
+    draws: 256 # of `draw` and of every family; every controller and setting has the same ones
     runs: 20   # of each; all but the first with another speed (+-0.5 km/h) and grip (+-3 %)
-    seed: 1    # run 7 has the same perturbation for every controller and setting
+    seed: 1    # run 7 has the same perturbation for every controller, setting and draw
 
 The table is DIR/results.parquet, for pandas, Polars, DuckDB, MATLAB. Finished drives are kept in
 DIR/drives.jsonl: the same command continues a batch that was interrupted, and simulates only what
@@ -25,7 +28,7 @@ from rich.console import Console
 
 from experiments.commands import add_jobs, add_time_limit
 
-HELP = 'simulate a grid of scenarios, controllers and settings; a Parquet table'
+HELP = 'simulate scenarios, controllers, settings and random draws; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
 LIMIT_S = 300.0
 

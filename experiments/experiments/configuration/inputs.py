@@ -54,17 +54,36 @@ def stop_params(scn: Scenario) -> StopParams:
     )
 
 
-def load_scenario(name_or_path: str, speed_mps: float | None = None) -> Scenario:
-    """Return a scenario, at another constant desired speed where given. Raises BagError."""
+def load_scenario(
+    name_or_path: str, speed_mps: float | None = None, friction: float | None = None
+) -> Scenario:
+    """Return a scenario, at another constant desired speed or friction where given.
+
+    Raises BagError.
+    """
     try:
-        scn = scenario.load(name_or_path)
-        if speed_mps is None:
-            return scn
-        document = yaml.safe_load(scn.text)
-        document['speed'] = {'constant_mps': float(speed_mps)}
-        return scenario.parse(yaml.safe_dump(document), f'{name_or_path} at {speed_mps:.2f} m/s')
+        return change_scenario(scenario.load(name_or_path), name_or_path, speed_mps, friction)
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
+
+
+def change_scenario(
+    scn: Scenario, source: str, speed_mps: float | None = None, friction: float | None = None
+) -> Scenario:
+    """Return a loaded scenario at another constant desired speed or friction; `source` names it.
+
+    Raises ScenarioError.
+    """
+    if speed_mps is None and friction is None:
+        return scn
+    document = yaml.safe_load(scn.text)
+    if speed_mps is not None:
+        document['speed'] = {'constant_mps': float(speed_mps)}
+        source += f' at {speed_mps:.2f} m/s'
+    if friction is not None:
+        document['friction'] = float(friction)
+        source += f' at friction {friction:.2f}'
+    return scenario.parse(yaml.safe_dump(document), source)
 
 
 def load_facts(name_or_path: str) -> ScenarioFacts:

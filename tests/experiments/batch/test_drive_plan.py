@@ -2,9 +2,20 @@
 
 import pytest
 
+from bags.errors import BagError
 from experiments import simulation
 from experiments.batch import drive_plan, study_file
-from experiments.batch.drive_plan import NOMINAL, Combination, Perturbation
+from experiments.batch.drive_plan import (
+    NOMINAL,
+    NOT_DRAWN,
+    Combination,
+    Draw,
+    Drive,
+    Family,
+    Perturbation,
+)
+from msgs_yaml import share
+from scenario_publisher.families import draw as families
 
 
 def test_the_grid_is_full_and_the_last_setting_changes_first(write_study):
@@ -17,7 +28,6 @@ def test_the_grid_is_full_and_the_last_setting_changes_first(write_study):
         for friction in (0.8, 1.0)
         for speed in (14, 15)
     ]
-    assert len({one.formulation for one in combinations}) == 2
 
 
 def test_a_run_has_one_perturbation_for_every_scenario_controller_and_setting():
@@ -53,6 +63,11 @@ def test_a_perturbed_speed_is_that_of_the_scenario_driven_at_it():
     assert faster.reference.t == pytest.approx(driven.reference.t)
 
 
+def keys_of(combination, runs, draw=NOT_DRAWN):
+    base = drive_plan.base_key(combination, draw.words)
+    return [drive_plan.drive_key(base, Drive(combination, draw, run)) for run in runs]
+
+
 ONE = Combination('straight', 'mpcc', (('plant.friction', 0.9),))
 
 
@@ -70,6 +85,121 @@ ONE = Combination('straight', 'mpcc', (('plant.friction', 0.9),))
 )
 def test_the_key_of_a_drive_depends_on_what_decides_it(other):
     runs = drive_plan.draw_perturbations(3, seed=1)
-    keys = drive_plan.drive_keys(drive_plan.prepare(ONE), runs)
+    keys = keys_of(ONE, runs)
     assert len(set(keys)) == 3
-    assert not set(keys) & set(drive_plan.drive_keys(drive_plan.prepare(other), runs))
+    assert not set(keys) & set(keys_of(other, runs))
+
+
+ROAD = Combination('straight', 'mpcc', ())
+POP_UP = Combination(Family('pop_up', 1, 'nominal'), 'mpcc', ())
+LOW = Draw(0, (('plant.friction', 0.9),))
+
+
+@pytest.mark.parametrize(
+    ('one', 'other'),
+    [
+        ((ROAD, LOW), (ROAD, Draw(0, (('plant.friction', 0.91),)))),
+        ((ROAD, LOW), (ROAD, NOT_DRAWN)),
+        ((ROAD, LOW), (POP_UP, LOW)),
+        ((POP_UP, Draw(0, ())), (POP_UP, Draw(1, ()))),
+        ((POP_UP, LOW), (POP_UP._replace(scenario=Family('pop_up', 2, 'nominal')), LOW)),
+        ((POP_UP, LOW), (POP_UP._replace(scenario=Family('pop_up', 1, 'hard')), LOW)),
+        ((POP_UP, LOW), (POP_UP._replace(scenario=Family('closed_road', 1, 'nominal')), LOW)),
+        (
+            (ROAD, Draw(0, (('plant.tyre_set', 'tyre_205_60r15.yaml'),))),
+            (ROAD, Draw(0, (('plant.tyre_set', 'tyre_245_40r18.yaml'),))),
+        ),
+    ],
+    ids=lambda pair: f'{pair[0].scenario}-{pair[1].values}',
+)
+def test_the_key_of_a_drive_depends_on_its_draw(one, other):
+    (key,), (other_key,) = (keys_of(road, [NOMINAL], draw) for road, draw in (one, other))
+    assert key != other_key
+
+
+def test_a_drawn_value_that_is_a_file_decides_by_its_content(tmp_path):
+    """As a value of `set` does: the same path may hold another car tomorrow."""
+    car = tmp_path / 'car.yaml'
+    shipped = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
+    (line,) = (line for line in shipped.splitlines() if 'mass_kg' in line)
+    draw = Draw(0, (('controller.car_file', str(car)),))
+    keys = []
+    for heavier in ('', '1'):
+        car.write_text(shipped.replace(line, line.replace('mass_kg: 1', f'mass_kg: {heavier}1')))
+        drive_plan.prepare.cache_clear()
+        keys += keys_of(ROAD, [NOMINAL], draw)
+    assert shipped != car.read_text()
+    assert len(set(keys)) == 2
+
+
+def test_every_controller_and_setting_has_the_same_draws(write_study):
+    study = study_file.load(
+        write_study(
+            controllers=['mpcc', 'mpcc_no_ca'],
+            families=['pop_up', 'closed_road'],
+            draw={'controller.tolerances.lag_m': {'log_uniform': [0.1, 1.0]}},
+            draws=4,
+        )
+    )
+    draws = drive_plan.sample_draws(study)
+    combinations = drive_plan.combine(study)
+    assert [len(drive_plan.draws_of(one, draws)) for one in combinations] == [4] * 12
+    assert study.drives == 12 * 4 * 2
+    pop_up = combinations[4]
+    assert pop_up.scenario == Family('pop_up', 1, 'nominal')
+    for draw in draws:
+        setup = drive_plan.prepare(pop_up, draw)
+        assert setup.scn.text == families.draw('pop_up', 1, draw.number).text
+        assert setup.params.tolerances.lag_m == dict(draw.values)['controller.tolerances.lag_m']
+        assert setup.friction == 0.8  # of `set`
+
+
+def test_a_batch_of_more_draws_or_later_ones_has_the_same_draws(write_study):
+    def sampled(**given):
+        draw = {'plant.car.body.mass_kg': {'uniform': [1500, 1700]}}
+        return drive_plan.sample_draws(study_file.load(write_study(draw=draw, **given)))
+
+    more = sampled(draws=16)
+    assert more[:5] == sampled(draws=5)
+    assert more[9:12] == sampled(draws=3, first_draw=9)
+    assert not {draw.values for draw in more} & {draw.values for draw in sampled(draws=16, seed=2)}
+
+
+def test_a_scenario_without_drawn_values_is_driven_once_beside_families(write_study):
+    study = study_file.load(write_study(families=['pop_up'], draws=7, runs=1))
+    draws = drive_plan.sample_draws(study)
+    road, *_, pop_up = drive_plan.combine(study)
+    assert drive_plan.draws_of(road, draws) == (NOT_DRAWN,)
+    assert len(drive_plan.draws_of(pop_up, draws)) == 7
+    assert study.drives == 2 + 2 * 7
+
+
+def test_drawn_speed_and_friction_are_those_of_the_scenario():
+    draw = Draw(3, (('scenario.speed_mps', 19.0), ('scenario.friction', 0.7)))
+    setup = drive_plan.prepare(Combination('double_lane_change', 'mpcc', ()), draw)
+    assert setup.scn.start.speed == pytest.approx(19.0)
+    assert setup.friction == setup.params.model.friction == 0.7
+
+
+def test_a_draw_of_a_hard_family_has_its_errors_of_measurement():
+    hard = Combination(Family('pop_up', 4, 'hard'), 'mpcc_road', ())
+    one = families.draw('pop_up', 4, 2, 'hard')
+    setup = drive_plan.prepare(hard, Draw(2, ()))
+    wanted = one.settings['controller']['measurement_errors.left_bias_m']
+    assert setup.params.measurement_errors.left_bias_m == wanted != 0.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'distribution', 'what'),
+    [
+        ('plant.friction', {'uniform': [0.5, 9.0]}, r'9.0: .*allowed 0.05 to 1.5'),
+        ('controller.safety.obstacle_m', {'log_uniform': [0.001, 1.0]}, 'allowed 0.01 to 10 m'),
+        ('controller.no_such', {'uniform': [0, 1]}, 'no such parameter'),
+        ('plant.command_delay_ms', {'choice': [0, 20, 0.5]}, '0.5: .*whole number'),
+    ],
+)
+def test_ends_that_a_node_refuses_are_located(write_study, name, distribution, what):
+    study = study_file.load(write_study(set={}, draw={name: distribution}, draws=2))
+    combinations = drive_plan.combine(study)
+    with pytest.raises(BagError, match=rf'study.yaml:\d+: draw.{name}: .*{what}'):
+        drive_plan.check_drawn(study, combinations)

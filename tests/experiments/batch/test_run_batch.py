@@ -109,6 +109,37 @@ def test_the_table_has_a_column_for_all_that_a_drive_is_and_gives(write_study, t
     assert json.loads(table.schema.metadata[b'versions'])['numpy']
 
 
+def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_study, tmp_path):
+    given = {
+        'set': {},
+        'families': ['pop_up'],
+        'draw': {'scenario.friction': {'uniform': [0.8, 1.0]}},
+        'draws': 2,
+        'runs': 1,
+    }
+    study = write_study(**given)
+    assert cli.main(['batch', str(study), '--out', str(tmp_path), '--jobs', '1']) == 0
+    rows = parquet.read_table(tmp_path / 'results.parquet').to_pylist()
+    assert [(row['scenario'], row['family'], row['draw']) for row in rows] == [
+        ('short_road', None, 0),
+        ('short_road', None, 1),
+        ('pop_up_nominal_s1_0', 'pop_up', 0),
+        ('pop_up_nominal_s1_1', 'pop_up', 1),
+    ]
+    friction = [row['scenario.friction'] for row in rows]
+    assert friction[:2] == friction[2:]
+    assert all(0.8 <= value <= 1.0 for value in friction)
+    assert all(row['survived'] is not None for row in rows)
+    # later draws of the same study keep those before
+    write_study(**given | {'draws': 3})
+    assert cli.main(['batch', str(study), '--out', str(tmp_path), '--jobs', '1']) == 0
+    assert records(tmp_path) == 6
+    assert read_rows(tmp_path)[:2] == [
+        {name: value for name, value in row.items() if not name.startswith(TIMES)}
+        for row in rows[:2]
+    ]
+
+
 def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_path):
     faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.HANGS, faulty_drives.RAISES]
     study = write_study(set={'plant.friction': [*faults, 0.9]})
