@@ -1,0 +1,161 @@
+"""The verdict on a claim: its share among the settings that satisfy a precondition level.
+
+A setting is driven several times with tiny perturbations. It *holds* when the claim holds in most
+of them, and is *undetermined* when the paired difference spreads by more than the equivalence
+margin, or, for a claim without one, when the perturbations disagree. What is undetermined might go
+either way, so that a verdict needs both bounds of the share: the one that counts undetermined
+settings as failures, and the one that counts them as successes.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from experiments.settings_analysis import setting_statistics
+from experiments.settings_analysis.setting_statistics import Interval
+
+REPRODUCED, IN_PART, NOT, OPEN = 'reproduced', 'in part', 'not reproduced', 'open'
+
+
+class Rule(NamedTuple):
+    """How a share of settings becomes a verdict; the study's file fixes the numbers."""
+
+    holds_from: float  # reproduced: the whole interval of the share lies above
+    rare_below: float  # not reproduced: the whole interval lies below
+    confidence: float
+
+
+class Outcomes(NamedTuple):
+    """One claim at settings, arrays (n,) in equal order."""
+
+    holds: np.ndarray  # bool, in most perturbations
+    undetermined: np.ndarray  # bool
+    difference: np.ndarray  # median over perturbations; NaN where there is none
+
+    @property
+    def settings(self) -> int:
+        """The number of settings."""
+        return len(self.holds)
+
+
+class Decision(NamedTuple):
+    """A claim at one precondition level, from one baseline."""
+
+    settings: int
+    holds: int
+    share: float | None  # None without settings, as what follows
+    interval: Interval | None  # of the share
+    least: Interval | None  # of the share when what is undetermined does not hold
+    most: Interval | None  # likewise when it does
+    undetermined: float | None  # share
+    p_value: float  # that the share is at none of the two ends of the rule, see `decide`
+    median: float | None  # of the paired difference, where the claim has one
+    median_interval: Interval | None
+    relation: str | None  # of the difference to the equivalence margin
+
+
+def summarise(pairs: pd.DataFrame, margin: float | None) -> pd.DataFrame:
+    """Return `holds`, `undetermined`, `difference` by setting of one claim.
+
+    `pairs` has a row per setting and perturbation with the columns `setting`, `holds` (bool) and
+    `difference` (NaN where one of the cars has no such value). `margin` is the equivalence margin
+    in the difference's unit, None for a claim without a difference.
+    """
+    grouped = pairs.groupby('setting', sort=True)
+    share = grouped['holds'].mean()
+    by_setting = pd.DataFrame({'holds': share > 0.5, 'difference': grouped['difference'].median()})
+    if margin is None:
+        by_setting['undetermined'] = (share > 0.0) & (share < 1.0)
+        return by_setting
+    spread = grouped['difference'].max() - grouped['difference'].min()
+    # a value that only some of the perturbations have is no agreement either
+    known = grouped['difference'].count()
+    partly = (known > 0) & (known < grouped.size())
+    by_setting['undetermined'] = (spread > margin) | partly
+    return by_setting
+
+
+def outcomes(by_setting: pd.DataFrame) -> Outcomes:
+    """Return the Outcomes of a table of `summarise`."""
+    return Outcomes(
+        by_setting['holds'].to_numpy(bool),
+        by_setting['undetermined'].to_numpy(bool),
+        by_setting['difference'].to_numpy(float),
+    )
+
+
+def decide(given: Outcomes, margin: float | None, rule: Rule) -> Decision:
+    """Return the decision on a claim.
+
+    Its p-value is twice the smaller one of two exact one-sided tests, each with the bound that
+    favours the hypothesis: that the share of what surely holds is at most `holds_from`, and that
+    the share of what may hold is at least `rare_below`.
+    """
+    n = given.settings
+    if not n:
+        return Decision(0, 0, None, None, None, None, None, 1.0, None, None, None)
+    surely, possibly = given.holds & ~given.undetermined, given.holds | given.undetermined
+
+    def interval(holds):
+        return setting_statistics.share_interval(holds, rule.confidence)
+
+    p_value = 2.0 * min(
+        setting_statistics.share_p_value(int(surely.sum()), n, rule.holds_from, 'greater'),
+        setting_statistics.share_p_value(int(possibly.sum()), n, rule.rare_below, 'less'),
+    )
+    median = median_interval = relation = None
+    known = given.difference[np.isfinite(given.difference)]
+    if margin is not None and len(known):
+        median = float(np.median(known))
+        median_interval = setting_statistics.median_interval(known, rule.confidence)
+        relation = setting_statistics.relation(median_interval, margin)
+    return Decision(
+        settings=n,
+        holds=int(given.holds.sum()),
+        share=float(given.holds.mean()),
+        interval=interval(given.holds),
+        least=interval(surely),
+        most=interval(possibly),
+        undetermined=float(given.undetermined.mean()),
+        p_value=min(1.0, p_value),
+        median=median,
+        median_interval=median_interval,
+        relation=relation,
+    )
+
+
+def verdict(decision: Decision, p_adjusted: float, rule: Rule) -> str:
+    """Return the verdict on a claim from its decision and its p-value after Holm's correction.
+
+    reproduced      the share is above `holds_from`, whatever the undetermined settings are
+    not reproduced  it is below `rare_below`, likewise
+    in part         it is neither, whatever they are
+    open            the settings do not tell
+    """
+    if not decision.settings:
+        return OPEN
+    sure = p_adjusted <= 1.0 - rule.confidence
+    if sure and decision.least.low > rule.holds_from:
+        return REPRODUCED
+    if sure and decision.most.high < rule.rare_below:
+        return NOT
+    if decision.least.low > rule.rare_below and decision.most.high < rule.holds_from:
+        return IN_PART
+    return OPEN
+
+
+def decide_all(
+    claims: Mapping[str, tuple[Outcomes, float | None]], rule: Rule
+) -> dict[str, tuple[Decision, float, str]]:
+    """Return {claim: (decision, p-value adjusted over all claims, verdict)}.
+
+    `claims` gives the outcomes and the equivalence margin of each.
+    """
+    decisions = {key: decide(given, margin, rule) for key, (given, margin) in claims.items()}
+    adjusted = setting_statistics.holm({key: made.p_value for key, made in decisions.items()})
+    return {
+        key: (made, adjusted[key], verdict(made, adjusted[key], rule))
+        for key, made in decisions.items()
+    }
