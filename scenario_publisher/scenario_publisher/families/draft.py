@@ -176,3 +176,11 @@ MIRRORED = frozenset(
 def either_side(random: Random, parts: Document) -> Document:
     """Return a document or its mirror image, with equal chances."""
     return mirrored(parts) if random.random() < 0.5 else parts
+
+
+def document_either_side(random: Random, *, last: float, speed: float, **parts: Any) -> Document:
+    """Return the `document` of these parts or its mirror image, with equal chances.
+
+    The run finishes AFTER_S beyond the obstacle at the station `last` [m].
+    """
+    return either_side(random, document(length=finish(last, speed), speed=speed, **parts))

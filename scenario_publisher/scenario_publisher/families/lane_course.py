@@ -13,6 +13,7 @@ from scenario_publisher.families.draft import (
     Document,
     disc,
     document,
+    document_either_side,
     either_side,
     finish,
     lane_change,
@@ -45,15 +46,15 @@ def slalom(random: Random, hard: bool) -> Document | None:
     if not hard and peak > possible.GRIP_SHARE * possible.GRAVITY * FRICTION:
         return None
     x = [40.0 + spacing * i for i in range(4)]
-    parts = document(
+    return document_either_side(
+        random,
         description=f'Slalom of four, {spacing:.1f} m apart, at {speed:.1f} m/s.',
-        length=finish(x[-1], speed),
+        last=x[-1],
         speed=speed,
         obstacles=[disc(at, offset * (-1) ** i, radius) for i, at in enumerate(x)],
         left=WIDE,
         right=-WIDE,
     )
-    return either_side(random, parts)
 
 
 def chicane(random: Random, hard: bool) -> Document | None:
@@ -69,15 +70,15 @@ def chicane(random: Random, hard: bool) -> Document | None:
     centres = [radius - reach, 3.0 * radius - reach]
     obstacles = [disc(x, offset, radius) for offset in centres]
     obstacles += [disc(x + spacing, -offset, radius) for offset in centres]
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A chicane of two barriers, {spacing:.1f} m apart, at {speed:.1f} m/s.',
-        length=finish(x + spacing, speed),
+        last=x + spacing,
         speed=speed,
         obstacles=obstacles,
         left=half,
         right=-half,
     )
-    return either_side(random, parts)
 
 
 def narrowing(random: Random, hard: bool) -> Document | None:
@@ -91,15 +92,15 @@ def narrowing(random: Random, hard: bool) -> Document | None:
     # the path stays on the road, not the whole car
     left = max(middle + width / 2, 0.6)
     right = min(left - width, -0.6)
-    parts = document(
+    return document_either_side(
+        random,
         description=f'The road narrows to {left - right:.2f} m at {speed:.1f} m/s.',
-        length=finish(stations[-1], speed),
+        last=stations[-1],
         speed=speed,
         obstacles=[],
         left=(stations, [WIDE, left, left, WIDE]),
         right=(stations, [-WIDE, right, right, -WIDE]),
     )
-    return either_side(random, parts)
 
 
 def closed_road(random: Random, hard: bool) -> Document | None:

@@ -17,8 +17,8 @@ from scenario_publisher.families.draft import (
     car_along,
     disc,
     document,
+    document_either_side,
     either_side,
-    finish,
     waypoint,
 )
 
@@ -35,13 +35,13 @@ def pop_up(random: Random, hard: bool) -> Document | None:
     if not hard and not _can_pass_or_stop(speed, ahead_s, radius, offset):
         return None
     x = speed * (seen_s + ahead_s)
-    parts = document(
+    return document_either_side(
+        random,
         description=f'An obstacle appears {ahead_s:.2f} s ahead at {speed:.1f} m/s.',
-        length=finish(x, speed),
+        last=x,
         speed=speed,
         obstacles=[disc(x, offset, radius, appears_at_s=seen_s)],
     )
-    return either_side(random, parts)
 
 
 def oncoming(random: Random, hard: bool) -> Document | None:
@@ -55,13 +55,13 @@ def oncoming(random: Random, hard: bool) -> Document | None:
     if not hard and possible.lateral_shift(meets_s - early_s, FRICTION) < shift:
         return None
     meet = speed * (seen_s + meets_s)
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A car comes at {theirs:.1f} m/s, seen {meets_s:.2f} s before they meet.',
-        length=finish(meet, speed),
+        last=meet,
         speed=speed,
         obstacles=car(meet + theirs * meets_s, offset, -theirs, appears_at_s=seen_s),
     )
-    return either_side(random, parts)
 
 
 def slower_car(random: Random, hard: bool) -> Document | None:
@@ -78,13 +78,13 @@ def slower_car(random: Random, hard: bool) -> Document | None:
     x = speed * seen_s + gap
     # until the car is past at its own speed
     last = x + theirs * (reach_s + 3.0)
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A car ahead drives at {theirs:.1f} m/s, the own car at {speed:.1f} m/s.',
-        length=finish(last, speed),
+        last=last,
         speed=speed,
         obstacles=car(x, offset, theirs, appears_at_s=seen_s),
     )
-    return either_side(random, parts)
 
 
 def cut_in(random: Random, hard: bool) -> Document | None:
@@ -110,14 +110,14 @@ def cut_in(random: Random, hard: bool) -> Document | None:
         waypoint(arrives + braking, offset, slow),
     ]
     last = arrives + braking + slow * 3.0
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A car cuts in {lead:.0f} m ahead and brakes to {slow:.1f} m/s.',
-        length=finish(last, speed),
+        last=last,
         speed=speed,
         obstacles=car_along(points),
         extra_s=5.0,
     )
-    return either_side(random, parts)
 
 
 def crossing_pedestrian(random: Random, hard: bool) -> Document | None:
@@ -144,13 +144,13 @@ def _crossing(random, hard, speed, theirs, radius, who):
     can_pass = possible.lateral_shift(ahead_s, FRICTION) >= shift
     if not hard and not (can_pass or possible.can_stop(speed, distance, FRICTION)):
         return None
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A {who} crosses at {theirs:.1f} m/s, seen {ahead_s:.2f} s ahead.',
-        length=finish(x, speed),
+        last=x,
         speed=speed,
         obstacles=[disc(x, begin, radius, across_mps=theirs, appears_at_s=seen_s)],
     )
-    return either_side(random, parts)
 
 
 def several_movers(random: Random, hard: bool) -> Document | None:
@@ -166,9 +166,10 @@ def several_movers(random: Random, hard: bool) -> Document | None:
     beside = gap + slower * beside_s
     walker = random.uniform(0.3, 1.0) * speed * reach_s
     last = gap + slower * (max(reach_s, beside_s) + 3.0)
-    parts = document(
+    return document_either_side(
+        random,
         description=f'A car ahead at {slower:.1f} m/s, one that comes at {theirs:.1f} m/s.',
-        length=finish(last, speed),
+        last=last,
         speed=speed,
         obstacles=[
             *car(gap, random.uniform(-0.3, 0.3), slower),
@@ -177,7 +178,6 @@ def several_movers(random: Random, hard: bool) -> Document | None:
         ],
         extra_s=10.0,
     )
-    return either_side(random, parts)
 
 
 def three_in_sequence(random: Random, hard: bool) -> Document | None:
@@ -191,13 +191,13 @@ def three_in_sequence(random: Random, hard: bool) -> Document | None:
             return None
         x += speed * ahead_s
         obstacles.append(disc(x, offset, radius, appears_at_s=x / speed - ahead_s))
-    parts = document(
+    return document_either_side(
+        random,
         description=f'Three obstacles appear one after the other at {speed:.1f} m/s.',
-        length=finish(x, speed),
+        last=x,
         speed=speed,
         obstacles=obstacles,
     )
-    return either_side(random, parts)
 
 
 def stop_and_go(random: Random, hard: bool) -> Document | None:

@@ -8,9 +8,7 @@ from scenario_publisher.families.draft import (
     RIGHT,
     Document,
     disc,
-    document,
-    either_side,
-    finish,
+    document_either_side,
 )
 
 
@@ -42,11 +40,11 @@ def _patch(random, hard, offsets, what):
         'to_offset_m': offsets[1],
         'friction': friction,
     }
-    parts = document(
+    return document_either_side(
+        random,
         description=f'{what} has a friction of {friction:.2f}, and an obstacle; {speed:.1f} m/s.',
-        length=finish(max(x, begin + length), speed),
+        last=max(x, begin + length),
         speed=speed,
         obstacles=[disc(x, offset, radius, appears_at_s=max(0.0, x / speed - ahead_s))],
         patches=[patch],
     )
-    return either_side(random, parts)
