@@ -79,6 +79,11 @@ def _yaw_rate_excess(q: StageQuantities):
     return excess(q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car))
 
 
+def _soft_limit(name, parameter, excess_of):
+    """Return the term of an excess over the share `name` of `parameters.Envelope`."""
+    return CostTerm(name, parameter, lambda q: excess_of(q) ** 2, optional=True, limit=name)
+
+
 def _brake_split_error(q: StageQuantities):
     return (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2
 
@@ -92,27 +97,9 @@ DISTANCES = (
 # vehicle envelope control using a sliding surface", VSD 2013; Brown, Funke, Erlien & Gerdes, "Safe
 # driving envelopes for path tracking in autonomous vehicles", CEP 2017
 ENVELOPE = (
-    CostTerm(
-        'front_slip',
-        'tolerances.front_slip_excess_rad',
-        lambda q: _front_slip_excess(q) ** 2,
-        optional=True,
-        limit='front_slip',
-    ),
-    CostTerm(
-        'rear_slip',
-        'tolerances.rear_slip_excess_rad',
-        lambda q: _rear_slip_excess(q) ** 2,
-        optional=True,
-        limit='rear_slip',
-    ),
-    CostTerm(
-        'yaw_rate',
-        'tolerances.yaw_rate_excess_radps',
-        lambda q: _yaw_rate_excess(q) ** 2,
-        optional=True,
-        limit='yaw_rate',
-    ),
+    _soft_limit('front_slip', 'tolerances.front_slip_excess_rad', _front_slip_excess),
+    _soft_limit('rear_slip', 'tolerances.rear_slip_excess_rad', _rear_slip_excess),
+    _soft_limit('yaw_rate', 'tolerances.yaw_rate_excess_radps', _yaw_rate_excess),
 )
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, of_input=True),
