@@ -19,6 +19,7 @@ from mpcc_controller.parameters import (
     ControllerParams,
     Tyre,
 )
+from mpcc_controller.problem import stage_parameters
 from msgs_yaml import share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import parameters
@@ -184,6 +185,11 @@ def params():
 @pytest.fixture(scope='session')
 def vehicle():
     return load()[1]
+
+
+@pytest.fixture(scope='session')
+def car(params, vehicle):
+    return stage_parameters.car(params, vehicle)
 
 
 @pytest.fixture(scope='session')

@@ -11,16 +11,10 @@ from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import GRAVITY, Input, State
 from mpcc_controller.path import reference_path
-from mpcc_controller.problem import stage_parameters
 from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 REST = Setpoints(0.0, 0.0)
-
-
-@pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
 
 
 @pytest.fixture(scope='module')

@@ -11,15 +11,9 @@ from mpcc_controller.driving.delay_compensation import (
 )
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.parameters import Delay
-from mpcc_controller.problem import stage_parameters
 
 MS = 1_000_000
 REST = delay_compensation.constant_ramp(Setpoints(0.0, 0.0), 0.6)
-
-
-@pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
 
 
 @pytest.fixture(scope='module')

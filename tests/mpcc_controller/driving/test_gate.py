@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.driving.gate import UNTIMELY, Gate
-from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import Limits
 from msgs_yaml.types import Command
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 STEP, MAX_AGE = 0.05, 0.2
+MU_FRONT, MU_REAR = 0.95, 0.97
 LIMITS = Limits(
     steer_rad=0.471,
     steer_rate_radps=0.524,
@@ -26,33 +26,21 @@ LIMITS = Limits(
     least_speed_mps=7.0,
     speed_hysteresis_mps=1.0,
 )
-CAR = Car(
-    m=1850.0,
-    Izz=3300.0,
-    l_f=1.43,
-    l_r=1.46,
-    h=0.54,
-    drag=0.4,
-    rolling=180.0,
-    lambda_d=0.0,
-    C_f=144e3,
-    C_r=198e3,
-    mu_f=0.95,
-    mu_r=0.97,
-    tyre_switch=0.95,
-    v_slip=5.0,
-    force_blend=200.0,
-)
 # the friction of the front axle by hand: weight 18148.5 N, 2.89 m, 0.54 m up
-FRONT_AT_12_KN = 0.95 * (18148.5 * 1.46 + 0.54 * 12000) / 2.89
+FRONT_AT_12_KN = MU_FRONT * (18148.5 * 1.46 + 0.54 * 12000) / 2.89
 LAST = Command(0, 0.1, 0.0, -3000.0, -2000.0)
 GOOD = Command(50_000_000, 0.11, 0.2, -3300.0, -2200.0)
 OVER, UNDER = 1 + 1e-5, 1 - 1e-5
 
 
+@pytest.fixture(scope='module')
+def car(car):
+    return car._replace(mu_f=MU_FRONT, mu_r=MU_REAR)
+
+
 @pytest.fixture
-def gate():
-    return Gate(LIMITS, CAR, STEP, MAX_AGE)
+def gate(car):
+    return Gate(LIMITS, car, STEP, MAX_AGE)
 
 
 def change(**fields):
@@ -171,9 +159,9 @@ def test_the_friction_of_an_axle_is_that_of_its_load_under_the_braking(gate, sha
     assert check_constant(0.0, -rear * share) == reason
 
 
-def test_driving_unloads_the_front_axle_and_loads_the_rear(gate):
+def test_driving_unloads_the_front_axle_and_loads_the_rear(gate, car):
     # a front-driven car of little grip: F = mu (18148.5 * 1.46 - 0.54 F) / 2.89
-    slippery = Gate(LIMITS, CAR._replace(mu_f=0.3, mu_r=0.3), STEP, MAX_AGE)
+    slippery = Gate(LIMITS, car._replace(mu_f=0.3, mu_r=0.3), STEP, MAX_AGE)
     front = 0.3 * 18148.5 * 1.46 / (2.89 + 0.3 * 0.54)
     rear = 0.3 * 18148.5 * 1.43 / (2.89 - 0.3 * 0.54)
     for share, reason in ((UNDER, ''), (OVER, 'beyond_friction')):
@@ -199,8 +187,8 @@ def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
         *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
     )
 )
-def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(command):
-    gate = Gate(LIMITS, CAR, STEP, MAX_AGE)
+def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(car, command):
+    gate = Gate(LIMITS, car, STEP, MAX_AGE)
     sent, _ = gate.check(command, LAST, 0.0)
     assert all(math.isfinite(value) for value in sent)
     assert abs(sent.delta - LAST.delta) <= TURN * OVER

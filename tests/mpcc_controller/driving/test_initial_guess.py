@@ -7,13 +7,7 @@ from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path
-from mpcc_controller.problem import stage_parameters
 from stage_solver.stage_problem import Plan
-
-
-@pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
 
 
 def test_theta_of_a_shifted_plan_starts_at_the_new_foot(car):

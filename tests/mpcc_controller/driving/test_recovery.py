@@ -18,18 +18,12 @@ from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_o
 from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import stage_parameters
 from msgs_yaml.types import Command
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import Simulator
 
 SPEEDS, SHARES = st.floats(-60, 60), st.floats(-1, 1)
-
-
-@pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
 
 
 @settings(deadline=None, derandomize=True, max_examples=200)

@@ -9,16 +9,10 @@ from mpcc_controller.driving import setpoints
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import stage_parameters
 from stage_solver.stage_problem import Plan
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 DT = 0.05
-
-
-@pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
 
 
 def use(Fx, lambda_b, car):

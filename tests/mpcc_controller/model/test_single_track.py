@@ -31,11 +31,6 @@ states = st.tuples(
 
 
 @pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
-
-
-@pytest.fixture(scope='module')
 def rates(car):
     x, u = ca.SX.sym('x', 9), ca.SX.sym('u', 4)
     derivatives = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)

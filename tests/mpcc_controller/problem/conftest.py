@@ -3,14 +3,14 @@
 import pytest
 
 from mpcc_controller.path import reference_path, road_edges
-from mpcc_controller.problem import formulation, stage_parameters
+from mpcc_controller.problem import formulation
 from mpcc_controller.problem.stage_parameters import Scene
 
 
 @pytest.fixture(scope='session')
-def mpcc(params, vehicle):
+def mpcc(params, car):
     """Return the paper's formulation."""
-    return formulation.make(params, stage_parameters.car(params, vehicle))
+    return formulation.make(params, car)
 
 
 @pytest.fixture(scope='session')

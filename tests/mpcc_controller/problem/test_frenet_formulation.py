@@ -9,14 +9,7 @@ from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import reference_path
-from mpcc_controller.problem import (
-    bounds,
-    cost_terms,
-    formulation,
-    frenet_formulation,
-    ocp,
-    stage_parameters,
-)
+from mpcc_controller.problem import bounds, cost_terms, formulation, frenet_formulation, ocp
 from mpcc_controller.problem.frenet_formulation import FrenetState
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from node_runtime import named_vector
@@ -30,11 +23,6 @@ N, DT = 50, 0.05
 def baseline(world):
     params, _ = world.load('frenet')
     return params
-
-
-@pytest.fixture(scope='module')
-def car(baseline, vehicle):
-    return stage_parameters.car(baseline, vehicle)
 
 
 @pytest.fixture(scope='module')
@@ -181,7 +169,7 @@ def test_bounds_hold_the_same_quantities(baseline, car):
 
 
 @pytest.mark.parametrize('wrong', [{'distance': 'cartesian'}, {'lag': True}])
-def test_the_baseline_rejects_the_formulation_parameters_of_the_mpcc(world, vehicle, wrong):
+def test_the_baseline_rejects_the_formulation_parameters_of_the_mpcc(world, car, wrong):
     params, _ = world.load('frenet', **{f'formulation__{k}': v for k, v in wrong.items()})
     with pytest.raises(formulation.ParameterError, match='formulation: frenet'):
-        formulation.make(params, stage_parameters.car(params, vehicle))
+        formulation.make(params, car)

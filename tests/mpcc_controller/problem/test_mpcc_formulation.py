@@ -31,11 +31,6 @@ def problem(mpcc):
 
 
 @pytest.fixture(scope='module')
-def car(params, vehicle):
-    return stage_parameters.car(params, vehicle)
-
-
-@pytest.fixture(scope='module')
 def numbers(car, scene, mpcc):
     x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
     plan = initial_guess.guess_from_path(scene.path, x0, car, N, DT)
