@@ -100,8 +100,8 @@ def test_stamps_count_milliseconds_from_the_start():
     track = car.advance(None, 3)
     assert track.stamp_ns.tolist() == [START_NS + i * STEP_NS for i in (1, 2, 3)]
     assert car.state == track.states()[2]
-    assert car.wheels == track.wheels()[2]
-    assert car.imu == track.imu()[2]
+    assert car.now.wheels() == track.wheels()[2:]
+    assert car.now.imu() == track.imu()[2:]
     assert car.actuators == track.actuators()[2]
 
 

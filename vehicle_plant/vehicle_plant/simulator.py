@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 
-from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
+from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
 from vehicle_plant import integrator
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
@@ -71,16 +71,6 @@ class Simulator:
     def actuators(self) -> Actuators:
         """The present positions of the servos."""
         return self.now.actuators()[0]
-
-    @property
-    def imu(self) -> Imu:
-        """The present accelerations."""
-        return self.now.imu()[0]
-
-    @property
-    def wheels(self) -> Wheels:
-        """The present state of the wheels."""
-        return self.now.wheels()[0]
 
     def fork(self) -> 'Simulator':
         """Return a second car in the same state; either goes on without the other."""

@@ -14,10 +14,16 @@ Share = Annotated[float, Range(0.0, 1.0, '-')]
 
 
 @dataclass(frozen=True)
-class SteadyCircle:
-    """Constant speed, slowly increasing steer."""
+class FromSpeed:
+    """A manoeuvre that begins at a constant speed, straight ahead."""
 
     speed_mps: Speed
+
+
+@dataclass(frozen=True)
+class SteadyCircle(FromSpeed):
+    """Constant speed, slowly increasing steer."""
+
     steer_rate_radps: Annotated[float, Range(0.001, 0.1, 'rad/s')]
     last_steer_rad: Annotated[float, Range(0.01, 1.0, 'rad')]
     fit_from_mps2: Acceleration
@@ -25,10 +31,9 @@ class SteadyCircle:
 
 
 @dataclass(frozen=True)
-class StepSteer:
+class StepSteer(FromSpeed):
     """Steer in one step, drive force held."""
 
-    speed_mps: Speed
     ay_mps2: Acceleration
     rise_s: Duration
     seconds: Duration
@@ -36,10 +41,9 @@ class StepSteer:
 
 
 @dataclass(frozen=True)
-class SineSweep:
+class SineSweep(FromSpeed):
     """Sines of small amplitude, one after the other."""
 
-    speed_mps: Speed
     ay_mps2: Acceleration
     frequencies_hz: Annotated[tuple[float, ...], Range(0.02, 8.0, 'Hz')]
     periods: Annotated[int, Range(1, 100, '-')]
@@ -48,10 +52,9 @@ class SineSweep:
 
 
 @dataclass(frozen=True)
-class StraightBraking:
+class StraightBraking(FromSpeed):
     """Constant brake forces to standstill."""
 
-    speed_mps: Speed
     deceleration_mps2: Acceleration
     front_share: Share
     seconds: Duration
@@ -72,10 +75,9 @@ class TurnBraking:
 
 
 @dataclass(frozen=True)
-class SineWithDwell:
+class SineWithDwell(FromSpeed):
     """One sine that rests at its second peak; coasting."""
 
-    speed_mps: Speed
     frequency_hz: Annotated[float, Range(0.1, 5.0, 'Hz')]
     dwell_s: Duration
     unit_ay_mps2: Acceleration
