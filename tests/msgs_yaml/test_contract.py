@@ -1,48 +1,13 @@
 """topics.yaml is read strictly: every mistake stops the reader and names line and key."""
 
+from pathlib import Path
+
 import pytest
 
 from msgs_yaml import contract, share
 from msgs_yaml.contract import ContractError
 
-LINES = """\
-profiles:
-  latched: {reliability: reliable, durability: transient_local, history: keep_last, depth: 1}
-  all: {reliability: reliable, durability: volatile, history: keep_all}
-topics:
-  /vehicle/odometry:
-    meaning: Motion.
-    type: nav_msgs/msg/Odometry
-    publisher: plant
-    rate_hz: {lockstep: 1000, realtime: 100}
-    frame: map
-    child_frame: base_link
-    qos: {lockstep: all, realtime: latched}
-    fields:
-      twist.twist.linear.x: {symbol: vx, unit: m/s, low: -20, high: 1.2e2}
-  /scenario/reference:
-    meaning: Path.
-    type: nav_msgs/msg/Path
-    publisher: scenario
-    rate_hz: {lockstep: 4, realtime: 4}
-    frame: map
-    qos: {lockstep: latched, realtime: latched}
-    sizes:
-      poses: [2, 5000]
-    fields:
-      poses[*].pose.position.x: {symbol: X, unit: m, low: -1, high: 1}
-  /vehicle/actuators:
-    meaning: Joints.
-    type: sensor_msgs/msg/JointState
-    publisher: plant
-    rate_hz: {lockstep: 1000, realtime: 1000}
-    frame: base_link
-    qos: {lockstep: all, realtime: all}
-    fields:
-      position[steer]: {symbol: delta, unit: rad, low: -1, high: 1}
-      effort[front_axle]: {symbol: Fxf, unit: N, low: -1, high: 1}
-      velocity[steer]: {symbol: d_delta, unit: rad/s, low: -1, high: 1}
-""".splitlines()
+LINES = (Path(__file__).parent / 'small_contract.yaml').read_text().splitlines()
 
 
 def write(tmp_path, lines):
