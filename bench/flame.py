@@ -34,7 +34,6 @@ COLOURS = {
     'casadi': '#999999',
 }
 OTHER = '#dddddd'
-Stack = tuple[str, ...]
 
 
 def sample(call) -> Counter:

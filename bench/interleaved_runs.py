@@ -129,22 +129,14 @@ def run(
     return Timings(given, answers, seconds)
 
 
-def run_alone(
-    solvers: dict[str, StageSolver],
-    given: dict[str, list[Task]],
-    passes: int,
-    report: Callable[[], None],
-) -> Timings:
-    """Solve all tasks `passes` times with one solver after the other.
+def run_alone(solvers: dict[str, StageSolver], given: dict[str, list[Task]], *how) -> Timings:
+    """Solve all tasks as `run` does, but with one solver after the other.
 
     As in a controller, nothing but the solver uses the caches of the processor between its solves.
     """
-    runs = [
-        run({label: solver}, {label: given[label]}, passes, report)
-        for label, solver in solvers.items()
-    ]
-    answers, seconds = (
-        {label: values for each in runs for label, values in getattr(each, field).items()}
-        for field in ('answers', 'seconds')
-    )
+    answers, seconds = {}, {}
+    for label, solver in solvers.items():
+        alone = run({label: solver}, {label: given[label]}, *how)
+        answers |= alone.answers
+        seconds |= alone.seconds
     return Timings(given, answers, seconds)

@@ -32,28 +32,24 @@ def _measure(poses):
     s = SPACING_M * (np.arange(poses) - 0.5 * poses)
     path = Reference(STAMP_NS, s, 0.0 * s, 0.0 * s, (s - s[0]) / SPEED_MPS)
     left, right = (np.column_stack([s, 0.0 * s + y]) for y in (HALF_WIDTH_M, -HALF_WIDTH_M))
-    raw = ros.serialize(encode.reference(path))
-    yield _row(
-        REFERENCE,
-        poses,
-        raw,
-        lambda: reference_path.build(subscriptions_node.read_reference(raw)),
-        raw_scenario.restamp_reference,
-    )
-    raw_edges = ros.serialize(encode.road_edges(RoadEdges(STAMP_NS, left, right)))
-    yield _row(
-        ROAD_EDGES,
-        poses,
-        raw_edges,
-        lambda: road_edges.build(subscriptions_node.read_road_edges(raw_edges)),
-        raw_scenario.restamp_road_edges,
-    )
+
+    def use_path(raw):
+        return reference_path.build(subscriptions_node.read_reference(raw))
+
+    def use_edges(raw):
+        return road_edges.build(subscriptions_node.read_road_edges(raw))
+
+    edges = encode.road_edges(RoadEdges(STAMP_NS, left, right))
+    restamp = raw_scenario.restamp_reference, raw_scenario.restamp_road_edges
+    yield _row(REFERENCE, poses, encode.reference(path), use_path, restamp[0])
+    yield _row(ROAD_EDGES, poses, edges, use_edges, restamp[1])
 
 
-def _row(topic, count, raw, use, restamp):
+def _row(topic, count, message, use, restamp):
+    raw = ros.serialize(message)
     later = restamp(raw, LATER_NS)
     calls: list[Callable[[], object]] = [
-        use,
+        lambda: use(raw),
         lambda: raw_scenario.repeated_ns(topic, later, raw),
         lambda: restamp(raw, LATER_NS),
     ]

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from msgs_yaml import field_paths, share
 from msgs_yaml.strict_yaml import Item, YamlError, read
@@ -54,8 +55,7 @@ class Field:
     column: str = ''  # in the table of a recording
 
 
-@dataclass(frozen=True)
-class Size:
+class Size(NamedTuple):
     """Least and most elements of an array."""
 
     low: int

@@ -29,6 +29,9 @@ GREEN, RED = np.array([0.1, 0.65, 0.3]), np.array([0.8, 0.15, 0.1])
 SLOW, FAST = np.array([0.85, 0.25, 0.1]), np.array([0.1, 0.45, 0.85])
 SPEED_SPAN_MPS = 5.0  # range of speeds that the colours cover
 
+Overhang = Annotated[float, Range(0.5, 10.0, 'm')]
+Distance = Annotated[float, Range(0.0, 10.0, 'm')]
+
 
 class Shape(NamedTuple):
     """One shape; ns and id identify it from message to message."""
@@ -49,8 +52,8 @@ class Shape(NamedTuple):
 class OutlineParams:
     """The car's outline, seen from its centre of gravity."""
 
-    front_m: Annotated[float, Range(0.5, 10.0, 'm')]
-    rear_m: Annotated[float, Range(0.5, 10.0, 'm')]
+    front_m: Overhang
+    rear_m: Overhang
     width_m: Annotated[float, Range(0.5, 5.0, 'm')]
 
 
@@ -60,8 +63,8 @@ class SafetyParams:
 
     circle_offsets_m: Annotated[tuple[float, ...], Range(-10.0, 10.0, 'm')]
     circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
-    obstacle_m: Annotated[float, Range(0.0, 10.0, 'm')]
-    edge_m: Annotated[float, Range(0.0, 10.0, 'm')]
+    obstacle_m: Distance
+    edge_m: Distance
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
     add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')
-    parser.add_argument(
-        '--sensitivities',
-        action='store_true',
-        help='of the cost and of the least distance to obstacles, to every weight',
-    )
+    text = 'of the cost and of the least distance to obstacles, to every weight'
+    parser.add_argument('--sensitivities', action='store_true', help=text)
     add_out(parser, 'figures/ beside the folder of the bag', 'the figure')
 
 

@@ -29,11 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, RUNS, '<scenario>/<controller>/ and the comparison')
     text = 'set a parameter of the plant, controller, scenario or recorder'
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
-    parser.add_argument(
-        '--markers',
-        action='store_true',
-        help='also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)',
-    )
+    text = 'also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)'
+    parser.add_argument('--markers', action='store_true', help=text)
     add_time_limit(parser, '--time-limit', TIME_LIMIT_S, 'a run is stopped')
 
 

@@ -43,15 +43,7 @@ SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
 
 def stop_params(scn: Scenario) -> StopParams:
     """Return the finish line and time limit of a scenario as parameters of the plant."""
-    x, y, yaw, armed_after, time, standstill = scn.stop
-    return StopParams(
-        x_m=x,
-        y_m=y,
-        yaw_rad=yaw,
-        armed_after_m=armed_after,
-        time_s=time,
-        standstill_s=standstill,
-    )
+    return StopParams(*scn.stop)  # in the same order and units
 
 
 def load_scenario(

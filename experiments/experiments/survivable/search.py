@@ -32,7 +32,6 @@ SEARCH_VERSION = 1  # counts up where verdicts of before are no longer those of 
 BUDGET = 600  # rollouts of the search, those of the MPCC included
 STARTS = 3  # approaches around which manoeuvres are searched
 KNOT_S, BRAKE_KNOT_S = 0.5, 0.6  # between knots of the path and of the braking
-PATH_STEP_M = 0.5
 OFFSET_SCALE_M, BRAKE_SCALE = 0.5, 0.25  # of the first generation; braking relative to the grip
 EFFORT = 0.01  # cost of a manoeuvre one scale away from its approach
 SETTLED_GENERATIONS, SETTLED_SHARE = 7, 0.03  # without so much gain a search has settled
