@@ -13,6 +13,9 @@ FORMULATIONS = {
     'frenet': f'{PROBLEMS}.frenet_formulation:FrenetFormulation',
     'tracking': f'{PROBLEMS}.tracking_formulation:TrackingFormulation',
 }
+PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
+FREE, FIXED = 'free', 'fixed'  # of formulation.brake_split
+FROZEN, REFRESHED = 'frozen', 'refreshed'  # of surroundings.arcs
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,9 @@ class Model:
     # whether the model holds down to standstill (kinematic when slow), which ends
     # limits.least_speed_mps; left out: false
     low_speed: bool | None
+    # theta of stage 0: of the point of the path closest to the car, or as the last plan predicted
+    # it, as in the paper; left out: projected
+    theta: Annotated[str, Choice(PROJECTED, INTEGRATED)] | None
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,10 @@ class Formulation:
     priority: Annotated[str, Choice('gaussian', 'step')]  # how a distance counts
     lag: bool  # whether the lag error costs; frenet has none
     heading: bool  # whether the heading error costs; in the paper only that of the baseline
+    # whether the front share of the braking force is an input; left out: free
+    brake_split: Annotated[str, Choice(FREE, FIXED)] | None
+    # of a fixed split; left out: `brake_split.FRONT_SHARE`
+    brake_front_share: Annotated[float, Range(0.0, 1.0, '- of the braking force')] | None
 
 
 @dataclass(frozen=True)
@@ -134,6 +144,9 @@ class Surroundings:
     edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
     # left out: obstacles keep their velocity
     braking_window_s: Annotated[float, Range(0.05, 2.0, 's, to observe how they brake')] | None
+    # of path, road edges and obstacles around each stage: those around the guess, or again around
+    # the plan until it stays near them; left out: frozen
+    arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None
 
 
 @dataclass(frozen=True)

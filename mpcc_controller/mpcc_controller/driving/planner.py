@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import car_file, minimum_speed
+from mpcc_controller import brake_split, car_file, minimum_speed
 from mpcc_controller.covering_circles import with_covering_circles
 from mpcc_controller.driving import fallback, initial_guess, recovery, solver_selection
 from mpcc_controller.driving.braking import Point
@@ -19,11 +19,12 @@ from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.parameters import INTEGRATED, REFRESHED, CarParams, ControllerParams
 from mpcc_controller.path import compiled_queries, reference_path
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.conversions import add_seconds, ns_to_s
 from msgs_yaml.types import VehicleState
 from stage_solver.buffered_function import BufferedFunction
 from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
@@ -32,6 +33,11 @@ from stage_solver.stage_problem import Plan, shift
 
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
 PLAN_TOUCHES = 'plan_touches'  # an obstacle before which the car can stop
+LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from there again
+# of theta between a plan and the guess around which its arcs were taken: over less an arc of the
+# double lane change (curvature changing by 0.01 1/m^2) is off by less than a millimetre
+REFRESH_FROM_M = 0.5
+MOST_REFRESHES = 3  # per tick
 
 
 class Comparison(NamedTuple):
@@ -53,6 +59,7 @@ class Attempt(NamedTuple):
     plan_age: int  # ticks
     failures: int  # of the first solver, in a row
     candidates: Comparison | None = None  # where several plans were compared
+    refreshes: int | None = None  # solves with arcs taken again; None where that is off
 
 
 class Planner:
@@ -70,6 +77,7 @@ class Planner:
     ):
         """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
         params = car_file.limit_to_car(params, vehicle)
+        params = brake_split.with_fixed_split(params)
         params = minimum_speed.with_low_speed(params)
         self.params = params = with_covering_circles(params, vehicle)
         self.car = self._nominal_car = stage_parameters.car(params, vehicle)
@@ -106,6 +114,7 @@ class Planner:
         self._is_sliding = False  # at this tick, and to be recovered
         self.fallback = FallbackLogic(self.params.fallback)
         self.theta: float | None = None  # m, last projection on the path
+        self._stage_ns = 0  # when stage 0 of the last plan was
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
         self._forget_alternatives()
@@ -139,8 +148,19 @@ class Planner:
         return self.theta
 
     def initial_state(self, x: VehicleState, now: Setpoints, scene: Scene) -> State:
-        """Return the state of stage 0: heading within pi of the path's, theta by projection."""
+        """Return the state of stage 0: heading within pi of the path's, theta by projection.
+
+        With `model.theta` integrated, theta is where the last plan predicted it: the lag error of
+        stage 0 is what the prediction has missed. It starts from the projection again where there
+        is no last plan, after a change of the path, and beyond LOST_M from the projection.
+        """
+        is_new_path = self.theta is None
         theta = self.project(x, scene)
+        if self.params.model.theta == INTEGRATED:
+            predicted = None if is_new_path else self._predicted_theta(x.stamp_ns)
+            if predicted is not None and abs(predicted - theta) <= LOST_M:
+                theta = predicted
+            self._stage_ns = x.stamp_ns
         arcs, _ = reference_path.arcs_at(scene.path, theta)
         turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
         return State(
@@ -154,6 +174,16 @@ class Planner:
             delta=now.delta,
             Fx=now.Fx,
         )
+
+    def _predicted_theta(self, stamp_ns: int) -> float | None:
+        """Return the theta [m] of the last plan at an instant, None without a plan."""
+        plan = self.fallback.plan
+        if plan is None:
+            return None
+        model = self.params.model
+        t = model.step_s * np.arange(model.horizon + 1)
+        theta = plan.X[:, State._fields.index('theta')]
+        return float(np.interp(ns_to_s(stamp_ns - self._stage_ns), t, theta))
 
     def plan(self, x0: State, scene: Scene, sliding: bool = False) -> tuple[Decision, Attempt]:
         """Return what to drive from `x0`, and the solutions that led to it.
@@ -186,6 +216,9 @@ class Planner:
             second = self.solve_again(problem, first, began + prepare_s)
         else:
             first, second = self.solve(problem)
+        refreshes = None
+        if self.params.surroundings.arcs == REFRESHED:
+            problem, first, refreshes = self.refresh_arcs(problem, first, began + prepare_s)
         self.last_problem = problem
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
@@ -197,7 +230,16 @@ class Planner:
             decision = self.fallback.decide(first, second, shifted, sliding)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
-            problem, first, second, decision.plan, warm, prepare_s, age, failures, comparison
+            problem,
+            first,
+            second,
+            decision.plan,
+            warm,
+            prepare_s,
+            age,
+            failures,
+            comparison,
+            refreshes,
         )
 
     def guess_from_law(self, x0: State, scene: Scene) -> Plan:
@@ -250,6 +292,48 @@ class Planner:
         cold = problem.guess_local._replace(multipliers=None)
         return self._run(self.second_solver, problem, cold)
 
+    def refresh_arcs(
+        self, problem: TickProblem, first: Solution, began: float
+    ) -> tuple[TickProblem, Solution, int]:
+        """Solve again, around the plan, while theta of the plan is far from that of the guess.
+
+        Arcs of the path, edges and slots of obstacles are those around the guess. Returns the last
+        problem, its solution with the time and the iterations of all, and the number of further
+        solves: at most MOST_REFRESHES, none where theta moved by up to REFRESH_FROM_M. A further
+        solution that may not be driven is dropped. `began` is when the first solve did.
+        """
+        chosen, limit_s = self._chosen_solver(), self.params.solver.time_limit_s
+        refreshes = 0
+        while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
+            remaining_s = limit_s - (self.clock() - began)
+            if self.limit_time and remaining_s <= 0:
+                break
+            if self.limit_time:
+                chosen.set_time_limit(remaining_s)
+            again = self.build_problem(problem.x0, problem.scene, first.plan)
+            solution = self._run(chosen, again, again.guess_local)
+            refreshes += 1
+            spent = {
+                'iterations': first.iterations + solution.iterations,
+                'solve_s': first.solve_s + solution.solve_s,
+                'cpu_s': first.cpu_s + solution.cpu_s,
+            }
+            if fallback.rejection_reason(solution, self.params.fallback):
+                first = first._replace(**spent)
+                break
+            problem, first = again, solution._replace(**spent)
+        if self.limit_time and refreshes:
+            chosen.set_time_limit(limit_s)
+        return problem, first, refreshes
+
+    def _has_left_arcs(self, problem: TickProblem, solution: Solution) -> bool:
+        """Return whether a plan that may be driven is far from where its arcs were taken."""
+        if fallback.rejection_reason(solution, self.params.fallback):
+            return False
+        theta = State._fields.index('theta')
+        moved = np.abs(solution.plan.X[:, theta] - problem.guess_map.X[:, theta])
+        return bool(np.max(moved) > REFRESH_FROM_M)
+
     def compare(self, followed: TickProblem, others: dict[str, TickProblem]) -> Comparison:
         """Return the solutions of the followed plan and the other candidates, and the choice.
 
@@ -300,6 +384,7 @@ class Planner:
         plan = self.fallback.plan
         if plan is not None:
             plan = shift(plan, self.step, self.car)
+            self._stage_ns = add_seconds(self._stage_ns, self.params.model.step_s)
         return self.fallback.follow_shifted(reason, plan)
 
     def discard_plan(self) -> None:

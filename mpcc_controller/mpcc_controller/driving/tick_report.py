@@ -147,6 +147,8 @@ def _solutions(attempt: Attempt) -> dict:
         values['time.fallback_ms'] = 1e3 * second.solve_s
         values['time.solve_ms'] += values['time.fallback_ms']
         values['time.solve_cpu_ms'] += 1e3 * second.cpu_s
+    if attempt.refreshes is not None:
+        values['solver.refreshes'] = attempt.refreshes
     if compared is not None:
         values |= _candidates(compared)
         others = compared.solve_s - first.solve_s  # those in parallel, and waiting for them

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from mpcc_controller.model import single_track
-from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.parameters import FIXED, ControllerParams
 from mpcc_controller.problem import priorities
 
 
@@ -44,6 +44,8 @@ class CostTerm(NamedTuple):
     switch: str = ''  # parameter of `formulation`; false sets the weight to 0
     optional: bool = False  # not in the paper; left out of the problem when it is off
     limit: str = ''  # parameter of `envelope` beyond which there is an error
+    # parameter of `formulation` and its value with which the term is not in the problem
+    absent_with: tuple[str, str] | None = None
 
 
 def periodic_square(angle):
@@ -104,7 +106,13 @@ ENVELOPE = (
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, of_input=True),
     CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, of_input=True),
-    CostTerm('lambda_b', 'tolerances.brake_split', _brake_split_error, of_input=True),
+    CostTerm(
+        'lambda_b',
+        'tolerances.brake_split',
+        _brake_split_error,
+        of_input=True,
+        absent_with=('brake_split', FIXED),
+    ),
     CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, of_input=True),
     CostTerm(
         'jerk',
@@ -155,10 +163,16 @@ PAPER, BASELINE = (tuple(t for t in terms if not t.optional) for terms in (MPCC,
 
 
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:
-    """Return the terms of the problem: their parameter is given, optional ones are on."""
+    """Return the terms of the problem: their parameter is given, optional ones are on.
+
+    A fixed brake split has no cost: it could only change the force.
+    """
 
     def is_in_use(term):
         off = term.optional and not _is_on(term, params)
+        if term.absent_with:
+            name, value = term.absent_with
+            off = off or getattr(params.formulation, name) == value
         return not off and _parameter(term, params) is not None
 
     return tuple(term for term in terms if is_in_use(term))

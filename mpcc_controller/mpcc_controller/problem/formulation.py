@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from mpcc_controller.model.single_track import Car
-from mpcc_controller.parameters import FORMULATIONS, ControllerParams
+from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
@@ -24,6 +24,7 @@ class Formulation(Protocol):
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
+    integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     car: Car
     ocp: SymbolicOcp
 
@@ -56,5 +57,10 @@ def make(params: ControllerParams, car: Car) -> Formulation:
         raise ParameterError(
             'formulation: frenet measures along the path and has no lag error; '
             "allowed with it: distance 'path' and lag false"
+        )
+    if params.model.theta == INTEGRATED and not kind.integrates_theta:
+        raise ParameterError(
+            f'model.theta: the states or the reference of {options.name} begin where the car is '
+            f'on the path; allowed with it: {PROJECTED}'
         )
     return kind(params, car)

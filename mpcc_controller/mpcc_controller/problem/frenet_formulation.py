@@ -172,6 +172,7 @@ class FrenetFormulation:
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
     distances = ('path',)
     has_lag = False
+    integrates_theta = False
 
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car

@@ -128,6 +128,7 @@ class MpccFormulation:
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
+    integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
     quantities = staticmethod(quantities)
 

@@ -26,6 +26,7 @@ def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuanti
 class TrackingFormulation(MpccFormulation):
     """Trajectory tracking; see `formulation.Formulation`."""
 
+    integrates_theta = False
     quantities = staticmethod(quantities)
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
