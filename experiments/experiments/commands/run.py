@@ -37,10 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run and compare; return 0 when every run was completed. Raises BagError."""
     # imported late: simulation and controllers take a second to load
-    from experiments.run import batch
+    from experiments.run import run_and_compare
 
-    return batch.run_and_compare(
-        batch.Batch(
+    return run_and_compare.run(
+        run_and_compare.Request(
             options.scenario,
             options.controller or ['mpcc'],
             options.mode,

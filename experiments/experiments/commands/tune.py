@@ -54,13 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tune and show. Raises BagError."""
     try:
-        from experiments.tuning import problem, search, tune
+        from experiments.tuning import problem, tune, weight_search
     except ModuleNotFoundError as error:
         if error.name != 'optuna':
             raise
         raise BagError(NO_OPTUNA) from None
     folder = options.out / Path(options.controller).stem
-    plan = search.Plan(
+    plan = weight_search.SearchPlan(
         options.controller,
         options.seed,
         tuple(options.trials),

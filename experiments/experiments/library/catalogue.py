@@ -74,9 +74,11 @@ def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Cons
 
 def draw_entries(folder: Path, console: Console) -> int:
     """Draw a picture of each entry into a folder; return exit code 0."""
-    from experiments.library import drawing
+    from experiments.library import scenario_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in library_drive.entries():
-        print_text(console, str(drawing.draw_scenario(scenario.load(name), folder / f'{name}.svg')))
+        print_text(
+            console, str(scenario_figure.draw_scenario(scenario.load(name), folder / f'{name}.svg'))
+        )
     return 0

@@ -22,7 +22,7 @@ from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.paper import operating_point
 from experiments.progress import CountProgress
-from experiments.run import batch
+from experiments.run import run_and_compare
 from experiments.study import claim_evaluation, distributions, tables, variants
 from experiments.study.distributions import POINT_KPH
 from experiments.study.run_spec import RunSpec
@@ -127,8 +127,8 @@ def run_double_lane_change(
 
 def _run_controllers(scenario, controllers, bags, settings, console):
     """Return the bags of the runs; BagError when one of them was not completed."""
-    runs = batch.Batch(scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S)
-    _, outcomes = batch.run_controllers(runs, console)
+    runs = run_and_compare.Request(scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S)
+    _, outcomes = run_and_compare.run_controllers(runs, console)
     for outcome in outcomes:
         if not outcome.completed:
             raise BagError(f'{outcome.controller}: {outcome.message}')

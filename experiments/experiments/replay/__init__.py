@@ -6,6 +6,6 @@ golden               the golden recordings, which every version must answer as r
 
 recorded_ticks       the inputs and the recorded answer of each tick of a bag
 replayed_controller  a controller with the parameters of a recorded run
-tick_problem         the optimal control problem of one tick
+recorded_problem     the optimal control problem of one tick
 horizon_figure       the figure of one tick's plan
 """

@@ -18,7 +18,7 @@ from bags.storage import read
 from bags.storage.bag_writer import BagWriter
 from experiments.replay import recorded_ticks
 from experiments.replay.recorded_ticks import RecordedTopic
-from experiments.run import batch
+from experiments.run import run_and_compare
 
 LARGEST_BYTES = 2_000_000
 TIME_LIMIT_S = 300.0
@@ -35,8 +35,8 @@ def refresh(scenario: str, controllers: Sequence[str], out: Path, console: Conso
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix='.golden.', dir=out) as folder:
         work = Path(folder)
-        runs = batch.Batch(scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S)
-        code = batch.run_and_compare(runs, console)
+        runs = run_and_compare.Request(scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S)
+        code = run_and_compare.run(runs, console)
         if code:
             return code
         for bag in sorted(work.glob('*/*/metadata.yaml')):

@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from bags.figures import style
+from experiments.replay.recorded_problem import Solved
 from experiments.replay.resolve import Answer
-from experiments.replay.tick_problem import Solved
 from mpcc_controller.problem.obstacle_motion import position
 
 WIDTH = 14.0  # inch

@@ -10,10 +10,10 @@ from rich.table import Table
 from bags.errors import BagError
 from bags.storage import read
 from experiments.configuration.set_option import Changes
-from experiments.replay import check, recorded_ticks, replayed_controller, tick_problem
+from experiments.replay import check, recorded_problem, recorded_ticks, replayed_controller
 from experiments.replay.check import COMMAND_UNITS, Pair
+from experiments.replay.recorded_problem import Problem, Solved
 from experiments.replay.recorded_ticks import Tick
-from experiments.replay.tick_problem import Problem, Solved
 
 STEP = 1e-3  # relative, of a weight: a difference of 1e-6 is then known to about 1e-4
 TOLERANCE = 1e-10  # of the solver, for sensitivities
@@ -95,7 +95,7 @@ def pose(bag: read.Bag, number: int) -> PosedTick:
     controller = replayed_controller.from_run_info(bag.run_info, {}, str(bag.path))
     before = check.compare_ticks(ticks[:number], controller)
     chain = sum(bool(compared.differing) for compared in before)
-    return PosedTick(ticks[number], tick_problem.pose(controller, ticks[number]), chain)
+    return PosedTick(ticks[number], recorded_problem.pose(controller, ticks[number]), chain)
 
 
 def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:

@@ -1,10 +1,10 @@
 """Runs of the node graph.
 
-batch          `experiments run`: several controllers, then the comparison
-node_graph     one run: start, watch, stop, keep the bag
-processes      programs and nodes as processes
-staging        hidden folders in which runs are recorded
-live_position  position of the car in a growing bag
-domain         reservation of a ROS domain
-interrupt      signals as flags
+run_and_compare  `experiments run`: several controllers, then the comparison
+node_graph       one run: start, watch, stop, keep the bag
+processes        programs and nodes as processes
+staging          hidden folders in which runs are recorded
+live_position    position of the car in a growing bag
+domain           reservation of a ROS domain
+interrupt        signals as flags
 """

@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 
 from experiments.library import library_drive
 from experiments.library.library_drive import ENTRIES, LibraryDrive
-from experiments.survivable.search import (
+from experiments.survivable.survival_search import (
     IMPOSSIBLE,
     POSSIBLE,
     SEARCH_VERSION,

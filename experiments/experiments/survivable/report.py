@@ -17,7 +17,7 @@ from experiments.library.survival_table import wilson_interval
 from experiments.progress import CountProgress
 from experiments.survivable import regret
 from experiments.survivable.regret import DrawKey, Pairs, Regret
-from experiments.survivable.search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
 from experiments.worker_pool import WorkerPool
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives

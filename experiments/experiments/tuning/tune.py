@@ -17,8 +17,8 @@ from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.configuration import node_config
 from experiments.progress import CountProgress
-from experiments.tuning import problem, search, tuning_figure
-from experiments.tuning.search import Plan, Trial
+from experiments.tuning import problem, tuning_figure, weight_search
+from experiments.tuning.weight_search import SearchPlan, Trial
 from experiments.worker_pool import WorkerPool
 from msgs_yaml import share
 from node_runtime import parameters, provenance
@@ -40,7 +40,12 @@ class Result(NamedTuple):
 
 
 def tune(
-    plan: Plan, jobs: int, folder: Path, controllers: Path, also: Sequence[str], console: Console
+    plan: SearchPlan,
+    jobs: int,
+    folder: Path,
+    controllers: Path,
+    also: Sequence[str],
+    console: Console,
 ) -> Result:
     """Search with `jobs` processes, write as `write`; return the result.
 
@@ -71,7 +76,7 @@ def tune(
                 progress.print_line(f'{done}, {_cost_note(trials)}')
 
         try:
-            search.run(plan, folder, pool, on_run, on_trial)
+            weight_search.run(plan, folder, pool, on_run, on_trial)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 f'{len(trials)} of {sum(plan.trials)} trials are kept; the same command goes on'
@@ -82,27 +87,27 @@ def tune(
 def _cost_note(trials):
     before, after = (
         f'{trial.cost:.3f}{"" if trial.is_feasible else " (infeasible)"}'
-        for trial in (trials[0], search.find_best(trials))
+        for trial in (trials[0], weight_search.find_best(trials))
     )
     return f'objective {before} -> {after}'
 
 
 def write(
-    plan: Plan, trials: Sequence[Trial], folder: Path, controllers: Path, also: Sequence[str]
+    plan: SearchPlan, trials: Sequence[Trial], folder: Path, controllers: Path, also: Sequence[str]
 ) -> Result:
     """Write the history of the search into `folder`, its controllers into `controllers`.
 
     These are <controller>_tuned.yaml. Each of `also` gets the tuned tolerances, too, but keeps its
     own priorities. Raises BagError when no set of weights is feasible.
     """
-    summary = summarise(plan, trials, search.read_commit(folder))
-    rows = search.as_rows(trials)
+    summary = summarise(plan, trials, weight_search.read_commit(folder))
+    rows = weight_search.as_rows(trials)
     with (folder / HISTORY).open('w', newline='') as file:
         writer = csv.DictWriter(file, rows[0], lineterminator='\n')
         writer.writeheader()
         writer.writerows(rows)
     (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + '\n')
-    figures = tuning_figure.write(plan.controller, trials, search.find_best(trials), folder)
+    figures = tuning_figure.write(plan.controller, trials, weight_search.find_best(trials), folder)
     if not summary['best']['safe']:
         raise BagError(
             f'{plan.controller}: none of {len(trials)} sets of weights kept all safety '
@@ -115,7 +120,7 @@ def write(
     return Result(summary, files, figures)
 
 
-def summarise(plan: Plan, trials: Sequence[Trial], commit: str) -> dict[str, Any]:
+def summarise(plan: SearchPlan, trials: Sequence[Trial], commit: str) -> dict[str, Any]:
     """Return the summary of a search, ready for JSON; the first trial is the untuned one.
 
     `commit` is that with which it was begun.
@@ -129,8 +134,8 @@ def summarise(plan: Plan, trials: Sequence[Trial], commit: str) -> dict[str, Any
         'drives': plan.runs,
         'safe_trials': sum(trial.is_feasible for trial in trials),
         'untuned': _trial_summary(trials[0], plan),
-        'after_stage_1': _trial_summary(search.find_best(first_stage), plan),
-        'best': _trial_summary(search.find_best(trials), plan),
+        'after_stage_1': _trial_summary(weight_search.find_best(first_stage), plan),
+        'best': _trial_summary(weight_search.find_best(trials), plan),
         'versions': {name: versions[name] for name in LIBRARIES},
         'git_commit': commit,
     }

@@ -21,7 +21,7 @@ HISTORY_HEIGHT = 3.4  # inch
 def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
     """Write the figure into `folder` as PNG and SVG; return the paths.
 
-    `trials` are those of `experiments.tuning.search` in order, the first is the untuned one;
+    `trials` are those of `experiments.tuning.weight_search` in order, the first is the untuned one;
     `best` is one of them.
     """
     names = list(best.weights)

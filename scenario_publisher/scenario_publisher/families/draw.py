@@ -19,7 +19,7 @@ import yaml
 
 from scenario_publisher import scenario
 from scenario_publisher.families import bends, lane_course, open_road, slippery
-from scenario_publisher.families.draft import Document, rounded
+from scenario_publisher.families.scenario_document import Document, rounded
 from scenario_publisher.scenario import Scenario
 
 NOMINAL, HARD = 'nominal', 'hard'

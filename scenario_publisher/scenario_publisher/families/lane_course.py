@@ -6,7 +6,7 @@ Each function returns the document of one draw, None for one that cannot be mast
 from random import Random
 
 from scenario_publisher.families import possible
-from scenario_publisher.families.draft import (
+from scenario_publisher.families.scenario_document import (
     LANE,
     LEFT,
     RIGHT,

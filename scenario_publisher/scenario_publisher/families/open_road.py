@@ -7,7 +7,7 @@ document of one draw, None for one that cannot be mastered (nominal only).
 from random import Random
 
 from scenario_publisher.families import possible
-from scenario_publisher.families.draft import (
+from scenario_publisher.families.scenario_document import (
     CAR_RADIUS,
     LANE,
     LEFT,

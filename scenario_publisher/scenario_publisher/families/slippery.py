@@ -3,7 +3,7 @@
 from random import Random
 
 from scenario_publisher.families import possible
-from scenario_publisher.families.draft import (
+from scenario_publisher.families.scenario_document import (
     LEFT,
     RIGHT,
     Document,

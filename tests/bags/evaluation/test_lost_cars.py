@@ -11,7 +11,7 @@ from bags.evaluation import geometry, metrics
 from bags.evaluation.drive import Obstacle, Ticks
 from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
-from experiments.run import batch, node_graph
+from experiments.run import node_graph, run_and_compare
 
 LOST = ('lost', 'lost_how', 'lost_at_m')
 ROAD = ('left_road', 'left_road_at_m', 'beyond_edge_m')
@@ -143,10 +143,12 @@ def test_bags_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
     bag = write_bag(make_drive(y=lambda x: x * slope))
     # as the plant sees it: its finish line goes on beside the road
     outcome = node_graph.RunOutcome('mpcc', True, 'finish line crossed', bag)
-    monkeypatch.setattr(batch, 'run_controllers', lambda plan, console: (tmp_path, [outcome]))
+    monkeypatch.setattr(
+        run_and_compare, 'run_controllers', lambda plan, console: (tmp_path, [outcome])
+    )
     console = Console(file=io.StringIO(), width=200)
-    plan = batch.Batch('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
-    assert batch.run_and_compare(plan, console) == code
+    plan = run_and_compare.Request('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
+    assert run_and_compare.run(plan, console) == code
     output = (
         'mpcc: not completed, although the plant reports "finish line crossed": '
         'passed the finish line beside the road at 90 m'

@@ -9,7 +9,7 @@ from bags.errors import BagError
 from experiments import cli
 from experiments.configuration import set_option
 from experiments.configuration.set_option import Changes
-from experiments.replay import recorded_ticks, replayed_controller, resolve, tick_problem
+from experiments.replay import recorded_problem, recorded_ticks, replayed_controller, resolve
 from experiments.replay.resolve import Request
 
 from .conftest import GOLDEN
@@ -142,7 +142,7 @@ def test_a_tick_without_a_solve_is_refused(golden):
     (tick,) = recorded_ticks.read_ticks(bag, 1)
     blind = tick._replace(inputs=tick.inputs._replace(state=None))
     with pytest.raises(BagError, match='no problem was solved: braking: state_not_finite'):
-        tick_problem.pose(replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'), blind)
+        recorded_problem.pose(replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'), blind)
 
 
 def test_the_sensitivity_of_the_cost_to_a_weight_equals_its_term(problem):
@@ -185,22 +185,22 @@ def test_a_limit_is_active_at_the_stages_where_the_plan_touches_it(ask):
 def test_limits_are_grouped_by_stage_and_side():
     values = np.array([[1.0], [1.0], [0.0], [-1.0], [1.0]])
     push = np.array([[2.0], [3.0], [1e-9], [-4.0], [5.0]])
-    group = tick_problem.LimitGroup(
+    group = recorded_problem.LimitGroup(
         ('delta',), values, 0 * values - 1, 0 * values + 1, push, np.ones(1), first=1
     )
     found = [
         (one.side, one.first, one.last, one.multiplier, one.at)
-        for one in tick_problem.find_active_limits(group)
+        for one in recorded_problem.find_active_limits(group)
     ]
     assert found == [('lower', 4, 4, 4.0, 4), ('upper', 1, 2, 3.0, 2), ('upper', 5, 5, 5.0, 5)]
 
 
 def test_an_infinite_limit_is_never_active():
     still = np.zeros((3, 1))
-    group = tick_problem.LimitGroup(
+    group = recorded_problem.LimitGroup(
         ('X',), still, still - np.inf, still + np.inf, still + 1, np.ones(1)
     )
-    assert not list(tick_problem.find_active_limits(group))
+    assert not list(recorded_problem.find_active_limits(group))
 
 
 @pytest.mark.parametrize('text', ['weights.lag', 'weights.lag=little', 'weights.lag='])

@@ -12,7 +12,7 @@ from rich.console import Console
 from bags.errors import BagError
 from experiments.batch import results_table
 from experiments.survivable import regret, report
-from experiments.survivable.search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
 
 
 def row(index, controller, survived, family='pop_up', error=''):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenario_publisher import scenario
-from scenario_publisher.families import draft, lane_course, possible
+from scenario_publisher.families import lane_course, possible, scenario_document
 from scenario_publisher.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
 
 POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
@@ -138,10 +138,11 @@ def test_lanes_of_iso_3888_have_the_widths_and_places_of_the_standard():
 def test_a_mirrored_document_is_the_mirror_image():
     document = yaml.safe_load(draw('bend_inside', 1, 3).text)
     original, image = (
-        scenario.parse(yaml.safe_dump(d), 'a.yaml') for d in (document, draft.mirrored(document))
+        scenario.parse(yaml.safe_dump(d), 'a.yaml')
+        for d in (document, scenario_document.mirrored(document))
     )
     assert np.allclose(original.reference.Y, -image.reference.Y, atol=1e-9)
     assert np.allclose(original.edges.left[:, 1], -image.edges.right[:, 1], atol=1e-9)
     mirrored = -image.actors[0].obstacle.Y
     assert mirrored == pytest.approx(original.actors[0].obstacle.Y)
-    assert draft.mirrored(draft.mirrored(document)) == document
+    assert scenario_document.mirrored(scenario_document.mirrored(document)) == document

@@ -32,7 +32,7 @@ PLAN, SCORES, COMMIT = 'plan', 'scores', 'git_commit'
 DIGITS = 4  # significant; more would claim a precision that a search over chaotic runs lacks
 
 
-class Plan(NamedTuple):
+class SearchPlan(NamedTuple):
     """All that decides a search, apart from the code."""
 
     controller: str
@@ -70,7 +70,7 @@ class Trial(NamedTuple):
 
 
 def run(
-    plan: Plan,
+    plan: SearchPlan,
     folder: Path,
     pool: WorkerPool,
     on_run: Callable[[], None],

@@ -5,7 +5,7 @@ import pytest
 
 from bags.evaluation.metrics import compute_metrics
 from experiments import simulation
-from experiments.survivable import search
+from experiments.survivable import survival_search
 from experiments.survivable.judgement import survives
 
 # the lane is left free by nobody: the controller brakes for the oncoming car and is hit
@@ -21,7 +21,7 @@ def hit(straight_emergency):
 
 def test_an_emergency_that_a_controller_lost_is_proved_possible_by_a_drive(hit):
     assert not survives(simulation.drive(hit))
-    verdict = search.survivable(hit, budget=100)
+    verdict = survival_search.survivable(hit, budget=100)
     assert verdict.possible is True
     values = compute_metrics(verdict.drive)
     assert values['survived'] is True
@@ -31,7 +31,7 @@ def test_an_emergency_that_a_controller_lost_is_proved_possible_by_a_drive(hit):
 
 
 def test_the_same_arguments_give_the_same_verdict(hit):
-    first, second = (search.survivable(hit, budget=100, seed=4) for _ in range(2))
+    first, second = (survival_search.survivable(hit, budget=100, seed=4) for _ in range(2))
     assert first[:3] == second[:3]
     np.testing.assert_array_equal(first.drive.motion.y, second.drive.motion.y)
 
@@ -40,7 +40,7 @@ def test_what_no_car_can_stop_before_or_pass_is_impossible(straight_emergency):
     wall = [
         {'x_m': 44.0, 'y_m': -2.5 + 1.7 * i, 'radius_m': 1.0, 'appears_at_s': 1.5} for i in range(6)
     ]
-    verdict = search.survivable(straight_emergency(20.0, wall), budget=50)
+    verdict = survival_search.survivable(straight_emergency(20.0, wall), budget=50)
     assert verdict.possible is False
     assert verdict.drive is None
 
@@ -48,6 +48,6 @@ def test_what_no_car_can_stop_before_or_pass_is_impossible(straight_emergency):
 def test_without_a_drive_or_a_bound_it_stays_undecided(straight_emergency):
     """A car needs longer than a point to move aside: no point is stopped by this, but every car."""
     late = {'x_m': 40.0 + 16.5, 'y_m': 0.0, 'radius_m': 1.3, 'appears_at_s': 2.0}
-    verdict = search.survivable(straight_emergency(20.0, [late]), budget=12)
+    verdict = survival_search.survivable(straight_emergency(20.0, [late]), budget=12)
     assert verdict.possible is None
     assert verdict.rollouts >= 12

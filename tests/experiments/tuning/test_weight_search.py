@@ -7,14 +7,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.tuning import search, tune, tuning_figure
+from experiments.tuning import tune, tuning_figure, weight_search
 from experiments.tuning.problem import Condition
-from experiments.tuning.search import Plan
+from experiments.tuning.weight_search import SearchPlan
 from experiments.worker_pool import WorkerPool
 from msgs_yaml import share
 from node_runtime import parameters
 
-PLAN = Plan(
+PLAN = SearchPlan(
     controller='mpcc',
     seed=3,
     trials=(3, 2),
@@ -34,7 +34,7 @@ def whole(tmp_path_factory):
     """A search with one process, from start to end."""
     folder = tmp_path_factory.mktemp('whole')
     with WorkerPool(1) as pool:
-        return folder, search.run(PLAN, folder, pool, ignore, ignore)
+        return folder, weight_search.run(PLAN, folder, pool, ignore, ignore)
 
 
 def test_an_interrupted_search_continues_with_the_same_trials(whole, tmp_path):
@@ -43,9 +43,9 @@ def test_an_interrupted_search_continues_with_the_same_trials(whole, tmp_path):
 
     with WorkerPool(2) as pool:
         with pytest.raises(KeyboardInterrupt):
-            search.run(PLAN, tmp_path, pool, ignore, stop)
+            weight_search.run(PLAN, tmp_path, pool, ignore, stop)
         seen = []
-        found = search.run(PLAN, tmp_path, pool, lambda: seen.append(1), ignore)
+        found = weight_search.run(PLAN, tmp_path, pool, lambda: seen.append(1), ignore)
     assert found == whole[1]
     # of five drives the two of the first batch were known
     assert len(seen) == 3
@@ -55,7 +55,7 @@ def test_the_stages_begin_with_the_untuned_weights_and_the_best_of_stage_1(whole
     trials = whole[1]
     first, second = (next(t for t in trials if t.stage == stage) for stage in (1, 2))
     assert first.weights['tolerances.contouring_m'] == 0.5
-    best = search.find_best([trial for trial in trials if trial.stage == 1])
+    best = weight_search.find_best([trial for trial in trials if trial.stage == 1])
     assert second.weights == best.weights
     assert second.scores == best.scores
 
@@ -63,7 +63,7 @@ def test_the_stages_begin_with_the_untuned_weights_and_the_best_of_stage_1(whole
 def test_a_search_of_another_plan_is_refused(whole):
     folder, _ = whole
     with WorkerPool(1) as pool, pytest.raises(BagError, match='other settings'):
-        search.run(PLAN._replace(seed=4), folder, pool, ignore, ignore)
+        weight_search.run(PLAN._replace(seed=4), folder, pool, ignore, ignore)
 
 
 def test_a_feasible_trial_is_better_than_a_cheap_one(whole):
@@ -73,7 +73,7 @@ def test_a_feasible_trial_is_better_than_a_cheap_one(whole):
         scores=(safe.scores[0]._replace(sideslip_peak_deg=0.0),),
     )
     assert cheap.cost < safe.cost
-    assert search.find_best([cheap, safe]) is safe
+    assert weight_search.find_best([cheap, safe]) is safe
 
 
 def test_controller_files_are_written_for_the_tuned_controller_and_its_sibling(whole, tmp_path):
@@ -117,7 +117,7 @@ def test_the_history_shows_every_trial_and_cuts_none_off(whole):
     )
     shown = [trials[0], dear, *trials[2:]]
     ax = Figure().add_subplot()
-    tuning_figure._history(ax, shown, search.find_best(shown))
+    tuning_figure._history(ax, shown, weight_search.find_best(shown))
     drawn = {line.get_label(): line for line in ax.get_lines()}
     costs = {trial.cost for trial in shown}
     points = {*drawn['feasible'].get_ydata(), *drawn['infeasible'].get_ydata()}

@@ -26,7 +26,7 @@ NO_COMPILER = (
 WARNING = '[yellow]warning, {}:[/] '
 
 
-class Batch(NamedTuple):
+class Request(NamedTuple):
     """The arguments of `experiments run`."""
 
     scenario: str  # a name, or the path of a file
@@ -38,7 +38,7 @@ class Batch(NamedTuple):
     markers: bool = False  # whether to start the node that draws for 3D viewers
 
 
-def run_and_compare(batch: Batch, console: Console) -> int:
+def run(request: Request, console: Console) -> int:
     """Run the controllers and compare their bags; return 0 when every run was completed.
 
     A car that crosses the finish line beside the road has not completed the run. Where the scenario
@@ -47,9 +47,9 @@ def run_and_compare(batch: Batch, console: Console) -> int:
     starts, and Interrupted, which names the bags kept, after a signal. No process is left behind in
     any case.
     """
-    node_config.find_controllers(batch.controllers)  # refused before a scenario loads SciPy
-    expect = _expectations(batch.scenario)
-    folder, outcomes = run_controllers(batch, console)
+    node_config.find_controllers(request.controllers)  # refused before a scenario loads SciPy
+    expect = _expectations(request.scenario)
+    folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
     completed = [outcome.completed for outcome in outcomes]
     if bags:
@@ -119,25 +119,27 @@ def _show_disagreement(outcomes, runs, console):
             )
 
 
-def run_controllers(batch: Batch, console: Console) -> tuple[Path, list[RunOutcome]]:
-    """Run the controllers as `run_and_compare`; return the folder of the scenario and outcomes."""
-    controllers = node_config.find_controllers(batch.controllers)
-    overrides = set_option.parse_overrides(batch.settings)
-    facts = inputs.load_facts(batch.scenario)
-    folder = batch.out / facts.name
+def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunOutcome]]:
+    """Run the controllers as `run`; return the folder of the scenario and outcomes."""
+    controllers = node_config.find_controllers(request.controllers)
+    overrides = set_option.parse_overrides(request.settings)
+    facts = inputs.load_facts(request.scenario)
+    folder = request.out / facts.name
     file_values = {}
     for controller in controllers:
-        nodes = node_config.build_nodes(facts, controller, batch.mode, folder, folder, overrides)
+        nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
         file_values[controller.name] = inputs.file_values(checked)
         for text in inputs.find_warnings(facts, checked):
             console.print(WARNING.format(controller.name), end='')
             print_text(console, text)
-    with staging.created_folder(folder, f'--out {batch.out}'):
-        return folder, _run_each(batch, facts, controllers, file_values, overrides, folder, console)
+    with staging.created_folder(folder, f'--out {request.out}'):
+        return folder, _run_each(
+            request, facts, controllers, file_values, overrides, folder, console
+        )
 
 
-def _run_each(batch, facts, controllers, file_values, overrides, folder, console):
+def _run_each(request, facts, controllers, file_values, overrides, folder, console):
     for line in staging.recover(folder):
         print_text(console, line)
     if compile_cache.find_compiler() is None:
@@ -147,16 +149,16 @@ def _run_each(batch, facts, controllers, file_values, overrides, folder, console
         with (
             Interrupt() as interrupt,
             # on the wall clock the nodes need all cores
-            RunProgress(console, _begin_import if batch.mode == 'lockstep' else None) as progress,
+            RunProgress(console, _begin_import if request.mode == 'lockstep' else None) as progress,
             domain.reserved(os.environ) as domain_id,
         ):
             run_settings = RunSettings(
-                batch.mode,
+                request.mode,
                 folder.absolute(),
                 overrides,
                 domain_id,
-                batch.time_limit_s,
-                batch.markers,
+                request.time_limit_s,
+                request.markers,
             )
             for controller in controllers:
                 progress.begin(controller.name, facts.length_m)
