@@ -15,10 +15,13 @@ TEMPLATES = ('stage_solver', ('.c', '.h'))  # of the generated solver; not impor
 
 
 @cache
-def digest() -> str:
-    """Return the SHA-256 of sources, libraries and processor, which decides the solver's times."""
+def digest(roots: tuple[str, ...] = ROOTS) -> str:
+    """Return the SHA-256 of sources, libraries and processor, which decides the solver's times.
+
+    `roots` are modules; what they import counts, too.
+    """
     digest_ = hashlib.sha256()
-    for name, path in sorted({**modules(), **_templates()}.items()):
+    for name, path in sorted({**modules(roots), **_templates()}.items()):
         digest_.update(f'{name}\0'.encode() + path.read_bytes() + b'\0')
     versions, machine = provenance.versions(), provenance.machine()
     kept = [versions[name] for name in ('casadi', 'numpy')] + [machine['processor']]
@@ -26,9 +29,9 @@ def digest() -> str:
     return digest_.hexdigest()
 
 
-def modules() -> dict[str, Path]:
-    """Return {name: file} of ROOTS and of all modules of this project that they import."""
-    files, pending = {}, list(ROOTS)
+def modules(roots: tuple[str, ...] = ROOTS) -> dict[str, Path]:
+    """Return {name: file} of `roots` and of all modules of this project that they import."""
+    files, pending = {}, list(roots)
     while pending:
         name = pending.pop()
         path = _file(name)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import linprog
 
 from bags.errors import BagError
@@ -42,7 +43,7 @@ class Circle(NamedTuple):
 class Task(NamedTuple):
     """The bounds of the centre of gravity on a straight road; arrays (n,) over x."""
 
-    x: np.ndarray  # m, equally spaced by STEP_M, driving direction
+    x: np.ndarray  # m, ascending, driving direction
     low: np.ndarray  # m, least y allowed by the right edge
     high: np.ndarray  # m, largest y allowed by the left edge
     circles: tuple[Circle, ...]
@@ -68,18 +69,31 @@ def least_peak(task: Task, speed: float, start: float | None = None) -> float:
             low[beside] = np.maximum(low[beside], area.y + half)
         else:
             high[beside] = np.minimum(high[beside], area.y - half)
-    # y at x[i] from the acceleration of each interval [x[k], x[k + 1]] before it
-    behind = np.subtract.outer(x, x[1:])
-    lever = np.where(behind >= 0.0, STEP_M * (STEP_M / 2 + behind), 0.0) / speed**2
+    if low[0] > 0.0 or high[0] < 0.0:
+        return float('inf')
+    # unknowns: y and y' at every x, a in every interval, the peak; sparse, so that thousands of
+    # tasks can be solved
     count = len(x) - 1
-    peak = -np.ones((count, 1))
-    identity, zero = np.eye(count), np.zeros((len(x), 1))
-    rows = np.block([[lever, zero], [-lever, zero], [identity, peak], [-identity, peak]])
+    step, curvature = np.diff(x), 1.0 / speed**2
+    here, there = sparse.eye(count, count + 1), sparse.eye(count, count + 1, 1)
+    moved, turned = (sparse.diags(curvature * step**power / power) for power in (2, 1))
+    motion = sparse.bmat(
+        [
+            [there - here, -sparse.diags(step) @ here, -moved, None],
+            [None, there - here, -turned, sparse.csr_matrix((count, 1))],
+        ]
+    )
+    states, ones = sparse.csr_matrix((count, 2 * len(x))), sparse.csr_matrix(np.ones((count, 1)))
+    identity = sparse.identity(count)
+    within = sparse.bmat([[states, identity, -ones], [states, -identity, -ones]])
+    bounds = [(0.0, 0.0), *zip(low[1:], high[1:]), (0.0, 0.0), *[(None, None)] * (2 * count)]
     solution = linprog(
-        c=np.append(np.zeros(count), 1.0),
-        A_ub=rows,
-        b_ub=np.concatenate([high, -low, np.zeros(2 * count)]),
-        bounds=[(None, None)] * count + [(0.0, None)],
+        c=np.append(np.zeros(2 * len(x) + count), 1.0),
+        A_ub=within,
+        b_ub=np.zeros(2 * count),
+        A_eq=motion,
+        b_eq=np.zeros(2 * count),
+        bounds=[*bounds, (0.0, None)],
     )
     return float(solution.fun) if solution.success else float('inf')
 
