@@ -1,7 +1,8 @@
 """Compare the controllers over many paired runs in process: tables, figures, claims.
 
 The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
-paper, demand of the task.
+paper, demand of the task; and drives of many settings, a random choice of what the paper does not
+print each.
 """
 
 import argparse
@@ -12,12 +13,13 @@ from rich.console import Console
 
 from bags.command_line import add_out, print_text
 from bags.errors import BagError
-from experiments.commands import add_jobs, add_list
+from experiments.commands import add_jobs, add_list, add_time_limit, positive_count
 
-HELP = 'distributions, ablation, limit speeds, claims of the paper, demand of the task'
+HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many settings'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
-PARTS = ('distributions', 'ablation', 'limit', 'claims', 'demand')
+PARTS = ('distributions', 'ablation', 'limit', 'claims', 'demand', 'settings')
 OUT = Path('paper', 'study')
+SETTINGS, QUICK_SETTINGS = 10_000, 12
 QUICK_RUNS = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
 QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m': (0.5,)}
 
@@ -54,10 +56,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--cache', type=Path, metavar='DIR', help='keeps results (default: beside the solvers)'
     )
+    parser.add_argument(
+        '--count',
+        type=positive_count,
+        default=SETTINGS,
+        metavar='N',
+        help=f'settings: how many (default: {SETTINGS:,}; {QUICK_SETTINGS} with --quick)',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=1, metavar='S', help='settings: of the draws (default: 1)'
+    )
+    add_time_limit(parser, '--limit', 120.0, 'settings: a drive fails')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run one part; 0 when it was written. Raises BagError."""
+    if options.part == 'settings':
+        return _run_settings(options)
     # imported late: simulation and controllers take a second to load
     from experiments.progress import CountProgress
     from experiments.study.runner import Runner
@@ -73,6 +88,27 @@ def run(options: argparse.Namespace) -> int:
     for path in files:
         print_text(console, str(path))
     return 0
+
+
+def _run_settings(options):
+    from experiments.settings import run_settings
+
+    if options.out == OUT:
+        raise BagError('settings: needs --out DIR, where drives are kept and the table is written')
+    if len(options.tuned) > 1:
+        raise BagError(f'settings: takes one --tuned FILE, has {len(options.tuned)}')
+    if options.seed < 0:
+        raise BagError(f'--seed: is {options.seed}; allowed 0 or more')
+    count = min(options.count, QUICK_SETTINGS) if options.quick else options.count
+    request = run_settings.Request(
+        options.out,
+        count,
+        options.seed,
+        options.jobs,
+        options.limit,
+        tuned=options.tuned[0] if options.tuned else None,
+    )
+    return run_settings.run(request, Console())
 
 
 def _parse_role(text):

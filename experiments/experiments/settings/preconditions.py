@@ -1,0 +1,78 @@
+"""The preconditions P0 to P4 of a setting, as functions of rows of the table.
+
+They are nested in use: a setting is at a level when it meets the conditions up to it. Each is
+evaluated alone, so that every level can be reported. A drive with an error meets none.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from experiments.settings.preregistration import LEVELS, Preconditions
+
+Row = Mapping[str, Any]  # of the table: one drive
+ACCEPTED = 'P3'
+
+
+class Levels(NamedTuple):
+    """Which conditions a setting meets, for one version of the baseline."""
+
+    P0: bool  # the task is near the limit
+    P1: bool  # without collision avoidance the car hits obstacle 1
+    P2: bool  # MPCC and baseline avoid and stay on the road
+    P3: bool  # all three reach the lateral limit of the plant
+    P4: bool  # MPCC and baseline brake hard before obstacle 2
+
+    def reaches(self, level: str, least: str = LEVELS[0]) -> bool:
+        """Return whether all conditions from `least` up to a level are met."""
+        return all(self[LEVELS.index(least) : LEVELS.index(level) + 1])
+
+
+def evaluate(conditions: Preconditions, no_ca: Row, mpcc: Row, baseline: Row) -> Levels:
+    """Return the conditions that the unperturbed drives of a setting meet."""
+    compared = (mpcc, baseline)
+    return Levels(
+        P0=no_ca['S'] >= conditions.P0.least_S,
+        P1=hits_first(no_ca, conditions.P1.by),
+        P2=all(avoids(row, conditions.P2.by) for row in compared),
+        P3=all(
+            _number(row, 'limit_share') >= conditions.P3.least_limit_share
+            for row in (no_ca, *compared)
+        ),
+        P4=all(_value(row, 'brake_onset_planned_at_m') is not None for row in compared),
+    )
+
+
+def hits_first(no_ca: Row, by: str) -> bool:
+    """Return whether the car without collision avoidance hits obstacle 1, by circle or outline."""
+    gap = _value(no_ca, {'circle': 'v2o_1_m', 'outline': 'outline_1_m'}[by])
+    return gap is not None and gap < 0.0
+
+
+def hits_first_at_all(no_ca: Row) -> bool:
+    """Return whether circle or outline hits obstacle 1: the other controllers drive it then."""
+    return hits_first(no_ca, 'circle') or hits_first(no_ca, 'outline')
+
+
+def avoids(row: Row, by: str) -> bool:
+    """Return whether a car completes without contact, on the road, under control.
+
+    By `circle` neither circles nor outline may touch an obstacle, by `outline` the outline only.
+    """
+    touched = ('circle', 'outline') if by == 'circle' else ('outline',)
+    return bool(
+        _value(row, 'completed')
+        and not _value(row, 'left_road')
+        and not _value(row, 'lost')
+        and _value(row, 'collided_by') not in touched
+    )
+
+
+def _number(row, name):
+    value = _value(row, name)
+    return float('-inf') if value is None else value
+
+
+def _value(row, name):
+    """Return a value of a row, None where a drive has none; data frames have NaN there."""
+    value = row.get(name)
+    return None if value is None or value != value else value
