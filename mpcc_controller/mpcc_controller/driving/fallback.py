@@ -5,6 +5,7 @@
 plan or along the path (`braking`).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,11 @@ class Decision(NamedTuple):
     level: str
     reason: str
     plan: Plan | None
+
+
+def accept(plan: Plan) -> str:
+    """Return no objection to a plan."""
+    return ''
 
 
 class FallbackLogic:
@@ -60,24 +66,33 @@ class FallbackLogic:
         second: Solution | None,
         shifted: Plan | None,
         sliding: bool = False,
+        objection: Callable[[Plan], str] = accept,
     ) -> Decision:
         """Return the decision for the solutions of this tick.
 
         `second` is that of the second solver if it ran, `shifted` the last plan one tick later.
         A car that is `sliding` follows no old plan: it is not where that plan wanted it.
+        Whatever plan is to be followed, the car brakes instead if there is an `objection` to it.
         """
         reason = rejection_reason(first, self.params)
         self.failures = self.failures + 1 if reason else 0
         if not reason:
-            return self._follow(*USABLE[first.status], first.plan)
+            return self._follow(*USABLE[first.status], first.plan, objection)
         if second is not None and not rejection_reason(second, self.params):
-            return self._follow(SECOND_SOLVER, reason, second.plan)
-        return self.brake(reason, sliding) if sliding else self.follow_shifted(reason, shifted)
+            return self._follow(SECOND_SOLVER, reason, second.plan, objection)
+        if sliding:
+            return self.brake(reason, sliding)
+        return self.follow_shifted(reason, shifted, objection)
 
-    def follow_shifted(self, reason: str, shifted: Plan | None) -> Decision:
+    def follow_shifted(
+        self, reason: str, shifted: Plan | None, objection: Callable[[Plan], str] = accept
+    ) -> Decision:
         """Return the decision without a usable solution: the shifted plan, or braking."""
         if shifted is None or self.plan_age >= self.params.max_plan_age:
             return self.brake(reason)
+        objected = objection(shifted)
+        if objected:
+            return self.brake(objected)
         self.plan = shifted
         self.plan_age += 1
         self._good_plan_age += 1
@@ -97,7 +112,10 @@ class FallbackLogic:
         self.plan = self._good_plan = None
         self.plan_age = 0
 
-    def _follow(self, level, reason, plan):
+    def _follow(self, level, reason, plan, objection):
+        objected = objection(plan)
+        if objected:
+            return self.brake(objected)
         self.plan = self._good_plan = plan
         self.plan_age = self._good_plan_age = 0
         return Decision(level, reason, plan)

@@ -223,11 +223,13 @@ class Planner:
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
             self.alternatives.follow(first.plan if usable else None, first.cost)
-            touches = usable and self.alternatives.is_braking_better(first.plan, x0, guess)
-        if self.alternatives and touches and not sliding:
-            decision = self.fallback.brake(PLAN_TOUCHES)
-        else:
-            decision = self.fallback.decide(first, second, shifted, sliding)
+
+        def objection(plan: Plan) -> str:
+            checks = self.alternatives and not sliding
+            touches = checks and self.alternatives.is_braking_better(plan, x0, guess)
+            return PLAN_TOUCHES if touches else ''
+
+        decision = self.fallback.decide(first, second, shifted, sliding, objection)
         age, failures = self.fallback.plan_age, self.fallback.failures
         return decision, Attempt(
             problem,

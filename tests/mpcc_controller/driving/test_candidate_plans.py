@@ -112,7 +112,7 @@ def test_when_the_followed_plan_fails_another_candidate_is_driven(controller, wo
 
 def test_when_all_candidates_fail_the_second_solver_runs(controller, world, monkeypatch):
     world.drive(controller, 3)
-    pop_up(controller)
+    pop_up(controller, Obstacle(1, 40.0, 2.2, 1.0, 0.0, 0.0))  # near, but beside the path
 
     def failing(solver):
         return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
@@ -193,3 +193,28 @@ def test_a_car_before_a_closed_road_brakes_and_does_not_drive_on_through_it(worl
     forces = [command.Fxf + command.Fxr for command in drive.commands]
     assert all(later <= earlier for earlier, later in pairwise(forces))
     assert forces[-1] < -12e3
+
+
+@pytest.mark.parametrize('level', ['second_solver', 'shifted'])
+def test_no_level_of_the_fallback_drives_a_plan_that_touches(world, level):
+    """The wall closes the road; the solvers that fail leave the plan of a lower level."""
+    controller = world.set_inputs(
+        Controller(*world.load(candidates__most=4)), world.straight(left=6.0, right=-2.5)
+    )
+    world.drive(controller, 3)
+    wall = [Obstacle(i, 30.0, y, 1.1, 0.0, 0.0) for i, y in enumerate((-1.4, 0.7, 2.8, 4.9))]
+    pop_up(controller, *wall)
+
+    def failing(solver):
+        return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
+
+    planner = controller.planner
+    planner.first_solver = failing(planner.first_solver)
+    planner.parallel.solvers = [failing(solver) for solver in planner.parallel.solvers]
+    planner.second_solver = (failing if level == 'shifted' else world.ModifiedSolver)(
+        planner.second_solver
+    )
+    command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    assert planner.second_solver.solutions
+    assert (why.values['rung'], why.values['reason']) == (BRAKING, 'plan_touches')
+    assert command.Fxf + command.Fxr < -1000.0
