@@ -21,6 +21,7 @@ from mpcc_controller.driving.delay_compensation import (
     SetpointRamp,
     StatePredictor,
     constant_ramp,
+    still_needed,
 )
 from mpcc_controller.driving.fallback import RECOVERY
 from mpcc_controller.driving.friction_estimate import FrictionBelief
@@ -48,7 +49,6 @@ from msgs_yaml.types import (
 
 BACKWARDS_MPS = -1.0  # a car that rolls back faster than this is braked, whatever the least speed
 NEVER_NS = -1  # older than every stamp
-REMEMBERED_RAMPS = 8  # of set-points, as far back as delays reach
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 REJECTED = 'command_turned_back'  # by the gate
@@ -236,7 +236,7 @@ class Controller:
             return None
         belief = self.friction.update(x, self.ramps)
         self.planner.believe(belief.friction)
-        self.car = self.planner.car
+        self.car = self.predictor.car = self.planner.car
         return belief
 
     def _send(self, command, now, effective_ns):
@@ -245,7 +245,16 @@ class Controller:
         end, lambda_b = setpoints.setpoints_of(command, self.car)
         self.last_command = command
         sent = SetpointRamp(effective_ns, now, due_ns, end, lambda_b)
-        self.ramps = (*self.ramps, sent)[-REMEMBERED_RAMPS:]
+        self.ramps = (*still_needed(self.ramps, self._oldest_ns(command.stamp_ns)), sent)
+
+    def _oldest_ns(self, stamp_ns: int) -> int:
+        """Return the first instant whose set-points a later step may ask for.
+
+        The next step predicts from a later state than that of `stamp_ns`; the estimate of the
+        friction compares the two, under the set-points that acted `actuator_delay_s` before.
+        """
+        acted_s = self.params.friction_estimate.actuator_delay_s if self.friction else 0.0
+        return conversions.add_seconds(stamp_ns, -acted_s)
 
     def _effective_ns(self, x, age_s) -> int:
         """Return when the command that answers `x` will take effect."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.model.single_track import AnyCar, Input, State
 from mpcc_controller.parameters import Delay
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
@@ -82,19 +82,30 @@ def split_ramp(ramp: SetpointRamp, from_ns: int, to_ns: int) -> tuple[RampSegmen
     )
 
 
-class StatePredictor:
-    """Integrates the prediction model under a ramp of set-points."""
+def still_needed(ramps: Sequence[SetpointRamp], from_ns: int) -> tuple[SetpointRamp, ...]:
+    """Return the ramps that hold at an instant or later: each ends where the next one begins."""
+    ended = sum(following.begin_ns <= from_ns for following in ramps[1:])
+    return tuple(ramps[ended:])
 
-    def __init__(self, car: Car):
-        self._step = _step_function(car)
+
+class StatePredictor:
+    """Integrates the prediction model of `car` under a ramp of set-points.
+
+    `car` may be replaced by another one of its kind, as when another friction is believed.
+    """
+
+    def __init__(self, car: AnyCar):
+        self.car = car
+        self._step = _step_function(type(car))
 
     def predict(
         self, measured: VehicleState, ramps: Sequence[SetpointRamp], stamp_ns: int
     ) -> VehicleState:
         """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
 
-        Uses midpoint steps of the prediction model. As in the model, the actuators follow their
-        set-points without lag. Each of the `ramps` holds until the next one begins.
+        Uses midpoint steps of the prediction model: the actuators of a car with lags follow their
+        set-points with these, those of others at once. Each of the `ramps` holds until the next one
+        begins.
         """
         if stamp_ns == measured.stamp_ns:
             return measured
@@ -118,21 +129,25 @@ class StatePredictor:
             slack=0.0,
         )
         flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
-        steps = math.ceil(duration_s / MAX_STEP_S)
+        steps, car = math.ceil(duration_s / MAX_STEP_S), np.array(self.car)
         for _ in range(steps):
-            flat = self._step(flat, u, duration_s / steps).full().ravel()
+            flat = self._step(flat, u, duration_s / steps, car).full().ravel()
         return State(*map(float, flat))
 
 
 @cache
-def _step_function(car: Car) -> ca.Function:
-    """Return (x, u, h) -> the state h [s] later, by one midpoint step."""
+def _step_function(kind: type) -> ca.Function:
+    """Return (x, u, h, car) -> the state h [s] later, by one midpoint step.
+
+    `kind` is the type of the car, of `AnyCar`.
+    """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h = ca.SX.sym('h')
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    f = ca.Function('rates', [x, u], [ca.vertcat(*rates)])
-    step = stage_problem.rk2(lambda x, u, p: f(x, u), h)
-    return ca.Function('step', [x, u, h], [step(x, u, None)])
+    h, car = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
+    rates = single_track.derivative(
+        State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), kind(*ca.vertsplit(car))
+    )
+    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+    return ca.Function('step', [x, u, h, car], [stage_problem.rk2(f, h)(x, u, car)])
 
 
 class LatencyEstimator:

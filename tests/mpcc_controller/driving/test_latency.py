@@ -4,10 +4,31 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.delay_compensation import (
+    StatePredictor,
+    constant_ramp,
+    setpoints_at,
+    still_needed,
+)
+from mpcc_controller.driving.friction_estimate import FrictionBelief
+from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Actuators, Command, Obstacle, Obstacles, VehicleState
 
 TICK, MS = 50_000_000, 1_000_000
+ESTIMATE = {
+    'friction_estimate__lowest': 0.3,
+    'friction_estimate__quantile': 0.2,
+    'friction_estimate__spread': 0.05,
+    'friction_estimate__doubt': 0.1,
+    'friction_estimate__memory_s': 3.0,
+    'friction_estimate__speed_noise_mps': 0.05,
+    'friction_estimate__lateral_noise_mps': 0.03,
+    'friction_estimate__yaw_rate_noise_radps': 0.015,
+    'friction_estimate__sideslip_error_rad': 0.01,
+    'friction_estimate__actuator_delay_s': 0.05,
+}
 
 
 def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime, world):
@@ -85,3 +106,38 @@ def test_the_active_setpoint_ramp_is_that_of_the_last_command(realtime, world):
     assert ramp.begin == (0.0, 0.0)
     realtime.reset(Actuators(0, 0.02, 0.0, -600.0, -400.0, (0.0,) * 4))
     assert realtime.active_ramp.at(0) == realtime.active_ramp.end == (0.02, -1000.0)
+
+
+def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(world):
+    """States every 10 ms, commands that take 200 ms: twenty are on their way."""
+    late = Controller(*world.load(delay__command_s=0.2, friction_estimate__on=True, **ESTIMATE))
+    world.set_inputs(late, world.lane_change())
+    sent = list(late.ramps)
+    for k in range(1, 40):
+        x = world.rolling(X=40.0 + 0.2 * k, stamp_ns=10 * k * MS)
+        record = late.step(TickInputs(x))
+        expected = StatePredictor(late.car).predict(x, sent, x.stamp_ns + 200 * MS)
+        assert record.state == expected
+        sent.append(late.active_ramp)
+    assert abs(sent[-1].end.delta) > 0.01  # so that what is on its way matters
+    first_ns = x.stamp_ns - 50 * MS
+    assert late.ramps == still_needed(sent, first_ns)
+    instants = range(first_ns, first_ns + 300 * MS, 5 * MS)
+    assert [setpoints_at(late.ramps, t) for t in instants] == [
+        setpoints_at(sent, t) for t in instants
+    ]
+
+
+def test_the_delay_is_predicted_on_the_road_that_is_believed(world):
+    """Hard braking for 0.2 s: where less friction is believed, the car is expected to slow less."""
+    late = Controller(*world.load(delay__command_s=0.2, friction_estimate__on=True, **ESTIMATE))
+    world.set_inputs(late, world.straight())
+    hard = constant_ramp(Setpoints(0.0, -15e3), 0.6)
+    slowed = {}
+    for friction in (1.0, 0.4):
+        late.ramps = (hard,)
+        late.friction.update = lambda x, ramps, friction=friction: FrictionBelief(friction, 0.0)
+        x = world.rolling(stamp_ns=TICK)
+        slowed[friction] = x.vx - late.step(TickInputs(x)).state.vx
+        world.set_inputs(late, world.straight())
+    assert slowed[0.4] == pytest.approx(0.4 * slowed[1.0], rel=0.25)
