@@ -8,8 +8,9 @@
 
 Dataclasses nest; `tuple[float, ...]` takes a list, the range holds for each element. A parameter
 `| None` may be left out and is None then; with a parameter `on` in the same dataclass that is
-true it may not. Dataclasses hold no other defaults: `build` and `load`
-reject a missing parameter. A misspelt parameter is always rejected.
+true it may not. `NAME_min` may not exceed `NAME_max` of the same dataclass. Dataclasses hold no
+other defaults: `build` and `load` reject a missing parameter. A misspelt parameter is always
+rejected.
 
 A parameter file may name another file as its `base` and then holds only what differs from it:
 
@@ -35,6 +36,7 @@ from node_runtime import named_vector
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
 BASE = 'base'
+LOWER_END, UPPER_END = '_min', '_max'  # of the names of a range's two ends
 SWITCH = 'on'  # parameter of a group: the others are needed where it is true
 _ANY = {bool: 'true or false', str: 'any text'}
 _UNIONS = (typing.Union, types.UnionType)
@@ -154,6 +156,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
     values = {key: check(leaf, given.get(key), key, source) for key, leaf in known.items()}
     _check_switched_on(values, known, source)
+    _check_ends(values, known, source)
     return named_vector.build(cls, values.values())
 
 
@@ -167,6 +170,21 @@ def _check_switched_on(values, known, source):
                     f'{source(group + SWITCH)}: {key}: is missing, and {group}{SWITCH} is true; '
                     f'allowed {known[key].allowed}'
                 )
+
+
+def _check_ends(values, known, source):
+    """Raise ParameterError for a range whose lower end is above its upper one."""
+    for key, low in values.items():
+        upper = key.removesuffix(LOWER_END) + UPPER_END
+        if not key.endswith(LOWER_END) or upper not in values:
+            continue
+        high = values[upper]
+        if low is not None and high is not None and low > high:
+            unit = known[key].rule.unit
+            raise ParameterError(
+                f'{source(key)}: {key}: is {low:g}, above {upper}, {high:g}; '
+                f'allowed {known[key].rule.low:g} to {high:g} {unit}'
+            )
 
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:

@@ -205,3 +205,29 @@ def test_an_optional_parameter_may_be_left_out_and_is_checked_when_it_is_not():
         parameters.build(Drive, {'name': 'a', 'share': 2}, 'here')
     with pytest.raises(ParameterError, match='name: is missing'):
         parameters.build(Drive, {'share': 1.0}, 'here')
+
+
+@dataclass(frozen=True)
+class Split:
+    share_min: Annotated[float, Range(0.0, 1.0, '-')]
+    share_max: Annotated[float, Range(0.0, 1.0, '-')] | None
+
+
+@dataclass(frozen=True)
+class Limits:
+    front: Split
+    share_max: Annotated[float, Range(0.0, 1.0, '-')]  # of another group
+
+
+@given(low=st.floats(0, 1), high=st.floats(0, 1) | st.none(), other=st.floats(0, 1))
+def test_the_lower_end_of_a_range_is_not_above_its_upper_end(low, high, other):
+    values = {'front': {'share_min': low, 'share_max': high}, 'share_max': other}
+    if high is None or low <= high:
+        assert parameters.build(Limits, values, 'here') == Limits(Split(low, high), other)
+    else:
+        message = (
+            f'here: front.share_min: is {low:g}, above front.share_max, {high:g}; allowed 0 to'
+        )
+        with pytest.raises(ParameterError) as error:
+            parameters.build(Limits, values, 'here')
+        assert str(error.value).startswith(message)
