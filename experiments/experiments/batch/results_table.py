@@ -1,5 +1,6 @@
 """The table of a batch: one row per drive, as Parquet, and a summary for a person."""
 
+import importlib.util
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
+from bags.errors import BagError
 from bags.evaluation.metrics import METRICS
 
 FILE = 'results.parquet'
@@ -15,6 +17,14 @@ ORDER = {name: place for place, name in enumerate(('verdict', *METRICS, 'solver'
 SHARES = ('completed', 'collided', 'left_road', 'lost')
 
 Columns = Mapping[str, Sequence[Any]]
+
+
+def check_format() -> None:
+    """Raise BagError where the table could not be written: before hours of drives, not after."""
+    if importlib.util.find_spec('pyarrow') is None:
+        raise BagError(
+            f'{FILE} needs the package pyarrow, which is not installed; pip install pyarrow'
+        )
 
 
 def build_columns(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -71,6 +71,7 @@ def run(
     KeyboardInterrupt after the table of the drives so far was written.
     """
     begin_s = time.monotonic()
+    results_table.check_format()
     study = study_file.load(request.study)
     errors: dict[str, str] = {}  # by key, of the drives that failed
     with (

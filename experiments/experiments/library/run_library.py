@@ -51,6 +51,7 @@ def run(request: Request, console: Console) -> int:
     the drives so far was written.
     """
     begin_s = time.monotonic()
+    results_table.check_format()
     drives = list(plan_drives(request))
     for name in request.entries:
         pass_criteria.check_names(scenario.load(name).expect, name)

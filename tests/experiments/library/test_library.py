@@ -1,5 +1,7 @@
 """`experiments library` end to end: real drives, resumed; listed, written and refused."""
 
+import importlib.util
+
 import pytest
 from pyarrow import parquet
 
@@ -101,3 +103,18 @@ def test_given_settings_win_over_those_of_a_hard_draw():
     assert setup.params.model.friction == 0.7
     assert setup.params.measurement_errors.position_noise_m == draw.HARD_NOISE['position_noise_m']
     assert setup.friction == scenario.parse(hard.draw.text, 'a.yaml').friction
+
+
+@pytest.mark.parametrize(
+    'arguments', [['library', '--draws', '1'], ['batch', 'experiments/config/batch_example.yaml']]
+)
+def test_without_the_package_that_writes_the_table_nothing_is_driven(
+    tmp_path, monkeypatch, capsys, arguments
+):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, 'find_spec', lambda name, *a: None if name == 'pyarrow' else found(name, *a)
+    )
+    assert cli.main([*arguments, '--out', str(tmp_path / 'table')]) == 1
+    assert 'pip install pyarrow' in capsys.readouterr().err
+    assert not (tmp_path / 'table').exists()
