@@ -68,7 +68,9 @@ def excess(value, limit):
 
 
 def _front_slip_excess(q: StageQuantities):
-    alpha = ca.atan(single_track.slips(q.x, q.p.car).f)
+    # the last stage has no rate, and so no lag, of the steering
+    x = q.x if q.u is None else single_track.acting(q.x, q.u, q.p.car)
+    alpha = ca.atan(single_track.slips(x, q.p.car).f)
     return excess(alpha, q.p.envelope.front_slip * single_track.sliding_slips(q.p.car).f)
 
 

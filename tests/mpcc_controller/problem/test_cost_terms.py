@@ -197,6 +197,29 @@ def limited(world, vehicle):
     return form.car, squared
 
 
+def test_the_front_slip_that_counts_is_that_of_the_angle_that_acts(world, vehicle):
+    """The tyre has the slip of the lagging angle; the set-point runs ahead of it."""
+    params, _ = world.load(tolerances__front_slip_excess_rad=0.01, model__servo_lag=True)
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    flat, x, u, p = ocp.symbols(form.ocp)
+    names = named_vector.names(form.ocp.template)
+    values = dict.fromkeys(names, 1.0)
+    values |= {f'car.{name}': value for name, value in form.car._asdict().items()}
+    values['envelope.front_slip'] = 0.01
+
+    def excess(delta, d_delta, has_input=True):
+        errors = form.ocp.errors(x, u if has_input else None, p)
+        function = ca.Function('error', flat, [errors['front_slip']])
+        state = State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, delta, 0.0)
+        squared = function(state, [d_delta, 0.0, 0.6, 0.0], list(values.values()))
+        return np.sqrt(float(squared))
+
+    assert excess(0.1, 0.0) == pytest.approx(0.1, rel=0.05)
+    lag = form.car.steer_lag
+    assert excess(0.1 + 0.5 * lag, 0.5) == pytest.approx(excess(0.1, 0.0), rel=1e-9)
+    assert excess(0.1, 0.5, has_input=False) == excess(0.1, 0.0)  # the last stage has no rate
+
+
 def test_with_a_soft_limit_a_lane_change_keeps_the_rear_axle_below_it(world, vehicle):
     def peak_slip(**changes):
         controller = Controller(*world.load(**changes))
