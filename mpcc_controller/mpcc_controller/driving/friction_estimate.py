@@ -103,6 +103,11 @@ class FrictionEstimator:
         return FrictionBelief(float(friction), self._excitation)
 
     @property
+    def sideslip_deviation(self) -> np.ndarray:
+        """The standard deviation [rad] of the sideslip error that each hypothesis has left."""
+        return np.sqrt(self._variance)
+
+    @property
     def _corners(self):
         return np.concatenate((self.grid[:1], self.grid))
 
@@ -132,10 +137,12 @@ class FrictionEstimator:
         gained = np.sum(w * slopes**2, axis=0)
         push = np.sum(w * slopes * residuals, axis=0)
         growth = 1 + self._variance * gained
-        self._variance /= growth
-        distance = np.sum(w * residuals**2, axis=0) - self._variance * push**2
+        posterior = self._variance / growth
+        distance = np.sum(w * residuals**2, axis=0) - posterior * push**2
+        # what a hypothesis cannot explain tells it nothing of its sideslip error
         credible = distance <= MAX_DISTANCE
-        self._error -= np.where(credible, self._variance * push, 0.0)
+        self._variance = np.where(credible, posterior, self._variance)
+        self._error -= np.where(credible, posterior * push, 0.0)
         likelihood = -(np.minimum(distance, MAX_DISTANCE) + np.log(growth)) / 2
         kept = np.exp(-duration_s / params.memory_s)
         log = kept * self._log + (1 - kept) * self._prior + likelihood

@@ -231,3 +231,19 @@ def test_ramps_hold_until_the_next_one_begins(world):
     assert [split for _, split in seen] == [0.6, 0.7, 0.7, 0.8]
     assert [s.delta for s, _ in seen] == pytest.approx([0.1, 0.15, 0.2, 0.1])
     assert all(a.delta != b.delta for (a, _), (b, _) in pairwise(seen))
+
+
+def test_what_a_hypothesis_cannot_explain_tells_it_nothing_of_the_sideslip_error(
+    nominal, estimator_, world
+):
+    """Wild states: each is rejected by every hypothesis, and none gets surer of its error."""
+    estimator, ramps = estimator_(), [constant_ramp(Setpoints(0.0, 0.0), 0.6)]
+    before = estimator.sideslip_deviation
+    for k in range(6):
+        x = world.rolling(v=20.0, vy=4.0 * (-1) ** k, stamp_ns=k * TICK_NS)
+        estimator.update(x, ramps)
+    assert np.all(estimator.sideslip_deviation >= before)
+    assert np.all(estimator.sideslip_deviation < 1.01 * before)
+    for k in range(6, 20):  # straight on the error becomes known
+        estimator.update(world.rolling(v=20.0, stamp_ns=k * TICK_NS), ramps)
+    assert np.all(estimator.sideslip_deviation < 0.8 * before)
