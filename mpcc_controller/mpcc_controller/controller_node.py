@@ -11,7 +11,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from mpcc_controller import car_file
+from mpcc_controller import car_file, minimum_speed
 from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import TOO_SLOW, Controller
@@ -165,11 +165,7 @@ class ControllerNode(Node):
 
     def stopping_text(self):
         """Return why the car brakes to a stop."""
-        limits = self.params.limits
-        return (
-            f'braking to a stop: slower than limits.least_speed_mps, {limits.least_speed_mps:g} '
-            f'm/s; driven on only from {limits.least_speed_mps + limits.speed_hysteresis_mps:g} m/s'
-        )
+        return minimum_speed.stopping_text(self.controller.params.limits)
 
     def publish_health(self, health):
         """Publish the health if there is one to report."""

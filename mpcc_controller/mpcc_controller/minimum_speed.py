@@ -7,11 +7,13 @@ with a desired speed of 7.4 m/s and drives with 7.6 m/s.
 
 import dataclasses
 
-from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.parameters import ControllerParams, Limits
 
 START_MARGIN_MPS = 0.2  # above the minimum speed a start may still stop
 DESIRED_MARGIN_MPS = 0.5  # the same for a desired speed
 ROUNDING_MPS = 0.01  # of a desired speed, which is a distance over a time
+# without a minimum speed: a car that rolls back faster than this is braked
+BACKWARDS_MPS = -1.0
 
 BELOW, NEAR = 'below', 'at or just above'
 
@@ -34,3 +36,18 @@ def compare(speed_mps: float, minimum_mps: float, margin_mps: float) -> str:
     if speed_mps < minimum_mps - ROUNDING_MPS:
         return BELOW
     return NEAR if speed_mps <= minimum_mps + margin_mps + ROUNDING_MPS else ''
+
+
+def least_driven(limits: Limits) -> float:
+    """Return the speed [m/s] below which a car brakes to a stop; it may roll back a little."""
+    return limits.least_speed_mps or BACKWARDS_MPS
+
+
+def stopping_text(limits: Limits) -> str:
+    """Return why a car below `least_driven` brakes to a stop, and when it drives on."""
+    if not limits.least_speed_mps:
+        return f'braking to a stop: rolls back faster than {-BACKWARDS_MPS:g} m/s'
+    return (
+        f'braking to a stop: slower than limits.least_speed_mps, {limits.least_speed_mps:g} '
+        f'm/s; driven on only from {limits.least_speed_mps + limits.speed_hysteresis_mps:g} m/s'
+    )

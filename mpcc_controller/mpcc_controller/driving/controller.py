@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from mpcc_controller import minimum_speed
 from mpcc_controller.driving import (
     braking,
     friction_estimate,
@@ -47,7 +48,6 @@ from msgs_yaml.types import (
     Why,
 )
 
-BACKWARDS_MPS = -1.0  # a car that rolls back faster than this is braked, whatever the least speed
 NEVER_NS = -1  # older than every stamp
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
@@ -290,8 +290,7 @@ class Controller:
             return NOT_FINITE
         limits = self.params.limits
         margin = limits.speed_hysteresis_mps if self._is_too_slow else 0.0
-        least = limits.least_speed_mps or BACKWARDS_MPS
-        self._is_too_slow = x.vx < least + margin
+        self._is_too_slow = x.vx < minimum_speed.least_driven(limits) + margin
         if self.missing():
             return f'no_{self.missing()[0]}'
         return fault or (TOO_SLOW if self._is_too_slow else '')
