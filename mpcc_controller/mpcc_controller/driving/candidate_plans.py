@@ -36,6 +36,7 @@ BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one cos
 MUCH_SLOWER = 0.5
 THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
+MOST_NAMES = 64  # whose useless attempts are counted, the last ones
 
 
 class Kept(NamedTuple):
@@ -191,9 +192,11 @@ class CandidatePlans:
         self._attempts: dict[str, int] = {}  # useless ones of a name
 
     def _wait(self, name):
-        attempts = self._attempts.get(name, 0)
+        attempts = self._attempts.pop(name, 0)
         self._waits[name] = self.params.candidates.retry_ticks * 2 ** min(attempts, MOST_DOUBLINGS)
-        self._attempts[name] = attempts + 1
+        self._attempts[name] = attempts + 1  # the newest one is the last
+        if len(self._attempts) > MOST_NAMES:
+            del self._attempts[next(iter(self._attempts))]
 
     def _keep(self, choice):
         """Keep the best plan of every way that is not the driven one; let the other names wait."""

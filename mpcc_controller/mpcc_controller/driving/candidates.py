@@ -367,21 +367,24 @@ def _quintic(tau, start, slope, end):
 
 
 def _steady_plan(X, Y, course, vx, theta, x0, car, params) -> Plan:
-    """Return the plan of steady cornering along a line of positions and courses."""
+    """Return the plan of steady cornering along a line of positions and courses.
+
+    Where it stands or is slower than SLOW it corners as at that speed.
+    """
     dt = params.model.step_s
     Fx = np.clip(car.m * np.gradient(vx, dt), -params.limits.brake_n, params.limits.drive_n)
-    vx = np.maximum(vx, SLOW)
+    v = np.maximum(vx, SLOW)
     available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
-    r = np.clip(np.gradient(course, dt), -available / vx, available / vx)
-    wheelbase, ay = car.l_f + car.l_r, vx * r
+    r = np.clip(np.gradient(course, dt), -available / v, available / v)
+    wheelbase, ay = car.l_f + car.l_r, v * r
     slip_f = car.m * ay * car.l_r / wheelbase / car.C_f
     slip_r = car.m * ay * car.l_f / wheelbase / car.C_r
-    vy = car.l_r * r - vx * slip_r
-    delta = wheelbase * r / vx + slip_f - slip_r
+    vy = car.l_r * r - v * slip_r
+    delta = wheelbase * r / v + slip_f - slip_r
     states = State(
         X=X,
         Y=Y,
-        psi=course - vy / vx,
+        psi=course - vy / v,
         vx=vx,
         vy=vy,
         r=r,

@@ -218,3 +218,13 @@ def test_no_level_of_the_fallback_drives_a_plan_that_touches(world, level):
     assert planner.second_solver.solutions
     assert (why.values['rung'], why.values['reason']) == (BRAKING, 'plan_touches')
     assert command.Fxf + command.Fxr < -1000.0
+
+
+def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(several):
+    plans = several.planner.alternatives
+    plans.reset()
+    for key in range(1000):
+        for _ in range(3):
+            plans._wait(f'left of {key}')
+    assert len(plans._attempts) <= 64
+    assert plans._waits['left of 999'] == 4 * plans.params.candidates.retry_ticks

@@ -242,3 +242,19 @@ def test_the_contact_speed_is_that_of_both_cars(world, params):
     assert speed_at_contact(Obstacle(1, 20.0, 0.0, 1.0, 8.0, 0.0)) == pytest.approx(12.0)
     assert speed_at_contact(standing(1, 30.0, 3.0)) == 0.0
     assert speed_at_contact(standing(1, 70.0, 0.0)) == 0.0  # beyond the horizon
+
+
+@quick
+@given(v=st.floats(3.0, 30.0), Y=st.floats(-1.0, 1.0))
+def test_a_plan_to_a_stop_stands_where_its_speed_is_zero(world, params, car, v, Y):
+    x0 = start(v, Y=Y)
+    line = np.tile(np.array(x0), (params.model.horizon + 1, 1))
+    line[:, 0] = np.linspace(0.0, 2.0 * v, len(line))
+    line[:, 6] = line[:, 0]
+    stop = State(*candidates.braking_guess(line, x0, car, params, floor=0.0).X.T)
+    moved = np.hypot(np.diff(stop.X), np.diff(stop.Y)) / STEP_S
+    mean = (stop.vx[1:] + stop.vx[:-1]) / 2
+    assert moved == pytest.approx(mean, abs=0.02 * v)
+    stands = stop.vx < 1e-9
+    assert np.any(stands) or v > 20.0  # 2.5 s of 0.95 x 0.88 x 9.81 m/s^2
+    assert np.all(np.abs(np.array([stop.vy, stop.r])[:, stands]) < 1e-9)
