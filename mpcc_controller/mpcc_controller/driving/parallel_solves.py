@@ -19,17 +19,24 @@ class ParallelSolves:
     """
 
     def __init__(self, make: Callable[[], StageSolver], most: int):
-        """Make one solver per thread with `make`; there are at most `most` jobs at once."""
+        """Make one solver per thread with `make`; there are at most `most` jobs at once.
+
+        The calling thread has a job of its own besides, so that `most` + 1 threads may be busy.
+        """
         first = make()
         can_share = first.name == PARALLEL
-        threads = min(most, len(os.sched_getaffinity(0))) if can_share else 1
+        threads = min(most + 1, cores()) if can_share else 1
         self.solvers = [first, *(make() for _ in range(threads - 1))]
         self._pool: ThreadPoolExecutor | None = None
 
     def run(
         self, own: Callable[[], Any], jobs: Sequence[Callable[[StageSolver], Solution]]
     ) -> tuple[Any, list[Solution]]:
-        """Return the result of `own`, called in this thread, and those of the jobs in order."""
+        """Return the result of `own`, called in this thread, and those of the jobs in order.
+
+        There are as many threads as the process has cores now: a node may have been bound to one
+        core after it was built.
+        """
         waiting = deque(enumerate(jobs))
         results: list[Solution] = [None] * len(jobs)
 
@@ -41,7 +48,7 @@ class ParallelSolves:
                     return
                 results[index] = job(solver)
 
-        helpers = self.solvers[1 : 1 + len(jobs)]
+        helpers = self.solvers[1 : min(cores(), 1 + len(jobs))]
         if helpers and self._pool is None:  # in the process that solves, not in one it forks from
             self._pool = ThreadPoolExecutor(len(self.solvers) - 1, 'candidates')
         running = [self._pool.submit(work, solver) for solver in helpers]
@@ -50,3 +57,8 @@ class ParallelSolves:
         for future in running:
             future.result()
         return result, results
+
+
+def cores() -> int:
+    """Return how many cores the calling thread may use."""
+    return len(os.sched_getaffinity(0))
