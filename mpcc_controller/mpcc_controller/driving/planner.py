@@ -12,7 +12,7 @@ from mpcc_controller.driving import fallback, initial_guess, recovery, solver_se
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.candidate_plans import CandidatePlans
-from mpcc_controller.driving.candidates import FOLLOWED
+from mpcc_controller.driving.candidates import BRAKE, FOLLOWED, Candidate
 from mpcc_controller.driving.fallback import Decision, FallbackLogic
 from mpcc_controller.driving.parallel_solves import ParallelSolves
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
@@ -38,6 +38,7 @@ LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from t
 # double lane change (curvature changing by 0.01 1/m^2) is off by less than a millimetre
 REFRESH_FROM_M = 0.5
 MOST_REFRESHES = 3  # per tick
+BUILDING_SHARE = 0.25  # of `solver.time_limit_s` in which the problems of candidates are built
 
 
 class Comparison(NamedTuple):
@@ -196,9 +197,9 @@ class Planner:
         model = self.params.model
         shifted = self._shifted_plan(x0)
         warm = self.fallback.is_warm
-        guess = shifted
+        guess, from_law = shifted, False
         if sliding and (not warm or self.fallback.failures):
-            guess = self.guess_from_law(x0, scene)
+            guess, from_law = self.guess_from_law(x0, scene), True
         elif not warm:
             guess = initial_guess.guess_from_path(
                 scene.path, x0, self.car, model.horizon, model.step_s
@@ -207,18 +208,20 @@ class Planner:
             guess = shifted._replace(multipliers=None)  # the solver failed from them
         problem = self.build_problem(x0, scene, guess)
         others = self.alternatives.propose(x0, scene, guess) if self.alternatives else []
-        problems = {c.name: self.build_problem(x0, scene, c.guess) for c in others}
+        problems = self._build_others(x0, scene, others, began)
         prepare_s = self.clock() - began
+        # what the paper's controller does not do is paid for by the solvers
+        solving = began if self.alternatives or from_law else began + prepare_s
         comparison = None
-        if others:
-            comparison = self.compare(problem, problems)
+        if problems:
+            comparison = self.compare(problem, problems, solving)
             problem, first = comparison.choice.outcome.problem, comparison.choice.outcome.solution
-            second = self.solve_again(problem, first, began + prepare_s)
+            second = self.solve_again(problem, first, solving)
         else:
-            first, second = self.solve(problem)
+            first, second = self.solve(problem, solving)
         refreshes = None
         if self.params.surroundings.arcs == REFRESHED:
-            problem, first, refreshes = self.refresh_arcs(problem, first, began + prepare_s)
+            problem, first, refreshes = self.refresh_arcs(problem, first, solving)
         self.last_problem = problem
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
@@ -269,11 +272,39 @@ class Planner:
         guess_local = form.to_local(guess_map, scene.path)
         return TickProblem(x0, scene, guess_map, guess_local, parameters, limits)
 
-    def solve(self, problem: TickProblem) -> tuple[Solution, Solution | None]:
-        """Return the solution of the first solver, and of the second if the first one failed."""
-        began = self.clock()
-        first = self._run(self._chosen_solver(), problem, self._take_guess(problem))
+    def _build_others(
+        self, x0: State, scene: Scene, others: list[Candidate], began: float
+    ) -> dict[str, TickProblem]:
+        """Return the problems of the other candidates by name, in the order of `others`.
+
+        With a time limit those for which there is no time are dropped. The first way around the
+        obstacles is built first, then the plan that brakes, then the other ways.
+        """
+        built: dict[str, TickProblem] = {}
+        for candidate in (*others[:1], *sorted(others[1:], key=lambda c: c.name != BRAKE)):
+            late = self.clock() - began > BUILDING_SHARE * self.params.solver.time_limit_s
+            if not (self.limit_time and late):
+                built[candidate.name] = self.build_problem(x0, scene, candidate.guess)
+        return {c.name: built[c.name] for c in others if c.name in built}
+
+    def solve(
+        self, problem: TickProblem, began: float | None = None
+    ) -> tuple[Solution, Solution | None]:
+        """Return the solution of the first solver, and of the second if the first one failed.
+
+        `began` is when their time began, by the clock; None: now.
+        """
+        began = self.clock() if began is None else began
+        chosen = self._chosen_solver()
+        self._limit(chosen, began)
+        first = self._run(chosen, problem, self._take_guess(problem))
         return first, self.solve_again(problem, first, began)
+
+    def _limit(self, chosen: StageSolver, began: float) -> None:
+        """Let a solver stop where the time of its tick ends; `began` is when that began."""
+        if self.limit_time and (self.alternatives or self.sliding_solver):
+            remaining_s = self.params.solver.time_limit_s - (self.clock() - began)
+            chosen.set_time_limit(max(remaining_s, 0.0))
 
     def _chosen_solver(self) -> StageSolver:
         """Return the first solver, while the car slides the one that iterates longer."""
@@ -336,18 +367,21 @@ class Planner:
         moved = np.abs(solution.plan.X[:, theta] - problem.guess_map.X[:, theta])
         return bool(np.max(moved) > REFRESH_FROM_M)
 
-    def compare(self, followed: TickProblem, others: dict[str, TickProblem]) -> Comparison:
+    def compare(
+        self, followed: TickProblem, others: dict[str, TickProblem], began: float | None = None
+    ) -> Comparison:
         """Return the solutions of the followed plan and the other candidates, and the choice.
 
         They are solved in parallel; within the time limit of the solver, where there is one.
+        `began` is when their time began, by the clock; None: now.
         """
-        began = self.clock()
-        guess = self._take_guess(followed)
+        solving = self.clock()
+        began = solving if began is None else began
+        guess, chosen = self._take_guess(followed), self._chosen_solver()
+        self._limit(chosen, began)
         jobs = [partial(self._solve_candidate, problem, began) for problem in others.values()]
-        first, solved = self.parallel.run(
-            lambda: self._run(self._chosen_solver(), followed, guess), jobs
-        )
-        solve_s = self.clock() - began
+        first, solved = self.parallel.run(lambda: self._run(chosen, followed, guess), jobs)
+        solve_s = self.clock() - solving
         solutions = [
             self._finish(solution, problem) for solution, problem in zip(solved, others.values())
         ]
@@ -370,6 +404,7 @@ class Planner:
         x0 = State(*plan.X[1])
         guess = initial_guess.shift_to(plan, self.step, self.car, x0)
         problem = self.build_problem(x0, scene, guess)
+        self._limit(self.first_solver, self.clock())
         solution = self._run(self.first_solver, problem, problem.guess_local)
         if not fallback.rejection_reason(solution, self.params.fallback):
             self.prepared = solution.plan
@@ -422,9 +457,7 @@ class Planner:
 
     def _solve_candidate(self, problem, began, chosen: StageSolver) -> Solution:
         """Return the solution in the states of the problem; called in any thread."""
-        if self.limit_time:
-            remaining_s = self.params.solver.time_limit_s - (self.clock() - began)
-            chosen.set_time_limit(max(remaining_s, 0.0))
+        self._limit(chosen, began)
         return _solve(chosen, problem, problem.guess_local)
 
     def _judge(self, name, problem, solution) -> Outcome:

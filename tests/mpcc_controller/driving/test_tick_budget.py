@@ -1,0 +1,111 @@
+"""The time of a tick on the wall clock: guesses and candidates are paid for by the solvers."""
+
+import pytest
+
+from mpcc_controller.driving.candidates import BRAKE, Candidate
+from mpcc_controller.driving.controller import Controller
+from msgs_yaml.types import Obstacle, Obstacles
+
+LIMIT_S = 0.02
+
+
+class TimedSolver:
+    """A solver that notes the time limit of each solve."""
+
+    def __init__(self, inner):
+        self.inner, self.limit_s, self.limits_s = inner, None, []
+
+    def set_time_limit(self, seconds):
+        self.limit_s = seconds
+        self.inner.set_time_limit(10.0)  # the machine may be busy
+
+    def solve(self, *arguments):
+        self.limits_s.append(self.limit_s)
+        return self.inner.solve(*arguments)
+
+
+class Clock:
+    """A clock that advances only when a test sets `now`."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+    def delay(self, function, takes_s):
+        """Return a function that takes time on this clock."""
+
+        def delayed(*arguments, **named):
+            self.now += takes_s
+            return function(*arguments, **named)
+
+        return delayed
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def controller(world, clock):
+    """Return a controller in realtime before an obstacle that appears, with timed solvers."""
+    settings = world.load(
+        candidates__most=4, fallback__recovery=True, solver__time_limit_s=LIMIT_S,
+        surroundings__max_obstacles=4,
+    )  # fmt: skip
+    controller = Controller(*settings, True, clock)
+    planner = controller.planner
+    for name in ('first_solver', 'sliding_solver'):
+        setattr(planner, name, TimedSolver(getattr(planner, name)))
+    planner.parallel.solvers = [TimedSolver(solver) for solver in planner.parallel.solvers]
+    world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
+    controller.set_obstacles(Obstacles(0, (Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0),)))
+    return controller
+
+
+def test_the_time_to_build_candidates_is_taken_from_their_solvers(controller, clock, world):
+    planner = controller.planner
+    planner.alternatives.propose = clock.delay(planner.alternatives.propose, 0.003)
+    world.tick(controller, world.rolling())
+    assert planner.first_solver.limits_s == pytest.approx([LIMIT_S - 0.003])
+    others = [limit for solver in planner.parallel.solvers for limit in solver.limits_s]
+    assert others == pytest.approx([LIMIT_S - 0.003] * 2)
+
+
+def test_the_time_to_guess_what_recovers_a_sliding_car_is_taken_from_its_solver(
+    controller, clock, world
+):
+    planner = controller.planner
+    planner.guess_from_law = clock.delay(planner.guess_from_law, 0.004)
+    world.tick(controller, world.rolling(vy=8.0))
+    assert planner.sliding_solver.limits_s == pytest.approx([LIMIT_S - 0.004])
+
+
+def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world):
+    planner = controller.planner
+    planner.alternatives.propose = clock.delay(planner.alternatives.propose, 1.0)
+    *_, why = world.tick(controller, world.rolling())
+    assert planner.first_solver.limits_s == [0.0]
+    assert 'candidates.count' not in why.values
+
+
+@pytest.mark.parametrize(
+    ('build_s', 'built'),
+    [
+        (0.001, ['left of 1', 'right of 1', BRAKE]),
+        (0.004, ['left of 1', BRAKE]),
+        (0.006, ['left of 1']),
+    ],
+)
+def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
+    controller, clock, world, build_s, built
+):
+    planner, scene = controller.planner, controller.scene
+    x0 = planner.initial_state(world.rolling(), controller.active_ramp.end, scene)
+    guess = planner.guess_from_law(x0, scene)
+    others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
+    planner.build_problem = clock.delay(planner.build_problem, build_s)
+    assert list(planner._build_others(x0, scene, others, clock())) == built
+    planner.limit_time = False
+    assert len(planner._build_others(x0, scene, others, clock())) == 3
