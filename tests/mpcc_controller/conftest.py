@@ -33,6 +33,20 @@ CAR = CarParams(
     CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3, 0.0516, 0.072),
     CarOutline(2.19, 2.46, 1.82),
 )
+# switches the friction estimate on, as `changes` of `load`
+ESTIMATE = {
+    'friction_estimate__on': True,
+    'friction_estimate__lowest': 0.3,
+    'friction_estimate__quantile': 0.2,
+    'friction_estimate__spread': 0.05,
+    'friction_estimate__doubt': 0.1,
+    'friction_estimate__memory_s': 3.0,
+    'friction_estimate__speed_noise_mps': 0.05,
+    'friction_estimate__lateral_noise_mps': 0.03,
+    'friction_estimate__yaw_rate_noise_radps': 0.015,
+    'friction_estimate__sideslip_error_rad': 0.01,
+    'friction_estimate__actuator_delay_s': 0.05,
+}
 REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 
 
@@ -258,3 +272,4 @@ class World:
     drive = staticmethod(drive)
     make_car = staticmethod(make_car)
     ModifiedSolver = ModifiedSolver
+    ESTIMATE = ESTIMATE

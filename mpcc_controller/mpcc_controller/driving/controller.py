@@ -11,6 +11,7 @@ import numpy as np
 from mpcc_controller import minimum_speed
 from mpcc_controller.driving import (
     braking,
+    emergency,
     friction_estimate,
     measurement_errors,
     recovery,
@@ -49,6 +50,7 @@ from msgs_yaml.types import (
 )
 
 NEVER_NS = -1  # older than every stamp
+EMERGENCIES = 5  # of the steps that warm up
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 REJECTED = 'command_turned_back'  # by the gate
@@ -193,13 +195,32 @@ class Controller:
     def warm_up(self, x: VehicleState, steps: int) -> Iterator[TickRecord]:
         """Step from a state that stays, without effect on later steps.
 
-        Afterwards code and data are in memory, and the computing time is known.
+        Afterwards code and data are in memory, and the computing time is known. The first steps of
+        a controller that compares plans meet an obstacle, so that all of its solvers have worked.
         """
-        for _ in range(steps):
+        memory, scene, rejections = self._memory(), self.scene, dict(self.gate.rejections)
+        compares = bool(self.planner.alternatives) and not self.missing()
+        for number in range(steps):
+            is_emergency = compares and number < EMERGENCIES
+            self.scene = emergency.with_obstacle_ahead(scene, x) if is_emergency else scene
             x = x._replace(stamp_ns=conversions.add_seconds(x.stamp_ns, self.params.model.step_s))
             yield self.step(TickInputs(x))
+        self.scene = scene
+        self._restore(memory)
         self.planner.reset()
         self.gate.rejections.clear()
+        self.gate.rejections.update(rejections)
+
+    def _memory(self) -> tuple:
+        """Return what steps leave behind, the planner's plans apart."""
+        learnt = (self.friction.memory, self.planner.friction) if self.friction else None
+        return self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt
+
+    def _restore(self, memory: tuple) -> None:
+        self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt = memory
+        if self.friction:
+            self.friction.memory, believed = learnt
+            self._believe(believed)
 
     def set_last_command(self, command: Command) -> None:
         """Continue from `command` instead of the last one returned (replay)."""
@@ -235,9 +256,12 @@ class Controller:
         if self.friction is None:
             return None
         belief = self.friction.update(x, self.ramps)
-        self.planner.believe(belief.friction)
-        self.car = self.predictor.car = self.planner.car
+        self._believe(belief.friction)
         return belief
+
+    def _believe(self, friction: float) -> None:
+        self.planner.believe(friction)
+        self.car = self.predictor.car = self.planner.car
 
     def _send(self, command, now, effective_ns):
         due_ns = conversions.add_seconds(command.stamp_ns, self.params.model.step_s)

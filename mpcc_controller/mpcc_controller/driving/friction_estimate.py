@@ -57,6 +57,16 @@ class FrictionBelief(NamedTuple):
     excitation: float
 
 
+class Memory(NamedTuple):
+    """What an estimator has learnt; its arrays are never changed in place."""
+
+    log: np.ndarray  # of the probabilities of the hypotheses, without their common factor
+    error: np.ndarray  # rad, of the sideslip angle as each hypothesis estimates it
+    variance: np.ndarray  # rad^2, of that
+    last: VehicleState | None  # of the tick before
+    excitation: float
+
+
 class FrictionEstimator:
     """Estimates the friction from states 50 ms apart and the set-points between them."""
 
@@ -87,6 +97,15 @@ class FrictionEstimator:
         self._variance = np.full(len(self.grid), self._params.sideslip_error_rad**2)
         self._last: VehicleState | None = None
         self._excitation = 0.0
+
+    @property
+    def memory(self) -> Memory:
+        """What was learnt; to set it is to go on from there."""
+        return Memory(self._log, self._error, self._variance, self._last, self._excitation)
+
+    @memory.setter
+    def memory(self, memory: Memory) -> None:
+        self._log, self._error, self._variance, self._last, self._excitation = memory
 
     @property
     def probabilities(self) -> np.ndarray:
@@ -132,7 +151,8 @@ class FrictionEstimator:
         `residuals` and their `slopes` over the sideslip error are (3, hypotheses).
         """
         params, w = self._params, self._information
-        self._variance += params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
+        drift = params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
+        self._variance = self._variance + drift
         # of the residuals with the covariance 1 / w + slope variance slope'
         gained = np.sum(w * slopes**2, axis=0)
         push = np.sum(w * slopes * residuals, axis=0)
@@ -142,7 +162,7 @@ class FrictionEstimator:
         # what a hypothesis cannot explain tells it nothing of its sideslip error
         credible = distance <= MAX_DISTANCE
         self._variance = np.where(credible, posterior, self._variance)
-        self._error -= np.where(credible, posterior * push, 0.0)
+        self._error = self._error - np.where(credible, posterior * push, 0.0)
         likelihood = -(np.minimum(distance, MAX_DISTANCE) + np.log(growth)) / 2
         kept = np.exp(-duration_s / params.memory_s)
         log = kept * self._log + (1 - kept) * self._prior + likelihood

@@ -17,18 +17,6 @@ from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Actuators, Command, Obstacle, Obstacles, VehicleState
 
 TICK, MS = 50_000_000, 1_000_000
-ESTIMATE = {
-    'friction_estimate__lowest': 0.3,
-    'friction_estimate__quantile': 0.2,
-    'friction_estimate__spread': 0.05,
-    'friction_estimate__doubt': 0.1,
-    'friction_estimate__memory_s': 3.0,
-    'friction_estimate__speed_noise_mps': 0.05,
-    'friction_estimate__lateral_noise_mps': 0.03,
-    'friction_estimate__yaw_rate_noise_radps': 0.015,
-    'friction_estimate__sideslip_error_rad': 0.01,
-    'friction_estimate__actuator_delay_s': 0.05,
-}
 
 
 def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime, world):
@@ -110,7 +98,7 @@ def test_the_active_setpoint_ramp_is_that_of_the_last_command(realtime, world):
 
 def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(world):
     """States every 10 ms, commands that take 200 ms: twenty are on their way."""
-    late = Controller(*world.load(delay__command_s=0.2, friction_estimate__on=True, **ESTIMATE))
+    late = Controller(*world.load(delay__command_s=0.2, **world.ESTIMATE))
     world.set_inputs(late, world.lane_change())
     sent = list(late.ramps)
     for k in range(1, 40):
@@ -130,7 +118,7 @@ def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(wo
 
 def test_the_delay_is_predicted_on_the_road_that_is_believed(world):
     """Hard braking for 0.2 s: where less friction is believed, the car is expected to slow less."""
-    late = Controller(*world.load(delay__command_s=0.2, friction_estimate__on=True, **ESTIMATE))
+    late = Controller(*world.load(delay__command_s=0.2, **world.ESTIMATE))
     world.set_inputs(late, world.straight())
     hard = constant_ramp(Setpoints(0.0, -15e3), 0.6)
     slowed = {}

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.driving.tick import Arrival, unknown_state
 from msgs_yaml import conformance, encode
@@ -86,3 +87,26 @@ def test_the_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime
     assert realtime.planner.theta is None
     assert not realtime.gate.rejections
     assert realtime.latency.estimate(0.0) == pytest.approx(0.015 + 0.001)
+
+
+def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_warm_up(world):
+    """Set-points, friction and obstacles are as before; all solvers of candidates have worked."""
+    settings = world.load(candidates__most=4, **world.ESTIMATE)
+    controllers = [Controller(*settings) for _ in range(2)]
+    for controller in controllers:
+        world.set_inputs(controller, world.lane_change(18.0))
+    warm, cold = controllers
+    solvers = [world.ModifiedSolver(solver) for solver in warm.planner.parallel.solvers]
+    warm.planner.parallel.solvers = solvers
+    before = warm.scene
+    records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
+    assert sum(record.attempt.candidates is not None for record in records) >= 3
+    assert all(solver.solutions for solver in solvers)
+    assert all(record.attempt.candidates is None for record in records[-5:])
+    assert (warm.last_command, warm.ramps) == (cold.last_command, cold.ramps)
+    assert warm.scene is before
+    one, other = (world.drive(controller, 12) for controller in controllers)
+    assert one.commands == other.commands
+    assert [why.values['friction.estimate'] for why in one.whys] == [
+        why.values['friction.estimate'] for why in other.whys
+    ]
