@@ -273,3 +273,4 @@ class World:
     make_car = staticmethod(make_car)
     ModifiedSolver = ModifiedSolver
     ESTIMATE = ESTIMATE
+    REST = REST

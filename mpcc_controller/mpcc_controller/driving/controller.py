@@ -113,7 +113,6 @@ class Controller:
     def set_obstacles(self, obstacles: Obstacles) -> None:
         """Set the obstacles as of their stamp."""
         self.scene = self.scene._replace(obstacles=obstacles)
-        self.observer.observe(obstacles)
 
     def missing(self) -> tuple[str, ...]:
         """Return the names of the inputs that were never set."""
@@ -133,6 +132,8 @@ class Controller:
         if effective_ns is None:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
+        if self.scene.obstacles is not None:
+            self.observer.observe(self.scene.obstacles)
         belief = self._update_friction(x)
         # without a delay of commands the states between two effects are under the last ramp alone
         acting = self.ramps if self._command_ns else self.ramps[-1:]
@@ -218,6 +219,7 @@ class Controller:
 
     def _restore(self, memory: tuple) -> None:
         self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt = memory
+        self.observer.reset()
         if self.friction:
             self.friction.memory, believed = learnt
             self._believe(believed)
@@ -248,6 +250,7 @@ class Controller:
         self.last_command = command
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
         self._is_too_slow = False
+        self.observer.reset()
         if self.friction:
             self.friction.reset()
 

@@ -57,7 +57,11 @@ def moved(obstacle: Obstacle | BrakingObstacle, t: float) -> Obstacle | BrakingO
 
 
 class ObstacleObserver:
-    """Observes how obstacles slow down over `surroundings.braking_window_s`."""
+    """Observes how obstacles slow down over `surroundings.braking_window_s`.
+
+    The controller shows it the obstacles of every tick since its (re)start, and no others: then a
+    node, the ring in process and a replay predict the same bits, whatever was received between.
+    """
 
     def __init__(self, params: Surroundings):
         self._window_s = params.braking_window_s

@@ -5,6 +5,8 @@ import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.problem.obstacle_motion import BrakingObstacle
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
@@ -163,3 +165,29 @@ def test_fatrop_and_ipopt_give_the_same_command(controller, world):
         commands.append(world.tick(other_controller, world.rolling(X=30.0))[0])
     assert commands[0][1:] == pytest.approx(commands[1][1:], abs=2.0)
     assert commands[0].delta == pytest.approx(commands[1].delta, abs=1e-5)
+
+
+def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks(world):
+    """A node receives obstacles before its restart and at any time; a replay has those of ticks."""
+
+    def slowing(t):
+        """Return a car ahead that brakes with 6 m/s^2 and, between the ticks, with noise."""
+        noise = 1.5 * np.sin(900.0 * t)
+        car = Obstacle(1, 40.0 + 14.0 * t - 3.0 * t**2, 0.0, 1.0, 14.0 - 6.0 * t + noise, 0.0)
+        return Obstacles(round(t * 1e9), (car,))
+
+    controllers = [Controller(*world.load(surroundings__braking_window_s=0.15)) for _ in range(2)]
+    node, replay = (world.set_inputs(c, world.straight()) for c in controllers)
+    for t in np.arange(-0.2, 0.0, 0.013):
+        node.set_obstacles(slowing(t))
+    node.reset(world.REST)
+    for tick in range(1, 8):
+        t = 0.05 * tick
+        node.set_obstacles(slowing(t - 0.017))
+        records = []
+        for controller in (node, replay):
+            controller.set_obstacles(slowing(t))
+            records.append(controller.step(TickInputs(world.rolling(X=t, stamp_ns=round(t * 1e9)))))
+        assert records[0].scene.obstacles == records[1].scene.obstacles
+        assert records[0].command == records[1].command
+    assert isinstance(records[0].scene.obstacles.items[0], BrakingObstacle)
