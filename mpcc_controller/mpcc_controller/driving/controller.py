@@ -208,6 +208,7 @@ class Controller:
             yield self.step(TickInputs(x))
         self.scene = scene
         self._restore(memory)
+        self.planner.warm_up()
         self.planner.reset()
         self.gate.rejections.clear()
         self.gate.rejections.update(rejections)

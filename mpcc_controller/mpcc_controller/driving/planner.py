@@ -120,6 +120,16 @@ class Planner:
         self.prepared: Plan | None = None  # solution of the problem expected next
         self._forget_alternatives()
 
+    def warm_up(self) -> None:
+        """Let every solver solve the last problem once, those of emergencies too."""
+        if self.last_problem is None:
+            return
+        candidates = self.parallel.solvers if self.alternatives else ()
+        for solver in (self.sliding_solver, self.second_solver, *candidates):
+            if solver is not None:
+                cold = self.last_problem.guess_local._replace(multipliers=None)
+                _solve(solver, self.last_problem, cold)
+
     def believe(self, friction: float) -> None:
         """Plan for a road of another friction than `model.friction` from now on."""
         self.friction = friction

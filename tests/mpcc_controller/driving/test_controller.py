@@ -171,8 +171,8 @@ def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks
     """A node receives obstacles before its restart and at any time; a replay has those of ticks."""
 
     def slowing(t):
-        """Return a car ahead that brakes with 6 m/s^2 and, between the ticks, with noise."""
-        noise = 1.5 * np.sin(900.0 * t)
+        """Return a car ahead that brakes with 6 m/s^2; between ticks its speed has an error."""
+        noise = 2.0 * np.sin(2 * np.pi * t / 0.05)
         car = Obstacle(1, 40.0 + 14.0 * t - 3.0 * t**2, 0.0, 1.0, 14.0 - 6.0 * t + noise, 0.0)
         return Obstacles(round(t * 1e9), (car,))
 
