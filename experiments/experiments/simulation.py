@@ -31,7 +31,13 @@ from vehicle_plant.stepping import LockstepStepper
 
 # the plant's parameters that a simulation uses; start, end and patches are the scenario's, the
 # others concern messages and wall time
-PLANT_SETTINGS = ('friction', 'tyre_set', 'command_delay_ms', node_config.PLANT_DEFAULTS)
+PLANT_SETTINGS = (
+    'friction',
+    'model',
+    'tyre_set',
+    'command_delay_ms',
+    node_config.PLANT_DEFAULTS,
+)
 PLANT_SETTING_GROUP = 'car.'
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
 

@@ -27,11 +27,17 @@ ROSDEP_KEYS = {
     'zstandard': None,
 }
 DISTRIBUTIONS = {'foxglove': 'foxglove-sdk', 'yaml': 'pyyaml'}  # where the name differs
+# modules that a package does without, by the distribution that an extra of its setup.cfg installs
+OPTIONAL = {'vehiclemodels': 'commonroad-vehicle-models'}
 NOT_IMPORTED = {'ros2launch'}  # the command that finds the launch files
 
 
 def imports(package):
-    """Return the modules outside of this package and of Python that its files import."""
+    """Return the modules outside of this package and of Python that its files need."""
+    return all_imports(package) - set(OPTIONAL)
+
+
+def all_imports(package):
     folder = ROOT / package
     found = set()
     for path in (*(folder / package).rglob('*.py'), *(folder / 'launch').glob('*.py')):
@@ -76,6 +82,14 @@ def test_setup_names_every_import_that_pip_installs(package):
     installed = {re.match(r'[\w-]+', entry).group() for entry in required} - {'setuptools'}
     outside = imports(package) & set(ROSDEP_KEYS)
     assert installed == {DISTRIBUTIONS.get(module, module) for module in outside}
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_an_extra_installs_each_optional_import(package):
+    extras = read_configuration(ROOT / package / 'setup.cfg')['options']['extras_require']
+    offered = {entry for entries in extras.values() for entry in entries}
+    optional = all_imports(package) & set(OPTIONAL)
+    assert {OPTIONAL[module] for module in optional} == offered & set(OPTIONAL.values())
 
 
 def test_a_package_with_launch_files_depends_on_what_starts_them():

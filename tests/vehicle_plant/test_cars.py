@@ -15,7 +15,7 @@ from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import State
 
-CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml')
+CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml', 'bmw_320i.yaml')
 
 
 @pytest.fixture(scope='module', params=CARS)
@@ -69,11 +69,18 @@ def test_static_loads_are_those_of_the_lever_arms(plant):
         assert left == pytest.approx(right, rel=1e-9)
 
 
+@pytest.mark.parametrize('name', [name for name in CARS if name != 'bmw_320i.yaml'])
 def test_car_understeers(plant, circles, name):
     track = circles[name]
     assert 0.5 < understeer_gradient(plant, track) < 4.0
     front, rear = circular_driving.axle_points(track, plant)
     assert abs(front.alpha[-1]) > 2 * abs(rear.alpha[-1])
+
+
+def test_the_car_of_the_multi_body_model_is_neutral(cars, circles):
+    """The single track of its lengths and tyres has no understeer gradient at all."""
+    name = 'bmw_320i.yaml'
+    assert abs(understeer_gradient(cars[name], circles[name])) < 0.3
 
 
 def test_straight_running_is_stable_at_every_speed(plant):

@@ -155,8 +155,8 @@ def test_a_friction_that_no_road_has_is_refused_with_the_range(tmp_path, capsys,
 @pytest.mark.parametrize(
     ('option', 'known'),
     [
-        ('--car', 'bmw_330i.yaml, bmw_545i.yaml, vw_gti.yaml'),
-        ('--tyre', 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_book.yaml'),
+        ('--car', 'bmw_320i.yaml, bmw_330i.yaml, bmw_545i.yaml, commonroad_320i.yaml, vw_gti.yaml'),
+        ('--tyre', 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_320i.yaml, tyre_book.yaml'),
     ],
 )
 def test_a_file_that_is_not_there_is_named_with_its_option_and_those_there_are(

@@ -178,6 +178,13 @@ class PlantParams:
     tyre: TyreCoefficients
 
 
+class MultiBodyParams(PlantParams):
+    """The same for the multi-body model, which has masses, suspension and tyres of its own.
+
+    Of the car its actuators, gate and outline count; the rest describes it to others.
+    """
+
+
 def add_delay(car: Car, delay_ms: int) -> Car:
     """Return the car with a later response of every servo to its set-points."""
 

@@ -5,11 +5,17 @@ carcass (160 rad/s), wheel hop (75 rad/s) and the damping of a gripping brake (s
 within its stability limit of 2.8/ms, at every speed including standstill because slip is a state.
 Constraints (linings, mechanical stops) are projected after each step; there the order is one.
 Without a C compiler the same steps run interpreted.
+
+`Model` says what is integrated. Every function takes one; without it, the double track.
 """
 
 import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,6 +23,7 @@ import numpy as np
 from node_runtime import named_vector
 from stage_solver import compile_cache
 from vehicle_plant import double_track, road_friction
+from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import Outputs, PerWheel, SetPoints, State
 
@@ -25,7 +32,8 @@ STEP_S = 1e-3
 FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
 
 _DRIVER = """
-enum {{ NX = {nx}, NU = {nu}, NY = {ny}, NP = {np}, NW = {nw}, ROW = NX + NY }};
+enum {{ NX = {nx}, NU = {nu}, NY = {ny}, NP = {np}, NW = {nw} }};
+enum {{ IN_ROW = {in_row}, ROW = IN_ROW + NY }};
 
 static int slope(const double *x, const double *u, const double *p, double *dx, double *y) {{
   const double *arg[{sz_arg}] = {{x, u, p}};
@@ -57,7 +65,7 @@ static int update_friction(const double *x, const double *patches, const double 
 }}
 
 /* u: steps + 1 rows of NU set-points; patches: all of them or none, 0;
-   rows: steps rows of state and outputs after each step */
+   rows: steps rows of state (if it is in the row) and outputs after each step */
 int advance(double *x, const double *u, const double *numbers, const double *patches, double h,
             double *rows, long steps) {{
   double k1[NX], k2[NX], k3[NX], k4[NX], at[NX], mid[NU], y[NY], p[NP];
@@ -75,12 +83,40 @@ int advance(double *x, const double *u, const double *numbers, const double *pat
     for (int i = 0; i < NX; ++i) x[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]);
     failed |= project(x, p);
     failed |= update_friction(x, patches, numbers + NP - 1, p);
-    failed |= slope(x, u + NU, p, k1, rows + NX);
-    for (int i = 0; i < NX; ++i) rows[i] = x[i];
+    failed |= slope(x, u + NU, p, k1, rows + IN_ROW);
+    for (int i = 0; i < IN_ROW; ++i) rows[i] = x[i];
   }}
   return failed;
 }}
 """
+
+
+@dataclass(frozen=True)
+class Model:
+    """Equations of motion that are integrated in steps of 1 ms.
+
+    The state is a named tuple that has a `planar` (`state.Planar`). A row of a trajectory is the
+    state and the outputs, or the outputs alone when the state is not that of `state.State`.
+    """
+
+    name: str  # of the compiled library
+    state: type  # named tuple
+    derivative: Callable[..., tuple[Any, Any]]  # (x, u, PlantParams, friction) -> (x_dot, outputs)
+    project: Callable[[Any, Any], Any]  # (x, Car) -> x within its constraints
+    start: Callable[[PlantParams, Start], np.ndarray]  # flat state of a rolling car
+    steps_per_ms: Callable[[np.ndarray], int]  # flat state -> steps that it needs
+    state_in_row: bool
+
+
+DOUBLE_TRACK = Model(
+    name='vehicle_plant',
+    state=State,
+    derivative=double_track.derivative,
+    project=double_track.project_constraints,
+    start=rolling_state,
+    steps_per_ms=lambda x: 1,
+    state_in_row=True,
+)
 
 
 def parameter_vector(params: PlantParams, friction: float) -> np.ndarray:
@@ -89,7 +125,9 @@ def parameter_vector(params: PlantParams, friction: float) -> np.ndarray:
     return np.array([*named_vector.leaves(params), *per_wheel], float)
 
 
-def with_local_friction(x: np.ndarray, p: np.ndarray, patches: np.ndarray) -> np.ndarray:
+def with_local_friction(
+    x: np.ndarray, p: np.ndarray, patches: np.ndarray, model: Model = DOUBLE_TRACK
+) -> np.ndarray:
     """Return p with the friction under each wheel at a state x.
 
     p: that of `parameter_vector`, with the friction of the road beside the patches; patches:
@@ -98,24 +136,24 @@ def with_local_friction(x: np.ndarray, p: np.ndarray, patches: np.ndarray) -> np
     numbers, friction = p[: -len(PerWheel._fields)], p[-1]
     # column by column for CasADi, row by row for numpy
     columns = road_friction.pad_patches(patches).T
-    local = road_friction.friction_function()(x, numbers, columns, friction)
+    local = road_friction.friction_function(model.state)(x, numbers, columns, friction)
     return np.concatenate([numbers, np.asarray(local).ravel()])
 
 
 @cache
-def plant_functions() -> tuple[ca.Function, ca.Function]:
+def plant_functions(model: Model = DOUBLE_TRACK) -> tuple[ca.Function, ca.Function]:
     """Return derivative(x, u, p) -> (x_dot, outputs) and projection(x, p) -> x on flat vectors."""
-    x = ca.SX.sym('x', len(named_vector.names(State)))
+    x = ca.SX.sym('x', len(named_vector.names(model.state)))
     u = ca.SX.sym('u', len(named_vector.names(SetPoints)))
     numbers = len(named_vector.names(PlantParams))
     p = ca.SX.sym('p', numbers + len(PerWheel._fields))
     plant = named_vector.build(PlantParams, ca.vertsplit(p[:numbers]))
     friction = PerWheel(*ca.vertsplit(p[numbers:]))
-    state = named_vector.build(State, ca.vertsplit(x))
+    state = named_vector.build(model.state, ca.vertsplit(x))
     set_points = named_vector.build(SetPoints, ca.vertsplit(u))
-    results = double_track.derivative(state, set_points, plant, friction)
+    results = model.derivative(state, set_points, plant, friction)
     flat = ca.cse([ca.vertcat(*named_vector.leaves(result)) for result in results])
-    projected = double_track.project_constraints(state, plant.car)
+    projected = model.project(state, plant.car)
     return (
         ca.Function('derivative', [x, u, p], flat, ['x', 'u', 'p'], ['x_dot', 'outputs']),
         ca.Function('projection', [x, p], [ca.vertcat(*named_vector.leaves(projected))]),
@@ -123,9 +161,9 @@ def plant_functions() -> tuple[ca.Function, ca.Function]:
 
 
 @cache
-def step_function() -> ca.Function:
+def step_function(model: Model = DOUBLE_TRACK) -> ca.Function:
     """Return step(x, u_begin, u_end, h, p) -> (x, outputs) after one Runge-Kutta step of h [s]."""
-    derivative, projection = plant_functions()
+    derivative, projection = plant_functions(model)
     n_x, n_u, n_p = (derivative.size1_in(i) for i in range(3))
     x, begin, end, p = (ca.MX.sym(name, n) for name, n in zip('xabp', (n_x, n_u, n_u, n_p)))
     h = ca.MX.sym('h')
@@ -145,9 +183,16 @@ def row_size() -> int:
     return len(named_vector.names(State)) + len(named_vector.names(Outputs))
 
 
-def _c_source() -> str:
-    derivative, projection = plant_functions()
-    functions = (derivative, projection, road_friction.friction_function())
+def row(x: np.ndarray, u: np.ndarray, p: np.ndarray, model: Model = DOUBLE_TRACK) -> np.ndarray:
+    """Return the row of a flat state x under set-points u, p as `with_local_friction`."""
+    derivative, _ = plant_functions(model)
+    outputs = np.asarray(derivative(x, u, p)[1]).ravel()
+    return np.concatenate([x, outputs]) if model.state_in_row else outputs
+
+
+def _c_source(model) -> str:
+    derivative, projection = plant_functions(model)
+    functions = (derivative, projection, road_friction.friction_function(model.state))
     generator = ca.CodeGenerator('plant.c', {'with_header': False})
     for f in functions:
         generator.add(f)
@@ -157,19 +202,21 @@ def _c_source() -> str:
     }
     nx, nu, np_ = (derivative.size1_in(i) for i in range(3))
     ny, nw = derivative.size1_out(1), len(PerWheel._fields)
-    return generator.dump() + _DRIVER.format(nx=nx, nu=nu, np=np_, ny=ny, nw=nw, **sizes)
+    in_row = nx if model.state_in_row else 0
+    sizes |= {'nx': nx, 'nu': nu, 'np': np_, 'ny': ny, 'nw': nw, 'in_row': in_row}
+    return generator.dump() + _DRIVER.format(**sizes)
 
 
 @cache
-def library() -> Path | None:
+def library(model: Model = DOUBLE_TRACK) -> Path | None:
     """Return the compiled plant, or None without a C compiler."""
-    return compile_cache.compile_library(_c_source(), 'vehicle_plant', FLAGS)
+    return compile_cache.compile_library(_c_source(model), model.name, FLAGS)
 
 
 @cache
-def compiled_advance():
+def compiled_advance(model: Model = DOUBLE_TRACK):
     """Return the C function of the driver, or None without a C compiler, with one warning."""
-    path = library()
+    path = library(model)
     if path is None:
         compile_cache.warn_no_compiler('the plant runs interpreted, about 20 times slower')
         return None
@@ -187,15 +234,40 @@ def advance(
     h: float = STEP_S,
     patches: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Advance by n steps of h [s]; return the rows (n, state + outputs) after each step.
+    """Advance the double track by n steps of h [s]; return the rows (n, state + outputs).
 
     x: (n_x,) before; set_points: (n + 1, n_u) at the ends of the steps; p: that of
     `parameter_vector`; patches: (k, 13) of `road_friction.patch_array`. The inputs stay as they
     are.
     """
-    function = compiled_advance()
+    return advance_state(x, set_points, p, h, patches)[1]
+
+
+def advance_state(
+    x: np.ndarray,
+    set_points: np.ndarray,
+    p: np.ndarray,
+    h: float = STEP_S,
+    patches: np.ndarray | None = None,
+    model: Model = DOUBLE_TRACK,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Advance a model as `advance`; return the state after the last step, too.
+
+    A model that needs shorter steps at its present state gets them; rows are those of h.
+    """
+    parts = model.steps_per_ms(x)
+    if parts > 1:
+        ends = np.arange(len(set_points))
+        fine = np.arange((len(set_points) - 1) * parts + 1) / parts
+        set_points = np.column_stack([np.interp(fine, ends, column) for column in set_points.T])
+    x, rows = _advance(x, set_points, p, h / parts, patches, model)
+    return x, rows[parts - 1 :: parts]
+
+
+def _advance(x, set_points, p, h, patches, model):
+    function = compiled_advance(model)
     if function is None:
-        return advance_interpreted(x, set_points, p, h, patches)
+        return _interpret(x, set_points, p, h, patches, model)
     rows = np.empty((len(set_points) - 1, row_size()))
     arrays = [np.array(x, dtype=float)]  # the C code advances it in place
     arrays += [np.ascontiguousarray(array, dtype=float) for array in (set_points, p)]
@@ -204,20 +276,22 @@ def advance(
     pointers = [array.ctypes.data for array in arrays]
     pointers.append(padded.ctypes.data if has_patches else None)
     function(*pointers, h, rows.ctypes.data, len(rows))
-    return rows
+    return arrays[0], rows
 
 
 def advance_interpreted(x, set_points, p, h=STEP_S, patches=None) -> np.ndarray:
     """Do the same as `advance` without compiled code."""
-    step, (derivative, _) = step_function(), plant_functions()
+    return _interpret(x, set_points, p, h, patches, DOUBLE_TRACK)[1]
+
+
+def _interpret(x, set_points, p, h, patches, model):
+    step = step_function(model)
     has_patches = patches is not None and len(patches) > 0
-    local = with_local_friction(x, p, patches) if has_patches else p
+    local = with_local_friction(x, p, patches, model) if has_patches else p
     rows = np.empty((len(set_points) - 1, row_size()))
-    for row, begin, end in zip(rows, set_points, set_points[1:]):
-        after, outputs = step(x, begin, end, h, local)
-        x = np.asarray(after).ravel()
+    for i, (begin, end) in enumerate(pairwise(set_points)):
+        x = np.asarray(step(x, begin, end, h, local)[0]).ravel()
         if has_patches:
-            local = with_local_friction(x, p, patches)
-            _, outputs = derivative(x, end, local)
-        row[: x.size], row[x.size :] = x, np.asarray(outputs).ravel()
-    return rows
+            local = with_local_friction(x, p, patches, model)
+        rows[i] = row(x, end, local, model)
+    return x, rows

@@ -1,5 +1,6 @@
 """Parameters of the plant node, and the files of cars and tyres."""
 
+import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -10,12 +11,19 @@ from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameters import Choice, ParameterError, Range
 from vehicle_plant import tyre_property_file
-from vehicle_plant.car import Car, PlantParams, add_delay
+from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
 CAR_KEY, TYRE_KEY = 'tyre_set', 'reference.FNOMIN'  # parameters that no other file has
 _find = partial(node_parameters.find_named_config, 'vehicle_plant')
+DOUBLE_TRACK, MULTI_BODY = 'double_track', 'commonroad_multi_body'  # models
+# the multi-body model is one car, which this file describes; parts of `car` that change with it
+MULTI_BODY_CAR = 'commonroad_320i.yaml'
+_WITH_EVERY_MODEL = (
+    *('outline.', 'steering.', 'force.', 'gate.', 'safe_stop.'),
+    *(f'scaling.{axle}.{factor}' for axle in ('front', 'rear') for factor in ('LMUX', 'LMUY')),
+)
 START_FROM = Choice('reference', 'parameters')  # of start.from; the first is the default
 
 
@@ -58,6 +66,8 @@ class FrictionPatchParams:
 class NodeParams:
     """Parameters of plant_node: config/bmw_545i.yaml."""
 
+    # left out: double_track
+    model: Annotated[str, Choice(DOUBLE_TRACK, MULTI_BODY)] | None
     friction: Annotated[float, parameters.ROAD_FRICTION]
     patches: FrictionPatchParams
     tyre_set: str
@@ -101,7 +111,46 @@ def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> P
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
     tyre = _tyre(_find('tyre_set', node.tyre_set, TYRE_KEY, sources))
-    return PlantParams(add_delay(node.car, node.command_delay_ms or 0), tyre)
+    car = add_delay(node.car, node.command_delay_ms or 0)
+    if node.model != MULTI_BODY:
+        return PlantParams(car, tyre)
+    _check_multi_body(node, sources)
+    return MultiBodyParams(car, tyre)
+
+
+def _check_multi_body(node, sources):
+    """Raise ParameterError without the package of the model, or for what does not change it."""
+
+    def error(name, what):
+        return ParameterError(
+            f'{sources[name]}: {name}: {what}' if name in sources else f'{name}: {what}'
+        )
+
+    if importlib.util.find_spec('vehiclemodels') is None:
+        raise error(
+            'model',
+            f'{MULTI_BODY} needs the package commonroad-vehicle-models, which is not installed: '
+            "pip install 'vehicle_plant[commonroad]'",
+        )
+    own = parameters.load(NodeParams, config_file(MULTI_BODY_CAR))
+    allowed = parameters.flatten(own.car)
+    for name, value in parameters.flatten(node.car).items():
+        if value != allowed[name] and not name.startswith(_WITH_EVERY_MODEL):
+            raise error(
+                f'car.{name}',
+                f'is {value!r}; it does not change {MULTI_BODY}, allowed {allowed[name]!r}',
+            )
+    if node.tyre_set != own.tyre_set:
+        raise error('tyre_set', f'does not change {MULTI_BODY}, allowed {own.tyre_set!r}')
+    steering = node.car.steering
+    for name, value, most in (
+        ('limit_rad', steering.limit_rad, 1.066),
+        ('rate_radps', steering.rate_radps, 0.4),
+    ):
+        if value > most:
+            raise error(
+                f'car.steering.{name}', f'is {value!r}; {MULTI_BODY} allows at most {most!r}'
+            )
 
 
 def load(path: Path | None = None) -> PlantParams:

@@ -12,7 +12,7 @@ from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
-from vehicle_plant import health, initial_state, integrator, parameters, road_friction
+from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.simulator import STEP_NS, Simulator
@@ -34,7 +34,9 @@ class PlantNode(Node):
         self.params = ros.declare(self, parameters.NodeParams, parameters.car_file(car))
         self.plant = parameters.plant_params(self.params)
         self.patches = road_friction.patches_from_parameters(self.params.patches)
-        integrator.library()  # compiles, if need be, before time starts
+        integrator.library(
+            plant_models.model_of(self.plant)
+        )  # compiles, if need be, before time starts
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
         self.actuators_pub = ros.TemplatePublisher(self, '/vehicle/actuators')
         self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')

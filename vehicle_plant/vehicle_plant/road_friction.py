@@ -95,14 +95,17 @@ def friction_at(X, Y, friction, patches):
 
 
 @cache
-def friction_function() -> ca.Function:
-    """Return local_friction(x, p, patches, friction) -> (4,) on flat vectors, in WHEELS order."""
-    x = ca.SX.sym('x', len(named_vector.names(State)))
+def friction_function(state: type = State) -> ca.Function:
+    """Return local_friction(x, p, patches, friction) -> (4,) on flat vectors, in WHEELS order.
+
+    state: named tuple of the state x, with a `planar`.
+    """
+    x = ca.SX.sym('x', len(named_vector.names(state)))
     p = ca.SX.sym('p', len(named_vector.names(PlantParams)))
     # row by row, as numpy and C store it
     patches = ca.SX.sym('patches', _SIZE, MAX_PATCHES)
     friction = ca.SX.sym('friction')
-    planar = named_vector.build(State, ca.vertsplit(x)).planar
+    planar = named_vector.build(state, ca.vertsplit(x)).planar
     c, s = ca.cos(planar.psi), ca.sin(planar.psi)
     car = named_vector.build(PlantParams, ca.vertsplit(p)).car
     contacts = [

@@ -5,10 +5,10 @@ import copy
 import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
-from vehicle_plant import integrator
+from vehicle_plant import integrator, plant_models
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
-from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import SetPoints, Trajectory
 
@@ -40,6 +40,7 @@ class Simulator:
         if not np.isfinite(start).all():
             raise ValueError(f'the start is not finite: {start}')
         self._params = params
+        self._model = plant_models.model_of(params)
         self._p = integrator.parameter_vector(params, friction)
         self._patches = patches if patches is not None and len(patches) else None
         set_points = SetPoints(0.0, 0.0, 0.0)
@@ -47,10 +48,9 @@ class Simulator:
         self._delays = DelayLine(delay_steps(params.car), set_points)
         self.gate = Gate(params, friction, set_points, stamp_ns)
         self._stamp_ns = stamp_ns
-        self._x = rolling_state(params, start)
-        derivative, _ = integrator.plant_functions()
-        outputs = derivative(self._x, np.array(set_points), self._local_parameters())[1]
-        self._row = np.concatenate([self._x, np.asarray(outputs).ravel()])
+        self._x = self._model.start(params, start)
+        local = self._local_parameters()
+        self._row = integrator.row(self._x, np.array(set_points), local, self._model)
 
     @property
     def stamp_ns(self) -> int:
@@ -105,11 +105,13 @@ class Simulator:
         if command is not None:
             self.command(command)
         set_points = self._delays.shift(self._ramp.advance(steps))
-        rows = integrator.advance(self._x, set_points, self._p, patches=self._patches)
+        x, rows = integrator.advance_state(
+            self._x, set_points, self._p, patches=self._patches, model=self._model
+        )
         stamps = self._stamp_ns + STEP_NS * np.arange(1, steps + 1, dtype=np.int64)
         if steps:
             self._row = rows[-1].copy()
-            self._x = self._row[: self._x.size]
+            self._x = x
             self._stamp_ns = int(stamps[-1])
         return Trajectory(stamps, rows)
 
@@ -117,4 +119,4 @@ class Simulator:
         """Return the parameter vector with the friction that is under each wheel now."""
         if self._patches is None:
             return self._p
-        return integrator.with_local_friction(self._x, self._p, self._patches)
+        return integrator.with_local_friction(self._x, self._p, self._patches, self._model)

@@ -223,15 +223,15 @@ def test_files_of_the_working_directory_are_named_by_a_path(facts, folder, tmp_p
 @pytest.mark.parametrize(
     ('setting', 'known'),
     [
-        ('plant.tyre_set', 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_book.yaml'),
-        ('plant.plant_params', 'bmw_330i.yaml, bmw_545i.yaml, vw_gti.yaml'),
-        ('controller.car_file', 'car.yaml'),
+        ('plant.tyre_set', 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_320i.yaml'),
+        ('plant.plant_params', 'bmw_320i.yaml, bmw_330i.yaml, bmw_545i.yaml, commonroad_320i.yaml'),
+        ('controller.car_file', 'car.yaml, car_commonroad_320i.yaml'),
     ],
 )
 def test_a_missing_file_is_refused_with_its_parameter_and_the_known_files(nodes_of, setting, known):
     nodes = nodes_of(f'{setting}=nosuch.yaml').values()
     name = setting.partition('.')[2]
-    expected = rf'--set {setting}: {name}: .* config/nosuch\.yaml; it has {known}; '
+    expected = rf'--set {setting}: {name}: .* config/nosuch\.yaml; it has {known}'
     with pytest.raises(BagError, match=expected):
         inputs.check_parameters(nodes)
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from vehicle_plant import integrator
+from vehicle_plant import integrator, plant_models
 from vehicle_plant.actuators import DelayLine, delay_steps
 from vehicle_plant.car import PlantParams
-from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.initial_state import Start
 from vehicle_plant.manoeuvres.settings import Settings
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
 from vehicle_plant.state import SetPoints, Trajectory
@@ -62,7 +62,8 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
     `Simulator` under the same commands, bit by bit.
     """
     p = integrator.parameter_vector(case.plant, case.friction)
-    x = rolling_state(case.plant, Start(0.0, 0.0, 0.0, run.speed))
+    model = plant_models.model_of(case.plant)
+    x = model.start(case.plant, Start(0.0, 0.0, 0.0, run.speed))
     vx = run.speed
     steps = round(TICK_S / step_s)
     stride = max(round(integrator.STEP_S / step_s), 1)
@@ -75,8 +76,8 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
         target = run.law(tick * TICK_S, vx)
         due = np.array([side * target.delta, target.Fxf, target.Fxr])
         path = np.where(done < 1, now + (due - now) * done, due)
-        burst = integrator.advance(x, line.shift(path), p, step_s)
-        x, now = burst[-1, : x.size].copy(), due
+        x, burst = integrator.advance_state(x, line.shift(path), p, step_s, model=model)
+        now = due
         rows.append(burst[stride - 1 :: stride])
         vx = Trajectory(np.empty(0), rows[-1]).column('planar.vx')[-1]
     rows = np.concatenate(rows)

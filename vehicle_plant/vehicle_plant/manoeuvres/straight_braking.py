@@ -2,8 +2,8 @@
 
 Closed form: M v' = -(F + k v^2), F = brakes and rolling resistance, k = drag, M = mass with the
 wheels' spin inertia J / R^2, hence from v to standstill s = M / (2 k) ln(1 + k v^2 / F) and
-t = M / sqrt(F k) atan(v sqrt(k / F)). The mean fully developed deceleration is that of UN R13-H:
-from 80 to 10 % of the initial speed.
+t = M / sqrt(F k) atan(v sqrt(k / F)); without drag s = M v^2 / (2 F) and t = M v / F. The mean fully
+developed deceleration is that of UN R13-H: from 80 to 10 % of the initial speed.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -31,15 +31,22 @@ class ClosedForm(NamedTuple):
 
     def distance(self, v):
         """Return the distance to standstill [m]."""
+        if not self.k:
+            return self.M * v**2 / (2 * self.F)
         return self.M / (2 * self.k) * np.log1p(self.k * v**2 / self.F)
 
     def duration(self, v):
         """Return the time to standstill [s]."""
+        if not self.k:
+            return self.M * v / self.F
         return self.M / np.sqrt(self.F * self.k) * np.arctan(v * np.sqrt(self.k / self.F))
 
     def speed(self, remaining):
         """Return the speed at a time before standstill [m/s]."""
-        angle = np.clip(remaining, 0, None) * np.sqrt(self.F * self.k) / self.M
+        remaining = np.clip(remaining, 0, None)
+        if not self.k:
+            return self.F / self.M * remaining
+        angle = remaining * np.sqrt(self.F * self.k) / self.M
         return np.sqrt(self.F / self.k) * np.tan(angle)
 
 
