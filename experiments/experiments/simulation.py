@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError
-from bags.evaluation.drive import Drive, drive_from_columns
+from bags.evaluation.drive import LATERAL_LIMIT, Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
+from experiments import plant_limit
 from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.tick import TickInputs
@@ -153,8 +154,12 @@ def run(
 
 
 def run_info(setup: Setup) -> dict[str, str]:
-    """Return the run information that `experiments run` would record for the same run."""
+    """Return the run information that `experiments run` would record for the same run.
+
+    And the lateral acceleration that the plant holds, where it drives the circle.
+    """
     scn = setup.scn
+    limit = plant_limit.held_lateral_limit(setup.plant, setup.friction)
     stop = parameters.flatten(inputs.stop_params(scn))
     car = parameters.flatten(setup.plant.car)
     values = {
@@ -170,6 +175,7 @@ def run_info(setup: Setup) -> dict[str, str]:
         'controller': setup.controller,
         'mode': 'in process',
         'parameters': json.dumps(values, sort_keys=True),
+        **({} if limit is None else {LATERAL_LIMIT: repr(limit)}),
     }
 
 

@@ -25,7 +25,10 @@ REQUIRED_TOPICS = (
 )
 CONTROLLER_TOPICS = ('/controller/command', '/controller/why')  # absent without any answer
 FRESH_PLAN = ('solved', 'stopped_early')  # fallback levels (`rung`) that follow a fresh plan
+CONVERGED_PLAN = FRESH_PLAN[0]
+LATERAL_LIMIT = 'plant_lateral_limit_mps2'  # in the run information, where it is known
 LONGEST_S = 86_400.0  # of a drive
+EMPTY_NS, NEVER = np.empty(0, dtype=np.int64), np.empty(0, dtype=bool)
 
 
 class Motion(NamedTuple):
@@ -63,6 +66,8 @@ class Ticks(NamedTuple):
     solve_cpu_ms: np.ndarray  # processor time likewise; not-a-number in older bags
     fallback: np.ndarray  # whether the step followed no fresh plan, one per /controller/why
     last_reason: str = ''  # why the last step followed no fresh plan; '' when it did
+    stamp_ns: np.ndarray = EMPTY_NS  # of the states that the reports are about
+    converged: np.ndarray = NEVER  # whether the step followed a plan that converged, likewise
 
 
 class Obstacle(NamedTuple):
@@ -103,6 +108,7 @@ class Facts(NamedTuple):
     least_speed: float | None = None  # m/s, below which the controller only brakes
     # m, x and y of each wheel from the centre of gravity; empty where the tracks are unknown
     wheels: tuple[tuple[float, float], ...] = ()
+    lateral_limit: float | None = None  # m/s^2, what the plant holds in a steady turn
 
 
 class Drive(NamedTuple):
@@ -175,6 +181,8 @@ def _ticks(columns):
         report_numbers(reports, 'time.solve_cpu_ms'),
         np.array([report.get('rung') not in FRESH_PLAN for report in reports], dtype=bool),
         '' if last.get('rung') in FRESH_PLAN else str(last.get('reason', '')),
+        why.stamp_ns if why else EMPTY_NS,
+        np.array([report.get('rung') == CONVERGED_PLAN for report in reports], dtype=bool),
     )
 
 
@@ -233,11 +241,17 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
             armed_after=plant['stop.armed_after_m'],
             least_speed=controller.get('limits.least_speed_mps'),
             wheels=_wheels(plant),
+            lateral_limit=_lateral_limit(run_info),
         )
     except KeyError as missing:
         raise BagError(
             f'{name}: the run does not say {missing}; was it recorded by hand?'
         ) from None
+
+
+def _lateral_limit(run_info):
+    limit = run_info.get(LATERAL_LIMIT)
+    return None if limit is None else float(limit)
 
 
 def _wheels(plant):

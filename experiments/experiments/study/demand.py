@@ -17,12 +17,9 @@ from scipy.optimize import linprog
 from bags.errors import BagError
 from experiments import simulation
 from experiments.configuration.inputs import KPH
+from experiments.plant_limit import lateral_limit
 from experiments.study import tables
 from experiments.study.variants import SCENARIO, Variant
-from node_runtime import parameters
-from vehicle_plant import circular_driving
-from vehicle_plant import parameters as plant_parameters
-from vehicle_plant.parameters import PlantParams
 
 STEM = 'demand'
 COMMAND = 'experiments study demand'
@@ -144,17 +141,6 @@ def run(out: Path) -> list[Path]:
     origin = tables.build_provenance(COMMAND, limits_of, plant_limit_mps2=limit)
     text = _markdown(rows, limit)
     return tables.write_tables(out, STEM, 'What the task demands', rows, text, origin)
-
-
-def lateral_limit(plant: PlantParams, friction: float = 1.0) -> float:
-    """Return the peak lateral acceleration [m/s^2] of quasi-steady circular driving (ISO 4138).
-
-    The manoeuvre is that of `identify` (config/identify.yaml of vehicle_plant): the steering angle
-    increases slowly until the front axle slides. Raises CircleError when it does not.
-    """
-    file = plant_parameters.config_file('identify.yaml')
-    manoeuvre = parameters.load(circular_driving.CircleParams, file)
-    return float(circular_driving.drive(plant, friction, manoeuvre).column('acceleration.ay').max())
 
 
 def _row(task, horizon_s, limit, kph) -> dict[str, Any]:

@@ -50,6 +50,8 @@ def any_drive(draw, facts, scene):
             columns(draw, ticks, 0.0, 50.0),
             draw(arrays(bool, ticks)),
             draw(st.sampled_from(['', 'too_slow', 'solver_failed'])),
+            stamps(ticks, 50),
+            draw(arrays(bool, ticks)),
         ),
         near,
         facts,

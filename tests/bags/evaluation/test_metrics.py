@@ -16,10 +16,13 @@ START_NS = 1_000_000_000
 KEYS = """verdict completed finish_at_m collided collided_by left_road left_road_at_m beyond_edge_m
     lost lost_how lost_at_m entered_unsafe_area outline_entered_unsafe_area min_v2o_m
     min_v2o_per_obstacle_m min_v2e_m
-    min_v2e_per_edge_m min_outline_gap_m finished stopped wheel_off_road_m survived lost_by
-    overshoots peak_brake_mps2 peak_sideslip_deg
-    peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m braking_s
-    counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 rms_lat_jerk_mps3 peak_lat_acc_share
+    min_v2e_per_edge_m min_outline_gap_m min_outline_gap_per_obstacle_m min_outline_v2e_m
+    min_outline_v2e_per_edge_m finished stopped wheel_off_road_m survived lost_by
+    overshoots peak_overshoot_m peak_brake_mps2 peak_sideslip_deg
+    peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m
+    planned_brake_onset_at_m planned_brake_onset_hard_at_m braking_s
+    counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 held_lat_acc_mps2
+    lateral_limit_use_plant rms_lat_jerk_mps3 peak_lat_acc_share
     peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""
 
 
@@ -170,6 +173,79 @@ def test_braking_begins_where_the_force_first_falls_to_the_threshold(make_drive)
     assert metrics.compute_metrics(driven)['brake_onset_at_m'] == pytest.approx(35.0, abs=0.03)
     assert driving.brake_onset(run, -1500.0) == pytest.approx(45.0, abs=0.03)
     assert driving.brake_onset(run, -1e6) is None
+
+
+def planned(drive, converged=True):
+    """Return the drive with a report per tick; `converged` is of the station of the tick [m]."""
+    stamp_ns = drive.ticks.answered_ns
+    at = (stamp_ns - START_NS) * 1e-9 * 20.0
+    values = converged(at) if callable(converged) else np.full(len(at), converged)
+    return drive._replace(ticks=drive.ticks._replace(stamp_ns=stamp_ns, converged=values))
+
+
+def onsets(drive):
+    result = metrics.compute_metrics(drive)
+    return [result[f'planned_brake_onset{kind}_at_m'] for kind in ('', '_hard')]
+
+
+def test_planned_braking_begins_where_the_force_first_stays_at_the_threshold(make_drive):
+    def ramp_after_a_peak(x):  # beyond both thresholds for 1 m, 0.05 s, at 20 m
+        return np.where(abs(x - 20.5) < 0.5, -3000.0, np.minimum(0.0, -100.0 * (x - 30.0)))
+
+    drive = make_drive(force=ramp_after_a_peak)
+    assert onsets(planned(drive)) == pytest.approx([35.2, 45.2], abs=0.21)  # samples of 10 ms
+    assert metrics.compute_metrics(drive)['brake_onset_at_m'] == pytest.approx(20.0, abs=0.03)
+
+
+def test_braking_without_a_converged_plan_is_no_onset(make_drive):
+    drive = make_drive(force=lambda x: np.where(x < 30.0, 0.0, -2000.0))
+    assert onsets(drive) == [None, None]  # no report at all
+    assert onsets(planned(drive, False)) == [None, None]
+    # plans from 40 m on: the onset is the first one that is planned
+    late = planned(drive, lambda at: at > 39.9)
+    assert onsets(late) == pytest.approx([40.0, 40.0], abs=0.21)
+
+
+@pytest.mark.parametrize(('x', 'braked'), [(29.0, False), (33.0, True)])
+def test_braking_beyond_the_last_obstacle_is_no_onset(make_drive, straight, x, braked):
+    drive = make_drive(
+        force=lambda x: np.where(x < 30.0, 0.0, -2000.0),
+        scene=with_obstacle(with_obstacle(straight, 20.0, 5.0), x, -5.0, number=2),
+    )
+    assert [onset is not None for onset in onsets(planned(drive))] == [braked, braked]
+
+
+def test_a_lateral_acceleration_counts_as_held_after_a_tenth_of_a_second(make_drive):
+    # 8 sin(2 t): 0.05 s before and after its peak it is 8 cos(0.1)
+    result = metrics.compute_metrics(make_drive(lateral_limit=7.5))
+    assert result['held_lat_acc_mps2'] == pytest.approx(8.0 * np.cos(0.1), abs=0.02)
+    assert result['lateral_limit_use_plant'] == pytest.approx(8.0 * np.cos(0.1) / 7.5, abs=3e-3)
+    assert metrics.compute_metrics(make_drive())['lateral_limit_use_plant'] is None
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_peak_of_less_than_a_tenth_of_a_second_is_not_held(make_drive, sign):
+    drive = make_drive()
+    t = (drive.accelerations.stamp_ns - START_NS) * 1e-9
+    ay = sign * np.select([abs(t - 2.0) < 0.045, abs(t - 3.0) < 0.06], [9.0, 4.0], 1.0)
+    held = drive._replace(accelerations=drive.accelerations._replace(ay=ay))
+    assert metrics.compute_metrics(held)['held_lat_acc_mps2'] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize('y', [0.0, 1.3, -2.5])
+@pytest.mark.parametrize('yaw', [0.0, 0.3, -1.2, np.pi / 2])
+def test_the_distance_of_the_outline_to_an_edge_is_that_of_its_farthest_corner(make_drive, y, yaw):
+    result = metrics.compute_metrics(make_drive(y=y, yaw=yaw))
+    aside = 2.4 * abs(np.sin(yaw)) + 0.9 * np.cos(yaw)
+    margins = {'left': 3.0 - y - aside, 'right': 3.0 + y - aside}
+    assert result['min_outline_v2e_per_edge_m'] == pytest.approx(margins)
+    assert result['min_outline_v2e_m'] == pytest.approx(min(margins.values()))
+
+
+def test_the_gap_of_the_outline_is_known_for_each_obstacle(make_drive, straight):
+    scene = with_obstacle(with_obstacle(straight, 50.0, 3.0), 70.0, -4.0, number=7)
+    result = metrics.compute_metrics(make_drive(scene=scene))
+    assert result['min_outline_gap_per_obstacle_m'] == pytest.approx({'1': 1.1, '7': 2.1})
 
 
 def test_peaks_of_acceleration_are_magnitudes(make_drive):

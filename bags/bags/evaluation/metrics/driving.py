@@ -4,6 +4,7 @@ import numpy as np
 
 from bags.evaluation import geometry
 from bags.evaluation.metrics.registry import EvaluatedDrive, metric
+from bags.evaluation.series import SEARCH_M, obstacle_position
 
 GRAVITY = 9.81  # m/s^2
 BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking
@@ -11,6 +12,7 @@ HARD_BRAKING_N = -1500.0
 NOTICEABLE_M = 0.1  # an excursion below this is tracking, not an overshoot
 BEND_1PM = 1e-3  # the curvature from which a piece of reference is a bend
 JERK_WINDOW_S = 0.1
+HELD_NS = 100_000_000  # how long a car is at a limit to have reached it
 SAMPLE_NS = 10_000_000  # between even samples of forces and angles
 NS = 1e-9  # s
 # below these a steering angle and a turn have no side: 1 deg at the road wheel, 3 deg/s
@@ -44,6 +46,12 @@ def overshoots(run):
         if amount > NOTICEABLE_M and any(wide):
             result.append({'x_m': float(run.drive.motion.x[peak]), 'amount_m': amount})
     return result
+
+
+@metric()
+def peak_overshoot_m(run):
+    """Largest amount of the overshoots, 0 without any."""
+    return max((overshoot['amount_m'] for overshoot in run.value(overshoots)), default=0.0)
 
 
 @metric('peak deceleration', 'm/s²', 1, row_after='brake_onset_at_m')
@@ -86,6 +94,23 @@ def brake_onset_hard_at_m(run):
 
 
 @metric()
+def planned_brake_onset_at_m(run):
+    """Station at which the car begins to brake (-500 N) by plan, before the last obstacle.
+
+    The actuated force stays there for 0.1 s, every tick of which follows a plan that converged, and
+    the station is before that of the last obstacle along the reference. None otherwise: braking
+    without a plan, and into or beyond an obstacle, is no onset.
+    """
+    return planned_brake_onset(run, BRAKING_N)
+
+
+@metric()
+def planned_brake_onset_hard_at_m(run):
+    """Station at which the car begins to brake hard (-1500 N) by plan, before the last obstacle."""
+    return planned_brake_onset(run, HARD_BRAKING_N)
+
+
+@metric()
 def braking_s(run):
     """How long the actuated longitudinal force was at or below -500 N."""
     return braking_time(run.drive, BRAKING_N)
@@ -114,6 +139,28 @@ def peak_lat_acc_mps2(run):
     """Largest measured lateral acceleration."""
     ay = run.drive.accelerations.ay
     return float(np.max(np.abs(ay))) if ay.size else None
+
+
+@metric()
+def held_lat_acc_mps2(run):
+    """Largest lateral acceleration that was held to one side for 0.1 s."""
+    stamp_ns, ay = run.drive.accelerations.stamp_ns, run.drive.accelerations.ay
+    if not ay.size or stamp_ns[-1] - stamp_ns[0] < HELD_NS:
+        return None
+    even = np.interp(_even_stamps(stamp_ns), stamp_ns, ay)
+    windows = np.lib.stride_tricks.sliding_window_view(even, HELD_NS // SAMPLE_NS + 1)
+    return float(max(0.0, np.max(windows.min(axis=1)), -np.min(windows.max(axis=1))))
+
+
+@metric()
+def lateral_limit_use_plant(run):
+    """Lateral acceleration held for 0.1 s as a share of what the plant holds in a steady turn.
+
+    The plant's own limit on this road, by quasi-steady circular driving; None where the run does
+    not say it.
+    """
+    held, limit = run.value(held_lat_acc_mps2), run.drive.facts.lateral_limit
+    return None if held is None or not limit else held / limit
 
 
 @metric()
@@ -194,6 +241,43 @@ def brake_onset(run: EvaluatedDrive, force_n: float) -> float | None:
         return None
     stamp_ns = inputs.stamp_ns[below[0]]
     return float(np.interp(stamp_ns, run.drive.motion.stamp_ns, run.series.station))
+
+
+def planned_brake_onset(run: EvaluatedDrive, force_n: float) -> float | None:
+    """Return the station [m] of `planned_brake_onset_at_m` for a force, or None."""
+    drive, station = run.drive, run.series.station
+    inputs, ticks = drive.inputs, drive.ticks
+    if not inputs.stamp_ns.size or not ticks.converged.size:
+        return None
+    stamps = _even_stamps(inputs.stamp_ns)
+    force = np.interp(stamps, inputs.stamp_ns, inputs.force)
+    tick = np.searchsorted(ticks.stamp_ns, stamps, side='right') - 1
+    planned = (tick >= 0) & ticks.converged[np.maximum(tick, 0)]
+    at = np.interp(stamps, drive.motion.stamp_ns, station)
+    braking = (force <= force_n) & planned & (at < run.value(_last_obstacle_at))
+    count = HELD_NS // SAMPLE_NS + 1
+    if len(braking) < count:
+        return None
+    held = np.lib.stride_tricks.sliding_window_view(braking, count).all(axis=1)
+    return float(at[np.argmax(held)]) if held.any() else None
+
+
+def _last_obstacle_at(run):
+    """Return the station [m] at which the car passes the last obstacle, infinity without any.
+
+    That of the obstacle where it is closest to the car.
+    """
+    motion, scene = run.drive.motion, run.drive.scene
+    stations = []
+    for obstacle in scene.obstacles:
+        x, y = obstacle_position(obstacle, scene, motion.stamp_ns)
+        away = np.hypot(motion.x - x, motion.y - y)
+        if np.any(np.isfinite(away)):
+            row = np.nanargmin(away)
+            point = np.array([[x[row], y[row]]])
+            foot = geometry.project_drive(point, scene.reference, SEARCH_M)
+            stations.append(float(foot.distance[0]))
+    return max(stations, default=np.inf)
 
 
 def braking_time(drive, force_n: float) -> float | None:

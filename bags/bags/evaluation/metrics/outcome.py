@@ -145,6 +145,25 @@ def min_outline_gap_m(run):
     return smallest_finite(run.series.outline_gap)
 
 
+@metric()
+def min_outline_gap_per_obstacle_m(run):
+    """Smallest gap between the true outline and each obstacle, by its id."""
+    return {str(number): smallest_finite(gap) for number, gap in run.series.outline_gaps.items()}
+
+
+@metric('min distance of the outline to road edge', 'm', 2)
+def min_outline_v2e_m(run):
+    """Smallest distance of the true outline to an edge of the road; negative beyond it."""
+    return min(run.value(min_outline_v2e_per_edge_m).values())
+
+
+@metric()
+def min_outline_v2e_per_edge_m(run):
+    """Smallest distance of the true outline to the left and to the right edge."""
+    _, margins = run.value(_outline_margins)
+    return {side: float(margin.min()) for side, margin in margins.items()}
+
+
 def smallest_finite(values: np.ndarray) -> float | None:
     """Return the smallest finite value; None without any."""
     finite = values[np.isfinite(values)]
@@ -178,24 +197,34 @@ def outline_beyond_edge(run: EvaluatedDrive) -> tuple[np.ndarray, np.ndarray]:
     The farthest point counts: negative where the whole outline is inside, minus infinity where it
     is so far inside that its points were not checked.
     """
+    rows, margins = run.value(_outline_margins)
+    return rows, -np.min([*margins.values()], axis=0)
+
+
+def _outline_margins(run):
+    """Return indices (n,) of odometry messages and by side how far [m] the outline is from it.
+
+    Of the point closest to the edge, negative beyond it; infinity where the centre is so far away
+    that its distance is neither below the safety distance nor the least of the drive.
+    """
     motion, outline, t = run.drive.motion, run.drive.facts.outline, run.series.t
     sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
     rows = np.unique(np.append(sampled, len(t) - 1))
     body = geometry.outline_points(outline, OUTLINE_SPACING_M)
-    # from the centre of gravity to the farthest point of the outline, and the safety distance
+    # from the centre of gravity to the farthest point of the outline
     reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
-    reach += run.drive.facts.safe_edge
     centre = np.column_stack([motion.x[rows], motion.y[rows]])
-    beyond = np.full(len(rows), -np.inf)
+    margins = {}
     for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right)):
-        near = np.flatnonzero(INSIDE[side] * geometry.offset_from_line(centre, edge) < reach)
-        if near.size:
-            k = rows[near]
-            points = geometry.transform_to_map(body, motion.x[k], motion.y[k], motion.yaw[k])
-            inside = INSIDE[side] * geometry.offset_from_line(points.reshape(-1, 2), edge)
-            farthest = -inside.reshape(len(near), -1).min(axis=1)
-            beyond[near] = np.maximum(beyond[near], farthest)
-    return rows, beyond
+        away = INSIDE[side] * geometry.offset_from_line(centre, edge)
+        # no point of the outline is farther from the edge than the centre at its closest
+        near = np.flatnonzero(away <= reach + max(run.drive.facts.safe_edge, away.min()))
+        k = rows[near]
+        points = geometry.transform_to_map(body, motion.x[k], motion.y[k], motion.yaw[k])
+        inside = INSIDE[side] * geometry.offset_from_line(points.reshape(-1, 2), edge)
+        margins[side] = np.full(len(rows), np.inf)
+        margins[side][near] = inside.reshape(len(near), -1).min(axis=1)
+    return rows, margins
 
 
 def describe_outcome(run: EvaluatedDrive, values: dict) -> str:

@@ -1,0 +1,38 @@
+"""The lateral acceleration that the plant holds: by driving the circle, and between frictions."""
+
+import dataclasses
+
+import pytest
+
+from bags.evaluation.metrics import compute_metrics
+from experiments import plant_limit, simulation
+
+
+@pytest.fixture(scope='module')
+def setup():
+    return simulation.prepare('double_lane_change', 'mpcc')
+
+
+@pytest.mark.parametrize('friction', [1.0, 0.96, 0.55, 0.06])
+def test_between_the_frictions_of_the_grid_the_limit_is_that_of_the_circle(setup, friction):
+    driven = plant_limit.lateral_limit(setup.plant, friction)
+    assert plant_limit.held_lateral_limit(setup.plant, friction) == pytest.approx(driven, rel=5e-3)
+
+
+def test_a_car_that_cannot_drive_the_circle_has_no_limit(setup):
+    car = setup.plant.car
+    axles = (car.force.front, car.force.rear)
+    front, rear = (dataclasses.replace(axle, drive_n=0.0) for axle in axles)
+    car = dataclasses.replace(car, force=dataclasses.replace(car.force, front=front, rear=rear))
+    plant = dataclasses.replace(setup.plant, car=car)
+    assert plant_limit.held_lateral_limit(plant, 1.0) is None
+
+
+def test_a_car_that_holds_the_circle_uses_its_limit_and_not_more(setup):
+    """Peaks of a lane change reach what a steady turn holds, a wet road lowers both alike."""
+    for friction in (1.0, 0.7):
+        wet = dataclasses.replace(setup.params.model, friction=friction)
+        params = dataclasses.replace(setup.params, model=wet)
+        drive = simulation.drive(setup._replace(friction=friction, params=params))
+        used = compute_metrics(drive)['lateral_limit_use_plant']
+        assert 0.9 < used < 1.05
