@@ -147,6 +147,8 @@ class Surroundings:
     # of path, road edges and obstacles around each stage: those around the guess, or again around
     # the plan until it stays near them; left out: frozen
     arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None
+    # left out: 0. Of obstacles that vanish from the message
+    memory_s: Annotated[float, Range(0.0, 5.0, 's after an obstacle was last seen')] | None
 
 
 @dataclass(frozen=True)

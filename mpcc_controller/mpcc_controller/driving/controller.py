@@ -28,6 +28,7 @@ from mpcc_controller.driving.delay_compensation import (
 from mpcc_controller.driving.fallback import RECOVERY
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
+from mpcc_controller.driving.obstacle_memory import ObstacleMemory
 from mpcc_controller.driving.planner import Planner
 from mpcc_controller.driving.tick import TickInputs, TickRecord, unknown_state
 from mpcc_controller.driving.tick_report import TickReporter
@@ -85,6 +86,7 @@ class Controller:
         self._command_ns = round((params.delay.command_s or 0.0) * conversions.NS_PER_S)
         self.friction = friction_estimate.make(params, self.car)
         self.observer = ObstacleObserver(params.surroundings)
+        self.memory = ObstacleMemory(params.surroundings)
         self.reporter = TickReporter(params, self.planner.formulation, self.planner.evaluator)
         self.scene = Scene(None, None, None)
         self._true_state = unknown_state(NEVER_NS)  # answered last
@@ -132,13 +134,14 @@ class Controller:
         if effective_ns is None:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
-        if self.scene.obstacles is not None:
-            self.observer.observe(self.scene.obstacles)
         belief = self._update_friction(x)
         # without a delay of commands the states between two effects are under the last ramp alone
         acting = self.ramps if self._command_ns else self.ramps[-1:]
         state = self.predictor.predict(x, acting, effective_ns)
         self._true_state = inputs.state
+        if self.scene.obstacles is not None:
+            self.observer.observe(self._measured(self.scene.obstacles, x.stamp_ns))
+            self.memory.remember(self._seen_obstacles(x.stamp_ns))
         scene = self._scene_at(x.stamp_ns, effective_ns)
         decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
         line = None
@@ -221,6 +224,7 @@ class Controller:
     def _restore(self, memory: tuple) -> None:
         self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt = memory
         self.observer.reset()
+        self.memory.reset()
         if self.friction:
             self.friction.memory, believed = learnt
             self._believe(believed)
@@ -239,19 +243,26 @@ class Controller:
 
     def _scene_at(self, seen_ns: int, stamp_ns: int) -> Scene:
         """Return the scene as seen at an instant, with its obstacles moved to another."""
-        scene, errors = self.scene, self.params.measurement_errors
+        scene = self.scene
         if scene.obstacles is not None:
-            seen = measurement_errors.measured_obstacles(
-                scene.obstacles, self._true_state, seen_ns, errors
-            )
-            scene = scene._replace(obstacles=self.observer.predict(seen))
+            known = self.memory.complete(self._seen_obstacles(seen_ns))
+            scene = scene._replace(obstacles=known)
         return stage_parameters.scene_at(scene, stamp_ns)
+
+    def _seen_obstacles(self, seen_ns: int) -> Obstacles:
+        """Return the obstacles of the last message as seen at an instant, and how they brake."""
+        return self.observer.predict(self._measured(self.scene.obstacles, seen_ns))
+
+    def _measured(self, obstacles: Obstacles, seen_ns: int) -> Obstacles:
+        errors = self.params.measurement_errors
+        return measurement_errors.measured_obstacles(obstacles, self._true_state, seen_ns, errors)
 
     def _start_from(self, command: Command) -> None:
         self.last_command = command
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
         self._is_too_slow = False
         self.observer.reset()
+        self.memory.reset()
         if self.friction:
             self.friction.reset()
 

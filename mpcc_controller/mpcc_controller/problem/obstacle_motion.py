@@ -72,12 +72,16 @@ class ObstacleObserver:
         self._speeds: dict[int, deque[tuple[int, float]]] = {}  # by id: (stamp_ns, m/s)
 
     def observe(self, obstacles: Obstacles) -> None:
-        """Take a message."""
+        """Take a message. An obstacle that is missing in it is forgotten after the window."""
         if self._window_s is None:
             return
-        before, self._speeds = self._speeds, {}
+        self._speeds = {
+            key: speeds
+            for key, speeds in self._speeds.items()
+            if ns_to_s(obstacles.stamp_ns - speeds[-1][0]) <= self._window_s
+        }
         for o in obstacles.items:
-            speeds = self._speeds[o.id] = before.get(o.id, deque())
+            speeds = self._speeds.setdefault(o.id, deque())
             if speeds and speeds[-1][0] == obstacles.stamp_ns:
                 speeds.pop()  # the message is repeated
             elif speeds and speeds[-1][0] > obstacles.stamp_ns:
