@@ -67,12 +67,16 @@ def compute_series(drive: Drive) -> Series:
     )
 
 
+def latest_message(scene: Scene, stamp_ns: np.ndarray) -> np.ndarray:
+    """Return the index of the latest message of the obstacles at each stamp; 0 before the first."""
+    return np.maximum(np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1, 0)
+
+
 def obstacle_position(
     obstacle: Obstacle, scene: Scene, stamp_ns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return x, y [m] at each stamp: the latest message, extrapolated at constant velocity."""
-    latest = np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1
-    latest = np.maximum(latest, 0)
+    latest = latest_message(scene, stamp_ns)
     age = (stamp_ns - scene.obstacle_stamp_ns[latest]) * NS
     x = obstacle.x[latest] + obstacle.vx[latest] * age
     return x, obstacle.y[latest] + obstacle.vy[latest] * age

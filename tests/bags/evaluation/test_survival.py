@@ -68,6 +68,38 @@ def test_a_car_that_is_under_way_at_the_end_of_the_run_does_not_survive(judge):
     assert result['lost_by'] == 'neither finished nor stopped'
 
 
+@pytest.mark.parametrize(
+    ('ahead', 'aside', 'speed', 'follows'),
+    [
+        (10.0, 0.0, 20.0, True),
+        (10.0, 0.0, 25.0, True),
+        (10.0, 0.0, 19.1, True),
+        (10.0, 0.0, 18.9, False),  # the gap closes too fast
+        (10.0, 0.0, 0.0, False),
+        (10.0, 0.0, -20.0, False),
+        (42.5, 0.0, 20.0, True),
+        (43.5, 0.0, 20.0, False),  # more than 3 m and 2 s at 20 m/s away
+        (-20.0, 0.0, 20.0, False),
+        (10.0, -1.8, 20.0, True),
+        (10.0, 2.0, 20.0, False),  # half of the car and a radius of 1 m are 1.925 m
+    ],
+)
+def test_a_car_that_follows_another_at_the_end_survives(
+    judge, make_drive, ahead, aside, speed, follows
+):
+    """The car drives 50 m at 20 m/s; the other one is `ahead` of its nose at the end."""
+    driven = make_drive(metres=50.0)
+    motion, scene = driven.motion, driven.scene
+    end = motion.x[-1] + driven.facts.outline.front + ahead + 1.0
+    t = (scene.obstacle_stamp_ns - motion.stamp_ns[-1]) * 1e-9
+    still = np.zeros(len(t))
+    x = np.where(t < -0.1, np.nan, end + speed * t)  # it comes at the end: nothing touches before
+    item = Obstacle(1, x, still + aside, still + speed, still, 1.0)
+    result = judge(metres=50.0, scene=scene._replace(obstacles=(item,)))
+    assert result['following'] is follows
+    assert result['survived'] is follows
+
+
 @pytest.mark.parametrize(('gap', 'survived'), [(0.05, True), (-0.05, False)])
 def test_touching_is_that_of_the_outline(judge, make_drive, gap, survived):
     beside = make_drive().facts.outline.width / 2 + 1.0 + gap

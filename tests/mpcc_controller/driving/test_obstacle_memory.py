@@ -62,7 +62,7 @@ def test_what_is_seen_counts_and_what_is_remembered_is_not_seen(memory):
     """Its age counts from when it was last in a message, not from when it was last remembered."""
     known(memory, message(0, CAR))
     for at_ms in range(50, MEMORY_MS + 1, 50):
-        assert known(memory, message(at_ms)).items[0].X == pytest.approx(10 + 12 * at_ms / 1000)
+        assert pytest.approx(10 + 12 * at_ms / 1000) == known(memory, message(at_ms)).items[0].X
     assert known(memory, message(MEMORY_MS + 50)).items == ()
     here = CAR._replace(X=14.0)
     known(memory, message(400, CAR))

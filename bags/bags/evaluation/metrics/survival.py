@@ -1,7 +1,8 @@
 """Whether a car came through: the judge of emergencies, where braking to a stop counts, too.
 
 Survived: the true outline touched no obstacle, no wheel was further off the road than a shoulder
-takes, the car never slid beyond recovery, and it crossed the finish line or stands.
+takes, the car never slid beyond recovery, and it crossed the finish line, stands, or follows what
+drives ahead of it.
 """
 
 import numpy as np
@@ -15,9 +16,13 @@ from bags.evaluation.metrics.outcome import (
     finish_at_m,
 )
 from bags.evaluation.metrics.registry import metric
+from bags.evaluation.series import latest_message, obstacle_position
 
 SHOULDER_M = 0.5  # how far a wheel may leave the road
 SLIDING_FROM_MPS = 5.0  # below it a car that slides comes to rest within its length
+# a car follows what is so close ahead of its nose, and is no more faster than that
+FOLLOWING_M, FOLLOWING_S = 3.0, 2.0  # m, and s of driving
+CLOSING_MPS = 1.0
 
 
 @metric()
@@ -31,6 +36,29 @@ def finished(run):
 def stopped(run):
     """Whether the car stands at the end: slower than 0.5 m/s."""
     return bool(run.series.speed[-1] < STANDING_MPS)
+
+
+@metric()
+def following(run):
+    """Whether at the end the car follows an obstacle: moving, close ahead, hardly slower than it.
+
+    Close is up to 3 m and 2 s of driving from its nose, on the straight strip that its width
+    sweeps; the gap closes by at most 1 m/s.
+    """
+    motion, scene, outline = run.drive.motion, run.drive.scene, run.drive.facts.outline
+    stamp_ns = motion.stamp_ns[-1:]
+    cos, sin = np.cos(motion.yaw[-1]), np.sin(motion.yaw[-1])
+    message = latest_message(scene, stamp_ns)[0]
+    for obstacle in scene.obstacles:
+        x, y = (value[0] for value in obstacle_position(obstacle, scene, stamp_ns))
+        dx, dy = x - motion.x[-1], y - motion.y[-1]
+        gap = dx * cos + dy * sin - obstacle.radius - outline.front
+        aside = abs(dy * cos - dx * sin) - obstacle.radius - outline.width / 2
+        speed = obstacle.vx[message] * cos + obstacle.vy[message] * sin
+        is_ahead = 0.0 < gap < FOLLOWING_M + FOLLOWING_S * motion.vx[-1] and aside < 0.0
+        if is_ahead and speed >= STANDING_MPS and motion.vx[-1] - speed <= CLOSING_MPS:
+            return True
+    return False
 
 
 @metric()
@@ -49,8 +77,8 @@ def wheel_off_road_m(run):
 def survived(run):
     """Whether nothing touched, no wheel was over 0.5 m off the road, no slide, and it ended well.
 
-    No slide: the sideslip angle stayed below 30 deg above 5 m/s. Ended well: finished or stopped.
-    None where the position of the wheels is unknown.
+    No slide: the sideslip angle stayed below 30 deg above 5 m/s. Ended well: finished, stopped, or
+    following. None where the position of the wheels is unknown.
     """
     return None if not run.drive.facts.wheels else run.value(lost_by) is None
 
@@ -59,7 +87,8 @@ def survived(run):
 def lost_by(run):
     """Why the car did not survive: what happened first; None if it did, or if unknown.
 
-    `touched obstacle <id>`, `left the road`, `slid`, or `neither finished nor stopped`.
+    `touched obstacle <id>`, `left the road`, `slid`, or `neither finished nor stopped` (nor does it
+    follow another).
     """
     if not run.drive.facts.wheels:
         return None
@@ -75,7 +104,7 @@ def lost_by(run):
     first, cause = min(events)
     if np.isfinite(first):
         return cause
-    ended_well = run.value(finished) or run.value(stopped)
+    ended_well = run.value(finished) or run.value(stopped) or run.value(following)
     return None if ended_well else 'neither finished nor stopped'
 
 
