@@ -1,6 +1,7 @@
 """A pool of processes that share work over the cores and end with this program, however it ends.
 
 A task that ends its process, or takes longer than allowed, fails alone: the process is replaced.
+`cluster_pool` is the same for the processes of many machines; TaskPool is what both are.
 """
 
 import math
@@ -10,6 +11,7 @@ import signal
 import threading
 import time
 import traceback
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from multiprocessing import connection, get_context, parent_process
@@ -32,28 +34,29 @@ class Finished(NamedTuple):
     error: Exception | None = None
 
 
-class WorkerPool:
-    """A context with `jobs` processes, started when there is work for them.
-
-    Leaving it cancels the tasks that have not begun, gives the others LEAVE_S, and ends them.
-    """
-
-    def __init__(self, jobs: int):
-        self.jobs = jobs
-        self._workers: list[_Worker] = []
-        self._dismissed: list[_Worker] = []
+class TaskPool(ABC):
+    """A context in which tasks are done by other processes."""
 
     def __enter__(self):
         return self
 
-    def __exit__(self, *error):
-        leaving = self._workers + self._dismissed
-        for worker in leaving:
-            worker.pipe.close()
-        end = time.monotonic() + LEAVE_S
-        for worker in leaving:
-            worker.end(max(0.0, end - time.monotonic()))
-        self._workers, self._dismissed = [], []
+    @abstractmethod
+    def __exit__(self, *error): ...
+
+    @abstractmethod
+    def finish_each(
+        self,
+        function: Callable,
+        tasks: Sequence[tuple],
+        groups: Sequence[Hashable] = (),
+        limit_s: float = math.inf,
+    ) -> Iterator[Finished]:
+        """Yield function(*task) of every task as it ends, whether it has a value or an error.
+
+        groups   one per task: tasks of a group should meet in a process, so that what it prepared
+                 for the first serves the others
+        limit_s  wall time after which a task fails
+        """
 
     def run(
         self, function: Callable, tasks: Iterable[tuple], on_done: Callable[[], None]
@@ -70,6 +73,27 @@ class WorkerPool:
             values[finished.number] = finished.value
             on_done()
         return values
+
+
+class WorkerPool(TaskPool):
+    """A context with `jobs` processes, started when there is work for them.
+
+    Leaving it cancels the tasks that have not begun, gives the others LEAVE_S, and ends them.
+    """
+
+    def __init__(self, jobs: int):
+        self.jobs = jobs
+        self._workers: list[_Worker] = []
+        self._dismissed: list[_Worker] = []
+
+    def __exit__(self, *error):
+        leaving = self._workers + self._dismissed
+        for worker in leaving:
+            worker.pipe.close()
+        end = time.monotonic() + LEAVE_S
+        for worker in leaving:
+            worker.end(max(0.0, end - time.monotonic()))
+        self._workers, self._dismissed = [], []
 
     def finish_each(
         self,

@@ -20,15 +20,24 @@ ROSDEP_KEYS = {
     'mcap': None,
     'numpy': 'python3-numpy',
     'optuna': None,
+    'pandas': 'python3-pandas',
     'pyarrow': None,
+    'SALib': None,
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
+    'sklearn': 'python3-sklearn',
     'yaml': 'python3-yaml',
     'zstandard': None,
 }
-DISTRIBUTIONS = {'foxglove': 'foxglove-sdk', 'yaml': 'pyyaml'}  # where the name differs
+# where the name differs
+DISTRIBUTIONS = {
+    'SALib': 'salib',
+    'foxglove': 'foxglove-sdk',
+    'sklearn': 'scikit-learn',
+    'yaml': 'pyyaml',
+}
 # modules that a package does without, by the distribution that an extra of its setup.cfg installs
-OPTIONAL = {'vehiclemodels': 'commonroad-vehicle-models'}
+OPTIONAL = {'distributed': 'distributed', 'vehiclemodels': 'commonroad-vehicle-models'}
 NOT_IMPORTED = {'ros2launch'}  # the command that finds the launch files
 
 
@@ -46,7 +55,7 @@ def all_imports(package):
                 found.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(node.module.split('.')[0])
-    return found - set(sys.stdlib_module_names) - {package}
+    return found - set(sys.stdlib_module_names) - {package} - OPTIONAL
 
 
 def run_dependencies(package):

@@ -52,13 +52,18 @@ def write(columns: Columns, notes: Mapping[str, str], folder: Path) -> Path:
 
 
 def summarise(columns: Columns) -> Table:
-    """Return a table of scenarios and controllers: drives without an error, and how they ended."""
+    """Return a table of scenarios and controllers: drives without an error, and how they ended.
+
+    The draws of a family count as one scenario.
+    """
     table = Table(box=None, padding=(0, 2, 0, 0))
     for name in ('scenario', 'controller'):
         table.add_column(name, overflow='fold', min_width=len(name))
     for name in ('drives', *(share.replace('_', '\n') for share in SHARES)):
         table.add_column(name, justify='right', min_width=max(map(len, name.split())))
-    pairs = list(zip(columns['scenario'], columns['controller']))
+    families = columns.get('family', [None] * len(columns['scenario']))
+    roads = [family or scenario for family, scenario in zip(families, columns['scenario'])]
+    pairs = list(zip(roads, columns['controller']))
     for pair in dict.fromkeys(pairs):
         numbers = [number for number, other in enumerate(pairs) if other == pair]
         driven = [number for number in numbers if not columns['error'][number]]

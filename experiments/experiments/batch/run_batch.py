@@ -23,10 +23,11 @@ from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
 from experiments.batch.simulate import simulate
 from experiments.batch.study_file import StudyFile
+from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress, print_text
 from experiments.simulation import Setup
 from experiments.study import code_version
-from experiments.worker_pool import WorkerPool
+from experiments.worker_pool import TaskPool
 from node_runtime import provenance
 
 TIMES = ('wall_s', 'cpu_s')  # of a drive
@@ -39,6 +40,7 @@ class Request(NamedTuple):
     folder: Path  # of the results
     jobs: int
     limit_s: float  # of wall time for one drive
+    dask: str = ''  # address of a scheduler, whose workers drive in place of `jobs` processes
 
 
 class Plan(NamedTuple):
@@ -77,7 +79,7 @@ def run(
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folder) as records,
-        WorkerPool(request.jobs) as pool,
+        open_pool(request.jobs, request.dask, code_version.describe) as pool,
     ):
         if records.damaged:
             text = f'{records.path}: {records.damaged} damaged records are simulated again'
@@ -109,7 +111,7 @@ def run(
     return 1 if failed else 0
 
 
-def prepare_plan(study: StudyFile, pool: WorkerPool, progress: CountProgress) -> Plan:
+def prepare_plan(study: StudyFile, pool: TaskPool, progress: CountProgress) -> Plan:
     """Check every combination of a study and return its drives. Raises BagError."""
     combinations, draws = drive_plan.combine(study), drive_plan.sample_draws(study)
     words = list(dict.fromkeys(draw.words for draw in draws)) if study.drawn else [()]

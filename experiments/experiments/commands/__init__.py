@@ -5,6 +5,7 @@ Modules import what they need in `run`, so that `experiments --help` answers at 
 
 import argparse
 import os
+from pathlib import Path
 from typing import Any
 
 
@@ -32,6 +33,35 @@ def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
         default=len(os.sched_getaffinity(0)),
         metavar='N',
         help=f'processes (default: one per usable core); does not change {constant}',
+    )
+
+
+def add_dask(parser: argparse.ArgumentParser) -> None:
+    """Add the option --dask."""
+    parser.add_argument(
+        '--dask',
+        default='',
+        metavar='ADDRESS',
+        help='of a dask scheduler, as tcp://10.0.0.1:8786: its workers do the drives; instead of '
+        '--jobs (docs/batch.md)',
+    )
+
+
+def add_table(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a command that reads a table of drives."""
+    parser.add_argument('table', type=Path, metavar='DIR', help='of the table, or its Parquet file')
+    parser.add_argument(
+        '--metric',
+        default='survived',
+        metavar='NAME',
+        help='a column of the table (default: survived)',
+    )
+    parser.add_argument(
+        '--bins',
+        type=positive_count,
+        default=5,
+        metavar='N',
+        help='intervals for a column of many numbers (default: 5)',
     )
 
 

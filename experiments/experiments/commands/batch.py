@@ -26,7 +26,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_jobs, add_time_limit
+from experiments.commands import add_dask, add_jobs, add_time_limit
 
 HELP = 'simulate scenarios, controllers, settings and random draws; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out', type=Path, required=True, metavar='DIR', help='receives table and records'
     )
     add_jobs(parser, 'the table')
+    add_dask(parser)
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
 
 
@@ -49,5 +50,7 @@ def run(options: argparse.Namespace) -> int:
     # imported late: simulation and controllers take a second to load
     from experiments.batch import run_batch
 
-    request = run_batch.Request(options.study, options.out, options.jobs, options.limit_s)
+    request = run_batch.Request(
+        options.study, options.out, options.jobs, options.limit_s, options.dask
+    )
     return run_batch.run(request, Console())

@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.commands import add_jobs, add_list, add_time_limit, positive_count
+from experiments.commands import add_dask, add_jobs, add_list, add_time_limit, positive_count
 
 HELP = 'drive families of emergencies; who survived, with intervals and causes'
 EXAMPLE = (
@@ -75,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
     parser.add_argument('--out', type=Path, metavar='PATH', help='receives table and records')
     add_jobs(parser, 'the table')
+    add_dask(parser)
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
     parser.add_argument(
         '--at-least',
@@ -118,6 +119,7 @@ def run(options: argparse.Namespace) -> int:
             options.jobs,
             options.limit_s,
             options.at_least,
+            options.dask,
         ),
         console,
     )

@@ -13,12 +13,12 @@ from experiments import pass_criteria
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
+from experiments.cluster_pool import open_pool
 from experiments.configuration import node_config, set_option
 from experiments.library import library_drive, survival_table
 from experiments.library.library_drive import ENTRIES, LibraryDrive
 from experiments.progress import CountProgress
 from experiments.study import code_version
-from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 from scenario_publisher import scenario
 
@@ -41,6 +41,7 @@ class Request(NamedTuple):
     jobs: int
     limit_s: float  # of wall time for one drive
     at_least: float | None  # share that each family has to survive
+    dask: str = ''  # address of a scheduler, whose workers drive in place of `jobs` processes
 
 
 def run(request: Request, console: Console) -> int:
@@ -59,7 +60,7 @@ def run(request: Request, console: Console) -> int:
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folder) as records,
-        WorkerPool(request.jobs) as pool,
+        open_pool(request.jobs, request.dask, code_version.describe) as pool,
     ):
         if drives:
             # in this process: an error in a setting is reported before anything is driven

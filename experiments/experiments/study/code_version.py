@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import json
+from collections.abc import Mapping
 from functools import cache
 from importlib import util
 from pathlib import Path
@@ -11,6 +12,7 @@ from node_runtime import provenance
 
 # simulates and evaluates a run; its imports, and theirs, decide the result, too
 ROOTS = ('experiments.study.run_spec', 'experiments.batch.drive_plan', 'experiments.batch.simulate')
+LIBRARIES = ('casadi', 'numpy')
 TEMPLATES = ('stage_solver', ('.c', '.h'))  # of the generated solver; not imported
 
 
@@ -20,13 +22,29 @@ def digest(roots: tuple[str, ...] = ROOTS) -> str:
 
     `roots` are modules; what they import counts, too.
     """
+    versions, machine = provenance.versions(), provenance.machine()
+    kept = [versions[name] for name in LIBRARIES] + [machine['processor']]
+    return hashlib.sha256((digest_sources(roots) + json.dumps(kept)).encode()).hexdigest()
+
+
+def digest_sources(roots: tuple[str, ...] = ROOTS) -> str:
+    """Return the SHA-256 of the sources of `roots`, and of all that they import."""
     digest_ = hashlib.sha256()
     for name, path in sorted({**modules(roots), **_templates()}.items()):
         digest_.update(f'{name}\0'.encode() + path.read_bytes() + b'\0')
-    versions, machine = provenance.versions(), provenance.machine()
-    kept = [versions[name] for name in ('casadi', 'numpy')] + [machine['processor']]
-    digest_.update(json.dumps(kept).encode())
     return digest_.hexdigest()
+
+
+@cache
+def describe(roots: tuple[str, ...] = ROOTS) -> Mapping[str, str]:
+    """Return what decides results, by name, so that two machines can be compared."""
+    versions, machine = provenance.versions(), provenance.machine()
+    return {
+        'sources': digest_sources(roots)[:12],
+        **{name: versions[name] for name in ('python', *LIBRARIES, 'scipy')},
+        'processor': machine['processor'],
+        'libc': machine['libc'],
+    }
 
 
 def modules(roots: tuple[str, ...] = ROOTS) -> dict[str, Path]:

@@ -34,7 +34,7 @@ def test_a_changed_line_of_a_module_or_a_template_is_another_version(
     before, files = code_version.digest.__wrapped__(), getattr(code_version, kind)()
     changed = tmp_path / 'changed'
     changed.write_text(files[name].read_text())
-    monkeypatch.setattr(code_version, kind, lambda: {**files, name: changed})
+    monkeypatch.setattr(code_version, kind, lambda *_: {**files, name: changed})
     assert code_version.digest.__wrapped__() == before
     changed.write_text(files[name].read_text() + '\n')
     assert code_version.digest.__wrapped__() != before

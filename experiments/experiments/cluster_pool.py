@@ -1,0 +1,259 @@
+"""A pool of the workers of a dask.distributed cluster: `worker_pool.TaskPool` over many machines.
+
+Each thread of a dask worker keeps one process (a WorkerPool of one), in which its tasks are done: a
+task that crashes or takes too long fails alone, as on this machine, and the dask worker stays. The
+tasks of a dask worker that ends are done again by others.
+"""
+
+import contextlib
+import logging
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from multiprocessing import current_process
+from typing import Any, NamedTuple
+
+from bags.errors import BagError
+from experiments.worker_pool import Finished, TaskPool, WorkerError, WorkerPool
+
+CONNECT_S = 10.0
+WORKERS_S = 60.0  # without any worker
+POLL_S = 1.0  # between two looks whether scheduler and workers are there
+PER_THREAD = 2  # tasks that have been sent: the next one is there when one ends
+NO_LIBRARY = (
+    '--dask needs dask.distributed, which is not installed: pip install "experiments[cluster]", '
+    'or pip install distributed'
+)
+START = 'dask worker ADDRESS --nthreads CORES --no-nanny'
+
+Describe = Callable[[], Mapping[str, str]]
+
+
+class Refusal(NamedTuple):
+    """What a worker returns that must not do a task, and why."""
+
+    reason: str
+
+
+class ClusterPool(TaskPool):
+    """A context with the workers of the scheduler at an address, as `tcp://10.0.0.1:8786`.
+
+    describe   called here and by every worker: {name: version} of what decides results; a worker at
+               which it differs is refused
+    workers_s  wall time after which to be without a worker is an error
+
+    Entering it raises BagError without dask.distributed, without a scheduler, and for a worker that
+    is refused.
+    """
+
+    def __init__(self, address: str, describe: Describe, workers_s: float = WORKERS_S):
+        self.address, self.describe, self.workers_s = address, describe, workers_s
+        self.wanted = dict(describe())
+        self._threads = 0
+        self._alone_s = 0.0  # since when there has been no worker
+
+    def __enter__(self):
+        try:
+            from distributed import Client
+        except ModuleNotFoundError:
+            raise BagError(NO_LIBRARY) from None
+        # what goes wrong is said in one line, by the errors below
+        self._loggers = {name: logging.getLogger(name).level for name in LOGGERS}
+        for name in LOGGERS:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(self.address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            self._restore_loggers()
+            reason = ' '.join(str(error).split())
+            raise BagError(f'--dask {self.address}: no scheduler answers: {reason}') from None
+        try:
+            self._wait_for_worker()
+            self._check_workers()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error):
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            self._client.close(timeout=POLL_S)
+        self._restore_loggers()
+
+    def _restore_loggers(self):
+        for name, level in self._loggers.items():
+            logging.getLogger(name).setLevel(level)
+
+    def _wait_for_worker(self):
+        try:
+            self._client.wait_for_workers(1, timeout=self.workers_s)
+        except TimeoutError:
+            raise self._no_worker() from None
+        self._count_threads()
+
+    def _no_worker(self):
+        return BagError(
+            f'--dask {self.address}: no worker in {self.workers_s:g} s; start some: '
+            f'{START.replace("ADDRESS", self.address)}'
+        )
+
+    def _check_workers(self):
+        """Refuse workers whose versions differ before they have a task."""
+        answers = self._client.run(_refusal, self.describe, self.wanted, on_error='return')
+        for worker, answer in answers.items():
+            if isinstance(answer, Exception):
+                answer = Refusal(f'{type(answer).__name__}: {answer}; is this project installed?')
+            if answer is not None:
+                raise self._refused(worker, answer)
+
+    def _refused(self, worker, refusal):
+        return BagError(f'--dask {self.address}: worker {worker}: {refusal.reason}')
+
+    def _count_threads(self):
+        """Count the threads of the workers; raise BagError when none has been there for long."""
+        self._threads = sum(self._client.nthreads().values())
+        if self._threads:
+            self._alone_s = 0.0
+        elif not self._alone_s:
+            self._alone_s = time.monotonic()
+        elif time.monotonic() - self._alone_s > self.workers_s:
+            raise self._no_worker()
+
+    def finish_each(
+        self,
+        function: Callable,
+        tasks: Sequence[tuple],
+        groups: Sequence[Hashable] = (),
+        limit_s: float = math.inf,
+    ) -> Iterator[Finished]:
+        """Yield function(*task) of every task as it ends, whether it has a value or an error.
+
+        Tasks are sent in the order of their groups. Raises BagError when the scheduler is gone,
+        when no worker is there for `workers_s`, and for a worker that is refused.
+        """
+        order = _by_group(groups) if groups else range(len(tasks))
+        waiting = iter(order)
+        sent: dict[int, Any] = {}  # futures by the number of the task
+        done: queue.SimpleQueue[int] = queue.SimpleQueue()
+        looked_s = time.monotonic()
+        try:
+            while True:
+                while len(sent) < max(1, PER_THREAD * self._threads):
+                    number = next(waiting, None)
+                    if number is None:
+                        break
+                    sent[number] = self._submit(function, tasks[number], limit_s)
+                    _notify(sent[number], done, number)
+                if not sent:
+                    return
+                with contextlib.suppress(queue.Empty):
+                    number = done.get(timeout=POLL_S)
+                    finished = self._collect(number, sent[number])
+                    if finished is None:  # its worker ended before it answered
+                        _notify(sent[number], done, number)
+                    else:
+                        del sent[number]
+                        yield finished
+                if time.monotonic() - looked_s > POLL_S:
+                    self._look()
+                    looked_s = time.monotonic()
+        finally:
+            if sent and self._client.status == 'running':
+                with contextlib.suppress(Exception):
+                    self._client.cancel(list(sent.values()))
+
+    def _submit(self, function, task, limit_s):
+        arguments = (self.describe, self.wanted, function, task, limit_s)
+        try:
+            return self._client.submit(_answer, *arguments, pure=False)
+        except (OSError, RuntimeError, ValueError):
+            if self._client.status == 'running':
+                raise
+            raise self._gone() from None
+
+    def _look(self):
+        """Raise BagError when the scheduler is gone or no worker is there."""
+        if self._client.status != 'running':
+            raise self._gone()
+        try:
+            self._count_threads()
+        except OSError:
+            raise self._gone() from None
+
+    def _gone(self):
+        return BagError(
+            f'--dask {self.address}: the scheduler is gone; what has ended is kept, the same '
+            'command goes on with another one'
+        )
+
+    def _collect(self, number, future):
+        """Return the Finished task of a future that is done, None when its answer is lost."""
+        from distributed import CancelledError
+        from distributed.scheduler import KilledWorker
+
+        if future.status == 'cancelled':
+            raise self._gone()
+        try:
+            answer = future.result(timeout=CONNECT_S)
+        except KilledWorker:
+            return Finished(number, None, WorkerError('every dask worker that did it ended'))
+        except CancelledError:
+            raise self._gone() from None
+        except TimeoutError:
+            self._look()
+            return None
+        except Exception as error:  # of reading the task or its answer
+            return Finished(number, None, error)
+        if isinstance(answer, Refusal):
+            raise self._refused('', answer)
+        value, error = answer
+        return Finished(number, value, error)
+
+
+def open_pool(jobs: int, address: str, describe: Describe) -> TaskPool:
+    """Return a pool of processes of this machine, or of the cluster at an address unless ''."""
+    return ClusterPool(address, describe) if address else WorkerPool(jobs)
+
+
+LOGGERS = ('distributed.client', 'distributed.core', 'distributed.batched', 'distributed.comm')
+
+
+def _by_group(groups):
+    first = {group: place for place, group in reversed(list(enumerate(groups)))}
+    return sorted(range(len(groups)), key=lambda number: first[groups[number]])
+
+
+def _notify(future, done, number):
+    future.add_done_callback(lambda _: done.put(number))
+
+
+def _refusal(describe, wanted):
+    """Return why this process must not do a task, None when nothing differs."""
+    found = dict(describe())
+    differ = [
+        f'{name} is {found.get(name)!r}, {wanted.get(name)!r} where the command runs'
+        for name in dict.fromkeys([*wanted, *found])
+        if found.get(name) != wanted.get(name)
+    ]
+    if differ:
+        return Refusal(f'its results would differ: {"; ".join(differ)}')
+    if current_process().daemon:
+        return Refusal(
+            f'cannot start processes, because a nanny started it; start it without: {START}'
+        )
+    return None
+
+
+_of_thread = threading.local()
+
+
+def _answer(describe, wanted, function, task, limit_s):
+    """Return value and error of a task, or a Refusal, in a thread of a dask worker."""
+    if refusal := _refusal(describe, wanted):
+        return refusal
+    if not hasattr(_of_thread, 'pool'):
+        _of_thread.pool = WorkerPool(1)  # its process ends with this one
+    (finished,) = _of_thread.pool.finish_each(function, [task], limit_s=limit_s)
+    return finished.value, finished.error

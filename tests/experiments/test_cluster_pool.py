@@ -1,0 +1,110 @@
+"""Tasks on a cluster end as in processes of this machine, and workers that differ are refused."""
+
+import os
+import signal
+import sys
+
+import pytest
+from dask_cluster import Cluster
+
+from bags.errors import BagError
+from experiments.cluster_pool import ClusterPool, open_pool
+from experiments.worker_pool import WorkerPool
+
+EXITS, WAITS = "__import__('os')._exit(3)", "__import__('signal').pause()"
+KILLS_ITS_DASK_WORKER_ONCE = """
+import os, pathlib, signal, sys
+if not pathlib.Path(path).exists():
+    pathlib.Path(path).touch()
+    os.kill(os.getppid(), signal.SIGKILL)
+    signal.pause()
+"""
+
+
+def same():
+    return {'version': '1'}
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    with Cluster(tmp_path / 'cluster') as one:
+        yield one
+
+
+def test_without_an_address_the_pool_is_of_this_machine():
+    with open_pool(1, '', same) as pool:
+        assert isinstance(pool, WorkerPool)
+
+
+def test_an_address_where_nothing_listens_is_an_error(monkeypatch):
+    monkeypatch.setattr('experiments.cluster_pool.CONNECT_S', 0.2)
+    with pytest.raises(BagError, match='no scheduler answers'):
+        ClusterPool('tcp://127.0.0.1:9', same).__enter__()
+
+
+def test_without_the_library_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    with pytest.raises(BagError, match=r'pip install "experiments\[cluster\]"'):
+        ClusterPool('tcp://127.0.0.1:9', same).__enter__()
+
+
+@pytest.mark.slow
+def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(cluster):
+    cluster.start_worker()
+    tasks = [('1 / 0',), (EXITS,), (WAITS,), ('2**3',)]
+    with ClusterPool(cluster.address, same) as pool:
+        ended = {one.number: one for one in pool.finish_each(eval, tasks, limit_s=8.0)}
+        assert pool.run(eval, [('1',), ('2',)], int) == [1, 2]
+    assert ended[3].value == 8
+    assert [str(ended[number].error) for number in range(3)] == [
+        'division by zero',
+        'its process ended with exit code 3',
+        'its process was ended after 8 s',
+    ]
+
+
+@pytest.mark.slow
+def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path):
+    cluster.start_worker()
+    cluster.start_worker()
+    task = (KILLS_ITS_DASK_WORKER_ONCE, {'path': str(tmp_path / 'done')})
+    with ClusterPool(cluster.address, same) as pool:
+        (ended,) = pool.finish_each(exec, [task])
+    assert ended.error is None
+    assert sorted(worker.poll() is None for worker in cluster.workers) == [False, True]
+
+
+@pytest.mark.slow
+def test_without_a_worker_the_error_says_how_to_start_one(cluster):
+    with pytest.raises(BagError, match=r'no worker in 0.2 s; start some: dask worker tcp://.*'):
+        ClusterPool(cluster.address, same, workers_s=0.2).__enter__()
+
+
+def process():
+    return {'process': str(os.getpid())}
+
+
+@pytest.mark.slow
+def test_a_worker_with_other_versions_is_refused(cluster):
+    cluster.start_worker()
+    here = os.getpid()
+    with pytest.raises(BagError, match=rf"process is '\d+', '{here}' where the command runs"):
+        ClusterPool(cluster.address, process).__enter__()
+
+
+@pytest.mark.slow
+def test_a_worker_that_cannot_start_processes_is_refused(cluster):
+    cluster.start_worker('--nanny')
+    with pytest.raises(BagError, match='a nanny started it; start it without'):
+        ClusterPool(cluster.address, same).__enter__()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_ends_is_an_error(cluster):
+    cluster.start_worker()
+    with ClusterPool(cluster.address, same) as pool:
+        ended = pool.finish_each(eval, [('1',), (WAITS,)])
+        assert next(ended).value == 1
+        cluster.scheduler.send_signal(signal.SIGKILL)
+        with pytest.raises(BagError, match='the scheduler is gone; what has ended is kept'):
+            next(ended)
