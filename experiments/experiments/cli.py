@@ -8,6 +8,8 @@ from bags import command_line
 COMMANDS = (
     'run',
     'batch',
+    'table',
+    'plot',
     'library',
     'survivable',
     'replay-check',

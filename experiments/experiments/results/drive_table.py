@@ -1,0 +1,98 @@
+"""A table of drives: one row per drive, first the columns that tell it apart, then its results.
+
+The columns before `error` say which drive it is, those after it what came out. A drive with an
+error has no results and is left out.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas
+
+from bags.errors import BagError
+from experiments.batch import results_table
+from msgs_yaml.strict_yaml import closest
+
+ERROR = 'error'
+REPEAT = ('run', 'perturbation')  # columns, or beginnings of their names, of what is repeated
+CONTROLLER = 'controller'
+
+
+class DriveTable(NamedTuple):
+    """Drives with results."""
+
+    path: Path
+    rows: pandas.DataFrame
+    inputs: tuple[str, ...]  # the columns that tell drives apart
+    failed: int  # drives with an error, which are not among the rows
+
+    def __repr__(self) -> str:
+        return f'DriveTable({str(self.path)!r}, {len(self.rows)} rows)'
+
+    @property
+    def units(self) -> list[str]:
+        """The columns whose values two repeats of one drive share, but for the controller."""
+        return [
+            name
+            for name in self.inputs
+            if name != CONTROLLER and name.partition('.')[0] not in REPEAT
+        ]
+
+    def column(self, name: str, option: str) -> pandas.Series:
+        """Return a column; raise BagError, which names the option, when there is none."""
+        if name not in self.rows:
+            raise BagError(
+                f'{option} {name}: {self.path} has no such column{closest(name, self.rows)}'
+            )
+        return self.rows[name]
+
+    def metric(self, name: str) -> pandas.Series:
+        """Return a metric as numbers, or as truths (type `boolean`), missing values as NA.
+
+        Raises BagError for another column.
+        """
+        values = self.column(name, '--metric').astype(object)
+        known = values.dropna()
+        if len(known) and all(isinstance(value, bool) for value in known):
+            return values.astype('boolean')
+        try:
+            return values.astype(float)
+        except (ValueError, TypeError):
+            raise BagError(
+                f'--metric {name}: holds words; allowed numbers, and true or false'
+            ) from None
+
+
+def load(path: Path) -> DriveTable:
+    """Return the table of a folder of `experiments batch` or `library`, or of a Parquet file.
+
+    Raises BagError when there is none, or it has no drive with a result.
+    """
+    file = path if path.suffix == '.parquet' else path / results_table.FILE
+    if not file.is_file():
+        raise BagError(f'{file}: there is no such table')
+    try:
+        rows = pandas.read_parquet(file)
+    except (OSError, ValueError) as error:
+        raise BagError(f'{file}: no table: {error}') from None
+    if ERROR not in rows:
+        raise BagError(f'{file}: has no column {ERROR!r}; allowed tables of drives')
+    place = rows.columns.get_loc(ERROR)
+    driven = rows[rows[ERROR].fillna('') == '']
+    if driven.empty:
+        raise BagError(f'{file}: no drive has a result')
+    inputs = tuple(rows.columns[:place])
+    return DriveTable(file, driven.reset_index(drop=True), inputs, len(rows) - len(driven))
+
+
+def is_truth(values: pandas.Series) -> bool:
+    """Tell whether a metric is true or false."""
+    return values.dtype == 'boolean'
+
+
+def controllers(table: DriveTable) -> Sequence[str]:
+    """Return the controllers of a table in their order; '' alone where it has no such column."""
+    if CONTROLLER not in table.rows:
+        return ['']
+    return list(dict.fromkeys(table.rows[CONTROLLER]))

@@ -1,0 +1,168 @@
+"""A metric over the values of columns: medians and quantiles, shares, and paired differences.
+
+Shares have the Wilson score interval of 95 %, which takes drives for independent: with `run` beyond
+1 or few draws the intervals are too narrow. Differences of two controllers have a bootstrap
+interval of their mean, resampled by what repeats share (`DriveTable.units`), so repeats count once.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas
+
+from bags.errors import BagError
+from experiments.results.drive_table import CONTROLLER, REPEAT, DriveTable, is_truth
+from experiments.study import run_statistics
+
+LEVELS = 12  # distinct numbers of a column; more are put into bins
+BINS = 5
+QUANTILES = {'q05': 0.05, 'q25': 0.25, 'median': 0.5, 'q75': 0.75, 'q95': 0.95}
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+
+
+def levels(values: pandas.Series, bins: int) -> pandas.Series:
+    """Return values as groups: as they are, or many numbers as `bins` intervals of equal counts."""
+    if values.dtype == bool or not pandas.api.types.is_numeric_dtype(values):
+        return values
+    if values.nunique() <= LEVELS:
+        return values
+    return pandas.qcut(values, bins, duplicates='drop')
+
+
+def level_text(level) -> str:
+    """Return a group as text."""
+    if isinstance(level, pandas.Interval):
+        return f'{level.left:.4g} to {level.right:.4g}'
+    return f'{level:.4g}' if isinstance(level, float) else str(level)
+
+
+def level_middle(level) -> float:
+    """Return the number that stands for a group on an axis."""
+    return float(level.mid if isinstance(level, pandas.Interval) else level)
+
+
+def summarise(
+    table: DriveTable, metric: str, by: Sequence[str], bins: int = BINS
+) -> pandas.DataFrame:
+    """Return a row per combination of groups of the columns `by`.
+
+    Columns: those of `by`, `drives`, `missing` (without a value of the metric), and `share`, `low`,
+    `high` of a metric that is true or false, the quantiles of any other. Raises BagError.
+    """
+    values = table.metric(metric)
+    summary = _summarise_truths if is_truth(values) else _summarise_numbers
+    rows = []
+    for key, numbers in _groups(table, by, bins):
+        chosen = values[numbers]
+        known = chosen.dropna()
+        counts = {'drives': len(chosen), 'missing': len(chosen) - len(known)}
+        rows.append({**dict(zip(by, key)), **counts, **summary(known)})
+    return pandas.DataFrame(rows)
+
+
+def _groups(table, by, bins):
+    """Yield the key of each group and the labels of its rows, in the order of the values."""
+    if not by:
+        yield (), table.rows.index
+        return
+    keys = [levels(table.column(name, '--by'), bins) for name in by]
+    for key, group in table.rows.groupby(keys, observed=True, dropna=False, sort=True):
+        yield key if isinstance(key, tuple) else (key,), group.index
+
+
+def _summarise_truths(known):
+    if known.empty:
+        return dict.fromkeys(('share', 'low', 'high'), np.nan)
+    share = run_statistics.share(known.astype(bool).tolist())
+    return {'share': share.share, 'low': share.low, 'high': share.high}
+
+
+def _summarise_numbers(known):
+    if known.empty:
+        return dict.fromkeys(QUANTILES, np.nan)
+    return {name: float(known.quantile(share)) for name, share in QUANTILES.items()}
+
+
+def compare(
+    table: DriveTable,
+    metric: str,
+    pair: tuple[str, str],
+    by: Sequence[str] = (),
+    bins: int = BINS,
+    seed: int = 0,
+) -> pandas.DataFrame:
+    """Return the metric of the first controller minus that of the second, drive by drive.
+
+    A row per group of the columns `by`: `pairs` (of drives that both have a value in), `mean` with
+    its bootstrap interval `low` to `high`, `median`, and how often it is `greater` and `less`. A
+    metric that is true or false counts 1 and 0: the mean is the difference of the shares. Raises
+    BagError for controllers without a drive, and where none can be paired.
+    """
+    table.column(CONTROLLER, '--pair')
+    grouped = table._replace(rows=table.rows.assign(_value=table.metric(metric).astype(float)))
+    same = [name for name in table.inputs if name != CONTROLLER]
+    sides = []
+    for name in pair:
+        rows = grouped.rows[grouped.rows[CONTROLLER] == name]
+        if rows.empty:
+            known = ', '.join(map(str, table.rows[CONTROLLER].unique()))
+            raise BagError(f'--pair: no drive of {name!r}; there are {known}')
+        sides.append(rows[[*same, '_value']])
+    paired = (
+        sides[0]
+        .merge(sides[1], on=same, suffixes=('_1', '_2'))
+        .dropna(subset=['_value_1', '_value_2'])
+    )
+    if paired.empty:
+        raise BagError(f'--pair: {pair[0]} and {pair[1]} share no drive with a value of {metric}')
+    for name in by:
+        if name not in same:
+            raise BagError(f'--by {name}: goes with --pair only for {", ".join(same)}')
+    paired['_difference'] = paired['_value_1'] - paired['_value_2']
+    rng = np.random.default_rng(seed)
+    both = table._replace(rows=paired)
+    return pandas.DataFrame(
+        {**dict(zip(by, key)), **_difference(paired.loc[numbers], table.units, rng)}
+        for key, numbers in _groups(both, by, bins)
+    )
+
+
+def _difference(paired, units, rng):
+    values = paired['_difference']
+    by_unit = paired.groupby(units, dropna=False)['_difference'].mean() if units else values
+    # repeats of one drive alone are all that there is to resample
+    low, high = bootstrap_mean((by_unit if len(by_unit) > 1 else values).to_numpy(), rng)
+    return {
+        'pairs': len(values),
+        'mean': float(by_unit.mean()),
+        'low': low,
+        'high': high,
+        'median': float(values.median()),
+        'greater': int((values > 0.0).sum()),
+        'less': int((values < 0.0).sum()),
+    }
+
+
+def bootstrap_mean(values: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the percentile bootstrap interval of a mean; NaN for a single value."""
+    from scipy.stats import bootstrap
+
+    if len(values) < 2:
+        return np.nan, np.nan
+    interval = bootstrap(
+        (values,),
+        np.mean,
+        n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method='percentile',
+        batch=max(1, 1_000_000 // len(values)),
+        random_state=rng,
+    ).confidence_interval
+    return float(interval.low), float(interval.high)
+
+
+def repeats(table: DriveTable) -> bool:
+    """Tell whether some drives are repeats of others, which Wilson's intervals do not know."""
+    names = [name for name in table.inputs if name.partition('.')[0] in REPEAT]
+    return any(table.rows[name].nunique() > 1 for name in names)

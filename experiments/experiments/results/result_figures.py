@@ -1,0 +1,200 @@
+"""Figures of a table of drives: a metric over one column, over two, and as a success surface."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from bags.errors import BagError
+from bags.figures import style
+from experiments.results import drive_table, marginals, success_surface
+from experiments.results.drive_table import CONTROLLER, DriveTable
+
+COLOURS = 'RdYlBu'  # of shares: red fails, blue holds
+OTHER_COLOURS = 'cividis'
+CONTOURS = (0.1, 0.5, 0.9)
+SURE = 0.9  # share; where the lower bound reaches it, the condition holds for sure
+PANEL = (4.6, 3.9)  # inch
+DARK = 0.42  # luminance below which numbers are white
+
+
+def write_marginal(
+    table: DriveTable, metric: str, column: str, stem: Path, bins: int = marginals.BINS
+) -> list[Path]:
+    """Write a metric over one column, a line per controller; return the paths of PNG and SVG.
+
+    Shares have their interval of 95 %, numbers the range from the 5th to the 95th percentile, and
+    darker from the 25th to the 75th.
+    """
+    names = drive_table.controllers(table)
+    colours = style.assign_colours(names)
+    with mpl.rc_context(style.RC):
+        figure = Figure(figsize=(6.4, 4.2), layout='constrained')
+        axes = figure.subplots()
+        is_share, ticks = False, {}
+        for k, name in enumerate(names):
+            summary = marginals.summarise(_of(table, name), metric, [column], bins)
+            places = _places(summary[column], ticks)
+            is_share = 'share' in summary
+            draw = _draw_shares if is_share else _draw_quantiles
+            shift = (k - (len(names) - 1) / 2) * 0.012 * max(1e-9, np.ptp(places))
+            draw(axes, places + shift, summary, colours[name], str(name))
+        if ticks:
+            axes.set_xticks(list(ticks.values()), list(map(marginals.level_text, ticks)))
+        axes.set_xlabel(column)
+        axes.set_ylabel(f'share of drives: {metric}' if is_share else metric)
+        if is_share:
+            axes.set_ylim(-0.03, 1.03)
+        if names != ['']:
+            figure.legend(loc='outside upper right', ncols=len(names))
+        return style.save_figure(figure, stem)
+
+
+def _places(levels, ticks):
+    """Return where the groups are on the axis; words are counted in `ticks`."""
+    try:
+        return np.array([marginals.level_middle(level) for level in levels])
+    except (ValueError, TypeError):
+        return np.array([ticks.setdefault(level, len(ticks)) for level in levels], dtype=float)
+
+
+def _draw_shares(axes, places, summary, colour, name):
+    errors = [summary['share'] - summary['low'], summary['high'] - summary['share']]
+    axes.errorbar(
+        places, summary['share'], errors, color=colour, marker='o', ms=4, capsize=3, label=name
+    )
+
+
+def _draw_quantiles(axes, places, summary, colour, name):
+    axes.fill_between(places, summary['q05'], summary['q95'], color=colour, alpha=0.12, lw=0)
+    axes.fill_between(places, summary['q25'], summary['q75'], color=colour, alpha=0.22, lw=0)
+    axes.plot(places, summary['median'], color=colour, marker='o', ms=4, label=name)
+
+
+def write_map(
+    table: DriveTable,
+    metric: str,
+    columns: tuple[str, str],
+    stem: Path,
+    bins: int = marginals.BINS,
+) -> list[Path]:
+    """Write a metric over two columns, a panel per controller; return the paths of PNG and SVG.
+
+    Cells are the groups of `marginals.levels`, of the whole table; each shows its share or median,
+    and the number of its drives.
+    """
+    for name in columns:  # the cells of all panels are the same
+        values = table.column(name, '--by')
+        table = table._replace(rows=table.rows.assign(**{name: marginals.levels(values, bins)}))
+    summary = marginals.summarise(table, metric, columns)
+    quantity = 'share' if 'share' in summary else 'median'
+    spread = (0.0, 1.0) if quantity == 'share' else _range(summary[quantity])
+
+    def draw(axes, part, _):
+        cells = marginals.summarise(part, metric, columns).pivot(
+            index=columns[1], columns=columns[0], values=[quantity, 'drives']
+        )
+        values = cells[quantity].to_numpy(dtype=float)
+        colours = mpl.colormaps[COLOURS if quantity == 'share' else OTHER_COLOURS]
+        image = axes.imshow(
+            np.ma.masked_invalid(values), colours, vmin=spread[0], vmax=spread[1],
+            origin='lower', aspect='auto',
+        )  # fmt: skip
+        for (row, column), value in np.ndenumerate(values):
+            if np.isfinite(value):
+                text = f'{value:.2g}\n({cells["drives"].iat[row, column]:.0f})'
+                ink = _ink(image.cmap(image.norm(value)))
+                axes.text(column, row, text, ha='center', va='center', color=ink, fontsize=7.5)
+        names = [[marginals.level_text(v) for v in labels] for labels in (
+            cells[quantity].columns, cells.index
+        )]  # fmt: skip
+        axes.set_xticks(range(len(names[0])), names[0], rotation=30, ha='right')
+        axes.set_yticks(range(len(names[1])), names[1])
+        axes.grid(False)
+        return image
+
+    title = f'share of drives: {metric}' if quantity == 'share' else f'{metric}, median'
+    return _panels(table, columns, title, draw, stem)
+
+
+def write_surface(
+    table: DriveTable, metric: str, columns: tuple[str, str], stem: Path, seed: int = 0
+) -> list[Path]:
+    """Write the success surface of a metric over two columns of numbers, a panel per controller.
+
+    Colours and black contours are the fitted share; a dashed contour is where the lower bound of
+    its interval of 95 % is 0.9. Dots are the drives. Raises BagError for a metric that is not true
+    or false, for columns without numbers, and where there is nothing to fit.
+    """
+    if not drive_table.is_truth(table.metric(metric)):
+        raise BagError(f'--metric {metric}: a surface needs a metric that is true or false')
+    for name in columns:
+        if not np.issubdtype(table.column(name, '--by').dtype, np.number):
+            raise BagError(f'--by {name}: a surface needs numbers')
+
+    def draw(axes, part, name):
+        x, y = (part.rows[column].to_numpy(dtype=float) for column in columns)
+        values = part.metric(metric)
+        known = values.notna().to_numpy()
+        x, y, holds = x[known], y[known], values[known].to_numpy(dtype=bool)
+        units = list(part.rows.loc[known, part.units].itertuples(index=False, name=None))
+        try:
+            surface = success_surface.fit(x, y, holds, units, seed)
+        except BagError as error:
+            raise BagError(f'{name}: {error}'.removeprefix(': ')) from None
+        image = axes.pcolormesh(
+            surface.x, surface.y, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True
+        )
+        lines = axes.contour(
+            surface.x, surface.y, surface.share, CONTOURS, colors='k', linewidths=1.0
+        )
+        axes.clabel(lines, fmt='%g', fontsize=8)
+        if surface.low.max() > SURE > surface.low.min():
+            axes.contour(
+                surface.x, surface.y, surface.low, [SURE], colors='k', linestyles='--',
+                linewidths=1.4,
+            )  # fmt: skip
+        axes.plot(x[holds], y[holds], 'o', ms=2.6, color=style.INK, mew=0)
+        axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
+        axes.set_title(f'{axes.get_title(loc="left")}  (skill {surface.skill:.2f})')
+        axes.grid(False)
+        return image
+
+    return _panels(table, columns, f'share of drives: {metric}', draw, stem)
+
+
+def _panels(
+    table: DriveTable, columns: Sequence[str], title: str, draw: Callable, stem: Path
+) -> list[Path]:
+    names = drive_table.controllers(table)
+    with mpl.rc_context(style.RC):
+        size = (PANEL[0] * len(names) + 0.9, PANEL[1])
+        figure = Figure(figsize=size, layout='constrained')
+        grid = figure.subplots(1, len(names), squeeze=False, sharex=True, sharey=True)[0]
+        for axes, name in zip(grid, names):
+            axes.set_title(str(name))
+            axes.set_xlabel(columns[0])
+            image = draw(axes, _of(table, name), name)
+        grid[0].set_ylabel(columns[1])
+        figure.colorbar(image, ax=grid, label=title)
+        return style.save_figure(figure, stem)
+
+
+def _of(table, controller):
+    """Return the drives of a controller; all of a table without controllers."""
+    if CONTROLLER not in table.rows:
+        return table
+    rows = table.rows[table.rows[CONTROLLER] == controller]
+    return table._replace(rows=rows.reset_index(drop=True))
+
+
+def _range(values):
+    known = values.dropna()
+    return (known.min(), known.max()) if len(known) else (0.0, 1.0)
+
+
+def _ink(colour):
+    red, green, blue, _ = colour
+    return 'white' if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else style.INK
