@@ -55,7 +55,7 @@ def all_imports(package):
                 found.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(node.module.split('.')[0])
-    return found - set(sys.stdlib_module_names) - {package} - OPTIONAL
+    return found - set(sys.stdlib_module_names) - {package}
 
 
 def run_dependencies(package):

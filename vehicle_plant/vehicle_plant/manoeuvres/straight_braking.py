@@ -2,8 +2,8 @@
 
 Closed form: M v' = -(F + k v^2), F = brakes and rolling resistance, k = drag, M = mass with the
 wheels' spin inertia J / R^2, hence from v to standstill s = M / (2 k) ln(1 + k v^2 / F) and
-t = M / sqrt(F k) atan(v sqrt(k / F)); without drag s = M v^2 / (2 F) and t = M v / F. The mean fully
-developed deceleration is that of UN R13-H: from 80 to 10 % of the initial speed.
+t = M / sqrt(F k) atan(v sqrt(k / F)); without drag s = M v^2 / (2 F) and t = M v / F. The mean
+fully developed deceleration is that of UN R13-H: from 80 to 10 % of the initial speed.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
