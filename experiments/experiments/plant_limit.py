@@ -1,11 +1,17 @@
 """The lateral acceleration that a plant holds in a steady turn: a property of car and road."""
 
+import json
+import os
+import tempfile
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
-from node_runtime import parameters
-from vehicle_plant import circular_driving
+import vehicle_plant
+from node_runtime import parameters, provenance
+from stage_solver import compile_cache
+from vehicle_plant import circular_driving, identify
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.circular_driving import CircleError
 from vehicle_plant.parameters import PlantParams
@@ -28,7 +34,7 @@ def held_lateral_limit(plant: PlantParams, friction: float) -> float | None:
     """Return the `lateral_limit` at any friction, interpolated between those of a grid.
 
     A drive of the circle takes as long as a run: of a plant each friction of the grid is driven
-    once per process. None for a plant that cannot drive the circle.
+    once, and kept beside the compiled solvers. None for a plant that cannot drive the circle.
     """
     at = friction * GRID
     # the lowest friction of all, 0.05, is below the grid
@@ -39,7 +45,25 @@ def held_lateral_limit(plant: PlantParams, friction: float) -> float | None:
 
 @cache
 def _limit_at(plant, step):
+    content = '\0'.join((identify.digest(plant), f'{step:g}', _sources()))
+    file = compile_cache.cache_dir() / 'lateral_limits' / f'{provenance.digest(content)}.json'
+    if file.is_file():
+        return json.loads(file.read_text())
     try:
-        return lateral_limit(plant, step / GRID)
+        limit = lateral_limit(plant, step / GRID)
     except CircleError:
-        return None
+        limit = None
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # written whole or not at all, also when another process writes the same limit
+    with tempfile.NamedTemporaryFile('w', dir=file.parent, suffix='.part', delete=False) as part:
+        json.dump(limit, part)
+    os.replace(part.name, file)
+    return limit
+
+
+@cache
+def _sources():
+    """Return a digest of the plant's code and of what it is compiled with."""
+    folder = Path(vehicle_plant.__file__).parent
+    code = [file.read_text() for file in sorted(folder.rglob('*.py'))]
+    return provenance.digest('\0'.join((*code, provenance.versions()['casadi'])))

@@ -19,6 +19,20 @@ def test_between_the_frictions_of_the_grid_the_limit_is_that_of_the_circle(setup
     assert plant_limit.held_lateral_limit(setup.plant, friction) == pytest.approx(driven, rel=5e-3)
 
 
+def test_a_limit_is_driven_once_and_kept(setup, tmp_path, monkeypatch):
+    monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path))
+    drives = []
+    genuine = plant_limit.lateral_limit
+    monkeypatch.setattr(
+        plant_limit, 'lateral_limit', lambda *given: drives.append(given) or genuine(*given)
+    )
+    limits = set()
+    for _ in range(2):
+        plant_limit._limit_at.cache_clear()  # as in another process
+        limits.add(plant_limit.held_lateral_limit(setup.plant, 0.2))
+    assert len(drives) == len(limits) == 1
+
+
 def test_a_car_that_cannot_drive_the_circle_has_no_limit(setup):
     car = setup.plant.car
     axles = (car.force.front, car.force.rear)
