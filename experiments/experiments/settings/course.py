@@ -16,7 +16,7 @@ from experiments.settings.preregistration import Course
 from experiments.study import demand
 from experiments.study.demand import Circle, Task
 from scenario_publisher import scenario
-from scenario_publisher.families import draft
+from scenario_publisher.families import scenario_document
 from scenario_publisher.scenario import Scenario
 
 TASK_STEP_M = 1.0
@@ -56,10 +56,10 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
     begin_2 = course.entry_m + first + values['plateau_m']
     end = begin_2 + second
     segments = (
-        draft.straight(course.entry_m),
-        draft.lane_change(first, offset),
-        draft.straight(values['plateau_m']),
-        draft.lane_change(second, -offset),
+        scenario_document.straight(course.entry_m),
+        scenario_document.lane_change(first, offset),
+        scenario_document.straight(values['plateau_m']),
+        scenario_document.lane_change(second, -offset),
     )
     left = offset + circle_radius + values['room_left_m']
     right = -circle_radius - values['room_right_m']
@@ -93,22 +93,22 @@ def document(layout: Layout, speed: float, course: Course) -> dict[str, Any]:
     """Return the scenario of a layout at a constant speed [m/s] as the contents of a file."""
     finish = layout.end + max(course.after_s * speed, course.least_after_m)
     behind = finish - layout.end + course.horizon_s * speed
-    road = layout.end + behind + 2 * draft.BEFORE
-    return draft.rounded(
+    road = layout.end + behind + 2 * scenario_document.BEFORE
+    return scenario_document.rounded(
         {
-            'schema': draft.SCHEMA,
+            'schema': scenario_document.SCHEMA,
             'name': NAME,
             'description': 'Double lane change of the study over many settings.',
             'road': {
                 'centre_line': {
-                    'start': draft.pose(-draft.BEFORE),
-                    'segments': [draft.straight(road)],
+                    'start': scenario_document.pose(-scenario_document.BEFORE),
+                    'segments': [scenario_document.straight(road)],
                 },
                 'edges': {'left': {'offset_m': layout.left}, 'right': {'offset_m': layout.right}},
             },
             'path': {
-                'start': draft.pose(0.0),
-                'segments': [*layout.segments, draft.straight(behind)],
+                'start': scenario_document.pose(0.0),
+                'segments': [*layout.segments, scenario_document.straight(behind)],
             },
             'speed': {'constant_mps': speed},
             'friction': 1.0,

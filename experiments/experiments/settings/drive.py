@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from bags.evaluation.drive import drive_from_columns
+from bags.evaluation.drive import Drive, drive_from_columns
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.series import SIDESLIP_FROM
+from bags.storage.columns import Columns
 from experiments import simulation
 from experiments.settings import arms, measures
 from experiments.settings.arms import Arm
@@ -111,15 +112,17 @@ def is_over(task: DriveTask, scn: Scenario, state: VehicleState) -> bool:
     )
 
 
-def run(task: DriveTask) -> str:
-    """Drive once; return the measures as JSON, with the wall and processor time [s].
-
-    The drive ends when it `is_over`.
-    """
-    wall_s, cpu_s = time.perf_counter(), time.process_time()
+def simulate(task: DriveTask) -> tuple[Drive, dict[str, Columns]]:
+    """Drive once, until it `is_over`; return the Drive and its columns. Raises BagError."""
     setup = prepare(task)
     columns = simulation.run(setup, explain=False, give_up=partial(is_over, task, setup.scn))
-    drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
+    return drive_from_columns(columns, simulation.run_info(setup), setup.controller), columns
+
+
+def run(task: DriveTask) -> str:
+    """Drive once; return the measures as JSON, with the wall and processor time [s]."""
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    drive, columns = simulate(task)
     preconditions = task.preconditions
     values = measures.measure(drive, columns, task.setting, preconditions.P4, preconditions.P3)
     values['wall_s'] = time.perf_counter() - wall_s
