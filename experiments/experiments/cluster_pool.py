@@ -7,11 +7,10 @@ tasks of a dask worker that ends are done again by others.
 
 import contextlib
 import logging
-import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from multiprocessing import current_process
 from typing import Any, NamedTuple
 
@@ -121,14 +120,8 @@ class ClusterPool(TaskPool):
         elif time.monotonic() - self._alone_s > self.workers_s:
             raise self._no_worker()
 
-    def finish_each(
-        self,
-        function: Callable,
-        tasks: Sequence[tuple],
-        groups: Sequence[Hashable] = (),
-        limit_s: float = math.inf,
-    ) -> Iterator[Finished]:
-        """Yield function(*task) of every task as it ends, whether it has a value or an error.
+    def _finish_each(self, function, tasks, groups, limit_s):
+        """Send tasks to the workers and yield them as they end.
 
         Tasks are sent in the order of their groups. Raises BagError when the scheduler is gone,
         when no worker is there for `workers_s`, and for a worker that is refused.

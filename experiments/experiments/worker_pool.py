@@ -43,7 +43,6 @@ class TaskPool(ABC):
     @abstractmethod
     def __exit__(self, *error): ...
 
-    @abstractmethod
     def finish_each(
         self,
         function: Callable,
@@ -57,6 +56,11 @@ class TaskPool(ABC):
                  for the first serves the others
         limit_s  wall time after which a task fails
         """
+        return self._finish_each(function, tasks, groups, limit_s)
+
+    @abstractmethod
+    def _finish_each(self, function, tasks, groups, limit_s) -> Iterator[Finished]:
+        """Yield as `finish_each`; `groups` is empty or has a group per task."""
 
     def run(
         self, function: Callable, tasks: Iterable[tuple], on_done: Callable[[], None]
@@ -95,19 +99,8 @@ class WorkerPool(TaskPool):
             worker.end(max(0.0, end - time.monotonic()))
         self._workers, self._dismissed = [], []
 
-    def finish_each(
-        self,
-        function: Callable,
-        tasks: Sequence[tuple],
-        groups: Sequence[Hashable] = (),
-        limit_s: float = math.inf,
-    ) -> Iterator[Finished]:
-        """Yield function(*task) of every task as it ends, whether it has a value or an error.
-
-        groups   one per task: a process stays with the tasks of a group while there are any, so
-                 that what it prepared for the first serves the others
-        limit_s  wall time after which a task fails
-        """
+    def _finish_each(self, function, tasks, groups, limit_s):
+        """Give each process tasks of its group while there are any."""
         queue = _Queue(groups or [None] * len(tasks))
         try:
             while queue.waiting or self._busy():
