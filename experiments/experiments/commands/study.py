@@ -2,7 +2,8 @@
 
 The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
 paper, demand of the task; and drives of many settings, a random choice of what the paper does not
-print each.
+print each, the decisions on them, one of them alone, the search for one that shows the whole
+picture of the paper, and the tuned version of the baseline.
 """
 
 import argparse
@@ -17,8 +18,13 @@ from experiments.commands import add_jobs, add_list, add_time_limit, positive_co
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many settings'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
-PARTS = ('distributions', 'ablation', 'limit', 'claims', 'demand', 'settings')
+PARTS = (
+    *('distributions', 'ablation', 'limit', 'claims', 'demand'),
+    *('settings', 'decide', 'setting', 'exists', 'baseline'),
+)
+DECISIONS = ('decide', 'setting', 'exists', 'baseline')
 OUT = Path('paper', 'study')
+DECIDED = Path('paper', 'settings')
 SETTINGS, QUICK_SETTINGS = 10_000, 12
 QUICK_RUNS = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
 QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m': (0.5,)}
@@ -27,6 +33,8 @@ QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments study`."""
     parser.add_argument('part', choices=PARTS, help='the part of the study')
+    text = 'decide, exists, baseline: what `experiments study settings` wrote'
+    parser.add_argument('folder', nargs='?', type=Path, metavar='DIR', help=text)
     add_out(parser, OUT, 'the tables')
     parser.add_argument(
         '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per probe)'
@@ -67,12 +75,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--seed', type=int, default=1, metavar='S', help='settings: of the draws (default: 1)'
     )
     add_time_limit(parser, '--limit', 120.0, 'settings: a drive fails')
+    parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
+    parser.add_argument(
+        '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Run one part; 0 when it was written. Raises BagError."""
     if options.part == 'settings':
         return _run_settings(options)
+    if options.part in DECISIONS:
+        return _run_decision(options)
     # imported late: simulation and controllers take a second to load
     from experiments.progress import CountProgress
     from experiments.study.runner import Runner
@@ -109,6 +123,22 @@ def _run_settings(options):
         tuned=options.tuned[0] if options.tuned else None,
     )
     return run_settings.run(request, Console())
+
+
+def _run_decision(options):
+    from experiments.settings_analysis import run_decision
+
+    request = run_decision.Request(
+        part=options.part,
+        folder=options.folder,
+        out=DECIDED if options.out == OUT else options.out,
+        number=options.number,
+        seed=options.seed,
+        trials=options.trials,
+        jobs=options.jobs,
+        quick=options.quick,
+    )
+    return run_decision.run(request, Console())
 
 
 def _parse_role(text):

@@ -1,7 +1,19 @@
-"""The analysis of the study over many settings.
+"""The analysis of the study over many settings: verdicts, causes, drivers, existence.
 
 setting_statistics  bootstrap over settings, exact bounds, Holm's correction, equivalence
 verdicts            a claim among the settings of a precondition level
 factorial           effects of the factors that separate baseline and MPCC
 surrogate           which dimensions drive an outcome
+study_tables        the tables of a study as data frames
+decide              all of that for one study
+decision_figures    its figures
+decision_report     its files
+picture             the paper's picture as numbers, and the distance from it
+picture_search      the search for the setting that is nearest to it
+pictures_of_study   where that search begins
+existence           what was found, judged by fresh drives; the rule for the demo
+existence_report    its files
+baseline_tuning     the tuned version of the baseline
+tuned_table         its parameters by setting
+run_decision        the commands
 """

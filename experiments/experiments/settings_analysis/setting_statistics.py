@@ -56,8 +56,8 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
     values = np.asarray(values, dtype=float)
     if len(values) == 1:
         return Interval(-np.inf, np.inf)
-    if np.ptp(values) == 0.0:  # BCa is undefined, and every resample is the same
-        return Interval(float(values[0]), float(values[0]))
+    if np.ptp(values) <= 1e-9 * np.max(np.abs(values)):  # BCa is undefined without any spread
+        return Interval(float(values.min()), float(values.max()))
     return _bootstrap(values, np.mean, 'BCa', confidence)
 
 

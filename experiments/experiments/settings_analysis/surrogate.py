@@ -79,8 +79,8 @@ def fit(features: pd.DataFrame, outcome: pd.Series) -> Surrogate:
     name = str(outcome.name)
     if len(known) < LEAST_SETTINGS or np.ptp(y) == 0.0:
         return Surrogate(name, len(known), 'none', None, None, ())
-    chosen = max(MODELS, key=lambda kind: np.mean(_scores(MODELS[kind], X, y, SEED)))
-    scores = _scores(MODELS[chosen], X, y, SEED + 1)
+    chosen = max(MODELS, key=lambda kind: _scores(MODELS[kind], X, y, [SEED])[0])
+    scores = _scores(MODELS[chosen], X, y, [SEED + 1 + k for k in range(REPEATS)])
     score, spread = float(np.mean(scores)), float(np.std(scores))
     if score < LEAST_SCORE:
         return Surrogate(name, len(known), chosen, score, spread, ())
@@ -97,14 +97,14 @@ def fit(features: pd.DataFrame, outcome: pd.Series) -> Surrogate:
     return Surrogate(name, len(known), chosen, score, spread, tuple(drivers))
 
 
-def _scores(build, X, y, seed):
-    """Return the R^2 of predictions for settings that were left out, one per repeat."""
+def _scores(build, X, y, seeds):
+    """Return the R^2 of predictions for settings that were left out, one per seed of the folds."""
     from sklearn.metrics import r2_score
     from sklearn.model_selection import KFold, cross_val_predict
 
     return [
         r2_score(y, cross_val_predict(build(), X, y, cv=KFold(FOLDS, shuffle=True, random_state=k)))
-        for k in range(seed * REPEATS, (seed + 1) * REPEATS)
+        for k in seeds
     ]
 
 

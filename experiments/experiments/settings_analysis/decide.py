@@ -1,0 +1,264 @@
+"""`experiments study decide`: the verdicts of a study over many settings, and what drives them."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from experiments.settings.preregistration import LEVELS, Preregistration
+from experiments.settings.primaries import CLAIMS
+from experiments.settings_analysis import (
+    factorial,
+    setting_statistics,
+    study_tables,
+    surrogate,
+    verdicts,
+)
+from experiments.settings_analysis.factorial import Effect
+from experiments.settings_analysis.study_tables import Study
+from experiments.settings_analysis.surrogate import Surrogate
+from experiments.settings_analysis.verdicts import Decision, Rule
+
+# what the paper says, and its number
+PAPER = {
+    'unsafe_area': ('the baseline enters an unsafe area, the MPCC does not', 'baseline only'),
+    'sideslip': ('the baseline slides, the MPCC does not', '9 deg against 3 deg'),
+    'brake_onset': ('the MPCC brakes earlier than the baseline', '20 m earlier'),
+    'min_speed': ('the MPCC keeps the higher speed', 'higher'),
+    'conjunction': ('all of these in one manoeuvre', 'one figure'),
+}
+# of the differences
+UNITS = {'unsafe_area': 'm', 'sideslip': 'deg', 'brake_onset': 'm', 'min_speed': 'm/s'}
+RESPONSES = {
+    'unsafe_area': 'kept_m',
+    'sideslip': 'peak_sideslip_deg',
+    'brake_onset': 'brake_onset_m',
+    'min_speed': 'min_speed_mps',
+}
+# the study accepts settings by P1 to P3, whatever their S; P0 is reported beside that
+ANY_S = 'P1'
+DRIVER_LEVEL = 'P2'  # settings from which the surrogate learns: whoever does not crash
+SHOWN_DRIVERS = 3
+SIGNIFICANT = 0.05
+
+
+class Judged(NamedTuple):
+    """A claim at one level, from one version of the baseline."""
+
+    claim: str
+    baseline: str
+    level: str
+    least: str  # the first of the conditions that count
+    primary: bool  # whether this is the preregistered level of the claim
+    decision: Decision
+    p_adjusted: float
+    verdict: str
+    table: pd.DataFrame  # by setting: holds, difference, undetermined
+
+    def __repr__(self) -> str:
+        return f'Judged({self.claim!r}, {self.baseline!r}, {self.level!r}, {self.verdict!r})'
+
+
+class Results(NamedTuple):
+    """All that a study decides."""
+
+    counts: list[dict[str, Any]]  # settings at each level by baseline
+    judged: list[Judged]
+    effects: dict[str, list[Effect]]  # by claim
+    drivers: dict[tuple[str, str], Surrogate]  # by baseline and claim
+
+    def __repr__(self) -> str:
+        return f'Results({len(self.judged)} judged claims)'
+
+
+def decide(study: Study, explained: Collection[str] = tuple(UNITS)) -> Results:
+    """Return the results of a study; nothing here is random but seeded resampling.
+
+    `explained` are the claims whose drivers are computed, which takes seconds each.
+    """
+    judged = [one for baseline in study.baselines for one in _judge(study, baseline)]
+    return Results(
+        counts=level_counts(study),
+        judged=judged,
+        effects=_effects(study),
+        drivers=_drivers(study, explained),
+    )
+
+
+def rule_of(plan: Preregistration) -> Rule:
+    """Return the rule of the verdicts."""
+    given = plan.decision
+    return Rule(given.holds_from, given.rare_below, given.confidence)
+
+
+def level_counts(study: Study) -> list[dict[str, Any]]:
+    """Return the number of settings that reach each level, with and without P0."""
+    alone = study.outcomes[study.outcomes['baseline'] == '']
+    rows = []
+    for baseline in study.baselines:
+        own = study.outcomes[study.outcomes['baseline'] == baseline]
+        own = pd.concat([own.drop_duplicates('setting'), alone])
+        for least in (LEVELS[0], ANY_S):
+            levels = LEVELS[LEVELS.index(least) :]
+            reached = {
+                level: int(study_tables.reaching(own, level, least)['setting'].nunique())
+                for level in levels
+            }
+            rows.append(
+                {
+                    'baseline': baseline,
+                    'least': least,
+                    'settings': study.settings,
+                    **{level: reached.get(level) for level in LEVELS},
+                }
+            )
+    return rows
+
+
+def _judge(study, baseline):
+    """Yield every claim at every level from P2 on; the correction is that of `_adjusted`."""
+    own = study.outcomes[study.outcomes['baseline'] == baseline]
+    plan, rule = study.plan, rule_of(study.plan)
+    for least in (LEVELS[0], ANY_S):
+        tables, decisions = {}, {}
+        for level in LEVELS[LEVELS.index('P2') :]:
+            reached = study_tables.reaching(own, level, least)
+            for claim in CLAIMS:
+                margin = study_tables.margin(plan, claim)
+                table = verdicts.summarise(study_tables.pairs(reached, claim), margin)
+                tables[claim, level] = table
+                decisions[claim, level] = verdicts.decide(verdicts.outcomes(table), margin, rule)
+        for (claim, level), decision in decisions.items():
+            p_adjusted = _adjusted(plan, decisions, claim, level)
+            yield Judged(
+                claim,
+                baseline,
+                level,
+                least,
+                primary=least == ANY_S and level == study_tables.level(plan, claim),
+                decision=decision,
+                p_adjusted=p_adjusted,
+                verdict=verdicts.verdict(decision, p_adjusted, rule),
+                table=tables[claim, level],
+            )
+
+
+def _adjusted(plan, decisions, claim, level):
+    """Return the p-value of a claim at a level, corrected for the others at their own levels."""
+    levels = {other: study_tables.level(plan, other) for other in CLAIMS} | {claim: level}
+    family = {other: decisions[other, at].p_value for other, at in levels.items()}
+    return setting_statistics.holm(family)[claim]
+
+
+def _effects(study):
+    drives = study_tables.factorial_drives(study)
+    if drives.empty:
+        return {}
+    return {
+        claim: factorial.analyse(drives, study_tables.FACTORS, response)
+        for claim, response in RESPONSES.items()
+    }
+
+
+def _drivers(study, claims):
+    features = surrogate.unit_features(study_tables.dimensions(study), list(study.plan.dimensions))
+    found = {}
+    for baseline in study.baselines:
+        own = study.outcomes[study.outcomes['baseline'] == baseline]
+        own = study_tables.reaching(own, DRIVER_LEVEL, ANY_S)
+        for claim in claims:
+            pairs = study_tables.pairs(own, claim)
+            difference = pairs.groupby('setting')['difference'].median().rename(claim)
+            found[baseline, claim] = surrogate.fit(features, difference)
+    return found
+
+
+def counterexample(one: Judged) -> int | None:
+    """Return the setting that contradicts the verdict most clearly, None where none does.
+
+    Of a claim that holds in most settings, that of the smallest difference among those in which it
+    fails; otherwise that of the largest among those in which it holds. Only settings whose
+    perturbations agree count.
+    """
+    table = one.table[~one.table['undetermined']]
+    wanted = one.decision.share is not None and one.decision.share <= 0.5
+    table = table[table['holds'] == wanted]
+    if table.empty:
+        return None
+    if table['difference'].isna().all():
+        return int(table.index[0])
+    return int(table['difference'].idxmax() if wanted else table['difference'].idxmin())
+
+
+def driver_names(found: Surrogate | None) -> list[str]:
+    """Return the dimensions of the largest total indices that are above their uncertainty."""
+    if found is None:
+        return []
+    certain = [driver for driver in found.drivers if driver.total > driver.total_interval]
+    return [driver.dimension for driver in certain[:SHOWN_DRIVERS]]
+
+
+def cause_names(effects: list[Effect]) -> list[str]:
+    """Return the terms of the factorial that differ from zero after the correction."""
+    return [effect.term for effect in effects if effect.p_adjusted <= SIGNIFICANT]
+
+
+def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
+    """Return the entries of claims.json: one per claim and version of the baseline."""
+    entries = []
+    for one in results.judged:
+        if not one.primary:
+            continue
+        text, number = PAPER[one.claim]
+        example = counterexample(one)
+        entries.append(
+            {
+                'claim': text,
+                'key': one.claim,
+                'paper': number,
+                'baseline': one.baseline,
+                'level': f'{ANY_S} to {one.level}',
+                'settings': one.decision.settings,
+                'holds': one.decision.holds,
+                'share': one.decision.share,
+                'interval': one.decision.interval,
+                'interval_undetermined_fail': one.decision.least,
+                'interval_undetermined_hold': one.decision.most,
+                'undetermined': one.decision.undetermined,
+                'p_adjusted': one.p_adjusted,
+                'margin': study_tables.margin(study.plan, one.claim),
+                'unit': UNITS.get(one.claim),
+                'median_difference': one.decision.median,
+                'median_interval': one.decision.median_interval,
+                'relation': one.decision.relation,
+                'verdict': one.verdict,
+                'causes': cause_names(results.effects.get(one.claim, [])),
+                'drivers': driver_names(results.drivers.get((one.baseline, one.claim))),
+                'counterexample': None
+                if example is None
+                else {'setting': example, 'command': command_of(study, example)},
+            }
+        )
+    return [_finite(entry) for entry in entries]
+
+
+def command_of(study: Study, number: int) -> str:
+    """Return the command that drives one setting of a study."""
+    return f'experiments study setting --number {number} --seed {study.seed}'
+
+
+def _finite(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an entry with None for numbers that are not finite: JSON has none of them."""
+
+    def clean(value):
+        if isinstance(value, dict):
+            return {name: clean(inner) for name, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [clean(inner) for inner in value]
+        if isinstance(value, (float, np.floating)):
+            return float(value) if math.isfinite(value) else None
+        return value
+
+    return {name: clean(value) for name, value in entry.items()}

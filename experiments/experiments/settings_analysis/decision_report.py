@@ -1,0 +1,249 @@
+"""The files of `experiments study decide`: tables, claims.json, figures, with their provenance."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from experiments.settings.preregistration import LEVELS
+from experiments.settings_analysis import decide, decision_figures, study_tables
+from experiments.settings_analysis.decide import Results
+from experiments.settings_analysis.study_tables import Study
+from experiments.study import tables
+from node_runtime import provenance
+
+CLAIMS, VERDICTS, CAUSES, DRIVERS = 'claims', 'verdicts', 'causes', 'drivers'
+COMMAND = 'experiments study decide'
+
+
+def run(folder: Path, out: Path) -> list[Path]:
+    """Decide the study of a folder and write everything into `out`; return the paths.
+
+    Raises BagError.
+    """
+    study = study_tables.load(folder)
+    return write(study, decide.decide(study), out)
+
+
+def write(study: Study, results: Results, out: Path) -> list[Path]:
+    """Write tables, claims.json and figures into the folder `out`; return the paths."""
+    out.mkdir(parents=True, exist_ok=True)
+    claims = decide.claim_entries(study, results)
+    origin = _origin(study)
+    paths = [out / f'{CLAIMS}.json']
+    paths[0].write_text(tables.dump_json({'provenance': origin, 'claims': claims}))
+    paths += _write_table(
+        out, VERDICTS, _verdict_rows(study, results), _verdict_text(study, results)
+    )
+    paths += _write_table(out, CAUSES, _effect_rows(results), _cause_text(results))
+    paths += _write_table(out, DRIVERS, _driver_rows(results), _driver_text(results))
+    paths += decision_figures.write_shares(study, results, out / 'shares')
+    for baseline in study.baselines:
+        paths += decision_figures.write_maps(study, baseline, out / f'map_{baseline}')
+    paths += decision_figures.write_causes(results, out / 'causes')
+    paths += decision_figures.write_drivers(study, results, out / 'drivers')
+    return paths
+
+
+def _origin(study):
+    return {
+        'command': COMMAND,
+        'seed': study.seed,
+        'settings': study.settings,
+        'drives': len(study.drives),
+        'preregistration_sha256': study.plan.digest,
+        'study': {name: study.notes[name] for name in ('git_commit', 'points', 'rejected')},
+        'versions': provenance.versions(),
+        'machine': provenance.machine(),
+    }
+
+
+def _write_table(out, stem, rows: Sequence[Mapping[str, Any]], text):
+    paths = [out / f'{stem}.md', out / f'{stem}.csv']
+    paths[0].write_text(text)
+    pd.DataFrame(rows).to_csv(paths[1], index=False, lineterminator='\n')
+    return paths
+
+
+def _verdict_rows(study, results):
+    return [
+        {
+            'claim': one.claim,
+            'baseline': one.baseline,
+            'from': one.least,
+            'level': one.level,
+            'primary': one.primary,
+            'settings': one.decision.settings,
+            'holds': one.decision.holds,
+            'share': one.decision.share,
+            **_ends('interval', one.decision.interval),
+            **_ends('undetermined_fail', one.decision.least),
+            **_ends('undetermined_hold', one.decision.most),
+            'undetermined': one.decision.undetermined,
+            'p_adjusted': one.p_adjusted,
+            'median_difference': one.decision.median,
+            **_ends('median', one.decision.median_interval),
+            'margin': study_tables.margin(study.plan, one.claim),
+            'relation': one.decision.relation,
+            'verdict': one.verdict,
+        }
+        for one in results.judged
+    ]
+
+
+def _ends(name, interval):
+    low, high = (None, None) if interval is None else interval
+    return {f'{name}_low': low, f'{name}_high': high}
+
+
+def _verdict_text(study, results):
+    rule = decide.rule_of(study.plan)
+    lines = [
+        '# The claims over many settings',
+        '',
+        f'{study.settings:,} settings, {len(study.drives):,} drives, seed {study.seed}. '
+        f'A claim is *reproduced* where the whole interval of its share lies above '
+        f'{rule.holds_from:g}, *not reproduced* where it lies below {rule.rare_below:g}, *in part* '
+        'where it lies between, each whatever the undetermined settings are, else it is *open*. '
+        'Intervals: 95 %, bootstrap over settings; p-values after Holm over the claims of a '
+        'version of the baseline.',
+        '',
+        'Settings that reach each level:',
+        '',
+        _counts(results),
+    ]
+    for baseline in study.baselines:
+        lines += [f'## {baseline}', '', _verdict_table(study, results, baseline)]
+    return '\n'.join(lines)
+
+
+def _counts(results):
+    names = {LEVELS[0]: 'with P0', decide.ANY_S: 'any S'}
+    header = ['baseline', '', 'settings', *LEVELS]
+    rows = [
+        [row['baseline'], names[row['least']], *(_count(row[key]) for key in ('settings', *LEVELS))]
+        for row in results.counts
+    ]
+    return tables.markdown_table(header, rows)
+
+
+def _count(value):
+    return '–' if value is None else f'{value:,}'
+
+
+def _verdict_table(study, results, baseline):
+    header = ['claim', 'level', 'holds', 'share', 'undetermined', 'difference', 'verdict']
+    rows = []
+    for one in results.judged:
+        if one.baseline != baseline:
+            continue
+        made = one.decision
+        name = f'**{one.claim}**' if one.primary else one.claim
+        level = f'{one.level} and P0' if one.least == LEVELS[0] else one.level
+        unit = decide.UNITS.get(one.claim, '')
+        difference = '–'
+        if made.median is not None:
+            difference = (
+                f'{made.median:.2f} {_span(made.median_interval)} {unit}: {one.decision.relation}'
+            )
+        rows.append(
+            [
+                name,
+                level,
+                f'{made.holds} of {made.settings}',
+                '–' if made.share is None else f'{made.share:.2f} {_span(made.interval)}',
+                '–' if made.undetermined is None else f'{made.undetermined:.0%}',
+                difference,
+                one.verdict,
+            ]
+        )
+    return tables.markdown_table(header, rows)
+
+
+def _span(interval):
+    return f'[{interval.low:.2f}, {interval.high:.2f}]'
+
+
+def _effect_rows(results):
+    return [
+        {
+            'claim': claim,
+            'response': decide.RESPONSES[claim],
+            'term': effect.term,
+            'order': effect.order,
+            'settings': effect.settings,
+            'effect': effect.mean,
+            **_ends('interval', effect.interval),
+            'p_value': effect.p_value,
+            'p_adjusted': effect.p_adjusted,
+        }
+        for claim, effects in results.effects.items()
+        for effect in effects
+    ]
+
+
+def _cause_text(results):
+    lines = [
+        '# What makes the difference between baseline and MPCC',
+        '',
+        'A full factorial at matched settings: every combination of five factors, each as the MPCC '
+        'has it or as the baseline has it. The effect is the mean response with the factor as in '
+        'the baseline less that as in the MPCC; for an interaction, where the product of the codes '
+        'is +1 less where it is -1. Intervals: bootstrap over settings; p-values after Holm over '
+        'the 31 terms. Main effects, and interactions beyond chance:',
+        '',
+    ]
+    for claim, effects in results.effects.items():
+        shown = [e for e in effects if e.order == 1 or e.p_adjusted <= decide.SIGNIFICANT]
+        lines += [f'## {claim}: {decide.RESPONSES[claim]}', '']
+        rows = [
+            [e.term, f'{e.mean:+.3f} {_span(e.interval)}', f'{e.p_adjusted:.3f}', str(e.settings)]
+            for e in shown
+        ]
+        unit = decide.UNITS[claim]
+        lines.append(tables.markdown_table(['term', f'effect [{unit}]', 'p', 'settings'], rows))
+    if not results.effects:
+        lines.append('No setting was driven by the combinations of the factorial.\n')
+    return '\n'.join(lines)
+
+
+def _driver_rows(results):
+    return [
+        {'baseline': baseline, 'claim': claim, 'model': found.model, 'score': found.score}
+        | driver._asdict()
+        for (baseline, claim), found in results.drivers.items()
+        for driver in found.drivers
+    ]
+
+
+def _driver_text(results):
+    lines = [
+        '# Which dimensions drive the differences',
+        '',
+        'A regression over the drawn dimensions, fitted to the median paired difference of each '
+        'setting in which neither car crashes. Where it does not predict settings that it has not '
+        'seen, there is none. Indices belong to the regression over independent inputs; the '
+        'permutation importance is measured on held-out settings.',
+        '',
+    ]
+    for (baseline, claim), found in results.drivers.items():
+        score = '–' if found.score is None else f'{found.score:.2f} ± {found.score_spread:.2f}'
+        lines += [f'## {claim}, {baseline}', '']
+        text = f'{found.settings} settings, {found.model}, cross-validated R² {score}'
+        if not found.is_usable:
+            lines += [f'{text}: no surrogate.', '']
+            continue
+        rows = [_driver_row(driver) for driver in found.drivers[:8]]
+        header = ['dimension', 'first order', 'total', 'permutation']
+        lines += [f'{text}.', '', tables.markdown_table(header, rows)]
+    return '\n'.join(lines)
+
+
+def _driver_row(driver) -> Iterable[str]:
+    return [
+        driver.dimension,
+        f'{driver.first:.2f} ± {driver.first_interval:.2f}',
+        f'{driver.total:.2f} ± {driver.total_interval:.2f}',
+        f'{driver.permutation:.2f}',
+    ]

@@ -1,0 +1,99 @@
+"""The decisions on a made-up study whose answers are known, and their files."""
+
+import json
+
+import pandas as pd
+import pytest
+from synthetic_study import make_study
+
+from experiments.settings import arms
+from experiments.settings_analysis import decide, decision_report, study_tables
+from experiments.settings_analysis.verdicts import IN_PART, NOT, REPRODUCED
+
+
+@pytest.fixture(scope='module')
+def study():
+    return make_study(160)
+
+
+@pytest.fixture(scope='module')
+def results(study):
+    return decide.decide(study, explained=['brake_onset'])
+
+
+def primary(results, claim, baseline=arms.MATCHED):
+    (found,) = (
+        one
+        for one in results.judged
+        if one.primary and one.claim == claim and one.baseline == baseline
+    )
+    return found
+
+
+def test_what_holds_in_every_setting_is_reproduced(results):
+    for claim in ('unsafe_area', 'sideslip'):
+        one = primary(results, claim)
+        assert one.verdict == REPRODUCED
+        assert one.decision.holds == one.decision.settings == 160
+    assert primary(results, 'sideslip').decision.median == pytest.approx(6.0)
+
+
+def test_what_holds_in_none_is_not_reproduced(results):
+    speed = primary(results, 'min_speed')
+    assert speed.verdict == NOT
+    assert speed.decision.relation == 'equivalent'
+    assert primary(results, 'conjunction').verdict == NOT
+    assert primary(results, 'sideslip', arms.LINEAGE).verdict == NOT
+
+
+def test_what_depends_on_a_dimension_holds_in_part(study, results):
+    onset = primary(results, 'brake_onset')
+    tolerance = study_tables.dimensions(study)['velocity_tolerance_mps']
+    assert onset.decision.holds == (tolerance < 6.0).sum()
+    # a share near one half is what the thresholds leave open
+    assert onset.verdict in (IN_PART, 'open')
+    drivers = results.drivers[arms.MATCHED, 'brake_onset']
+    assert drivers.drivers[0].dimension == 'velocity_tolerance_mps'
+    assert decide.driver_names(drivers)[0] == 'velocity_tolerance_mps'
+
+
+def test_the_factor_that_makes_the_difference_is_found(results):
+    effects = {effect.term: effect for effect in results.effects['sideslip']}
+    assert effects['heading'].mean == pytest.approx(2.0)
+    assert decide.cause_names(results.effects['sideslip']) == ['heading']
+    assert decide.cause_names(results.effects['min_speed']) == []
+
+
+def test_the_levels_count_settings(study, results):
+    matched = [row for row in results.counts if row['baseline'] == arms.MATCHED]
+    assert [row['least'] for row in matched] == ['P0', 'P1']
+    for row in matched:
+        assert row['P4'] == row['P3'] == 160
+
+
+def test_a_counterexample_contradicts_the_verdict(study, results):
+    onset = primary(results, 'brake_onset')
+    number = decide.counterexample(onset)
+    wanted = onset.decision.share <= 0.5
+    assert onset.table['holds'][number] == wanted
+    assert decide.counterexample(primary(results, 'unsafe_area')) is None
+
+
+def test_the_files_tell_the_same(tmp_path, study, results):
+    files = decision_report.write(study, results, tmp_path)
+    assert all(path.stat().st_size for path in files)
+    claims = json.loads((tmp_path / 'claims.json').read_text())['claims']
+    assert len(claims) == 10  # five claims, two versions of the baseline
+    by_key = {(one['key'], one['baseline']): one for one in claims}
+    sideslip = by_key['sideslip', arms.MATCHED]
+    assert sideslip['verdict'] == REPRODUCED
+    assert sideslip['causes'] == ['heading']
+    assert sideslip['margin'] == study.plan.primaries.sideslip.margin
+    onset = by_key['brake_onset', arms.MATCHED]
+    assert onset['counterexample']['command'].endswith(
+        f'--number {onset["counterexample"]["setting"]} --seed {study.seed}'
+    )
+    table = pd.read_csv(tmp_path / 'verdicts.csv')
+    primaries = table[table['primary'] & (table['baseline'] == arms.MATCHED)]
+    assert set(primaries['claim']) == set(decide.PAPER)
+    assert {path.suffix for path in files} == {'.json', '.md', '.csv', '.png', '.svg'}
