@@ -5,6 +5,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import pandas
 from matplotlib.figure import Figure
 
 from bags.errors import BagError
@@ -38,11 +39,14 @@ def write_marginal(
             summary = marginals.summarise(_of(table, name), metric, [column], bins)
             places = _places(summary[column], ticks)
             is_share = 'share' in summary
-            draw = _draw_shares if is_share else _draw_quantiles
-            shift = (k - (len(names) - 1) / 2) * 0.012 * max(1e-9, np.ptp(places))
+            shift = (k - (len(names) - 1) / 2) * 0.012 * np.ptp(places)
+            # an area needs an axis of numbers
+            of_numbers = _draw_bars if ticks else _draw_areas
+            draw = _draw_shares if is_share else of_numbers
             draw(axes, places + shift, summary, colours[name], str(name))
         if ticks:
             axes.set_xticks(list(ticks.values()), list(map(marginals.level_text, ticks)))
+            axes.set_xlim(-0.5, len(ticks) - 0.5)
         axes.set_xlabel(column)
         axes.set_ylabel(f'share of drives: {metric}' if is_share else metric)
         if is_share:
@@ -67,7 +71,13 @@ def _draw_shares(axes, places, summary, colour, name):
     )
 
 
-def _draw_quantiles(axes, places, summary, colour, name):
+def _draw_bars(axes, places, summary, colour, name):
+    axes.vlines(places, summary['q05'], summary['q95'], color=colour, lw=1.2)
+    axes.vlines(places, summary['q25'], summary['q75'], color=colour, lw=5.0, alpha=0.5)
+    axes.plot(places, summary['median'], color=colour, marker='o', ms=4, ls='', label=name)
+
+
+def _draw_areas(axes, places, summary, colour, name):
     axes.fill_between(places, summary['q05'], summary['q95'], color=colour, alpha=0.12, lw=0)
     axes.fill_between(places, summary['q25'], summary['q75'], color=colour, alpha=0.22, lw=0)
     axes.plot(places, summary['median'], color=colour, marker='o', ms=4, label=name)
@@ -131,7 +141,7 @@ def write_surface(
     if not drive_table.is_truth(table.metric(metric)):
         raise BagError(f'--metric {metric}: a surface needs a metric that is true or false')
     for name in columns:
-        if not np.issubdtype(table.column(name, '--by').dtype, np.number):
+        if not pandas.api.types.is_numeric_dtype(table.column(name, '--by')):
             raise BagError(f'--by {name}: a surface needs numbers')
 
     def draw(axes, part, name):
@@ -156,7 +166,7 @@ def write_surface(
                 surface.x, surface.y, surface.low, [SURE], colors='k', linestyles='--',
                 linewidths=1.4,
             )  # fmt: skip
-        axes.plot(x[holds], y[holds], 'o', ms=2.6, color=style.INK, mew=0)
+        axes.plot(x[holds], y[holds], 'o', ms=3.0, mfc=style.INK, mec='white', mew=0.4)
         axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
         axes.set_title(f'{axes.get_title(loc="left")}  (skill {surface.skill:.2f})')
         axes.grid(False)
