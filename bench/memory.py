@@ -3,7 +3,7 @@
 A closed loop in process drives laps of a scenario until so many ticks have been answered; the plant
 starts anew with each lap, the controller goes on. Resident memory comes from /proc/self; it
 includes Python, CasADi, the compiled problem, and the plant, which a controller node does not have
-(its share is told). What the node has and this has not is rclpy: see docs/safety.md.
+(its share is printed). What the node has and this has not is rclpy: see docs/safety.md.
 
     .venv/bin/python bench/memory.py [--ticks 20000] [--scenario double_lane_change]
 """

@@ -172,8 +172,8 @@ def watch(running, looks, drive, look_s, seconds):
 def row(found: Growth) -> str:
     """Return one line of the table."""
     pairs = (f'{a:g} -> {b:g}' for a, b in zip(found.begin, found.end))
-    told = f'GREW: {", ".join(found.grew)}' if found.grew else ''
-    return f'{found.node:<11} {found.looks:>6} ' + ' '.join(f'{p:>18}' for p in pairs) + f' {told}'
+    grown = f'GREW: {", ".join(found.grew)}' if found.grew else ''
+    return f'{found.node:<11} {found.looks:>6} ' + ' '.join(f'{p:>18}' for p in pairs) + f' {grown}'
 
 
 def main() -> int:

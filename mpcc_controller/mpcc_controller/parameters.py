@@ -233,7 +233,7 @@ class Ages:
 class Warming:
     """What happens before the first command, realtime only."""
 
-    steps: Annotated[int, Range(0, 1000, 'steps taken for nobody, until memory and times settle')]
+    steps: Annotated[int, Range(0, 1000, 'steps without a command, until memory and times settle')]
 
 
 @dataclass(frozen=True)

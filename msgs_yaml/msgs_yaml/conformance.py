@@ -26,11 +26,11 @@ class Violation(NamedTuple):
 
     topic: str
     field: str  # path in the message
-    found: Any
+    value: Any
     allowed: str
 
     def __str__(self):
-        return f'{self.topic}: {self.field} is {self.found}; allowed {self.allowed}'
+        return f'{self.topic}: {self.field} is {self.value}; allowed {self.allowed}'
 
 
 Check = Callable[[Any], list[Violation]]
@@ -97,8 +97,8 @@ def _size(topic, path, get, message):
 def _joint_names(topic, names, message):
     """Check the names of a JointState, and that every array has one number per name."""
     if len(message.name) != len(names) or list(message.name) != names:
-        found = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
-        return [Violation(topic.name, 'name', found, ', '.join(names))]
+        given = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
+        return [Violation(topic.name, 'name', given, ', '.join(names))]
     lengths = {array: len(getattr(message, array)) for array in JOINT_ARRAYS}
     return [
         Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
@@ -121,20 +121,20 @@ def _header(topic, path, get, message):
     violations = []
     for header in get(message):
         if header.frame_id != topic.frame:
-            found, allowed = repr(header.frame_id), repr(topic.frame)
-            violations.append(Violation(topic.name, f'{path}.frame_id', found, allowed))
+            frames = repr(header.frame_id), repr(topic.frame)
+            violations.append(Violation(topic.name, f'{path}.frame_id', *frames))
         if header.stamp.sec < 0 or header.stamp.sec == 0 == header.stamp.nanosec:
-            found = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
-            violations.append(Violation(topic.name, f'{path}.stamp', found, 'above 0 s'))
+            stamp = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
+            violations.append(Violation(topic.name, f'{path}.stamp', stamp, 'above 0 s'))
     return violations
 
 
 def _child_frame(topic, message):
     """Check the child frame of an Odometry."""
-    found = message.child_frame_id
-    if found == topic.child_frame:
+    frame = message.child_frame_id
+    if frame == topic.child_frame:
         return []
-    return [Violation(topic.name, 'child_frame_id', repr(found), repr(topic.child_frame))]
+    return [Violation(topic.name, 'child_frame_id', repr(frame), repr(topic.child_frame))]
 
 
 def _range(topic, path, get, message):
@@ -178,6 +178,6 @@ def _check_pair(topic, path, pair):
     return [_out_of_range(topic, pair.key, field, value)]
 
 
-def _out_of_range(topic, path, field: Field, found):
+def _out_of_range(topic, path, field: Field, value):
     allowed = f'{field.low:g} to {field.high:g} {field.unit}'
-    return Violation(topic.name, f'{path} ({field.symbol})', found, allowed)
+    return Violation(topic.name, f'{path} ({field.symbol})', value, allowed)

@@ -29,7 +29,7 @@ START_FROM = Choice('reference', 'parameters')  # of start.from; the first is th
 
 @dataclass(frozen=True)
 class StartParams:
-    """Initial pose and velocity of the car; it rolls straight ahead unless it is told to slide."""
+    """Initial pose and velocity of the car, and whether it slides sideways or turns."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
     y_m: Annotated[float, Range(-1e4, 1e4, 'm')]

@@ -196,7 +196,7 @@ class BagWriter:
     """Writes one bag into a folder that must not exist yet.
 
     `records` are MCAP metadata records {name: {key: text}}; each file begins with them. Raises
-    BagError when the folder exists or cannot be made, and when the disk fails.
+    BagError when the folder exists or cannot be created, and when the disk fails.
     """
 
     def __init__(

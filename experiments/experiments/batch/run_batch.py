@@ -147,7 +147,7 @@ def _check(combination, words):
 
 
 def _refuse_equal_names(study, combinations, names):
-    """Refuse two scenario files of one name: their rows could not be told apart."""
+    """Refuse two scenario files of one name: their rows would have the same name."""
     files: dict[str, str] = {}
     for combination, (name, _) in zip(combinations, names):
         other = files.setdefault(name, combination.scenario) if name else combination.scenario

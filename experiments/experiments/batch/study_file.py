@@ -32,7 +32,7 @@ from scenario_publisher import schema
 from scenario_publisher.families.draw import FAMILIES, NOMINAL
 
 SCENARIO_SPEED = 'scenario.speed_mps'  # replaces the desired speed by a constant
-SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller is told
+SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller assumes it, too
 SCENARIO_SETTINGS = {
     SCENARIO_SPEED: Annotated[float, SPEED],
     SCENARIO_FRICTION: schema.Friction,

@@ -207,5 +207,5 @@ def _drive_layout(params: ControllerParams, vehicle: CarParams, plant: PlantPara
         return []
     return [
         f'the controller believes that {share:.0%} of the drive is at the front axle ({key}), the '
-        f'plant has {driven:.0%} there: give controller.car_file a file that identify made of it'
+        f'plant has {driven:.0%} there: give controller.car_file a file that identify wrote for it'
     ]

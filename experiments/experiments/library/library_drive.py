@@ -50,7 +50,7 @@ def load_scenario(drive: LibraryDrive) -> Scenario:
 
 
 def prepare(drive: LibraryDrive) -> Setup:
-    """Return the setup of a drive. Raises BagError for settings that nobody has."""
+    """Return the setup of a drive. Raises BagError for settings that no node has."""
     scn = load_scenario(drive)
     settings = all_settings(drive)
     return simulation.prepare_scenario(scn, drive.controller, settings)

@@ -99,7 +99,7 @@ def pose(bag: read.Bag, number: int) -> PosedTick:
 
 
 def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:
-    """Solve a posed tick as requested; BagError for changes that cannot be made."""
+    """Solve a posed tick as requested; BagError for changes that are not possible."""
     tick, problem, chain = posed
     solved, changed = problem.solve(), None
     parameters, factors = request.changes

@@ -94,7 +94,7 @@ def proved_by_drives(rows: Iterable[Row]) -> dict[DrawKey, str]:
 def verdict_key(draw: DrawKey, budget: int, preview: bool) -> str:
     """Return the SHA-256 of what decides a verdict: scenario, plant, budget, version of the search.
 
-    The code of the controllers is no part of it: a drive that was found stays a proof.
+    The code of the controllers is no part of it: a drive that survived stays a proof.
     """
     setup = library_drive.prepare(_drive(draw, DRIVERS[0]))
     content = [SEARCH_VERSION, setup.scn.text, repr(setup.plant), setup.friction, budget, preview]
@@ -105,8 +105,8 @@ def verdict(draw: DrawKey, budget: int, preview: bool) -> str:
     """Return {'answer': ..., 'how': ..., 'rollouts': ...} of a draw as JSON."""
     setups = [library_drive.prepare(_drive(draw, driver)) for driver in DRIVERS]
     drivers = [setup.params for setup in setups]
-    found = survivable(setups[0], budget, preview=preview, drivers=drivers)
-    return json.dumps({'answer': found.answer, 'how': found.how, 'rollouts': found.rollouts})
+    result = survivable(setups[0], budget, preview=preview, drivers=drivers)
+    return json.dumps({'answer': result.answer, 'how': result.how, 'rollouts': result.rollouts})
 
 
 def _drive(draw, driver):

@@ -77,7 +77,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
 def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
     """Return the answers of the draws that have none."""
     draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
-    found: dict[DrawKey, str] = {}
+    new_answers: dict[DrawKey, str] = {}
     errors: dict[str, str] = {}
     with (
         CountProgress(console) as progress,
@@ -94,8 +94,8 @@ def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
             failures.append(f'{name or f"{family}:{index}"}: no verdict: {error}')
         for draw in draws:
             if keys[draw] in records:
-                found[draw] = json.loads(records[keys[draw]])['answer']
-    return found
+                new_answers[draw] = json.loads(records[keys[draw]])['answer']
+    return new_answers
 
 
 def build_table(families: Sequence[Regret]) -> Table:

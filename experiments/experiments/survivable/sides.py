@@ -43,14 +43,14 @@ class Meeting(NamedTuple):
 
 def approaches(emergency: Emergency) -> list[Approach]:
     """Return the approaches of all speed profiles; those without braking first."""
-    found = []
+    of_all = []
     gravity = emergency.setup.plant.car.body.gravity_mps2
     for braking in BRAKING:
-        found += _of_profile(emergency, braking * emergency.setup.friction * gravity)
-    return found
+        of_all += _approaches_at(emergency, braking * emergency.setup.friction * gravity)
+    return of_all
 
 
-def _of_profile(emergency, braking):
+def _approaches_at(emergency, braking):
     course, now = emergency.course, emergency.car.state
     s0, n0 = (float(value) for value in course.project(now.X, now.Y))
     v0 = max(float(np.hypot(now.vx, now.vy)), LEAST_MPS)

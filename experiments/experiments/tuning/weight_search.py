@@ -39,7 +39,7 @@ class SearchPlan(NamedTuple):
     seed: int
     trials: tuple[int, int]  # of each stage, including its given first trial
     random: tuple[int, int]  # of them, drawn at random before the model chooses
-    batch: int  # trials asked for before results are told to the model
+    batch: int  # trials asked for before the model gets their results
     conditions: tuple[Condition, ...]
     tracking_m: float  # bound on the rms distance from the coarse path
 
@@ -133,7 +133,7 @@ def _study(storage, plan, stage, spans):
         study.set_user_attr(COMMIT, provenance.commit())
     if study.user_attrs[PLAN] != identity:
         raise BagError(
-            f'{plan.controller}: the search in this folder was made with other settings or '
+            f'{plan.controller}: the search in this folder was begun with other settings or '
             'weights; move it away or name another folder'
         )
     return study

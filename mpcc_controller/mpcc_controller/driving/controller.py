@@ -322,7 +322,7 @@ class Controller:
         return decision, x0, attempt
 
     def _obstruction(self, x, fault) -> str:
-        """Return why no plan can be made, or ''."""
+        """Return why no plan can be computed, or ''."""
         if fault == STATE_STALE:
             return fault
         if not np.all(np.isfinite(x)):

@@ -25,7 +25,7 @@ class TickInputs(NamedTuple):
 
     state: VehicleState
     age_s: float = 0.0  # of the state when the step begins; 0 in lockstep
-    fault: str = ''  # of the watchdog: no plan is made, the car brakes; `state_stale`: blindly
+    fault: str = ''  # of the watchdog: no plan is computed, the car brakes; `state_stale`: blindly
     arrival: Arrival | None = None  # where it is known
     effective_ns: int | None = None  # when the command takes effect, if known (replay)
     publish_s: float | None = None  # publishing time of the command before

@@ -115,7 +115,7 @@ class RealtimeWatchdog:
         return self.inputs[name].reject(reason)
 
     def fault(self, now_ns: int) -> str:
-        """Return the reason for which no plan can be made, '' if there is none."""
+        """Return the reason for which no plan can be computed, '' if there is none."""
         for name, monitor in self.inputs.items():
             if monitor.level(now_ns) == ERROR:
                 return f'{name}_stale'

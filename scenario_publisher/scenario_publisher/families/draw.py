@@ -5,9 +5,9 @@ numbers are those of Python's Mersenne Twister, seeded by the text of the four, 
 of Python repeats.
 
 Nominal draws are redrawn until the closed forms in `possible` hold. Hard draws are not sieved: what
-of them can be mastered at all is another question. They also have what a controller is not told
-(`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that arrive late,
-and errors of measurement.
+of them can be mastered at all is another question. They also have what a controller does not
+receive (`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that
+arrive late, and errors of measurement.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
 """What appears, comes towards the car, drives ahead of it or crosses, on a straight road.
 
-The coarse path goes straight on: nobody says on which side to pass. Each function returns the
+The coarse path goes straight on and prescribes no side to pass on. Each function returns the
 document of one draw, None for one that cannot be mastered (nominal only).
 """
 

@@ -3,7 +3,7 @@
 A nominal draw is one that a car can stop before or move aside of. The limits leave room for what a
 point mass has not: a car needs DELAY_S until it turns or brakes, and reaches GRIP_SHARE of the
 grip of its tyres. They are necessary conditions that a person can check, not a proof: what a car
-can survive is found by search over manoeuvres on the plant. Hard draws are not sieved.
+can survive is the result of a search over manoeuvres on the plant. Hard draws are not sieved.
 """
 
 GRAVITY = 9.81  # m/s^2

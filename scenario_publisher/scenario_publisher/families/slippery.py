@@ -1,4 +1,4 @@
-"""Obstacles on another friction, under one side of the car or both; no controller is told of it."""
+"""Obstacles on another friction, under one side of the car or both; no topic carries it."""
 
 from random import Random
 
