@@ -154,8 +154,8 @@ def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> l
         ablation,
         claim_evaluation,
         demand,
-        distributions,
         limit,
+        metric_distributions,
         variants,
     )
 
@@ -164,13 +164,13 @@ def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> l
         return demand.run(out)
     if options.row and part != 'limit':
         raise BagError(f'--row is for the limits only, not for {part}')
-    full_runs = limit.RUNS if part == 'limit' else distributions.RUNS
+    full_runs = limit.RUNS if part == 'limit' else metric_distributions.RUNS
     default_runs = QUICK_RUNS[part] if quick else full_runs
     runs = default_runs if options.runs is None else options.runs
-    speeds = distributions.SPEEDS_KPH[:1] if quick else distributions.SPEEDS_KPH
+    speeds = metric_distributions.SPEEDS_KPH[:1] if quick else metric_distributions.SPEEDS_KPH
     compared = variants.role_variants(roles)
     if part == 'distributions':
-        return distributions.run(runner, out, compared, runs, speeds).files
+        return metric_distributions.run(runner, out, compared, runs, speeds).files
     if part == 'limit':
         rows = [*compared, *variants.further_variants(roles, options.tuned)]
         if not quick:

@@ -23,8 +23,8 @@ from experiments.configuration.inputs import KPH
 from experiments.paper import operating_point
 from experiments.progress import CountProgress
 from experiments.run import run_and_compare
-from experiments.study import claim_evaluation, distributions, tables, variants
-from experiments.study.distributions import POINT_KPH
+from experiments.study import claim_evaluation, metric_distributions, tables, variants
+from experiments.study.metric_distributions import POINT_KPH
 from experiments.study.run_spec import RunSpec
 from experiments.study.runner import Runner
 
@@ -36,7 +36,7 @@ CIRCLE, CIRCLE_CONTROLLER = 'circle_20m', 'mpcc_no_ca'
 SCENARIO_FILE, RUN_FILE = 'scenario.yaml', 'run.json'
 TIME_LIMIT_S = 600.0
 COMMAND, QUICK = 'experiments paper', ' --quick'
-RUNS, QUICK_RUNS = distributions.RUNS, 6
+RUNS, QUICK_RUNS = metric_distributions.RUNS, 6
 CAUSE_RUNS, QUICK_CAUSE_RUNS = 10, 2
 BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
 BLOCK_COLUMNS = {
@@ -67,14 +67,16 @@ class NodeGraphRuns(NamedTuple):
 def reproduce(out: Path, quick: bool, jobs: int | None, console: Console) -> Reproduction:
     """Write everything into the folder `out`, with few runs if `quick`. Raises BagError."""
     runs, cause_runs = (QUICK_RUNS, QUICK_CAUSE_RUNS) if quick else (RUNS, CAUSE_RUNS)
-    speeds = distributions.SPEEDS_KPH[:1] if quick else distributions.SPEEDS_KPH
+    speeds = metric_distributions.SPEEDS_KPH[:1] if quick else metric_distributions.SPEEDS_KPH
     bags, command = out / BAGS, COMMAND + (QUICK if quick else '')
     console.print('1/4 the operating point, in process', style='bold')
     operating_point.write(out)
     console.print(f'2/4 distributions of {runs} paired runs and their causes', style='bold')
     with CountProgress(console) as progress, Runner(jobs, progress.show) as runner:
         compared = variants.role_variants(ROLES)
-        paired = distributions.run(runner, out / STUDY, compared, runs, speeds, command=command)
+        paired = metric_distributions.run(
+            runner, out / STUDY, compared, runs, speeds, command=command
+        )
         claims = claim_evaluation.run(runner, out, runs, cause_runs, speeds, ROLES, command=command)
     console.print('3/4 experiment 2 through the node graph, as the median run', style='bold')
     specs = [paired.median_spec(role) for role in ORDER]

@@ -1,20 +1,20 @@
 """Studies: the controllers compared over many paired runs in process.
 
 The parts of `experiments study`:
-    distributions     every metric over paired runs
-    ablation          single factors switched
-    limit             the highest entry speed that nearly every run clears
-    claims            the claims of the paper as rules
-    claim_evaluation  their verdicts and causes
-    demand            the lateral acceleration that a scenario demands
+    metric_distributions  every metric over paired runs
+    ablation              single factors switched
+    limit                 the highest entry speed that nearly every run clears
+    claims                the claims of the paper as rules
+    claim_evaluation      their verdicts and causes
+    demand                the lateral acceleration that a scenario demands
 
 Common to all parts:
-    variants          the controllers and their switched factors
-    run_spec          one run: draw, setup, results
-    runner            many runs in parallel, cached
-    run_statistics    shares, medians, the median run
-    tables            Markdown, CSV and JSON with provenance
-    code_version      the digest of the code that decides a run
-    undisturbed_run   planned intrusions and distance errors of one run
-    study_figures     the figures
+    variants              the controllers and their switched factors
+    run_spec              one run: draw, setup, results
+    runner                many runs in parallel, cached
+    run_statistics        shares, medians, the median run
+    tables                Markdown, CSV and JSON with provenance
+    code_version          the digest of the code that decides a run
+    undisturbed_run       planned intrusions and distance errors of one run
+    study_figures         the figures
 """

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from experiments.study import run_spec, run_statistics, tables, undisturbed_run, variants
 from experiments.study.claims import STABLE_DEG
-from experiments.study.distributions import POINT_KPH, RUNS, run_at_speed
+from experiments.study.metric_distributions import POINT_KPH, RUNS, run_at_speed
 from experiments.study.run_statistics import BY_NAME, summarise_runs
 from experiments.study.runner import Record, Runner
 from experiments.study.variants import SWITCHES, Switch

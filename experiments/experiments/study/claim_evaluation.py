@@ -10,7 +10,7 @@ import numpy as np
 from bags.evaluation import frame_distances
 from experiments.study import claims, run_spec, run_statistics, tables, variants
 from experiments.study.claims import NOT, Claim, Runs, Shown
-from experiments.study.distributions import POINT_KPH, RUNS, SPEEDS_KPH, run_at_speed
+from experiments.study.metric_distributions import POINT_KPH, RUNS, SPEEDS_KPH, run_at_speed
 from experiments.study.run_statistics import BY_NAME, Quantity, summarise
 from experiments.study.runner import Record, Runner
 from experiments.study.variants import BASE, BASELINE, SWITCHES, Switch

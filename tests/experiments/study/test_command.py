@@ -6,7 +6,7 @@ import json
 import pytest
 
 from experiments import cli
-from experiments.study import ablation, claim_evaluation, distributions, tables
+from experiments.study import ablation, claim_evaluation, metric_distributions, tables
 from experiments.study.claims import Shown
 from experiments.study.variants import CONTROLLERS, SWITCHES, Switch, Variant
 
@@ -120,7 +120,7 @@ def test_every_number_of_the_distributions_is_in_the_csv_and_the_json(written):
 
 @pytest.mark.parametrize('ending', ['png', 'svg'])
 def test_the_figure_is_there(written, ending):
-    assert (written / f'{distributions.STEM}.{ending}').stat().st_size > 10_000
+    assert (written / f'{metric_distributions.STEM}.{ending}').stat().st_size > 10_000
 
 
 def test_a_role_without_a_controller_shows_the_form(tmp_path, capsys):
