@@ -166,8 +166,10 @@ def identify(
 
 
 def digest(plant: PlantParams) -> str:
-    """Return a hash of every parameter of the plant."""
+    """Return a hash of every parameter of the plant; and of its model, if not the double track."""
     items = sorted(yaml_parameters.flatten(plant).items())
+    if isinstance(plant, car.MultiBodyParams):
+        items.append(('model', parameters.MULTI_BODY))
     return hashlib.sha256(repr(items).encode()).hexdigest()
 
 

@@ -20,6 +20,7 @@ from node_runtime import parameters
 from stage_solver import compile_cache
 from vehicle_plant import identify
 from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.car import MultiBodyParams
 from vehicle_plant.circular_driving import CircleParams
 from vehicle_plant.parameters import PlantParams
 
@@ -57,11 +58,15 @@ def plant_settings(variant: Variant) -> dict[str, Any]:
     """Return the parameters of the plant node by dotted name.
 
     The rear cornering stiffness is scaled, and the anti-roll bars are changed so that the front
-    axle has the share of an unchanged roll stiffness. A roll angle phi moves either wheel of an
+    axle has the share of an unchanged roll stiffness. The multi-body model has neither: what is
+    drawn for them has no effect on it. A roll angle phi moves either wheel of an
     axle by phi t / 2 and both against each other by phi t, so the stiffness of an axle is
     t^2 (ride rate / 2 + anti-roll rate). Raises ValueError for a share that its springs exceed.
     """
-    car = _load(variant.car).car
+    plant = _load(variant.car)
+    if isinstance(plant, MultiBodyParams):
+        return {node_config.PLANT_DEFAULTS: variant.car}
+    car = plant.car
     axles = {'front': car.suspension.front, 'rear': car.suspension.rear}
     total = sum(_roll_stiffness(axle) for axle in axles.values())
     shares = {'front': variant.roll_share, 'rear': 1.0 - variant.roll_share}
@@ -120,6 +125,8 @@ def build(variant: Variant) -> Plant:
 
 
 def _with_settings(plant, settings):
+    if isinstance(plant, MultiBodyParams):
+        return plant
     car = plant.car
     suspension = car.suspension
     for name in ('front', 'rear'):

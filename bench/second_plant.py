@@ -1,0 +1,155 @@
+"""The double track against the multi-body model of CommonRoad: manoeuvres and closed loops.
+
+`python bench/second_plant.py [--figure docs/second_plant.png]` prints two tables in Markdown. Both
+plants are the same car: vehicle_plant/config/bmw_320i.yaml and commonroad_320i.yaml.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from bags.evaluation import metrics
+from experiments import simulation
+from vehicle_plant import parameters
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings
+from vehicle_plant.manoeuvres.procedure import Case
+
+PLANTS = {'double track': 'bmw_320i.yaml', 'multi-body': 'commonroad_320i.yaml'}
+CAR_FILE = 'car_commonroad_320i.yaml'
+KPH = 3.6  # km/h per m/s
+# manoeuvre, its number, what to call it, decimals
+NUMBERS = (
+    ('steady_circle', 'understeer_gradient', 'understeer gradient [rad/(m/s²)]', 5),
+    ('steady_circle', 'greatest_ay', 'greatest lateral acceleration [m/s²]', 2),
+    ('steady_circle', 'roll_gradient', 'roll gradient [rad/(m/s²)]', 4),
+    ('step_steer', 'yaw_rate_gain', 'yaw rate over steer [1/s]', 2),
+    ('step_steer', 'yaw_rate_response_time', 'step: yaw-rate response [s]', 3),
+    ('step_steer', 'ay_response_time', 'step: lateral-acceleration response [s]', 3),
+    ('sine_sweep', 'gain_1_hz', 'sine of 1 Hz: gain [1/s]', 2),
+    ('sine_sweep', 'phase_1_hz', 'sine of 1 Hz: phase [rad]', 3),
+    ('straight_braking', 'full_braking_distance', 'braking distance, full brakes [m]', 2),
+    ('turn_braking', 'yaw_rate_ratio_at_2', 'yaw-rate ratio, 2 m/s² in a turn', 2),
+    ('turn_braking', 'yaw_rate_ratio_at_4', 'the same, 4 m/s²', 2),
+    ('sine_with_dwell', 'displacement_at_3', 'sine with dwell, 3: displacement [m]', 2),
+    ('sine_with_dwell', 'passed_up_to', 'sine with dwell: passed up to', 1),
+)
+SPEEDS_KPH = (60.0, 75.0, 90.0)
+CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
+
+
+class Driven(NamedTuple):
+    """A manoeuvre as one plant drives it."""
+
+    numbers: dict
+    runs: tuple
+    trajectories: list
+
+
+def perform(names: tuple[str, ...]) -> dict[str, dict[str, Driven]]:
+    """Return the manoeuvres by name and plant."""
+    return {name: {plant: _perform(name, car) for plant, car in PLANTS.items()} for name in names}
+
+
+def _perform(name, car):
+    plant = parameters.load(parameters.config_file(car))
+    case, manoeuvre = Case(plant, 1.0, settings.load()), MANOEUVRES[name]
+    runs = manoeuvre.runs(case)
+    trajectories = [procedure.drive(run, case) for run in runs]
+    return Driven(manoeuvre.numbers(case, runs, trajectories), runs, trajectories)
+
+
+def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
+    """Return the numbers of both plants."""
+    lines = ['| number | double track | multi-body |', '|---|---|---|']
+    for name, key, label, decimals in NUMBERS:
+        values = (driven[name][plant].numbers[key].value for plant in PLANTS)
+        lines.append(f'| {label} | {" | ".join(f"{v:.{decimals}f}" for v in values)} |')
+    return '\n'.join(lines)
+
+
+def closed_loop_table() -> str:
+    """Return what the controllers come to in the double lane change on both plants."""
+    lines = [
+        '| speed, controller | plant | sideslip [deg] | lateral [m/s²] | obstacles [m] | '
+        'off the road [m] | CPU [s] |',
+        '|---|---|---|---|---|---|---|',
+    ]
+    for speed in SPEEDS_KPH:
+        for controller in CONTROLLERS:
+            for plant, car in PLANTS.items():
+                values = {'plant': {'plant_params': car}, 'controller': {'car_file': CAR_FILE}}
+                setup = simulation.prepare('double_lane_change', controller, values, speed / KPH)
+                begin = time.process_time()
+                drive = simulation.drive(setup)
+                cpu_s = time.process_time() - begin
+                found = metrics.compute_metrics(drive)
+                off = max(-found['min_v2e_m'], 0.0)
+                cells = (
+                    f'{found["peak_sideslip_deg"]:.1f}',
+                    f'{found["peak_lat_acc_mps2"]:.1f}',
+                    f'{found["min_v2o_m"]:.2f}',
+                    f'{off:.2f}',
+                    f'{cpu_s:.2f}',
+                )
+                lines.append(f'| {speed:g}, `{controller}` | {plant} | {" | ".join(cells)} |')
+    return '\n'.join(lines)
+
+
+def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
+    """Return both plants in four manoeuvres."""
+    figure = Figure(figsize=(11, 7), layout='constrained')
+    (circle, step), (braking, dwell) = figure.subplots(2, 2)
+    for plant in PLANTS:
+        (track,) = driven['steady_circle'][plant].trajectories
+        steer = np.degrees(track.column('servos.steer.position'))
+        circle.plot(steer, track.column('acceleration.ay'), label=plant)
+        (track,) = driven['step_steer'][plant].trajectories
+        t = procedure.times(track) - 1.0
+        (line,) = step.plot(t, np.degrees(track.column('planar.r')), label=f'{plant}: yaw rate')
+        step.plot(
+            t,
+            2 * track.column('acceleration.ay'),
+            '--',
+            color=line.get_color(),
+            label='2 x lateral acceleration',
+        )
+        track = driven['turn_braking'][plant].trajectories[-3]
+        braking.plot(procedure.times(track), np.degrees(track.column('planar.r')), label=plant)
+        runs = driven['sine_with_dwell'][plant]
+        for amplitude, style in ((3, '-'), (6, '--')):
+            track = runs.trajectories[amplitude]
+            label = f'{plant}: {runs.runs[amplitude].label}'
+            dwell.plot(
+                procedure.times(track),
+                np.degrees(track.column('planar.r')),
+                style,
+                color=line.get_color(),
+                label=label,
+            )
+    step.set_xlim(-0.2, 2.0)
+    procedure.label_axes(circle, 'lateral acceleration [m/s²]', 'steer [deg]')
+    procedure.label_axes(step, 'yaw rate [deg/s]', 'time since the step [s]')
+    procedure.label_axes(braking, 'yaw rate [deg/s]', 'brakes of 4 m/s² in a turn: time [s]')
+    procedure.label_axes(dwell, 'yaw rate [deg/s]', 'sine with dwell: time [s]')
+    return figure
+
+
+def main() -> None:
+    """Print the tables; draw the figure if asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--figure', type=Path, help='PNG to write')
+    options = parser.parse_args()
+    driven = perform(tuple(dict.fromkeys(name for name, *_ in NUMBERS)))
+    print(manoeuvre_table(driven), '\n', sep='')
+    if options.figure:
+        draw(driven).savefig(options.figure, dpi=90, metadata={'Software': None})
+    print(closed_loop_table())
+
+
+if __name__ == '__main__':
+    main()
