@@ -27,6 +27,7 @@ OUT = Path('paper', 'study')
 DECIDED = Path('paper', 'settings')
 SETTINGS, QUICK_SETTINGS = 10_000, 12
 QUICK_RUNS = {'distributions': 6, 'ablation': 2, 'limit': 4, 'claims': 6}
+QUICK_LIMIT_KPH = (70.0, 100.0, 130.0)
 QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m': (0.5,)}
 
 
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('folder', nargs='?', type=Path, metavar='DIR', help=text)
     add_out(parser, OUT, 'the tables')
     parser.add_argument(
-        '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per probe)'
+        '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per speed)'
     )
     parser.add_argument(
         '--cause-runs', type=int, metavar='N', help='claims: runs of every switch (default: --runs)'
@@ -175,7 +176,8 @@ def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> l
         rows = [*compared, *variants.further_variants(roles, options.tuned)]
         if not quick:
             rows += variants.switched_variants(roles)
-        return limit.run(runner, out, _select_rows(options.row, rows), runs)
+        probed = QUICK_LIMIT_KPH if quick else limit.SPEEDS_KPH
+        return limit.run(runner, out, _select_rows(options.row, rows), runs, probed)
     if part == 'claims':
         return claim_evaluation.run(runner, out, runs, options.cause_runs, speeds, roles).files
     sweep = QUICK_SWEEP if quick else {}

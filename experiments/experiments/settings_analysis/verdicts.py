@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from experiments import multiple_tests
 from experiments.settings_analysis import setting_statistics
 from experiments.settings_analysis.setting_statistics import Interval
 
@@ -154,7 +155,7 @@ def decide_all(
     `claims` gives the outcomes and the equivalence margin of each.
     """
     decisions = {key: decide(given, margin, rule) for key, (given, margin) in claims.items()}
-    adjusted = setting_statistics.holm({key: made.p_value for key, made in decisions.items()})
+    adjusted = multiple_tests.holm({key: made.p_value for key, made in decisions.items()})
     return {
         key: (made, adjusted[key], verdict(made, adjusted[key], rule))
         for key, made in decisions.items()

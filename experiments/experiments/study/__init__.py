@@ -3,7 +3,7 @@
 The parts of `experiments study`:
     metric_distributions  every metric over paired runs
     ablation              single factors switched
-    limit                 the highest entry speed that nearly every run clears
+    limit                 the share of cleared runs over the entry speed
     claims                the claims of the paper as rules
     claim_evaluation      their verdicts and causes
     demand                the lateral acceleration that a scenario demands
@@ -15,6 +15,7 @@ Common to all parts:
     run_statistics        shares, medians, the median run
     tables                Markdown, CSV and JSON with provenance
     code_version          the digest of the code that decides a run
+    success_surface       where shares fall over the speed
     undisturbed_run       planned intrusions and distance errors of one run
     study_figures         the figures
 """

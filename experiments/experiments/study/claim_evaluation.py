@@ -8,22 +8,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.evaluation import frame_distances
+from experiments import multiple_tests
 from experiments.study import claims, run_spec, run_statistics, tables, variants
 from experiments.study.claims import NOT, Claim, Runs, Shown
 from experiments.study.metric_distributions import POINT_KPH, RUNS, SPEEDS_KPH, run_at_speed
-from experiments.study.run_statistics import BY_NAME, Quantity, summarise
+from experiments.study.run_statistics import BY_NAME, Quantity, Share, summarise
 from experiments.study.runner import Record, Runner
 from experiments.study.variants import BASE, BASELINE, SWITCHES, Switch
 
 STEM = 'claims'
 COMMAND = 'experiments study claims'
 OVERSHOOTS = 'overshoots'  # a list rather than a number
-AFTER_M = 115.0  # in the second change back, 10 m before the paper's first overshoot
 # the claim on the two frames, by closed forms
 RADII_M = (200.0, 100.0, 50.0, 20.0)  # growing curvature
 GAPS_M = tuple(range(1, 41))  # along the path, up to the preview of 2 s
 BESIDE_M = 1.0  # obstacle from the path
 REACH_M = 2.1  # both radii
+NOT_COMPARED = dict.fromkeys(('margin', *Share._fields))
 Rows = Mapping[str, Sequence[Record]]  # of the ablation at the operating point, one per draw
 
 
@@ -101,6 +102,7 @@ def _row(
         'interval': _interval(strict),
         'strict': {'rule': claim.strict.text, **strict._asdict()},
         'loose': {'rule': claim.loose.text, **loose._asdict()},
+        'alike': _count_alike(claim.compared, draws),
         'elsewhere': {
             f'{kph:g} km/h': _interval(_share(claim.strict, others))
             for kph, others in elsewhere.items()
@@ -112,6 +114,14 @@ def _row(
 
 def _share(rule, draws):
     return run_statistics.share([rule.holds(runs) for runs in draws])
+
+
+def _count_alike(name, draws):
+    """Return margin and number of the draws in which MPCC and baseline are alike."""
+    if not name:
+        return NOT_COMPARED
+    alike = run_statistics.share([claims.are_alike(name, runs) for runs in draws])
+    return {'margin': claims.ALIKE[name], **alike._asdict()}
 
 
 def _interval(share):
@@ -133,9 +143,11 @@ def find_cause(
     """Return the cause as a sentence, and the counts behind it.
 
     The switched role of the claim is taken by the row before and by the row after each switch. A
-    switch is a cause when it turns the loose rule in most of the runs with certainty: the Wilson
-    interval of the share lies above one half. A rejected claim has no cause; the sentence lists the
-    switches that would produce its direction.
+    switch is a cause when it turns the loose rule in more than half of the runs in which it can:
+    gained of those in which it did not hold before, lost of those in which it did. The probability
+    of so many by chance (one-sided binomial) is corrected by Holm's method over the switches that
+    are tested for the effect. A rejected claim has no cause; the sentence lists the switches that
+    would produce its direction.
     """
     if claim.switched is None:
         return claim.reason, []
@@ -180,16 +192,26 @@ def _count_turned(
 
 def _cause_sentence(effect, data, key):
     """Name the switches with the effect in most runs, then those with it in some."""
+    counts = {row['factor']: (len(row[key]), _turnable(row, key)) for row in data}
+    tested = {factor: pair for factor, pair in counts.items() if pair[1]}
+    p_values = multiple_tests.holm(
+        {factor: run_statistics.majority_p_value(*pair) for factor, pair in tested.items()}
+    )
     most, some = [], []
-    for row in data:
-        count, total = len(row[key]), row['pairs'] if key == 'gained' else row['held_before']
+    for factor, (count, total) in tested.items():
         if count:
-            is_certain = run_statistics.share_of_counts(count, total).low > 0.5
-            (most if is_certain else some).append(f'{row["factor"]} ({count}/{total})')
+            is_certain = p_values[factor] <= 1 - run_statistics.CONFIDENCE
+            (most if is_certain else some).append(f'{factor} ({count}/{total})')
     if not most and not some:
         return f'no switch alone {effect}'
     in_some = f', in some: {", ".join(some)}' if some else ''
     return f'alone {effect} in most runs: {", ".join(most) or "none"}{in_some}'
+
+
+def _turnable(row, key):
+    """Return in how many pairs a rule can be gained or lost: it did not hold before, or it did."""
+    held = row['held_before']
+    return row['pairs'] - held if key == 'gained' else held
 
 
 def summarise_claim(shown: Sequence[Shown], draws: Sequence[Runs], names: Mapping[str, str]) -> str:
@@ -201,7 +223,7 @@ def summarise_claim(shown: Sequence[Shown], draws: Sequence[Runs], names: Mappin
     for quantity, group in groupby(shown, key=lambda number: number.quantity):
         records = {names[role]: [runs[role] for runs in draws] for role, _ in group}
         if quantity == OVERSHOOTS:
-            title, cell = f'widest beyond {AFTER_M:g} m [m]', _widest_overshoot
+            title, cell = f'widest beyond {claims.AFTER_M:g} m [m]', _widest_overshoot
         else:
             title, cell = _title(BY_NAME[quantity]), _median_and_range
         cells = (f'{role} {cell(runs, quantity)}' for role, runs in records.items())
@@ -226,7 +248,7 @@ def _median_and_range(runs, name):
 
 def _widest_overshoot(runs, name):
     """Return size and station of the widest overshoot of each run after the second lane change."""
-    after = ([o for o in run.value(name) if o['x_m'] >= AFTER_M] for run in runs)
+    after = ([o for o in run.value(name) if o['x_m'] >= claims.AFTER_M] for run in runs)
     widest = [max(run, key=lambda overshoot: overshoot['amount_m']) for run in after if run]
     if not widest:
         return 'none'
@@ -284,6 +306,7 @@ def overestimation_row() -> dict[str, Any]:
         'interval': 'exact, closed form',
         'strict': empty,
         'loose': empty,
+        'alike': NOT_COMPARED,
         'elsewhere': {},
         'cause': 'geometry: chord against arc; outside near the obstacle the sign turns',
         'cause_data': [sides],
@@ -319,6 +342,7 @@ def undecided_list(rows: Sequence[Mapping[str, Any]]) -> str:
 def _legend(cause_runs):
     return (
         'Rules and margins are in docs/study.md. A cause is a single switch that turns the loose '
-        f'rule, (a/b) in a of b runs; at most {cause_runs} paired runs were driven for it. Where a '
+        'rule, (a/b) in a of the b runs in which it can; "in most runs" is corrected for the '
+        f'number of switches (Holm); at most {cause_runs} paired runs were driven for it. Where a '
         'claim does not hold, "direction only" names what would bring about its loose rule.\n'
     )

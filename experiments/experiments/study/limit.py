@@ -1,37 +1,25 @@
-"""The limit speed: the highest entry speed at which nearly every run clears the scenario."""
+"""The share of runs that clear the scenario over the entry speed, for every controller.
 
-import math
+Every speed of a grid is driven with the same draws, so nothing is assumed of the share: whether it
+falls with the speed is tested (`success_surface`).
+"""
+
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from experiments.study import run_spec, run_statistics, tables, variants
-from experiments.study.run_spec import Draw
+import numpy as np
+
+from experiments.study import run_spec, tables, variants
+from experiments.study.metric_distributions import run_at_speed
 from experiments.study.runner import Runner
+from experiments.study.success_surface import LEVELS, Surface, fit_surface
 from experiments.study.variants import CONTROLLERS, Variant
 
-SHARE = 0.95
-SLOWEST_KPH, FASTEST_KPH = 50.0, 140.0
-STEP_KPH = 0.5
-RUNS = 20  # per probe
+SPEEDS_KPH = tuple(50.0 + 10.0 * step for step in range(10))  # 50 .. 140
+RUNS = 20  # per speed
+UNEVEN = 0.05  # p-value below which the share does not fall with the speed
 STEM = 'limit'
-
-
-class Probe(NamedTuple):
-    """One tested speed; runs after the deciding one were not simulated."""
-
-    speed_kph: float
-    cleared: int
-    runs: int
-    holds: bool  # whether SHARE of the draws are cleared
-
-
-class Limit(NamedTuple):
-    """The limit speed of one controller, None when it is below the range."""
-
-    name: str
-    speed_kph: float | None
-    probes: list[Probe]
 
 
 def run(
@@ -39,87 +27,87 @@ def run(
     out: Path,
     controllers: Sequence[str | Variant] = CONTROLLERS,
     runs: int = RUNS,
+    speeds_kph: Sequence[float] = SPEEDS_KPH,
 ) -> list[Path]:
-    """Find the limit of every controller; write limit.md, .csv, .json; return their paths.
+    """Simulate `runs` draws per controller and speed; write limit.md, .csv, .json and the figure.
 
-    Bisection between SLOWEST_KPH and FASTEST_KPH to STEP_KPH, `runs` draws of grip and tolerance
-    per probe, the same for every controller and speed. Raises BagError.
+    Grip and tolerance are drawn, the speed is exact. Returns the paths. Raises BagError.
     """
+    from experiments.study import study_figures
+
     chosen = variants.plain_variants(controllers)
     draws = run_spec.draw_runs(runs, speed_kph=0.0)
-    rows = [_row(find_limit(runner, variant, draws), runs) for variant in chosen]
+    cleared: dict[str, list[int]] = {variant.name: [] for variant in chosen}
+    for kph in speeds_kph:
+        for name, records in run_at_speed(runner, chosen, kph, draws).items():
+            cleared[name].append(sum(record.is_cleared for record in records))
+    surfaces = [fit_surface(name, speeds_kph, counts, runs) for name, counts in cleared.items()]
     origin = tables.build_provenance(
         'experiments study limit',
         [variant for variant in chosen if not variant.settings],
         runs=runs,
-        share=SHARE,
+        speeds_kph=list(speeds_kph),
+        levels=list(LEVELS),
         switched={variant.name: dict(variant.settings) for variant in chosen if variant.settings},
     )
-    return tables.write_tables(out, STEM, 'Limit speed', rows, _markdown(rows, runs), origin)
+    rows = [_row(surface) for surface in surfaces]
+    text, title = _markdown(surfaces, runs), 'Cleared runs over the entry speed'
+    files = tables.write_tables(out, STEM, title, rows, text, origin)
+    return [*files, *study_figures.write_surfaces(surfaces, out / STEM)]
 
 
-def find_limit(runner: Runner, variant: Variant, draws: Sequence[Draw]) -> Limit:
-    """Return the limit of one controller, by bisection on the grid of STEP_KPH."""
-    probes: list[Probe] = []
-
-    def holds(step):
-        kph = SLOWEST_KPH + STEP_KPH * step
-        probes.append(probe_speed(runner, variant, kph, draws))
-        return probes[-1].holds
-
-    low, high = 0, round((FASTEST_KPH - SLOWEST_KPH) / STEP_KPH)
-    if not holds(low):
-        return Limit(variant.name, None, probes)
-    if holds(high):
-        return Limit(variant.name, FASTEST_KPH, probes)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return Limit(variant.name, SLOWEST_KPH + STEP_KPH * low, probes)
-
-
-def probe_speed(runner: Runner, variant: Variant, kph: float, draws: Sequence[Draw]) -> Probe:
-    """Simulate the draws at one speed until it is known whether SHARE of them is cleared."""
-    allowed = len(draws) - math.ceil(SHARE * len(draws))
-    cleared = simulated = 0
-    for start in range(0, len(draws), runner.jobs):
-        batch = draws[start : start + runner.jobs]
-        specs = [run_spec.build_spec(variant, kph, draw) for draw in batch]
-        records = runner.run(specs, f'limit of {variant.name}', start, len(draws))
-        simulated += len(records)
-        cleared += sum(record.is_cleared for record in records)
-        if simulated - cleared > allowed:
-            break
-    return Probe(kph, cleared, simulated, simulated - cleared <= allowed)
-
-
-def _row(limit, runs) -> dict[str, Any]:
-    probe = next((probe for probe in limit.probes if probe.speed_kph == limit.speed_kph), None)
-    counts = run_statistics.share_of_counts(probe.cleared, probe.runs) if probe else [None] * 4
-    cleared, _, low, high = counts
+def _row(surface: Surface) -> dict[str, Any]:
+    speeds = zip(surface.speeds_kph, surface.shares, surface.monotone)
     return {
-        'controller': limit.name,
-        'limit_kph': limit.speed_kph,
-        'runs_per_probe': runs,
-        'cleared_at_limit': cleared,
-        'low': low,
-        'high': high,
-        'probes': [f'{probe.speed_kph:g}:{probe.cleared}/{probe.runs}' for probe in limit.probes],
+        'controller': surface.name,
+        'runs_per_speed': surface.shares[0].runs,
+        'falls_with_speed_p': surface.monotone_p,
+        **{
+            f'falls_below_{crossing.level:g}': {
+                'kph': _finite(crossing.kph),
+                'low_kph': _finite(crossing.low),
+                'high_kph': _finite(crossing.high),
+            }
+            for crossing in surface.crossings
+        },
+        'cleared': {
+            f'{kph:g} km/h': {'cleared': one.holds, 'low': one.low, 'high': one.high, 'fit': fit}
+            for kph, one, fit in ((kph, one, float(fit)) for kph, one, fit in speeds)
+        },
     }
 
 
-def _markdown(rows, runs):
-    header = ['controller', 'limit [km/h]', f'cleared there, of {runs}', 'probes']
-    lines = [[row['controller'], *_limit_cells(row), ', '.join(row['probes'])] for row in rows]
+def _finite(kph):
+    """Return a speed for JSON: None beyond the range of the speeds."""
+    return kph if np.isfinite(kph) else None
+
+
+def _markdown(surfaces, runs):
+    speeds = surfaces[0].speeds_kph
+    falls = [f'falls below {level:.0%} at [km/h]' for level in LEVELS]
+    header = ['controller', *(f'{kph:g}' for kph in speeds), *falls, 'falls evenly']
+    lines = [
+        [
+            surface.name,
+            *(str(one.holds) for one in surface.shares),
+            *(_crossing_cell(crossing, speeds) for crossing in surface.crossings),
+            'yes' if surface.monotone_p > UNEVEN else f'no (p = {surface.monotone_p:.3f})',
+        ]
+        for surface in surfaces
+    ]
     return (
-        f'Highest entry speed at which at least {SHARE:.0%} of {runs} paired runs clear all '
-        f'obstacles and both edges; probes as speed:cleared/driven, ended early when the share '
-        f'cannot be reached any more.\n\n{tables.markdown_table(header, lines)}\n'
+        f'Runs of {runs} that clear all obstacles and both edges, by entry speed [km/h]; grip and '
+        'tolerance are drawn, alike at all speeds and for all controllers. The speeds at which '
+        'the share falls through a level are those of the closest shares that do not rise, with '
+        f'95 % intervals; where the share does not fall evenly they mean little.\n\n'
+        f'{tables.markdown_table(header, lines)}\n'
     )
 
 
-def _limit_cells(row):
-    if row['limit_kph'] is None:
-        return f'< {SLOWEST_KPH:g}', '–'
-    interval = f'[{row["low"]:.2f}, {row["high"]:.2f}]'
-    return f'{row["limit_kph"]:.1f}', f'{row["cleared_at_limit"]} {interval}'
+def _crossing_cell(crossing, speeds):
+    def text(kph):
+        if np.isfinite(kph):
+            return f'{kph:.0f}'
+        return f'< {speeds[0]:g}' if kph < 0 else f'> {speeds[-1]:g}'
+
+    return f'{text(crossing.kph)} [{text(crossing.low)}, {text(crossing.high)}]'

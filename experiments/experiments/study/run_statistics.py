@@ -43,14 +43,22 @@ QUANTITIES = (
     Quantity('min_v2e_per_edge_m.left', 'min V2E, left', 'm', 2),
     Quantity('min_v2e_per_edge_m.right', 'min V2E, right', 'm', 2),
     Quantity('min_outline_gap_m', 'min gap of the outline', 'm', 2),
+    Quantity('min_outline_gap_per_obstacle_m.1', 'gap of the outline, obstacle 1', 'm', 2),
+    Quantity('min_outline_gap_per_obstacle_m.2', 'gap of the outline, obstacle 2', 'm', 2),
+    Quantity('min_outline_v2e_m', 'outline to an edge', 'm', 2),
+    Quantity('min_outline_v2e_per_edge_m.right', 'outline to the right edge', 'm', 2),
+    Quantity('peak_overshoot_m', 'widest overshoot', 'm', 2),
     Quantity('peak_sideslip_deg', 'peak sideslip angle', 'deg', 2),
     Quantity('peak_sideslip_at_m', 'its station', 'm', 0),
     Quantity('min_speed_mps', 'min speed', 'm/s', 2),
     Quantity('brake_onset_at_m', 'brake onset, -500 N', 'm', 1),
     Quantity('brake_onset_hard_at_m', 'brake onset, -1500 N', 'm', 1),
+    Quantity('planned_brake_onset_at_m', 'planned brake onset, -500 N', 'm', 1),
+    Quantity('planned_brake_onset_hard_at_m', 'planned brake onset, -1500 N', 'm', 1),
     Quantity('braking_s', 'braking (-500 N) for', 's', 2),
     Quantity('counter_steer_s', 'counter-steering for', 's', 2),
     Quantity('peak_counter_steer_deg', 'peak counter-steer', 'deg', 1),
+    Quantity('lateral_limit_use_plant', 'lateral acceleration held / limit of the plant', '-', 3),
     Quantity('peak_lat_acc_share', 'peak lateral acceleration / (mu g)', '-', 3),
     Quantity('peak_brake_share', 'peak deceleration / (mu g)', '-', 3),
     Quantity('rms_contouring_m', 'rms contouring error', 'm', 3),
@@ -99,6 +107,13 @@ def share_of_counts(holds: int, runs: int) -> Share:
 
     interval = binomtest(holds, runs).proportion_ci(CONFIDENCE, method='wilson')
     return Share(holds, runs, float(interval.low), float(interval.high))
+
+
+def majority_p_value(holds: int, runs: int) -> float:
+    """Return the probability of at least `holds` of `runs` where each holds with one half."""
+    from scipy.stats import binomtest
+
+    return float(binomtest(holds, runs, 0.5, 'greater').pvalue)
 
 
 def summarise(values: Sequence[float | None]) -> Summary:

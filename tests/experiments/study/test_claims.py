@@ -61,8 +61,10 @@ def test_where_the_strict_rule_holds_the_loose_one_does(claim, alike, make_recor
                 'entered_unsafe_area': value < 3.5,
                 'peak_sideslip_deg': value,
                 'min_speed_mps': value,
-                'brake_onset_at_m': value,
-                'brake_onset_hard_at_m': value,
+                'planned_brake_onset_at_m': value,
+                'planned_brake_onset_hard_at_m': value,
+                'lateral_limit_use_plant': value / 3.0,
+                'overshoots': [{'x_m': x_m, 'amount_m': value} for x_m in (125.0, 135.0)],
                 'counter_steer_s': value,
                 'braking_s': value,
                 'iterations_mean': value,
@@ -73,12 +75,16 @@ def test_where_the_strict_rule_holds_the_loose_one_does(claim, alike, make_recor
 
 def test_the_paper_itself_would_be_reproduced(alike, make_record):
     mpcc = make_record(
-        peak_sideslip_deg=3.0, brake_onset_at_m=45.0, brake_onset_hard_at_m=45.0, min_speed_mps=17.0
+        peak_sideslip_deg=3.0,
+        planned_brake_onset_at_m=45.0,
+        planned_brake_onset_hard_at_m=45.0,
+        min_speed_mps=17.0,
+        overshoots=[{'x_m': 20.0, 'amount_m': 0.9}, {'x_m': 117.0, 'amount_m': 0.3}],
     )
     frenet = make_record(
         peak_sideslip_deg=9.0,
-        brake_onset_at_m=65.0,
-        brake_onset_hard_at_m=65.0,
+        planned_brake_onset_at_m=65.0,
+        planned_brake_onset_hard_at_m=65.0,
         min_speed_mps=15.0,
         braking_s=2.0,
         counter_steer_s=0.8,
@@ -102,12 +108,49 @@ def test_equal_runs_fulfil_no_claim_of_a_difference(alike):
 
 def test_a_controller_that_never_brakes_does_not_brake_earlier(alike, make_record):
     claim = BY_KEY['brakes_earlier']
-    braking = make_record(brake_onset_at_m=30.0)
+    braking = make_record(planned_brake_onset_at_m=30.0)
     assert claim.strict.holds(alike(mpcc=braking))
     assert not claim.loose.holds(alike(frenet=braking))
-    close = make_record(brake_onset_at_m=35.0)
-    assert claim.loose.holds(alike(mpcc=braking, frenet=close))
-    assert not claim.strict.holds(alike(mpcc=braking, frenet=close))
+    for at_m, strict, loose in ((41.0, True, True), (35.0, False, True), (31.9, False, False)):
+        runs = alike(mpcc=braking, frenet=make_record(planned_brake_onset_at_m=at_m))
+        assert (claim.strict.holds(runs), claim.loose.holds(runs)) == (strict, loose)
+
+
+def test_the_overshoot_of_the_mpcc_counts_too(alike, make_record):
+    claim = BY_KEY['overshoots']
+
+    def swinging(*amounts):
+        places = zip((125.0, 135.0), amounts)
+        return make_record(overshoots=[{'x_m': x, 'amount_m': a} for x, a in places])
+
+    wide, narrow = swinging(0.6, 0.8), swinging(0.3, 0.3)
+    assert claim.strict.holds(alike(frenet=wide))
+    for mpcc, loose in ((wide, False), (narrow, True), (swinging(0.6, 0.75), False)):
+        runs = alike(frenet=wide, mpcc=mpcc)
+        assert (claim.strict.holds(runs), claim.loose.holds(runs)) == (False, loose)
+    before = make_record(overshoots=[{'x_m': 60.0, 'amount_m': 0.9}])
+    assert claim.loose.holds(alike(frenet=wide, mpcc=before))
+
+
+@pytest.mark.parametrize('claim', [c for c in CLAIMS if c.compared], ids=lambda claim: claim.key)
+@pytest.mark.parametrize('share', [-1.01, -0.99, 0.0, 0.99, 1.01])
+def test_a_difference_within_its_margin_fulfils_no_comparison(claim, share, alike, make_record):
+    name, margin = claim.compared, claims.ALIKE[claim.compared]
+    runs = alike(
+        mpcc=make_record(**{name: 20.0}), frenet=make_record(**{name: 20.0 + share * margin})
+    )
+    assert claims.are_alike(name, runs) == (abs(share) < 1)
+    turned = alike(mpcc=runs['frenet'], frenet=runs['mpcc'])
+    held = claim.loose.holds(runs), claim.loose.holds(turned)
+    assert any(held) == (abs(share) > 1)
+    assert not all(held)
+
+
+@pytest.mark.parametrize(('share', 'reached'), [(0.94, False), (0.96, True)])
+def test_the_lateral_limit_is_that_of_the_plant(alike, make_record, share, reached):
+    claim = BY_KEY['lateral_limit']
+    runs = alike(frenet=make_record(lateral_limit_use_plant=share, peak_lat_acc_share=0.99))
+    assert claim.strict.holds(runs) is reached
 
 
 def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
@@ -126,6 +169,35 @@ def test_a_cause_is_the_switch_that_alone_turns_most_runs(alike, make_record):
     found = {one['factor']: one for one in data}
     assert found['frame of the distances']['gained'] == [1, 2]
     assert found['states back to the map']['lost'] == []
+
+
+def test_what_is_gained_counts_among_the_runs_in_which_it_did_not_hold(alike, make_record):
+    """10 of 30 hold before; a switch that turns 18 of the others turns 18 of 20, not of 30."""
+    stable, sliding = make_record(peak_sideslip_deg=3.0), make_record(peak_sideslip_deg=9.0)
+    rows = dict.fromkeys(rows_of(stable, 30), [sliding] * 10 + [stable] * 20)
+    rows['cartesian lag step'] = [sliding] * 28 + [stable] * 2
+    rows['frenet gaussian'] = [stable] * 30
+    draws = [alike(mpcc=stable)] * 30
+    text, data = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
+    assert 'brings it about in most runs: priority, equal P_k (18/20)' in text
+    assert 'undoes it in most runs: priority back, equal P_k (10/10)' in text
+    found = {one['factor']: one for one in data}
+    assert found['priority, equal P_k']['held_before'] == 10
+
+
+@pytest.mark.parametrize(('turned', 'certain'), [(9, True), (8, False)])
+def test_a_cause_is_certain_after_the_correction_for_all_switches(
+    alike, make_record, turned, certain
+):
+    """9 of 9 by chance: 1 / 512, times 7 switches 0.014; 8 of 9: 10 / 512, times 7 0.14."""
+    stable, sliding = make_record(peak_sideslip_deg=3.0), make_record(peak_sideslip_deg=9.0)
+    rows = rows_of(stable, 9)
+    rows['cartesian lag step'] = [sliding] * turned + [stable] * (9 - turned)
+    draws = [alike(mpcc=stable)] * 9
+    text, _ = claim_evaluation.find_cause(BY_KEY['sideslip'], draws, rows, claims.PARTLY)
+    most = f'in most runs: priority, equal P_k ({turned}/9)'
+    assert (most in text) is certain
+    assert f'({turned}/9)' in text
 
 
 def test_no_switch_as_cause_is_reported(alike, make_record):
