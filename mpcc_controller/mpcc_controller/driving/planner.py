@@ -21,7 +21,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import INTEGRATED, REFRESHED, CarParams, ControllerParams
 from mpcc_controller.path import compiled_queries, reference_path
-from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
+from mpcc_controller.problem import bounds, cost_terms, formulation, ocp, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import add_seconds, ns_to_s
@@ -38,6 +38,7 @@ LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from t
 # double lane change (curvature changing by 0.01 1/m^2) is off by less than a millimetre
 REFRESH_FROM_M = 0.5
 MOST_REFRESHES = 3  # per tick
+RELAXATION = 1e4  # of the weights of soft limits: tolerances 100 times as large
 BUILDING_SHARE = 0.25  # of `solver.time_limit_s` in which the problems of candidates are built
 
 
@@ -99,6 +100,10 @@ class Planner:
         if params.fallback.recovery:
             options = solver_selection.sliding_options(params, limit_time)
             self.sliding_solver = make_solver(self.problem, options)
+            limits = {f'weights.{name}' for name in cost_terms.SOFT_LIMITS}
+            self._soft_limits = [  # their columns in the stage parameters
+                i for i, name in enumerate(self.problem.parameters) if name in limits
+            ]
         self.evaluator = PlanEvaluator(symbolic)
         self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
         self.alternatives: CandidatePlans | None = None
@@ -305,10 +310,40 @@ class Planner:
         `began` is when their time began, by the clock; None: now.
         """
         began = self.clock() if began is None else began
+        first = self._solve_first(problem, self._take_guess(problem), began)
+        return first, self.solve_again(problem, first, began)
+
+    def _solve_first(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
+        """Return the solution of the first solver; of a car that slides, by way of a relaxed one.
+
+        A slide breaks every soft limit: road, distances, envelope. What that costs is larger than
+        all else by orders of magnitude, and Newton's method may get stuck. Where it does, the
+        problem in which it costs RELAXATION times less is solved from the same guess, and the true
+        one from its plan; where that gets stuck, too, the relaxed plan may be driven.
+        """
         chosen = self._chosen_solver()
         self._limit(chosen, began)
-        first = self._run(chosen, problem, self._take_guess(problem))
-        return first, self.solve_again(problem, first, began)
+        first = self._run(chosen, problem, guess)
+        if chosen is not self.sliding_solver or self._is_usable(first):
+            return first
+        P = problem.parameters.P.copy()
+        P[:, self._soft_limits] /= RELAXATION
+        relaxed = problem._replace(parameters=problem.parameters._replace(P=P))
+        self._limit(chosen, began)
+        on_the_way = self._run(chosen, relaxed, guess._replace(multipliers=None))
+        self._limit(chosen, began)
+        start = self.formulation.to_local(on_the_way.plan, problem.scene.path)
+        second = self._run(chosen, problem, start._replace(multipliers=None))
+        best = next((s for s in (second, on_the_way) if self._is_usable(s)), first)
+        tried = (first, on_the_way, second)
+        return best._replace(
+            iterations=sum(s.iterations for s in tried),
+            solve_s=sum(s.solve_s for s in tried),
+            cpu_s=sum(s.cpu_s for s in tried),
+        )
+
+    def _is_usable(self, solution: Solution) -> bool:
+        return not fallback.rejection_reason(solution, self.params.fallback)
 
     def _limit(self, chosen: StageSolver, began: float) -> None:
         """Let a solver stop where the time of its tick ends; `began` is when that began."""
@@ -317,7 +352,7 @@ class Planner:
             chosen.set_time_limit(max(remaining_s, 0.0))
 
     def _chosen_solver(self) -> StageSolver:
-        """Return the first solver, while the car slides the one that iterates longer."""
+        """Return the first solver; while the car slides, the one that iterates longer."""
         return (
             self.sliding_solver if self._is_sliding and self.sliding_solver else self.first_solver
         )
@@ -387,10 +422,9 @@ class Planner:
         """
         solving = self.clock()
         began = solving if began is None else began
-        guess, chosen = self._take_guess(followed), self._chosen_solver()
-        self._limit(chosen, began)
+        guess = self._take_guess(followed)
         jobs = [partial(self._solve_candidate, problem, began) for problem in others.values()]
-        first, solved = self.parallel.run(lambda: self._run(chosen, followed, guess), jobs)
+        first, solved = self.parallel.run(lambda: self._solve_first(followed, guess, began), jobs)
         solve_s = self.clock() - solving
         solutions = [
             self._finish(solution, problem) for solution, problem in zip(solved, others.values())

@@ -30,7 +30,8 @@ def sliding_options(params: ControllerParams, limit_time: bool) -> SolverOptions
     """Return the options for a car that slides: those of the first solver, with more iterations.
 
     From the guess of the recovery law 44 % of 100 random slides had a plan that may be driven
-    within 100 iterations, 86 % within 300 (mpcc, sideslip to 60 deg, yaw rate to 2 rad/s).
+    within 100 iterations, 86 % within 300 (mpcc, sideslip to 60 deg, yaw rate to 2 rad/s). The
+    planner gets on with a relaxed problem where they are not enough.
     """
     options = first_solver_options(params, limit_time)
     most = SLIDING_FACTOR * options.max_iterations

@@ -16,6 +16,8 @@ from stage_solver.stage_problem import rk2
 
 GRAVITY = 9.81  # m/s^2
 SLIP_SPEED_ROUNDING = 0.25  # (m/s)^2; 4 mm/s at 20 m/s for a least speed of 5 m/s
+# rad; beyond it, a wheel that is dragged sideways, the tangent has a pole where the force stays
+MAX_SLIP = 1.3
 STANDSTILL_ROUNDING = 1e-6  # (m/s)^2; |v| has no derivative at rest
 
 
@@ -157,8 +159,11 @@ def slips(x, car):
     tyre dynamics near 5 m/s, and an iterate of the solver may have any speed.
     """
     v = _bounded_speed(x, car)
+    front = ca.atan((x.vy + car.l_f * x.r) / v) - x.delta
+    if hasattr(car, 'settling'):
+        front = ca.fmin(ca.fmax(front, -MAX_SLIP), MAX_SLIP)
     return Axles(
-        f=ca.tan(ca.atan((x.vy + car.l_f * x.r) / v) - x.delta),
+        f=ca.tan(front),
         r=(x.vy - car.l_r * x.r) / v,
     )
 

@@ -150,6 +150,9 @@ FRENET = (
     *INPUTS,
 )
 
+# what is kept away from as long as it can be
+SOFT_LIMITS = (*(term.name for term in (*DISTANCES, *ENVELOPE)), 'slack')
+
 # the weights that are tuned in every formulation
 TUNED = (
     'tolerances.contouring_m',

@@ -177,3 +177,24 @@ def test_from_the_guess_of_the_law_most_sliding_cars_get_a_plan(world):
             usable[name] += not rejection_reason(solution, params.fallback)
     assert usable['law'] > 0.75 * count
     assert usable['law'] >= usable['path']
+
+
+def test_every_sliding_car_gets_a_plan_of_the_road_controller(world):
+    """Sideslip to 60 deg, yaw rate to 2 rad/s, 7 to 40 m/s, on a road of 8 m."""
+    params, vehicle = world.load('mpcc_road', candidates__most=1, solver__fallback='none')
+    off = dataclasses.replace(params.friction_estimate, on=False)
+    controller = Controller(dataclasses.replace(params, friction_estimate=off), vehicle)
+    world.set_inputs(controller, world.straight(left=4.0, right=-4.0))
+    planner, scene = controller.planner, controller.scene
+    rng = np.random.default_rng(7)
+    plans = []
+    for _ in range(40):
+        v, beta, r = rng.uniform((7, -1.05, -2), (40, 1.05, 2))
+        x = world.rolling(v=v * math.cos(beta), vy=v * math.sin(beta), r=r, X=10.0, psi=-beta)
+        x0 = planner.initial_state(x, Setpoints(0.0, 0.0), scene)
+        planner.reset()
+        plans.append(planner.plan(x0, scene, sliding=True)[0].plan)
+    assert all(plan is not None for plan in plans)
+    for plan in plans:  # each is a motion of the model
+        for x, u, after in zip(plan.X[:-1:10], plan.U[::10], plan.X[1::10]):
+            assert after == pytest.approx(planner.step(x, u, controller.car), abs=0.02, rel=1e-3)
