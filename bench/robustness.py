@@ -22,8 +22,8 @@ from experiments.batch.drive_records import DriveRecords
 from experiments.configuration import node_config
 from experiments.library import library_drive
 from experiments.library.library_drive import LibraryDrive, Settings
-from experiments.library.survival_table import wilson_interval
 from experiments.progress import CountProgress
+from experiments.wilson import wilson_interval
 from experiments.worker_pool import WorkerPool
 from scenario_publisher.families import draw
 

@@ -1,29 +1,15 @@
 """Who survived: shares with intervals per family and controller, and why the others did not."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
 
-Z_95 = 1.959964  # quantile of the normal distribution for 95 %, both sides
+from experiments.wilson import wilson_interval
+
 ALL = 'all'
 
 Rows = Sequence[Mapping[str, Any]]
-
-
-def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float, float]:
-    """Return the Wilson score interval of a share (Wilson 1927): 0 to 1 without a trial.
-
-    Unlike the normal approximation it never leaves 0 to 1, and has a width where all survive.
-    """
-    if not trials:
-        return 0.0, 1.0
-    share = successes / trials
-    scale = 1.0 + z**2 / trials
-    middle = (share + z**2 / (2 * trials)) / scale
-    half = z * math.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)) / scale
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def count(rows: Rows, family: str, controller: str) -> tuple[int, int]:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.study.runner import Record
+from experiments.wilson import wilson_interval
 
-CONFIDENCE = 0.95
 # metrics that select the median run
 MEDIAN_METRICS = (
     'min_v2o_m',
@@ -103,10 +103,7 @@ def share(holds: Sequence[bool]) -> Share:
 
 def share_of_counts(holds: int, runs: int) -> Share:
     """Return the share `holds` of `runs` with its 95 % Wilson score interval."""
-    from scipy.stats import binomtest
-
-    interval = binomtest(holds, runs).proportion_ci(CONFIDENCE, method='wilson')
-    return Share(holds, runs, float(interval.low), float(interval.high))
+    return Share(holds, runs, *wilson_interval(holds, runs))
 
 
 def majority_p_value(holds: int, runs: int) -> float:

@@ -20,11 +20,11 @@ from experiments.survivable.survival_search import (
     UNDECIDED,
     survivable,
 )
+from experiments.wilson import wilson_interval
 
 # the first drives until the instant of action; all of them are drivers with hindsight
 DRIVERS = ('mpcc', 'mpcc_road')
 ALL = 'all'
-CONFIDENCE = 0.95
 
 Row = Mapping[str, Any]
 DrawKey = tuple[str, str, int, int, str]  # family, name of an entry, seed, index, difficulty
@@ -66,8 +66,8 @@ class Pairs(NamedTuple):
         differ = self.base_only + self.other_only
         if not differ:
             return 0.0, 0.0
-        test = binomtest(self.base_only, differ).proportion_ci(CONFIDENCE, method='wilson')
-        return tuple((2 * p - 1) * differ / self.draws for p in (test.low, test.high))
+        bounds = wilson_interval(self.base_only, differ)
+        return tuple((2 * p - 1) * differ / self.draws for p in bounds)
 
     @property
     def p_value(self) -> float:

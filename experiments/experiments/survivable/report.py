@@ -13,11 +13,11 @@ from bags.errors import BagError
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
-from experiments.library.survival_table import wilson_interval
 from experiments.progress import CountProgress
 from experiments.survivable import regret
 from experiments.survivable.regret import DrawKey, Pairs, Regret
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.wilson import wilson_interval
 from experiments.worker_pool import WorkerPool
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives

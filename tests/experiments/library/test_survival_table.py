@@ -1,10 +1,5 @@
 """Shares, their intervals, and the list of losses."""
 
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import binomtest
-
 from experiments.library import survival_table
 
 
@@ -12,18 +7,6 @@ def row(family='pop_up', controller='mpcc', survived=True, error='', **more):
     lost_by = None if survived else 'slid'
     base = {'drive': f'{family}:0', 'family': family, 'controller': controller, 'error': error}
     return {**base, 'survived': survived, 'lost_by': lost_by, 'verdict': 'spun at 60 m', **more}
-
-
-@given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_the_interval_is_that_of_wilson(counts):
-    survived, driven = counts
-    reference = binomtest(survived, driven).proportion_ci(0.95, method='wilson')
-    low, high = survival_table.wilson_interval(survived, driven)
-    assert (low, high) == pytest.approx((reference.low, reference.high), abs=1e-6)
-
-
-def test_without_a_drive_nothing_is_known():
-    assert survival_table.wilson_interval(0, 0) == (0.0, 1.0)
 
 
 def test_drives_are_counted_by_family_and_controller_and_failed_ones_left_out():
