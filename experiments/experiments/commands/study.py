@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seed', type=int, default=1, metavar='S', help='settings: of the draws (default: 1)'
     )
-    add_time_limit(parser, '--limit', 120.0, 'settings: a drive fails')
+    add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'

@@ -15,13 +15,12 @@ import yaml
 from experiments.settings.preregistration import Course
 from experiments.study import demand
 from experiments.study.demand import Circle, Task
-from scenario_publisher import scenario
+from scenario_publisher import lines
 from scenario_publisher.families import scenario_document
-from scenario_publisher.scenario import Scenario
 
-TASK_STEP_M = 1.0
+TASK_STEP_M = 0.5
+PATH_STEP_M = 0.25
 NAME = 'setting'
-SLOW_MPS = 10.0  # of a scenario that is made for its path
 
 
 class Disc(NamedTuple):
@@ -49,7 +48,8 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
     """Return the double lane change of drawn values for a vehicle circle of a radius [m].
 
     A car whose centre of gravity follows the coarse path passes the obstacles with
-    `clearance_*_m` between the circles, and the edges with `room_*_m`.
+    `clearance_*_m` between the circles, and the edges with `room_*_m`. Raises ValueError for a
+    change that is too short for its offset.
     """
     first, second = values['change_1_m'], values['change_2_m']
     offset = values['offset_m']
@@ -63,8 +63,13 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
     )
     left = offset + circle_radius + values['room_left_m']
     right = -circle_radius - values['room_right_m']
-    empty = Layout(segments, (), left, right, end)
-    path = build_scenario(empty, SLOW_MPS, course).reference
+    curves = (
+        lines.arc(course.entry_m, 0.0),
+        lines.lane_change(first, offset),
+        lines.arc(values['plateau_m'], 0.0),
+        lines.lane_change(second, -offset),
+    )
+    path = lines.line_from_curves(curves, 0.0, 0.0, 0.0, PATH_STEP_M)
     places = (
         (course.entry_m + values['obstacle_1_share'] * first, -1.0, '1'),
         (begin_2 + values['obstacle_2_share'] * second, 1.0, '2'),
@@ -79,7 +84,7 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
         )
         for x, side, number in places
     )
-    return empty._replace(obstacles=obstacles)
+    return Layout(segments, obstacles, left, right, end)
 
 
 def _beside(path, x, side, radius, gap):
@@ -126,11 +131,6 @@ def document(layout: Layout, speed: float, course: Course) -> dict[str, Any]:
 def scenario_text(layout: Layout, speed: float, course: Course) -> str:
     """Return the scenario of a layout at a constant speed [m/s] as the text of a file."""
     return yaml.safe_dump(document(layout, speed, course), sort_keys=False)
-
-
-def build_scenario(layout: Layout, speed: float, course: Course) -> Scenario:
-    """Return the checked scenario of a layout. Raises ScenarioError."""
-    return scenario.parse(scenario_text(layout, speed, course), NAME)
 
 
 def required_curvature(

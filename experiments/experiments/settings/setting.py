@@ -10,6 +10,7 @@ from experiments.batch import distributions
 from experiments.settings import course, plant_variants
 from experiments.settings.plant_variants import Plant
 from experiments.settings.preregistration import Circles, Preregistration
+from scenario_publisher import scenario
 from scenario_publisher.scenario_file import ScenarioError
 
 # why a drawn point is no setting
@@ -56,16 +57,19 @@ def build(plan: Preregistration, number: int, values: Mapping[str, Any]) -> Sett
     radius, offsets = vehicle_circles(values['circles'], plant, plan.circles)
     try:
         layout = course.lay_out(values, radius, plan.course)
-        curvature = course.required_curvature(layout, radius, values, plan.course)
-        if not math.isfinite(curvature):
-            return Rejected(number, values, TOO_NEAR)
-        speed = speed_of(values['S'], plant.limit, curvature)
-        if speed < plan.admissible.least_speed_mps:
-            return Rejected(number, values, TOO_SLOW)
-        if speed > plan.admissible.greatest_speed_mps:
-            return Rejected(number, values, TOO_FAST)
-        text = course.scenario_text(layout, speed, plan.course)
-        course.build_scenario(layout, speed, plan.course)
+    except ValueError:  # a change that is too short for its offset
+        return Rejected(number, values, NOT_BUILT)
+    curvature = course.required_curvature(layout, radius, values, plan.course)
+    if not math.isfinite(curvature):
+        return Rejected(number, values, TOO_NEAR)
+    speed = speed_of(values['S'], plant.limit, curvature)
+    if speed < plan.admissible.least_speed_mps:
+        return Rejected(number, values, TOO_SLOW)
+    if speed > plan.admissible.greatest_speed_mps:
+        return Rejected(number, values, TOO_FAST)
+    text = course.scenario_text(layout, speed, plan.course)
+    try:
+        scenario.parse(text, course.NAME)
     except ScenarioError:
         return Rejected(number, values, NOT_BUILT)
     return Setting(number, values, curvature, speed, text, plant, radius, offsets)

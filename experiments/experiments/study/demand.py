@@ -66,7 +66,7 @@ def least_peak(task: Task, speed: float, start: float | None = None) -> float:
             low[beside] = np.maximum(low[beside], area.y + half)
         else:
             high[beside] = np.minimum(high[beside], area.y - half)
-    if low[0] > 0.0 or high[0] < 0.0:
+    if low[0] > 0.0 or high[0] < 0.0 or np.any(low > high):
         return float('inf')
     # unknowns: y and y' at every x, a in every interval, the peak; sparse, so that thousands of
     # tasks can be solved
