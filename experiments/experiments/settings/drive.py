@@ -35,7 +35,7 @@ class DriveTask(NamedTuple):
     arm: Arm
     perturbation: int  # its number
     start: Perturbation
-    preconditions: Preconditions  # what onset of braking and held acceleration mean
+    preconditions: Preconditions  # what braking means
 
     def __repr__(self) -> str:
         return f'DriveTask({self.setting.number}, {self.name}, {self.perturbation})'
@@ -76,7 +76,7 @@ def key(task: DriveTask) -> str:
         # the name of the car file is a digest of what is in it
         sorted(task.arm.settings.items()),
         [task.start.speed_mps, task.start.y_m],
-        repr((task.preconditions.P3, task.preconditions.P4)),
+        task.preconditions.P4.brake_n,
     ]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
@@ -123,8 +123,7 @@ def run(task: DriveTask) -> str:
     """Drive once; return the measures as JSON, with the wall and processor time [s]."""
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     drive, columns = simulate(task)
-    preconditions = task.preconditions
-    values = measures.measure(drive, columns, task.setting, preconditions.P4, preconditions.P3)
+    values = measures.measure(drive, columns, task.setting, task.preconditions.P4)
     values['wall_s'] = time.perf_counter() - wall_s
     values['cpu_s'] = time.process_time() - cpu_s
     return json.dumps(values, allow_nan=False)

@@ -14,14 +14,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from experiments import plant_limit
 from experiments.configuration import node_config
-from experiments.study import code_version, demand
+from experiments.study import code_version
 from node_runtime import parameters
 from stage_solver import compile_cache
 from vehicle_plant import identify
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.car import MultiBodyParams
-from vehicle_plant.circular_driving import CircleParams
+from vehicle_plant.circular_driving import CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
 
 ROOTS = ('vehicle_plant.identify',)
@@ -102,17 +103,10 @@ def build(variant: Variant) -> Plant:
     """
     settings = plant_settings(variant)
     plant = _with_settings(_load(variant.car), settings)
-    folder = compile_cache.cache_dir() / 'plants'
-    content = [identify.digest(plant), code_version.digest(ROOTS)]
-    name = hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
-    car_file, facts = folder / f'{name}.yaml', folder / f'{name}.json'
-    if not facts.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        circle = parameters.load(CircleParams, plant_parameters.config_file('identify.yaml'))
-        text, _ = identify.identify(plant, 1.0, circle, ' (a plant of the study over settings)')
-        _write(car_file, text)
-        _write(facts, json.dumps({'limit': demand.lateral_limit(plant)}))
-    limit = json.loads(facts.read_text())['limit']
+    car_file = _car_file(plant)
+    limit = plant_limit.held_lateral_limit(plant, 1.0)
+    if limit is None:
+        raise CircleError(f'{variant.car}: its front axle does not slide in a circle')
     body, outline = plant.car.body, plant.car.outline
     return Plant(
         settings,
@@ -139,8 +133,17 @@ def _with_settings(plant, settings):
     return dataclasses.replace(plant, car=car)
 
 
-def _write(file: Path, text: str) -> None:
-    """Write a file whole or not at all, also when another process writes the same one."""
-    with tempfile.NamedTemporaryFile('w', dir=file.parent, suffix='.part', delete=False) as part:
-        part.write(text)
-    os.replace(part.name, file)
+def _car_file(plant: PlantParams) -> Path:
+    """Return the car file that was identified on a plant, from the cache or new."""
+    folder = compile_cache.cache_dir() / 'plants'
+    content = [identify.digest(plant), code_version.digest(ROOTS)]
+    file = folder / f'{hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]}.yaml'
+    if not file.is_file():
+        circle = parameters.load(CircleParams, plant_parameters.config_file('identify.yaml'))
+        text, _ = identify.identify(plant, 1.0, circle, ' (a plant of the study over settings)')
+        folder.mkdir(parents=True, exist_ok=True)
+        # written whole or not at all, also when another process writes the same file
+        with tempfile.NamedTemporaryFile('w', dir=folder, suffix='.part', delete=False) as part:
+            part.write(text)
+        os.replace(part.name, file)
+    return file

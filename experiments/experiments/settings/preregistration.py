@@ -130,7 +130,6 @@ class LimitCondition:
     """P3: lateral acceleration over the plant's limit."""
 
     least_limit_share: Share
-    held_s: Annotated[float, Range(0.0, 1.0, 's')]
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,6 @@ class BrakeCondition:
     """P4: braking with a converged plan before obstacle 2."""
 
     brake_n: Annotated[float, Range(-1e5, 0.0, 'N')]
-    held_s: Annotated[float, Range(0.0, 1.0, 's')]
 
 
 @dataclass(frozen=True)

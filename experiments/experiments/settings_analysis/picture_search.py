@@ -82,7 +82,7 @@ def measure_drive(
     task = drive.plan_drive(plan, setting, name)._replace(start=start)
     driven, columns = drive.simulate(task)
     conditions = plan.preconditions
-    values = measures.measure(driven, columns, setting, conditions.P4, conditions.P3)
+    values = measures.measure(driven, columns, setting, conditions.P4)
     wide = driving.overshoots(EvaluatedDrive(driven, compute_series(driven)))
     return values | {pictures.OVERSHOOTS: [place['x_m'] for place in wide]}
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bags.errors import BagError
+from experiments import plant_limit
 from experiments.batch import distributions
 from experiments.settings import arms, course, drive, plant_variants, preregistration, setting
 from experiments.settings.plant_variants import Variant
@@ -118,7 +119,7 @@ def test_a_share_that_the_springs_exceed_is_refused():
 def test_the_unchanged_car_holds_what_the_demand_of_the_paper_is_compared_with(make_setting):
     """Rear stiffness and roll share near those of the car: its limit within 1 %."""
     plant = plant_parameters.load(plant_parameters.car_file('bmw_545i.yaml'))
-    assert make_setting().plant.limit == pytest.approx(demand.lateral_limit(plant), rel=0.01)
+    assert make_setting().plant.limit == pytest.approx(plant_limit.lateral_limit(plant), rel=0.01)
 
 
 def test_circles_stand_for_the_car(plan, plant):
