@@ -76,6 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--seed', type=int, default=1, metavar='S', help='settings: of the draws (default: 1)'
     )
     add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
+    text = 'settings: other ranges and cars than those of experiments/config/settings_study.yaml'
+    parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'
@@ -121,6 +123,7 @@ def _run_settings(options):
         options.seed,
         options.jobs,
         options.limit,
+        plan=options.plan,
         tuned=options.tuned[0] if options.tuned else None,
     )
     return run_settings.run(request, Console())
