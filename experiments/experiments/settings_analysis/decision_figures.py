@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -22,6 +22,13 @@ TITLES = {
     'brake_onset': 'MPCC brakes earlier',
     'min_speed': 'MPCC keeps the higher speed',
     'conjunction': 'all four together',
+}
+# of the differences
+DIRECTIONS = {
+    'unsafe_area': 'the MPCC keeps more distance',
+    'sideslip': 'the baseline slides more',
+    'brake_onset': 'the MPCC brakes earlier',
+    'min_speed': 'the MPCC keeps more speed',
 }
 COLOURS = {arms.MATCHED: '#D55E00', arms.LINEAGE: '#0072B2', arms.TUNED: '#009E73'}
 HOLDS, SAME, OPPOSITE = '#0072B2', '#BDBDBD', '#D55E00'
@@ -40,11 +47,11 @@ def write_shares(study: Study, results: Results, stem: Path) -> list[Path]:
     shown = [one for one in results.judged if one.primary and one.decision.settings]
     claims = [name for name in TITLES if any(one.claim == name for one in shown)]
     with mpl.rc_context(style.RC):
-        figure = Figure(figsize=(9.0, 1.6 + 0.75 * max(1, len(claims))), layout='constrained')
+        figure = Figure(figsize=(9.0, 1.6 + 0.9 * max(1, len(claims))), layout='constrained')
         axes = figure.subplots()
         for one in shown:
             place = len(claims) - 1 - claims.index(one.claim)
-            _share(axes, one, place + 0.22 * (1 - study.baselines.index(one.baseline)))
+            _share(axes, one, place + 0.3 * (0.7 - study.baselines.index(one.baseline)))
         rule = decide.rule_of(study.plan)
         for end, text in ((rule.rare_below, 'rare'), (rule.holds_from, 'most')):
             axes.axvline(end, color=style.EDGE, lw=0.9, ls=':')
@@ -67,7 +74,7 @@ def _share(axes, one: Judged, y):
     colour = COLOURS[one.baseline]
     axes.plot((made.least.low, made.most.high), (y, y), color=colour, lw=0.8)
     axes.plot(made.interval, (y, y), color=colour, lw=3.0, alpha=0.6)
-    axes.plot(made.share, y, 'o', ms=6, color=colour, mec='white')
+    axes.plot(made.share, y, 'o', ms=6, color=colour, mec='white', clip_on=False, zorder=4)
     text = f'{made.holds} of {made.settings}: {one.verdict}'
     place = {'xytext': (0, 5), 'textcoords': 'offset points', 'fontsize': 7.5}
     side = 'left' if made.share < 0.6 else 'right'
@@ -79,7 +86,7 @@ def write_maps(study: Study, baseline: str, stem: Path) -> list[Path]:
 
     A row per claim, a column per latency: S over the velocity tolerance. A dot is a setting in
     which no car crashes, coloured by the sign of its difference beyond the margin; a field is
-    coloured by the share of the paper's direction among its settings.
+    coloured by the mean of these signs and says how many of its settings go the paper's way.
     """
     own = study.outcomes[study.outcomes['baseline'] == baseline]
     reached = study_tables.reaching(own, decide.DRIVER_LEVEL, decide.ANY_S)
@@ -95,7 +102,7 @@ def write_maps(study: Study, baseline: str, stem: Path) -> list[Path]:
             table = verdicts.summarise(study_tables.pairs(reached, claim), margin).join(drawn)
             for axes, latency in zip(row, latencies):
                 _phase(axes, table[table[PANELS] == latency], margin, study.plan)
-            row[0].set_ylabel(f'{TITLES[claim]}\nS: demand / limit', fontsize=8)
+            row[0].set_ylabel(f'{DIRECTIONS[claim]}\nS: demand / limit', fontsize=8)
         for axes, latency in zip(grid[0], latencies):
             axes.set_title(f'latency {latency:g} ms')
         for axes in grid[-1]:
@@ -123,10 +130,13 @@ def _phase(axes, table, margin, plan):
     x, y = values[ACROSS].to_numpy(float), values[UP].to_numpy(float)
     sign = np.where(np.abs(values['difference']) <= margin, 0.0, np.sign(values['difference']))
     counts, *_ = np.histogram2d(x, y, [edges_x, edges_y])
-    ahead, *_ = np.histogram2d(x[sign > 0], y[sign > 0], [edges_x, edges_y])
-    share = np.where(counts >= LEAST_OF_CELL, ahead / np.maximum(counts, 1), np.nan)
-    colours = mpl.colormaps['RdYlBu'].with_extremes(bad='white')
-    axes.pcolormesh(edges_x, edges_y, share.T, cmap=colours, vmin=0, vmax=1, alpha=0.45)
+    ahead, behind = (
+        np.histogram2d(x[sign == side], y[sign == side], [edges_x, edges_y])[0] for side in (1, -1)
+    )
+    mean = np.where(counts >= LEAST_OF_CELL, (ahead - behind) / np.maximum(counts, 1), np.nan)
+    fields = LinearSegmentedColormap.from_list('sign', [OPPOSITE, '#EDEDED', HOLDS])
+    fields.set_bad('white')
+    axes.pcolormesh(edges_x, edges_y, mean.T, cmap=fields, vmin=-1, vmax=1, alpha=0.4)
     for (i, k), count in np.ndenumerate(counts):
         if count >= LEAST_OF_CELL:
             middle = np.sqrt(edges_x[i] * edges_x[i + 1]), edges_y[k] * 1.02
@@ -181,12 +191,13 @@ def write_drivers(study: Study, results: Results, stem: Path) -> list[Path]:
         columns = min(4, len(found))
         rows = -(-len(found) // columns)
         figure = Figure(figsize=(3.6 * columns, 0.5 + 2.7 * rows), layout='constrained')
-        grid = figure.subplots(rows, columns, squeeze=False).flat
-        for axes, ((baseline, claim), one) in zip(grid, found.items()):
+        panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+        for axes, ((baseline, claim), one) in zip(panels, found.items()):
             _driver_bars(axes, one.drivers[:SHOWN_DIMENSIONS][::-1])
-            axes.set_title(f'{claim}, {baseline}, R² {one.score:.2f}', fontsize=8.5)
-        for axes in list(grid)[len(found) :]:
+            axes.set_title(f'{claim}, {baseline}\ncross-validated R² {one.score:.2f}', fontsize=8.5)
+        for axes in panels[len(found) :]:
             axes.set_visible(False)
+        panels[0].legend(loc='lower right')
         return style.save_figure(figure, stem)
 
 

@@ -114,7 +114,13 @@ def _verdict_text(study, results):
         _counts(results),
     ]
     for baseline in study.baselines:
-        lines += [f'## {baseline}', '', _verdict_table(study, results, baseline)]
+        own = [one for one in results.judged if one.baseline == baseline]
+        lines += [
+            *(f'## {baseline}', '', 'Each claim at its own level:', ''),
+            _verdict_table([one for one in own if one.primary]),
+            *('The same at the other levels:', ''),
+            _verdict_table([one for one in own if not one.primary]),
+        ]
     return '\n'.join(lines)
 
 
@@ -132,33 +138,25 @@ def _count(value):
     return '–' if value is None else f'{value:,}'
 
 
-def _verdict_table(study, results, baseline):
+def _verdict_table(judged):
     header = ['claim', 'level', 'holds', 'share', 'undetermined', 'difference', 'verdict']
-    rows = []
-    for one in results.judged:
-        if one.baseline != baseline:
-            continue
-        made = one.decision
-        name = f'**{one.claim}**' if one.primary else one.claim
-        level = f'{one.level} and P0' if one.least == LEVELS[0] else one.level
-        unit = decide.UNITS.get(one.claim, '')
-        difference = '–'
-        if made.median is not None:
-            difference = (
-                f'{made.median:.2f} {_span(made.median_interval)} {unit}: {one.decision.relation}'
-            )
-        rows.append(
-            [
-                name,
-                level,
-                f'{made.holds} of {made.settings}',
-                '–' if made.share is None else f'{made.share:.2f} {_span(made.interval)}',
-                '–' if made.undetermined is None else f'{made.undetermined:.0%}',
-                difference,
-                one.verdict,
-            ]
-        )
-    return tables.markdown_table(header, rows)
+    return tables.markdown_table(header, [_verdict_row(one) for one in judged])
+
+
+def _verdict_row(one):
+    made, difference = one.decision, '–'
+    if made.median is not None:
+        size = f'{made.median:.2f} {_span(made.median_interval)} {decide.UNITS[one.claim]}'
+        difference = f'{size}: {made.relation}'
+    return [
+        one.claim,
+        f'{one.level} and P0' if one.least == LEVELS[0] else one.level,
+        f'{made.holds} of {made.settings}',
+        '–' if made.share is None else f'{made.share:.2f} {_span(made.interval)}',
+        '–' if made.undetermined is None else f'{made.undetermined:.0%}',
+        difference,
+        one.verdict,
+    ]
 
 
 def _span(interval):

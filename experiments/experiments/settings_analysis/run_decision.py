@@ -137,7 +137,8 @@ def _write_setting(plan, built: Setting, rows, judged, out) -> list[Path]:
     paths = [scenario]
     for name in (arms.MPCC, arms.NO_CA, arms.MATCHED, arms.LINEAGE):
         arm = arms.build(plan, built, name)
-        path = folder / f'{name}.yaml'
+        # not the name of the file that it is based on
+        path = folder / f'setting_{name}.yaml'
         path.write_text(_controller_text(arm))
         paths.append(path)
     for name, content in (('drives', rows), ('outcomes', judged)):
