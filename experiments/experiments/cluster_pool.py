@@ -7,10 +7,12 @@ tasks of a dask worker that ends are done again by others.
 
 import contextlib
 import logging
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import current_process
 from typing import Any, NamedTuple
 
@@ -20,7 +22,10 @@ from experiments.worker_pool import Finished, TaskPool, WorkerError, WorkerPool
 CONNECT_S = 10.0
 WORKERS_S = 60.0  # without any worker
 POLL_S = 1.0  # between two looks whether scheduler and workers are there
-PER_THREAD = 2  # tasks that have been sent: the next one is there when one ends
+PER_THREAD = 2  # bundles that have been sent: the next one is there when one ends
+# a scheduler hands out some 400 bundles a second: with more threads than this, a bundle has several
+# tasks, which are done again together when their dask worker ends
+THREADS = 32
 NO_LIBRARY = (
     '--dask needs dask.distributed, which is not installed: pip install "experiments[cluster]", '
     'or pip install distributed'
@@ -34,6 +39,16 @@ class Refusal(NamedTuple):
     """What a worker returns that must not do a task, and why."""
 
     reason: str
+
+
+class _Bundle(NamedTuple):
+    """Tasks that were sent together."""
+
+    numbers: Sequence[int]
+    future: Any  # of their answers
+
+    def fail(self, error):
+        return [Finished(number, None, error) for number in self.numbers]
 
 
 class ClusterPool(TaskPool):
@@ -127,38 +142,42 @@ class ClusterPool(TaskPool):
         when no worker is there for `workers_s`, and for a worker that is refused.
         """
         order = _by_group(groups) if groups else range(len(tasks))
-        waiting = iter(order)
-        sent: dict[int, Any] = {}  # futures by the number of the task
+        waiting = deque(order)
+        sent: dict[int, _Bundle] = {}  # by the number of its first task
         done: queue.SimpleQueue[int] = queue.SimpleQueue()
         looked_s = time.monotonic()
         try:
             while True:
-                while len(sent) < max(1, PER_THREAD * self._threads):
-                    number = next(waiting, None)
-                    if number is None:
-                        break
-                    sent[number] = self._submit(function, tasks[number], limit_s)
-                    _notify(sent[number], done, number)
+                while waiting and len(sent) < max(1, PER_THREAD * self._threads):
+                    numbers = [waiting.popleft() for _ in range(self._bundle(len(waiting)))]
+                    future = self._submit(function, [tasks[n] for n in numbers], limit_s)
+                    sent[numbers[0]] = _Bundle(numbers, future)
+                    _notify(future, done, numbers[0])
                 if not sent:
                     return
                 with contextlib.suppress(queue.Empty):
-                    number = done.get(timeout=POLL_S)
-                    finished = self._collect(number, sent[number])
-                    if finished is None:  # its worker ended before it answered
-                        _notify(sent[number], done, number)
+                    first = done.get(timeout=POLL_S)
+                    ended = self._collect(sent[first])
+                    if ended is None:  # its worker ended before it answered
+                        _notify(sent[first].future, done, first)
                     else:
-                        del sent[number]
-                        yield finished
+                        del sent[first]
+                        yield from ended
                 if time.monotonic() - looked_s > POLL_S:
                     self._look()
                     looked_s = time.monotonic()
         finally:
             if sent and self._client.status == 'running':
                 with contextlib.suppress(Exception):
-                    self._client.cancel(list(sent.values()))
+                    self._client.cancel([bundle.future for bundle in sent.values()])
 
-    def _submit(self, function, task, limit_s):
-        arguments = (self.describe, self.wanted, function, task, limit_s)
+    def _bundle(self, waiting):
+        """Return how many tasks the next bundle has; fewer where threads would wait at the end."""
+        threads = max(1, self._threads)
+        return max(1, min(math.ceil(threads / THREADS), waiting // (PER_THREAD * threads)))
+
+    def _submit(self, function, tasks, limit_s):
+        arguments = (self.describe, self.wanted, function, tasks, limit_s)
         try:
             return self._client.submit(_answer, *arguments, pure=False)
         except (OSError, RuntimeError, ValueError):
@@ -181,28 +200,27 @@ class ClusterPool(TaskPool):
             'command goes on with another one'
         )
 
-    def _collect(self, number, future):
-        """Return the Finished task of a future that is done, None when its answer is lost."""
+    def _collect(self, bundle):
+        """Return the Finished tasks of a bundle that is done, None when its answer is lost."""
         from distributed import CancelledError
         from distributed.scheduler import KilledWorker
 
-        if future.status == 'cancelled':
+        if bundle.future.status == 'cancelled':
             raise self._gone()
         try:
-            answer = future.result(timeout=CONNECT_S)
+            answer = bundle.future.result(timeout=CONNECT_S)
         except KilledWorker:
-            return Finished(number, None, WorkerError('every dask worker that did it ended'))
+            return bundle.fail(WorkerError('every dask worker that did it ended'))
         except CancelledError:
             raise self._gone() from None
         except TimeoutError:
             self._look()
             return None
         except Exception as error:  # of reading the task or its answer
-            return Finished(number, None, error)
+            return bundle.fail(error)
         if isinstance(answer, Refusal):
-            raise self._refused('', answer)
-        value, error = answer
-        return Finished(number, value, error)
+            raise self._refused('that came later', answer)
+        return [Finished(number, *pair) for number, pair in zip(bundle.numbers, answer)]
 
 
 def open_pool(jobs: int, address: str, describe: Describe) -> TaskPool:
@@ -242,11 +260,12 @@ def _refusal(describe, wanted):
 _of_thread = threading.local()
 
 
-def _answer(describe, wanted, function, task, limit_s):
-    """Return value and error of a task, or a Refusal, in a thread of a dask worker."""
+def _answer(describe, wanted, function, tasks, limit_s):
+    """Return value and error of each task, or a Refusal, in a thread of a dask worker."""
     if refusal := _refusal(describe, wanted):
         return refusal
     if not hasattr(_of_thread, 'pool'):
         _of_thread.pool = WorkerPool(1)  # its process ends with this one
-    (finished,) = _of_thread.pool.finish_each(function, [task], limit_s=limit_s)
-    return finished.value, finished.error
+    # one process does them in their order
+    ended = _of_thread.pool.finish_each(function, tasks, limit_s=limit_s)
+    return [(finished.value, finished.error) for finished in ended]

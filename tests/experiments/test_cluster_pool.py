@@ -64,6 +64,20 @@ def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(clust
 
 
 @pytest.mark.slow
+def test_tasks_that_are_sent_together_end_each_by_itself(cluster, monkeypatch):
+    monkeypatch.setattr('experiments.cluster_pool.THREADS', 0.25)
+    cluster.start_worker()
+    tasks = [(text,) for text in ('0', '1', EXITS, '1 / 0', *map(str, range(4, 19)))]
+    with ClusterPool(cluster.address, same) as pool:
+        assert pool._bundle(100) == 4
+        assert pool._bundle(3) == 1
+        ended = {one.number: one for one in pool.finish_each(eval, tasks)}
+    assert sorted(ended) == list(range(19))
+    assert {number for number, one in ended.items() if one.error} == {2, 3}
+    assert all(one.value == number for number, one in ended.items() if not one.error)
+
+
+@pytest.mark.slow
 def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path):
     cluster.start_worker()
     cluster.start_worker()

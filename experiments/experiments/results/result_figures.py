@@ -135,14 +135,17 @@ def write_surface(
     """Write the success surface of a metric over two columns of numbers, a panel per controller.
 
     Colours and black contours are the fitted share; a dashed contour is where the lower bound of
-    its interval of 95 % is 0.9. Dots are the drives. Raises BagError for a metric that is not true
-    or false, for columns without numbers, and where there is nothing to fit.
+    its interval of 95 % is 0.9. Dots are the drives, white where the metric is false. A controller
+    whose drives nearly all agree has no surface. Raises BagError for a metric that is not true or
+    false, for columns without numbers, and where no controller has a surface.
     """
     if not drive_table.is_truth(table.metric(metric)):
         raise BagError(f'--metric {metric}: a surface needs a metric that is true or false')
     for name in columns:
         if not pandas.api.types.is_numeric_dtype(table.column(name, '--by')):
             raise BagError(f'--by {name}: a surface needs numbers')
+
+    faults = []
 
     def draw(axes, part, name):
         x, y = (part.rows[column].to_numpy(dtype=float) for column in columns)
@@ -153,26 +156,34 @@ def write_surface(
         try:
             surface = success_surface.fit(x, y, holds, units, seed)
         except BagError as error:
-            raise BagError(f'{name}: {error}'.removeprefix(': ')) from None
-        image = axes.pcolormesh(
-            surface.x, surface.y, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True
-        )
-        lines = axes.contour(
-            surface.x, surface.y, surface.share, CONTOURS, colors='k', linewidths=1.0
-        )
-        axes.clabel(lines, fmt='%g', fontsize=8)
-        if surface.low.max() > SURE > surface.low.min():
-            axes.contour(
-                surface.x, surface.y, surface.low, [SURE], colors='k', linestyles='--',
-                linewidths=1.4,
-            )  # fmt: skip
+            # no surface, but the drives are there to be seen
+            faults.append(f'{name}: {error}'.removeprefix(': '))
+            note = f'{holds.sum()} of {holds.size}, no surface'
+        else:
+            note = f'{holds.sum()} of {holds.size}, skill {surface.skill:.2f}'
+            _draw_surface(axes, surface)
         axes.plot(x[holds], y[holds], 'o', ms=3.0, mfc=style.INK, mec='white', mew=0.4)
         axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
-        axes.set_title(f'{axes.get_title(loc="left")}  (skill {surface.skill:.2f})')
+        axes.set_title(f'{axes.get_title(loc="left")} ({note})'.lstrip())
         axes.grid(False)
-        return image
+        return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 1.0), COLOURS)
 
-    return _panels(table, columns, f'share of drives: {metric}', draw, stem)
+    names = drive_table.controllers(table)
+    paths = _panels(table, columns, f'share of drives: {metric}', draw, stem)
+    if len(faults) == len(names):
+        for path in paths:
+            path.unlink()
+        raise BagError('; '.join(faults))
+    return paths
+
+
+def _draw_surface(axes, surface):
+    grid = (surface.x, surface.y)
+    axes.pcolormesh(*grid, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True)
+    lines = axes.contour(*grid, surface.share, CONTOURS, colors='k', linewidths=1.0)
+    axes.clabel(lines, fmt='%g', fontsize=8)
+    if surface.low.max() > SURE > surface.low.min():
+        axes.contour(*grid, surface.low, [SURE], colors='k', linestyles='--', linewidths=1.4)
 
 
 def _panels(

@@ -51,6 +51,21 @@ def test_a_figure_is_written_as_png_and_svg(folder, tmp_path, words, monkeypatch
     assert '</svg>' in stem.with_suffix('.svg').read_text()
 
 
+def test_a_controller_whose_drives_all_agree_has_no_surface(folder, rows, capsys, monkeypatch):
+    monkeypatch.setattr(success_surface, 'RESAMPLES', 10)
+    command = ['plot', str(folder), *SPEED, *FRICTION, '--surface']
+    all_held = rows['survived'].where(rows['controller'] == 'a', True)
+    rows.assign(survived=all_held).to_parquet(folder / 'results.parquet')
+    assert cli.main(command) == 0
+    figure = folder / 'survived_over_speed_friction.png'
+    assert figure.is_file()
+    figure.unlink()
+    rows.assign(survived=True).to_parquet(folder / 'results.parquet')
+    assert cli.main(command) == 1
+    assert 'a: 399 of 399 drives fulfil the condition' in capsys.readouterr().err
+    assert not figure.exists()
+
+
 @pytest.mark.parametrize(
     ('words', 'what'),
     [
