@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.simulation import Setup
-from experiments.survivable.course import Path
 from experiments.survivable.emergency import TICK_S, Emergency, Rollout
 from experiments.survivable.evolution import Evolution
 from experiments.survivable.pilots import Manoeuvre, Tracker
+from experiments.survivable.road_coordinates import Path
 from msgs_yaml.types import Command, Obstacles
 from vehicle_plant import double_track
 from vehicle_plant.simulator import Simulator

@@ -15,7 +15,7 @@ from bags.evaluation.drive import Drive, drive_from_columns
 from experiments import simulation
 from experiments.configuration import inputs
 from experiments.simulation import Setup
-from experiments.survivable.course import Course
+from experiments.survivable.road_coordinates import RoadCoordinates
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.tick import TickInputs
 from msgs_yaml import conversions
@@ -59,7 +59,7 @@ class Emergency:
         """Drive to the instant of action; at once with `preview`."""
         self.setup = setup
         scn = setup.scn
-        self.course = Course(scn.reference, scn.edges)
+        self.course = RoadCoordinates(scn.reference, scn.edges)
         self._stop = inputs.stop_params(scn)
         self.car = _new_car(setup)
         self._end = RunEnd(self._stop, self.car.now)

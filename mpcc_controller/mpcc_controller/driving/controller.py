@@ -11,11 +11,11 @@ import numpy as np
 from mpcc_controller import minimum_speed
 from mpcc_controller.driving import (
     braking,
-    emergency,
     friction_estimate,
     measurement_errors,
     recovery,
     setpoints,
+    warm_up_scene,
 )
 from mpcc_controller.driving.braking import LookaheadPoint
 from mpcc_controller.driving.delay_compensation import (
@@ -206,7 +206,7 @@ class Controller:
         compares = bool(self.planner.alternatives) and not self.missing()
         for number in range(steps):
             is_emergency = compares and number < EMERGENCIES
-            self.scene = emergency.with_obstacle_ahead(scene, x) if is_emergency else scene
+            self.scene = warm_up_scene.with_obstacle_ahead(scene, x) if is_emergency else scene
             x = x._replace(stamp_ns=conversions.add_seconds(x.stamp_ns, self.params.model.step_s))
             yield self.step(TickInputs(x))
         self.scene = scene

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.survivable.course import Course, reference_of
+from experiments.survivable.road_coordinates import RoadCoordinates, reference_of
 from msgs_yaml.types import Reference, RoadEdges
 
 RADIUS, SPEED = 60.0, 15.0
@@ -22,7 +22,7 @@ def bend():
     angle, X, Y = arc(RADIUS)
     edges = [np.column_stack(arc(RADIUS - n, 1.0)[1:]) for n in (4.0, -3.0)]
     reference = Reference(0, X, Y, angle, RADIUS * angle / SPEED)
-    return Course(reference, RoadEdges(0, *edges))
+    return RoadCoordinates(reference, RoadEdges(0, *edges))
 
 
 @settings(max_examples=50)

@@ -14,7 +14,7 @@ BEYOND_M = 80.0  # the line goes on straight behind its end
 SPACING_M = 0.5
 
 
-class Course:
+class RoadCoordinates:
     """A line with n samples; metres, radians, frame map."""
 
     def __init__(self, reference: Reference, edges: RoadEdges):
