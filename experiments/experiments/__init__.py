@@ -23,4 +23,5 @@ Common
     pass_criteria      what a scenario expects of a run
     plant_limit        the lateral acceleration that the plant reaches
     wilson             the interval of a share
+    multiple_tests     the correction of the p-values of several tests
 """

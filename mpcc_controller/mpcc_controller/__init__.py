@@ -1,9 +1,12 @@
 """Model predictive control of a car at the limit of handling: the paper's MPCC and its baseline.
 
 controller_node   the node; mpcc_node and frenet_node differ in their default parameters
+controller_inputs_node
+                  its subscriptions: messages are checked, then used or rejected
 parameters        every parameter, with unit and allowed range; values are in config/
 car_file          the car as the controller knows it, and the limits of its actuators
 covering_circles  circles over the outline of the car
+brake_split       the front share of the braking force, an input or a constant
 minimum_speed     speeds at which a controller stops instead of driving
 driving           one command per state: planner, fallbacks, safety gate, watchdog; no ROS
 problem           the optimal control problems: formulations, cost terms, constraints

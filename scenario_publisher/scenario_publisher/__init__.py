@@ -4,6 +4,7 @@ Use:
     scenario          load a scenario by name or file; obstacles at an instant
     timeline          messages of a scenario under a stamp, and their rates
     scenario_node     the ROS node
+    families          random emergencies as scenario files
 From file to scenario:
     schema            every key of the file with its range and unit
     scenario_file     strict reading: YAML text to typed values, errors with file, line and key
@@ -11,6 +12,7 @@ From file to scenario:
     polyline          distances to polylines
     road_geometry     sampled lines and road edges of the file
     friction_patches  stripes of another friction as quadrilaterals
-    actors            obstacles over time
+    actors            obstacles over time; waypoint_track those along way-points
+    expectations      what a scenario expects of a run
     plausibility      checks of path, start, finish and obstacles
 """

@@ -17,6 +17,15 @@ Solver:
 Modules to import on their own:
     compile_cache   C source -> shared library, compiled once per machine (needs no CasADi)
 
+Inside:
+    riccati_solver       the interior-point method; riccati_codegen writes its C source, with
+                         expression_graph and vector_codegen for the stage functions
+    nlpsol_solver        fatrop and IPOPT, by nlpsol_backend and fatrop; fatrop_guard says where
+                         fatrop would fail
+    stage_functions      functions and derivatives of a stage; nlp_functions those of the whole NLP
+    compiled_functions   CasADi functions as machine code; buffered_function calls without copies
+    validation           checks of the arguments of a solve
+
 Only CasADi and numpy are needed; with a C compiler each problem is compiled once per machine.
 """
 

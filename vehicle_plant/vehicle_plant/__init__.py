@@ -4,6 +4,7 @@ Use:
     simulator           the plant as an object that is advanced by commands
     parameters, car     parameter files of cars and the node; parameters of the car
     identify            car and Fiala tyre parameters for the controllers, from circular driving
+    servo_lag           lag of the actuators behind a ramp, measured
     manoeuvre           drive a standard test procedure of `manoeuvres`
     plant_node          the ROS node, with its two modes in modes_node
 Model:

@@ -7,6 +7,7 @@ series           distances and angles of a drive, sample by sample
 metrics          the numbers by which runs are compared, and how to add one
 tick_timing      latency, parts of a tick, deadline misses
 controller_log   reports, predictions and answered states of the controller
+candidate_lines  the plans that a controller compared in a tick, as lines
 bag_summary      contents, losses and timing of a bag
 frame_distances  the distance to an obstacle in Frenet and Cartesian coordinates (experiment 1)
 """

@@ -9,6 +9,6 @@ measures         what the table holds of a drive
 drive            one drive, in a worker
 preconditions    which settings say something about the paper's claims
 primaries        the claims on a setting
-table            one row per drive
+outcomes         preconditions and claims of every setting, from the table of drives
 run_settings     all of that, in parallel, to be interrupted at any time
 """

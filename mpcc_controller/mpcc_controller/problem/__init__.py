@@ -8,6 +8,7 @@ cost_terms              the one list of cost terms, with their weights
 ocp                     constraints, and the stage problem of a formulation
 priorities              weight of a distance: Gaussian, or a step at contact
 stage_parameters        path, road, obstacles and parameters as numbers per stage
+obstacle_motion         obstacles over the horizon: constant velocity, or braking to a stop
 distance_frame          where distances are measured: Cartesian or path coordinates
 bounds                  limits of actuators, speed and friction
 plan_evaluator          cost by term, distances and friction use of a plan
