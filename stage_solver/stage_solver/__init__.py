@@ -1,6 +1,6 @@
 """Optimal control problems in stages, solved by a primal-dual interior-point method.
 
-Problem:
+Problem (module stage_problem):
     StageProblem    dynamics, costs and constraints of a stage as CasADi functions
     Bounds          limits of states, inputs and constraints; `no_bounds(problem)` has none
     Plan            states, inputs and Multipliers over the horizon; `zero_plan(problem)`
@@ -8,7 +8,7 @@ Problem:
     rk2             explicit midpoint steps of a differential equation
     shift           the plan one stage later: the initial guess of the next solve
 
-Solver:
+Solver (modules solver, solution):
     make_solver     (StageProblem, SolverOptions) -> StageSolver
     SolverOptions   solver ('riccati', 'fatrop', 'ipopt'), limits, tolerance; OneStep
     StageSolver     solve(x0, P, bounds, guess) -> Solution, set_time_limit(seconds)

@@ -12,7 +12,7 @@ MADE = shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'runs')
 
 @pytest.fixture(scope='session')
 def sources(tmp_path_factory):
-    """Copies of the five packages, in which builds may leave files."""
+    """Copies of the packages, in which builds may leave files."""
     folder = tmp_path_factory.mktemp('sources')
     return [shutil.copytree(ROOT / name, folder / name, ignore=MADE) for name in PACKAGES]
 
