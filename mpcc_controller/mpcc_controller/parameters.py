@@ -117,6 +117,9 @@ class SafetyDistances:
     edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]
     # left out: 0. Of obstacles that move, per time of the prediction
     growth_mps: Annotated[float, Range(0.0, 2.0, 'm/s')] | None
+    # whether edge_m is at most the room beside a car in the middle of the road (not of frenet);
+    # left out: false
+    fit_edges: bool | None
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,9 @@ class Surroundings:
     max_obstacles: Annotated[int, Range(1, 32, 'obstacles at a time')]
     path_search_m: Annotated[float, Range(1.0, 1e3, 'm, projection around the last foot')]
     edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
+    # whether the centre of the track is beside the path where the road widens (not of frenet);
+    # left out: false
+    align_track: bool | None
     # left out: obstacles keep their velocity
     braking_window_s: Annotated[float, Range(0.05, 2.0, 's, to observe how they brake')] | None
     # of path, road edges and obstacles around each stage: those around the guess, or again around
@@ -273,6 +279,8 @@ class Candidates:
     path_share: Annotated[float, Range(0.0, 10.0, 'share of the cost against the path')] | None
     max_iterations: Annotated[int, Range(1, 1000, 'iterations, but for the followed plan')] | None
     retry_ticks: Annotated[int, Range(0, 100, 'ticks until a useless guess is tried again')] | None
+    # whether the speed that a plan lacks at its end counts in the choice; left out: false
+    regain_speed: bool | None
 
 
 @dataclass(frozen=True)

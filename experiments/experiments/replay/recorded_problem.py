@@ -216,7 +216,8 @@ class Problem:
         for obstacle, D, priority in obstacles:
             yield Distance(f'obstacle {obstacle.id}', D, safe.o, weights['v2o'] * priority)
         for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):
-            yield Distance(f'{side} edge', D, safe.e, weights['v2e'] * priority)
+            edge = float(np.max(safe.e))  # of every stage where it fits the road
+            yield Distance(f'{side} edge', D, edge, weights['v2e'] * priority)
 
     def _limits(self):
         """Return the limits of the last stage: those of states and inputs are equal at all."""

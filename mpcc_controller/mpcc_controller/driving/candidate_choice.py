@@ -26,6 +26,7 @@ class Outcome(NamedTuple):
     least_gap: float  # m, V2O to every obstacle over the horizon
     off_road: float  # m, by which the slack lets the circle at the CoG leave the road
     contact_speed: float = 0.0  # m/s, relative, where the plan runs into an obstacle
+    later: float = 0.0  # cost beyond the horizon, of taking up the desired speed again
 
     @property
     def is_usable(self) -> bool:
@@ -93,7 +94,7 @@ class CandidateChooser:
 
     def _cost(self, outcome, path_sides) -> float:
         """Return the cost, larger against the coarse path; inf if it is not a number."""
-        cost = outcome.solution.cost
+        cost = outcome.solution.cost + outcome.later
         if not np.isfinite(cost):
             return np.inf
         against = are_opposed(outcome.sides, path_sides)

@@ -36,6 +36,7 @@ BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one cos
 MUCH_SLOWER = 0.5
 THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
+OPTIONAL = ('regain_speed',)  # parameters of `candidates` that recordings may not have
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
 
 
@@ -59,7 +60,7 @@ class CandidatePlans:
     def __init__(self, params: ControllerParams, car: Car, step: Callable):
         """`step` is that of `single_track.step`: (x, u, car) -> the state one tick later."""
         for name, value in vars(params.candidates).items():
-            if value is None:
+            if value is None and name not in OPTIONAL:
                 raise ParameterError(
                     f'candidates.{name}: is missing, and candidates.most is above 1; '
                     'allowed to be left out with candidates.most 1'
@@ -120,7 +121,11 @@ class CandidatePlans:
         too_slow = np.maximum(self.params.limits.least_speed_mps - plan.X[:-1, 3], 0)
         off_road = float(np.max(plan.U[:, 3] - too_slow))
         speed = candidates.contact_speed(plan.X, self._scene, self.params) if gap < 0 else 0.0
-        return Outcome(name, problem, solution, '', self.sides_of(plan), gap, off_road, speed)
+        later = 0.0
+        if self.params.candidates.regain_speed:
+            later = candidates.regaining_cost(plan.X, self._scene, self.car, self.params)
+        sides = self.sides_of(plan)
+        return Outcome(name, problem, solution, '', sides, gap, off_road, speed, later)
 
     def choose(self, outcomes: list[Outcome]) -> Choice:
         """Return which outcome is driven, the first being the followed plan; keep the others."""

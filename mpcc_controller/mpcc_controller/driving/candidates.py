@@ -149,7 +149,8 @@ def passed_sides(
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
-    It counts where the car is beside the obstacle along the path, both at the same time.
+    It counts where the car is beside the obstacle along the path, both at the same time, and at the
+    end of the horizon no more behind its centre.
     """
     if not obstacles:
         return {}
@@ -157,12 +158,15 @@ def passed_sides(
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
     oX, oY = _positions(obstacles, len(X), params.model.step_s)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
-    ahead = np.abs(cos_psi * (oX - x.X) + sin_psi * (oY - x.Y))
+    ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
     aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
-    stages = np.argmin(ahead, axis=1)
+    stages = np.argmin(np.abs(ahead), axis=1)
     sides = {}
     for row, (obstacle, stage) in enumerate(zip(obstacles, stages)):
-        is_beside = ahead[row, stage] < obstacle.r_obs + params.body.circle_radius_m
+        gap = ahead[row, stage]
+        is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
+        # a plan that waits behind it and comes beside it at last has not passed it
+        is_beside &= stage < len(X) - 1 or gap <= 0
         side = LEFT if aside[row, stage] < 0 else RIGHT
         sides[obstacle.id] = side if is_beside else BEHIND
     return sides
@@ -297,6 +301,23 @@ def braking_cost(guess: Plan, around: Surroundings, params: ControllerParams) ->
     vx = guess.X[:, 3]
     lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)
     return float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+
+
+def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerParams) -> float:
+    """Return what the velocity will cost after planned states (N + 1, 9), until it is desired.
+
+    With the largest driving force from the last speed, the sum of the squared errors is about
+
+        integral of (v_ref - v)^2 dt = (v_ref - v_N)^3 / (3 F / m).
+
+    Within the horizon a plan that waits before an obstacle may be as cheap as one that passes it,
+    and cheaper still at the next tick: it has what passing costs yet to pay.
+    """
+    end = State(*X[-1])
+    _, v_ref = reference_path.arcs_at(scene.path, np.array([end.theta]))
+    lacking = max(float(v_ref[0]) - end.vx, 0.0)
+    squares = lacking**3 / (3 * params.limits.drive_n / car.m) / params.model.step_s
+    return squares / params.tolerances.velocity_mps**2
 
 
 def _speeds(scene, x0, car, params) -> np.ndarray:

@@ -190,8 +190,13 @@ def edges_near(road: Road, X, Y, window: float) -> Edges:
     return Edges(*(edge_beside(line, X, Y, window) for line in road))
 
 
-def track_beside(road: Road, path: Arc, window: float) -> Track:
-    """Return the centre of the road beside points of the path, as arcs along its theta."""
+def track_beside(road: Road, path: Arc, window: float, aligned: bool = False) -> Track:
+    """Return the centre of the road beside points of the path, as arcs along its theta.
+
+    The centre is that of the closest points of both edges. Where the road widens or narrows they
+    lie ahead of the point of the path or behind it, and so does their centre: `aligned` moves it
+    along its own direction until it is beside.
+    """
     left, right = edges_near(road, path.X, path.Y, window)
     psi = np.arctan2(np.sin(left.psi) + np.sin(right.psi), np.cos(left.psi) + np.cos(right.psi))
     centre = Arc(
@@ -201,4 +206,8 @@ def track_beside(road: Road, path: Arc, window: float) -> Track:
         kappa=(left.kappa + right.kappa) / 2,
         theta=path.theta,
     )
+    if aligned:
+        cos_psi, sin_psi = np.cos(psi), np.sin(psi)
+        ahead = cos_psi * (path.X - centre.X) + sin_psi * (path.Y - centre.Y)
+        centre = centre._replace(X=centre.X + ahead * cos_psi, Y=centre.Y + ahead * sin_psi)
     return Track(centre, np.hypot(left.X - right.X, left.Y - right.Y) / 2)

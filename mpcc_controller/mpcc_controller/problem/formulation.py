@@ -25,6 +25,7 @@ class Formulation(Protocol):
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
+    has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     car: Car
     ocp: SymbolicOcp
 
@@ -63,4 +64,14 @@ def make(params: ControllerParams, car: Car) -> Formulation:
             f'model.theta: the states or the reference of {options.name} begin where the car is '
             f'on the path; allowed with it: {PROJECTED}'
         )
+    asked = {
+        'safety.fit_edges': params.safety.fit_edges,
+        'surroundings.align_track': params.surroundings.align_track,
+    }
+    for name, is_on in asked.items():
+        if is_on and not kind.has_track_centre:
+            raise ParameterError(
+                f'{name}: is true, but {options.name} takes the edges of the road at every state; '
+                'allowed with it: false'
+            )
     return kind(params, car)

@@ -173,6 +173,7 @@ class FrenetFormulation:
     distances = ('path',)
     has_lag = False
     integrates_theta = False
+    has_track_centre = False
 
     def __init__(self, params: ControllerParams, car: Car):
         self.params, self.car = params, car

@@ -128,6 +128,7 @@ class MpccFormulation:
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
+    has_track_centre = True
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
     quantities = staticmethod(quantities)
@@ -159,10 +160,13 @@ class MpccFormulation:
         arcs, _ = reference_path.arcs_at(scene.path, x.theta)
         reference, v_ref = self.reference(scene.path, x)
         window = params.surroundings.edge_window_m
-        track = road_edges.track_beside(scene.road, arcs, window)
+        aligned = bool(params.surroundings.align_track)
+        track = road_edges.track_beside(scene.road, arcs, window, aligned)
         slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
+        D_sft = self.constants['D_sft']
+        edge = stage_parameters.edge_distance(params, track.half_width)
         stages = Stage(
-            **self.constants,
+            **(self.constants | {'D_sft': D_sft._replace(e=edge)}),
             path=reference,
             v_ref=v_ref,
             centre=track.centre,

@@ -33,6 +33,7 @@ from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
+LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 CONSTANTS = ('car', 'weights', 'D_sft', 'body', 'envelope')  # the first fields of the stages
 
 
@@ -128,7 +129,20 @@ def _vehicle_circles(body):
 
 def constant_numbers(stages) -> np.ndarray:
     """Return the numbers of the constant parameters, the first fields of `stages`."""
-    return np.array(named_vector.leaves(stages[: len(CONSTANTS)]), float)
+    numbers = named_vector.leaves(stages[: len(CONSTANTS)])
+    return np.array([value if np.ndim(value) == 0 else value[0] for value in numbers], float)
+
+
+def edge_distance(params: ControllerParams, half_width: np.ndarray) -> np.ndarray | float:
+    """Return D_sft,E [m], with `safety.fit_edges` (N + 1,) for a road of `half_width` [m].
+
+    Where the road is narrow it is at most the room beside a car in the middle: a distance that no
+    line keeps would cost wherever the car drives, and to stand before the passage would be cheaper.
+    """
+    if not params.safety.fit_edges:
+        return params.safety.edge_m
+    at_edge = params.body.edge_radius_m or params.body.circle_radius_m
+    return np.clip(half_width - at_edge, LEAST_EDGE_M, params.safety.edge_m)
 
 
 def size(params: ControllerParams) -> tuple[int, int]:
@@ -172,6 +186,10 @@ def to_matrix(
     varying = named_vector.leaves(stages[len(CONSTANTS) :])
     P = np.empty((count, len(constants) + len(varying)))
     P[:, : len(constants)] = constants
+    if np.ndim(stages.D_sft.e):  # of every stage, not constant
+        P[:, len(stages.car) + len(stages.weights) + SafetyDistance._fields.index('e')] = (
+            stages.D_sft.e
+        )
     for column, leaf in enumerate(varying, len(constants)):
         P[:, column] = leaf
     return StageParameters(stages, P, obstacles)

@@ -18,15 +18,16 @@ RULES = Candidates(
     path_share=0.1,
     max_iterations=40,
     retry_ticks=5,
+    regain_speed=None,
 )
 PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
 LEFT_OF_1, RIGHT_OF_1, BEHIND_1 = {1: LEFT}, {1: RIGHT}, {1: BEHIND}
 NO_SIDES = {}
 
 
-def outcome(cost, sides=LEFT_OF_1, rejection='', gap=0.3, off_road=0.0):
+def outcome(cost, sides=LEFT_OF_1, rejection='', gap=0.3, off_road=0.0, later=0.0):
     solution = Solution(PLAN, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
-    return Outcome('name', None, solution, rejection, sides, gap, off_road)
+    return Outcome('name', None, solution, rejection, sides, gap, off_road, later=later)
 
 
 @pytest.fixture
@@ -38,6 +39,12 @@ def test_the_cheapest_plan_is_driven_when_it_is_cheaper_by_the_share(chooser):
     enough, too_little = outcome(97.9, RIGHT_OF_1), outcome(98.1, RIGHT_OF_1)
     assert chooser.choose([outcome(100.0), too_little], NO_SIDES).chosen == 0
     assert chooser.choose([outcome(100.0), too_little, enough], NO_SIDES).chosen == 2
+
+
+def test_a_plan_that_has_to_regain_its_speed_afterwards_is_dearer(chooser):
+    waits, passes = outcome(100.0, BEHIND_1, later=20.0), outcome(110.0, later=5.0)
+    assert chooser.choose([waits, passes], NO_SIDES).chosen == 1
+    assert chooser.choose([outcome(100.0, BEHIND_1), outcome(110.0)], NO_SIDES).chosen == 0
 
 
 def test_after_a_switch_the_larger_share_counts_for_the_ticks_of_the_parameter(chooser):

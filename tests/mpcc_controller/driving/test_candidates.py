@@ -231,6 +231,27 @@ def test_a_plan_that_stays_behind_passes_on_no_side(world, params):
     )
 
 
+def test_a_plan_that_is_beside_an_obstacle_only_at_its_end_has_not_passed_it(world, params):
+    scene = scene_of(world, [standing(1, 50.0, -2.5)])
+    plan = np.zeros((51, 9))
+    for end, side in ((48.5, BEHIND), (50.0, LEFT), (51.5, LEFT)):
+        plan[:, 0] = plan[:, 6] = np.linspace(0.0, end, 51)
+        assert candidates.passed_sides(plan, scene, scene.obstacles.items, params) == {1: side}
+
+
+@pytest.mark.parametrize(('v', 'desired'), [(2.0, 14.0), (0.0, 25.0), (13.0, 14.0), (20.0, 14.0)])
+def test_regaining_the_speed_costs_what_its_errors_sum_up_to(world, params, car, v, desired):
+    """The reference sums the cost of the velocity tick by tick at the largest driving force."""
+    plan = np.zeros((51, 9))
+    plan[:, 3] = v
+    cost = candidates.regaining_cost(plan, scene_of(world, [], desired), car, params)
+    acceleration, expected = params.limits.drive_n / car.m, 0.0
+    for t in np.arange(0.5 * STEP_S, 20.0, STEP_S):
+        lacking = max(desired - v - acceleration * t, 0.0)
+        expected += (lacking / params.tolerances.velocity_mps) ** 2
+    assert cost == pytest.approx(expected, rel=0.01, abs=0.01)
+
+
 def test_the_contact_speed_is_that_of_both_cars(world, params):
     def speed_at_contact(obstacle):
         plan = np.zeros((51, 9))

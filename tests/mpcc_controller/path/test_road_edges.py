@@ -54,6 +54,23 @@ def test_the_middle_of_the_road_is_between_the_edges_for_every_path():
     assert track.half_width[0] == pytest.approx(4.25)
 
 
+def test_in_a_funnel_the_centre_is_moved_beside_the_path():
+    """Both edges close in by 45 deg: the closest points lie ahead of the point of the path."""
+    sides = [
+        np.array([[-20.0, y * 5.0], [0.0, y * 5.0], [3.0, y * 2.0], [40.0, y * 2.0]])
+        for y in (1.0, -1.0)
+    ]
+    road = road_edges.build(RoadEdges(0, *sides))
+    at = np.array([-0.5, 1.0, 2.0])
+    on_path = Arc(at, np.zeros(3), np.zeros(3), np.zeros(3), at)
+    closest = road_edges.track_beside(road, on_path, 0.2)
+    assert np.all(closest.centre.X[1:] > at[1:] + 0.5)
+    track = road_edges.track_beside(road, on_path, 0.2, aligned=True)
+    np.testing.assert_allclose(track.centre.X, at, atol=1e-9)
+    np.testing.assert_allclose(track.centre.Y, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(track.half_width, closest.half_width)
+
+
 def test_past_its_ends_an_edge_continues_straight():
     sides = [np.array([[0.0, y], [10.0, y]]) for y in (3.0, -3.0)]
     road = road_edges.build(RoadEdges(0, *sides))

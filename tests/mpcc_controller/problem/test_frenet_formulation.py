@@ -173,3 +173,10 @@ def test_the_baseline_rejects_the_formulation_parameters_of_the_mpcc(world, car,
     params, _ = world.load('frenet', **{f'formulation__{k}': v for k, v in wrong.items()})
     with pytest.raises(formulation.ParameterError, match='formulation: frenet'):
         formulation.make(params, car)
+
+
+@pytest.mark.parametrize('name', ['safety__fit_edges', 'surroundings__align_track'])
+def test_the_baseline_has_no_track_whose_centre_could_be_moved(world, car, name):
+    params, _ = world.load('frenet', **{name: True})
+    with pytest.raises(formulation.ParameterError, match=name.replace('__', '.')):
+        formulation.make(params, car)

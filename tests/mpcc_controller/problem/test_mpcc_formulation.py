@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import initial_guess
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.path import road_edges
 from mpcc_controller.problem import (
     bounds,
     cost_terms,
@@ -17,7 +18,7 @@ from mpcc_controller.problem import (
     stage_parameters,
 )
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from msgs_yaml.types import Obstacle, Obstacles
+from msgs_yaml.types import Obstacle, Obstacles, RoadEdges
 from node_runtime import named_vector
 from stage_solver.stage_problem import Plan
 
@@ -220,3 +221,28 @@ def test_a_mover_is_given_more_room_the_later_the_stage(world, scene, name):
     (moving_as_is, standing_as_is), (grown, unchanged) = radii
     assert grown - moving_as_is == pytest.approx(0.4 * DT * np.arange(N + 1))
     assert np.array_equal(standing_as_is, unchanged)
+
+
+def test_the_safety_distance_to_edges_fits_a_narrow_road(world, scene):
+    """3 m, then 1.2 m beside the middle of the road: there 0.1 m are left beside a car of 1.1 m."""
+    X = np.array([0.0, 30.0, 31.0, 150.0])
+    narrow = np.array([3.0, 3.0, 1.2, 1.2])
+    edges = RoadEdges(0, np.column_stack([X, narrow]), np.column_stack([X, -narrow]))
+    scene = scene._replace(road=road_edges.build(edges))
+    columns = []
+    for fits in (None, True):
+        params, vehicle = world.load(safety__fit_edges=fits)
+        form = formulation.make(params, stage_parameters.car(params, vehicle))
+        x0 = State(5.0, 0.0, 0.0, 20.0, 0.0, 0.0, 5.0, 0.0, 0.0)
+        plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+        P = form.stage_parameters(scene, plan.X).P
+        names = list(ocp.build(form.ocp, N, DT).parameters)
+        at_edge = names.index('D_sft.e')
+        columns.append(P[:, at_edge].copy())
+        columns.append(np.delete(P, at_edge, axis=1))
+    constant, others, fitted, same = columns
+    assert np.all(constant == 0.5)
+    x = 5.0 + 20.0 * DT * np.arange(N + 1)
+    assert np.all(fitted[x < 25.0] == 0.5)
+    np.testing.assert_allclose(fitted[x > 33.0], 0.1, atol=1e-9)
+    np.testing.assert_array_equal(others, same)
