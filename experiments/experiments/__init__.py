@@ -19,6 +19,7 @@ Common
     cli, commands      the command `experiments`
     worker_pool        processes that share work over the cores
     cluster_pool       the same on the machines of a dask.distributed cluster
+    search_journal     the trials of a search, kept in a file
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     plant_limit        the lateral acceleration that the plant reaches

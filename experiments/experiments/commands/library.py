@@ -49,13 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_list(parser, '--family', 'a family', 'all of them', metavar='F')
     add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
-    parser.add_argument(
-        '--draws',
-        type=positive_count,
-        default=DRAWS,
-        metavar='N',
-        help=f'draws per family (default: {DRAWS})',
-    )
+    text = f'draws per family (default: {DRAWS})'
+    parser.add_argument('--draws', type=positive_count, default=DRAWS, metavar='N', help=text)
     parser.add_argument(
         '--first', type=_count, default=0, metavar='INDEX', help='the first draw (default: 0)'
     )

@@ -6,10 +6,8 @@ batches of a fixed size: the trials depend on plan, picture and code only, and a
 goes on.
 """
 
-import fcntl
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +15,6 @@ import numpy as np
 import optuna
 from optuna.distributions import CategoricalDistribution, FloatDistribution
 from optuna.samplers import TPESampler
-from optuna.storages import BaseStorage, JournalStorage
-from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from bags.errors import BagError
@@ -26,6 +22,7 @@ from bags.evaluation.metrics import driving
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import compute_series
 from experiments.batch.distributions import Choice
+from experiments.search_journal import open_journal
 from experiments.settings import drive, measures
 from experiments.settings import setting as settings
 from experiments.settings.preregistration import Perturbation, Preregistration
@@ -102,25 +99,12 @@ def search(
     search of another plan or picture, or one in progress.
     """
     candidates = []
-    with _journal(folder) as storage:
+    with open_journal(folder / JOURNAL, optuna.logging.ERROR) as storage:
         study = _study(storage, plan, picture, starts)
         for candidate in _run(study, plan, picture, trials, pool):
             on_candidate(candidate)
             candidates.append(candidate)
     return candidates
-
-
-@contextmanager
-def _journal(folder: Path) -> Iterator[BaseStorage]:
-    folder.mkdir(parents=True, exist_ok=True)
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    path = folder / JOURNAL
-    with path.open('ab') as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BagError(f'{path}: another search is writing this file') from None
-        yield JournalStorage(JournalFileBackend(str(path)))
 
 
 def _study(storage, plan, picture, starts):

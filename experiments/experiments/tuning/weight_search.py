@@ -6,10 +6,8 @@ number of processes, and an interrupted search continues with the same trials. T
 longer stage are those of a shorter one.
 """
 
-import fcntl
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +15,10 @@ import numpy as np
 import optuna
 from optuna.distributions import FloatDistribution
 from optuna.samplers import TPESampler
-from optuna.storages import BaseStorage, JournalStorage
-from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from bags.errors import BagError
+from experiments.search_journal import open_journal
 from experiments.tuning import problem
 from experiments.tuning.problem import Condition, Score
 from experiments.worker_pool import WorkerPool
@@ -84,7 +81,7 @@ def run(
     trials: list[Trial] = []
     first = problem.untuned_weights(plan.controller)
     spans = problem.wide_spans(first)
-    with _journal(folder) as storage:
+    with open_journal(folder / JOURNAL) as storage:
         for stage in (1, 2):
             study = _study(storage, plan, stage, spans)
             if not study.trials:
@@ -99,27 +96,13 @@ def run(
 
 def read_commit(folder: Path) -> str:
     """Return the commit with which the search of a folder was begun, '' outside a repository."""
-    with _journal(folder) as storage:
+    with open_journal(folder / JOURNAL) as storage:
         return optuna.load_study(study_name=_name(1), storage=storage).user_attrs[COMMIT]
 
 
 def find_best(trials: Sequence[Trial]) -> Trial:
     """Return the feasible trial of least cost; without one that of the least violation."""
     return min(trials, key=lambda trial: (sum(trial.violations), trial.cost))
-
-
-@contextmanager
-def _journal(folder: Path) -> Iterator[BaseStorage]:
-    """Yield the storage of a folder, locked against other programs."""
-    folder.mkdir(parents=True, exist_ok=True)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    path = folder / JOURNAL
-    with path.open('ab') as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BagError(f'{path}: another search is writing this file') from None
-        yield JournalStorage(JournalFileBackend(str(path)))
 
 
 def _study(storage, plan, stage, spans):

@@ -19,10 +19,11 @@ from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.frenet_frame import FrenetEdges, FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
-from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
+from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.ocp import (
     Constraints,
+    Rules,
     SafetyDistance,
     SymbolicOcp,
     VehicleCircles,
@@ -72,19 +73,10 @@ class FrenetErrors(NamedTuple):
     dpsi: Any  # rad
 
 
-class Rules(NamedTuple):
-    """What can be exchanged in the cost."""
-
-    priority: Any = priorities.step_priority  # (D, D_sft) -> q / P_k
-    terms: tuple[CostTerm, ...] = cost_terms.BASELINE
-    car: type = Car  # of its parameters, of `single_track.AnyCar`
-    body: type = VehicleCircles  # or `NarrowCircles`
-
-
 def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
     """Return a `FrenetStage` of the given size; its leaves have no meaning."""
     return FrenetStage(
-        **ocp.common_template(circles, rules.terms, rules.car, rules.body),
+        **ocp.common_template(circles, rules),
         kappa='kappa',
         v_ref='v_ref',
         edges=FRENET.edges,
@@ -123,7 +115,7 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
 @cache
 def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules()
+    rules = rules or Rules(FRENET, priorities.step_priority, cost_terms.BASELINE)
     return SymbolicOcp(
         name='frenet',
         state=FrenetState,
@@ -179,7 +171,8 @@ class FrenetFormulation:
         self.params, self.car = params, car
         priority = priorities.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(cost_terms.FRENET, params)
-        self.rules = Rules(priority, terms, type(car), stage_parameters.body_type(params))
+        body = stage_parameters.body_type(params)
+        self.rules = Rules(FRENET, priority, terms, type(car), body)
         self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)

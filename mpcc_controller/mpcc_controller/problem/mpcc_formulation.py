@@ -18,9 +18,10 @@ from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
-from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES, DistanceFrame
+from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES
 from mpcc_controller.problem.ocp import (
     Constraints,
+    Rules,
     SafetyDistance,
     SymbolicOcp,
     VehicleCircles,
@@ -56,20 +57,10 @@ class TrackingErrors(NamedTuple):
     lag: Any  # m, behind positive
 
 
-class Rules(NamedTuple):
-    """What can be exchanged in the cost."""
-
-    frame: DistanceFrame = CARTESIAN
-    priority: Any = priorities.gaussian_priority  # (D, D_sft) -> q / P_k
-    terms: tuple[CostTerm, ...] = cost_terms.PAPER
-    car: type = Car  # of its parameters, of `single_track.AnyCar`
-    body: type = VehicleCircles  # or `NarrowCircles`
-
-
 def template(circles: int, obstacles: int, rules: Rules) -> Stage:
     """Return a `Stage` of the given size; its leaves have no meaning."""
     return Stage(
-        **ocp.common_template(circles, rules.terms, rules.car, rules.body),
+        **ocp.common_template(circles, rules),
         path=Arc(*Arc._fields),
         v_ref='v_ref',
         centre=Arc(*Arc._fields),
@@ -109,7 +100,7 @@ def symbolic_ocp(
     quantities: Callable = quantities,
 ) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules()
+    rules = rules or Rules(CARTESIAN, priorities.gaussian_priority, cost_terms.PAPER)
     return SymbolicOcp(
         name=name,
         state=State,

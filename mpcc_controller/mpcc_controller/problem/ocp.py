@@ -4,7 +4,7 @@ A formulation defines its states, stage parameters, cost terms and constraints. 
 the sum of the cost and the evaluation of plans are the same for all.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input
 from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
+from mpcc_controller.problem.distance_frame import DistanceFrame
 from node_runtime import named_vector
 from stage_solver import stage_problem
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS
@@ -71,16 +72,24 @@ class SymbolicOcp(NamedTuple):
         return cost_terms.squared_errors(self.terms, self.quantities(x, u, p))
 
 
-def common_template(
-    circles: int, terms: Sequence[CostTerm], car: type = Car, body: type = VehicleCircles
-) -> dict[str, Any]:
+class Rules(NamedTuple):
+    """What can be exchanged in the cost of a formulation."""
+
+    frame: DistanceFrame
+    priority: Any  # (D, D_sft) -> q / P_k
+    terms: tuple[CostTerm, ...]
+    car: type = Car  # of its parameters, of `single_track.AnyCar`
+    body: type = VehicleCircles  # or `NarrowCircles`
+
+
+def common_template(circles: int, rules: Rules) -> dict[str, Any]:
     """Return the stage parameters that every formulation has, by name, without meaning."""
-    kind, limits = cost_terms.weights_type(terms), cost_terms.limits_type(terms)
+    kind, limits = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
     return {
-        'car': car(*car._fields),
+        'car': rules.car(*rules.car._fields),
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
-        'body': body(*body._fields)._replace(offsets=('offset',) * circles),
+        'body': rules.body(*rules.body._fields)._replace(offsets=('offset',) * circles),
         'envelope': limits(*limits._fields),
     }
 

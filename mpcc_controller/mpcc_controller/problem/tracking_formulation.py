@@ -12,7 +12,8 @@ from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import mpcc_formulation
 from mpcc_controller.problem.cost_terms import StageQuantities
-from mpcc_controller.problem.mpcc_formulation import MpccFormulation, Rules, Stage, TrackingErrors
+from mpcc_controller.problem.mpcc_formulation import MpccFormulation, Stage, TrackingErrors
+from mpcc_controller.problem.ocp import Rules
 
 
 def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
