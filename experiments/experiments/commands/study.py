@@ -8,13 +8,14 @@ picture of the paper, and the tuned version of the baseline.
 
 import argparse
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from bags.command_line import add_out, print_text
 from bags.errors import BagError
-from experiments.commands import add_jobs, add_list, add_time_limit, positive_count
+from experiments.commands import add_dask, add_jobs, add_list, add_time_limit, positive_count
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many settings'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
@@ -75,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seed', type=int, default=1, metavar='S', help='settings: of the draws (default: 1)'
     )
+    add_dask(parser, 'settings: ')
     add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
     text = 'settings: other ranges and cars than those of experiments/config/settings_study.yaml'
     parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
@@ -108,7 +110,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_settings(options):
+    from experiments.cluster_pool import open_pool
     from experiments.settings import run_settings
+    from experiments.study import code_version
 
     if options.out == OUT:
         raise BagError('settings: needs --out DIR, where drives are kept and the table is written')
@@ -126,7 +130,9 @@ def _run_settings(options):
         plan=options.plan,
         tuned=options.tuned[0] if options.tuned else None,
     )
-    return run_settings.run(request, Console())
+    describe = partial(code_version.describe, (run_settings.__name__,))
+    make_pool = partial(open_pool, address=options.dask, describe=describe)
+    return run_settings.run(request, Console(), make_pool)
 
 
 def _run_decision(options):

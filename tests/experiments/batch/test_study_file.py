@@ -4,6 +4,8 @@ import pytest
 
 from bags.errors import BagError
 from experiments.batch import drive_plan, study_file
+from experiments.batch.study_file import SCENARIO_FRICTION as FRICTION
+from experiments.batch.study_file import SCENARIO_SPEED as SPEED
 from msgs_yaml import share
 
 
@@ -120,3 +122,16 @@ def test_every_setting_of_a_shipped_study_is_accepted(name):
     study = study_file.load(share.path('experiments', 'config', f'{name}.yaml'))
     first, *_, last = drive_plan.combine(study)
     assert drive_plan.prepare(first) != drive_plan.prepare(last)
+
+
+def test_every_draw_of_the_shipped_study_is_accepted():
+    study = study_file.load(share.path('experiments', 'config', 'speed_friction.yaml'))
+    combinations = drive_plan.combine(study)
+    drive_plan.check_drawn(study, combinations)
+    slow, fast = (
+        min(drive_plan.sample_draws(study), key=lambda draw: sign * dict(draw.values)[SPEED])
+        for sign in (1, -1)
+    )
+    assert dict(slow.values)[SPEED] < 16.0 < 34.0 < dict(fast.values)[SPEED]
+    setup = drive_plan.prepare(combinations[0], fast)
+    assert setup.friction == setup.params.model.friction == dict(fast.values)[FRICTION]
