@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.study import run_statistics
 from experiments.study.run_statistics import Share
+from experiments.wilson import CONFIDENCE
 
 LEVELS = (0.9, 0.5)  # shares of successes
 SAMPLES = 1000
@@ -77,7 +78,7 @@ def _fall(shares):
 
 def _crossing(speeds_kph, monotone, samples, level):
     at = find_crossing(speeds_kph, monotone, level)
-    outer = (1 - run_statistics.CONFIDENCE) / 2
+    outer = (1 - CONFIDENCE) / 2
     sampled = [find_crossing(speeds_kph, one, level) for one in samples]
     # no value between two samples: one of them may be infinite
     low = np.quantile(sampled, outer, method='lower')
