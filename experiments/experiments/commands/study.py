@@ -78,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_dask(parser, 'settings: ')
     add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
+    add_dask(parser)
     text = 'settings: other ranges and cars than those of experiments/config/settings_study.yaml'
     parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
@@ -129,6 +130,7 @@ def _run_settings(options):
         options.limit,
         plan=options.plan,
         tuned=options.tuned[0] if options.tuned else None,
+        dask=options.dask,
     )
     describe = partial(code_version.describe, (run_settings.__name__,))
     make_pool = partial(open_pool, address=options.dask, describe=describe)

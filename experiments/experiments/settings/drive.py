@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.evaluation.drive import Drive, drive_from_columns
@@ -13,7 +14,7 @@ from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.series import SIDESLIP_FROM
 from bags.storage.columns import Columns
 from experiments import simulation
-from experiments.settings import arms, measures
+from experiments.settings import arms, measures, plant_variants
 from experiments.settings.arms import Arm
 from experiments.settings.course import NAME
 from experiments.settings.preregistration import Perturbation, Preconditions, Preregistration
@@ -73,8 +74,8 @@ def key(task: DriveTask) -> str:
         setting.plant.limit,
         [setting.radius, setting.offsets],
         task.arm.controller,
-        # the name of the car file is a digest of what is in it
-        sorted(task.arm.settings.items()),
+        # the name of the car file is a digest of what is in it, its folder that of a machine
+        sorted({**task.arm.settings, 'car_file': Path(setting.plant.car_file).name}.items()),
         [task.start.speed_mps, task.start.y_m],
         task.preconditions.P4.brake_n,
     ]
@@ -86,8 +87,11 @@ def prepare(task: DriveTask) -> Setup:
     setting = task.setting
     scn = scenario.parse(setting.text, NAME)
     plant = dict(setting.plant.settings) | {'command_delay_ms': setting.values['latency_ms']}
+    # another machine of a cluster has the file elsewhere, or is yet to identify the car
+    car_file = plant_variants.build(plant_variants.variant_of(setting.values)).car_file
+    controller = {**task.arm.settings, 'car_file': car_file}
     setup = simulation.prepare_scenario(
-        scn, task.arm.controller, {'controller': dict(task.arm.settings), 'plant': plant}
+        scn, task.arm.controller, {'controller': controller, 'plant': plant}
     )
     start = setup.scn.start
     start = start._replace(speed=start.speed + task.start.speed_mps, Y=start.Y + task.start.y_m)

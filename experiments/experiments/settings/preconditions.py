@@ -54,17 +54,13 @@ def hits_first_at_all(no_ca: Row) -> bool:
 
 
 def avoids(row: Row, by: str) -> bool:
-    """Return whether a car completes without contact, on the road, under control.
-
-    By `circle` neither circles nor outline may touch an obstacle, by `outline` the outline only.
-    """
-    touched = ('circle', 'outline') if by == 'circle' else ('outline',)
-    return bool(
-        _value(row, 'completed')
-        and not _value(row, 'left_road')
-        and not _value(row, 'lost')
-        and _value(row, 'collided_by') not in touched
-    )
+    """Return whether a car completes under control, and a shape touches no obstacle and no edge."""
+    gaps = {
+        'circle': ('min_v2o_m', 'min_v2e_m'),
+        'outline': ('min_outline_gap_m', 'outline_edge_m'),
+    }
+    is_controlled = bool(_value(row, 'completed')) and not _value(row, 'lost')
+    return is_controlled and all(_number(row, gap) > 0.0 for gap in gaps[by])
 
 
 def _number(row, name):

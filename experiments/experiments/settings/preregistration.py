@@ -252,7 +252,7 @@ def load(path: Path | None = None) -> Preregistration:
     path = path or share.path('experiments', *FILE)
     try:
         plan = parse_value(Preregistration, read(path))
-    except YamlError as error:
+    except (YamlError, OSError) as error:
         raise BagError(str(error)) from None
     fields: Mapping[str, object] = vars(plan)
     return Preregistration(

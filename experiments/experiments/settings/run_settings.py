@@ -8,7 +8,8 @@ for any version of the baseline; the combinations of the factorial drive the fir
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from bags.errors import BagError
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
+from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress
 from experiments.settings import arms, drive, outcomes, preconditions, preregistration
 from experiments.settings import setting as settings
@@ -27,7 +29,6 @@ from experiments.settings.plant_variants import Variant, build, variant_of
 from experiments.settings.preregistration import Preregistration
 from experiments.settings.setting import Setting
 from experiments.study import code_version
-from experiments.worker_pool import WorkerPool
 from node_runtime import provenance
 
 TABLE, OUTCOMES = 'drives.parquet', 'outcomes.parquet'
@@ -46,6 +47,7 @@ class Request(NamedTuple):
     limit_s: float  # of wall time for one drive
     plan: Path | None = None  # another preregistration than that of the package
     tuned: Path | None = None  # a table with the parameters of `frenet_tuned`
+    dask: str = ''  # address of a scheduler whose workers drive, instead of `jobs`
 
 
 class Drawn(NamedTuple):
@@ -59,15 +61,11 @@ class Drawn(NamedTuple):
         return f'Drawn({len(self.settings)} settings of {self.points} points)'
 
 
-def run(
-    request: Request,
-    console: Console,
-    make_pool: Callable[[int], Any] = WorkerPool,
-) -> int:
+def run(request: Request, console: Console) -> int:
     """Drive, write both tables and say how many settings there are; 0 when no drive failed.
 
-    `make_pool` makes a context with `finish_each` from the number of jobs. Raises BagError for
-    unusable input, and KeyboardInterrupt after the tables of the drives so far were written.
+    Raises BagError for unusable input, and KeyboardInterrupt after the tables of the drives so far
+    were written.
     """
     plan = preregistration.load(request.plan)
     tuned = read_tuned(request.tuned)
@@ -75,7 +73,7 @@ def run(
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folder) as records,
-        make_pool(request.jobs) as pool,
+        open_pool(request.jobs, request.dask, partial(code_version.describe, drive.ROOTS)) as pool,
     ):
         study = _Study(plan, tuned, records, pool, request.limit_s, progress)
         interrupted = None

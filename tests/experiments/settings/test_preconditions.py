@@ -16,19 +16,19 @@ GOOD = {
     'safety_obstacle_m': 0.5,
     'safety_edge_m': 0.4,
     'completed': True,
-    'collided_by': None,
-    'left_road': False,
     'lost': False,
     'v2o_1_m': 0.6,
     'outline_1_m': 0.7,
     'min_v2o_m': 0.6,
     'min_v2e_m': 0.5,
+    'min_outline_gap_m': 0.7,
+    'outline_edge_m': 0.6,
     'limit_share': 0.97,
     'peak_sideslip_deg': 3.0,
     'brake_onset_planned_at_m': 60.0,
     'min_speed_mps': 18.0,
 }
-HIT = GOOD | {'v2o_1_m': -0.1, 'outline_1_m': 0.05, 'collided_by': 'circle'}
+HIT = GOOD | {'v2o_1_m': -0.1, 'outline_1_m': 0.05, 'min_v2o_m': -0.1}
 
 
 def evaluate(no_ca=HIT, mpcc=GOOD, baseline=GOOD):
@@ -55,9 +55,8 @@ def test_the_contact_of_the_circle_counts_and_that_of_the_outline_is_told_apart(
     'fault',
     [
         {'completed': False},
-        {'collided_by': 'circle'},
-        {'collided_by': 'outline'},
-        {'left_road': True},
+        {'min_v2o_m': -0.01},
+        {'min_v2e_m': -0.01},
         {'lost': True},
     ],
     ids=str,
@@ -70,9 +69,16 @@ def test_whoever_fails_to_avoid_fails_the_second_condition(who, fault):
 
 
 def test_a_circle_that_touches_is_no_contact_of_the_outline():
-    row = GOOD | {'collided_by': 'circle'}
+    row = GOOD | {'min_v2o_m': -0.01}
     assert preconditions.avoids(row, 'outline')
     assert not preconditions.avoids(row, 'circle')
+
+
+@pytest.mark.parametrize('gap', ['min_outline_gap_m', 'outline_edge_m'])
+def test_an_outline_that_touches_is_no_contact_of_the_circle(gap):
+    row = GOOD | {gap: -0.01}
+    assert preconditions.avoids(row, 'circle')
+    assert not preconditions.avoids(row, 'outline')
 
 
 @pytest.mark.parametrize('who', ['no_ca', 'mpcc', 'baseline'])
@@ -162,7 +168,7 @@ def row(arm, perturbation=0, **changed):
 def test_outcomes_are_one_row_per_baseline_and_perturbation():
     rows = [row('mpcc_no_ca'), *(row('mpcc', k) for k in range(5))]
     rows += [row('frenet_matched', k, peak_sideslip_deg=9.0 + k) for k in range(5)]
-    rows += [row('frenet_lineage', left_road=True)]
+    rows += [row('frenet_lineage', lost=True)]
     found = list(outcomes.build(PLAN, rows))
     assert [(r['baseline'], r['perturbation']) for r in found] == [
         *(('frenet_matched', k) for k in range(5)),
