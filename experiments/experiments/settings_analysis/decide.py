@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from experiments import multiple_tests
 from experiments.settings.preregistration import LEVELS, Preregistration
 from experiments.settings.primaries import CLAIMS
 from experiments.settings_analysis import (
     factorial,
-    setting_statistics,
     study_tables,
     surrogate,
     verdicts,
@@ -149,7 +149,7 @@ def _adjusted(plan, decisions, claim, level):
     """Return the p-value of a claim at a level, corrected for the others at their own levels."""
     levels = {other: study_tables.level(plan, other) for other in CLAIMS} | {claim: level}
     family = {other: decisions[other, at].p_value for other, at in levels.items()}
-    return setting_statistics.holm(family)[claim]
+    return multiple_tests.holm(family)[claim]
 
 
 def _effects(study):
