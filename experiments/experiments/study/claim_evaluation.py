@@ -15,6 +15,7 @@ from experiments.study.metric_distributions import POINT_KPH, RUNS, SPEEDS_KPH, 
 from experiments.study.run_statistics import BY_NAME, Quantity, Share, summarise
 from experiments.study.runner import Record, Runner
 from experiments.study.variants import BASE, BASELINE, SWITCHES, Switch
+from experiments.wilson import CONFIDENCE
 
 STEM = 'claims'
 COMMAND = 'experiments study claims'
@@ -200,7 +201,7 @@ def _cause_sentence(effect, data, key):
     most, some = [], []
     for factor, (count, total) in tested.items():
         if count:
-            is_certain = p_values[factor] <= 1 - run_statistics.CONFIDENCE
+            is_certain = p_values[factor] <= 1 - CONFIDENCE
             (most if is_certain else some).append(f'{factor} ({count}/{total})')
     if not most and not some:
         return f'no switch alone {effect}'

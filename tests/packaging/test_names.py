@@ -1,0 +1,74 @@
+"""Every name that a file takes from a module of ours is defined there.
+
+Branches that rename in one and use in the other merge without a conflict; a linter reads one file.
+"""
+
+import ast
+from functools import cache
+
+import pytest
+from installation import PACKAGES, ROOT
+
+SOURCES = {
+    '.'.join(path.relative_to(ROOT / package).with_suffix('').parts): path
+    for package in PACKAGES
+    for path in sorted((ROOT / package / package).rglob('*.py'))
+}
+READERS = [
+    *SOURCES.values(),
+    *sorted(path for folder in ('tests', 'bench') for path in (ROOT / folder).rglob('*.py')),
+]
+
+
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
+
+
+@cache
+def defined(module):
+    """Return the names that a module binds anywhere, or None where it computes them on demand."""
+    path = SOURCES.get(module) or SOURCES[f'{module}.__init__']
+    names = {other.removeprefix(f'{module}.').split('.')[0] for other in SOURCES if module in other}
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names.update((alias.asname or alias.name).split('.')[0] for alias in node.names)
+    return None if '__getattr__' in names else names
+
+
+def is_ours(module):
+    return module in SOURCES or f'{module}.__init__' in SOURCES
+
+
+def taken(path):
+    """Yield (module of ours, name) of everything that a file takes from one."""
+    modules = {}
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and is_ours(node.module):
+            for alias in node.names:
+                yield node.module, alias.name
+                full = f'{node.module}.{alias.name}'
+                if is_ours(full):
+                    modules[alias.asname or alias.name] = full
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = modules.get(node.value.id)
+            if module and not node.attr.startswith('__'):
+                yield module, node.attr
+
+
+@pytest.mark.parametrize('package', [*PACKAGES, 'tests', 'bench'])
+def test_every_name_taken_from_a_module_is_defined_there(package):
+    readers = [path for path in READERS if path.relative_to(ROOT).parts[0] == package]
+    assert readers
+    missing = {
+        f'{path.relative_to(ROOT)}: {module}.{name}'
+        for path in readers
+        for module, name in taken(path)
+        if defined(module) is not None and name not in defined(module)
+    }
+    assert missing == set()
