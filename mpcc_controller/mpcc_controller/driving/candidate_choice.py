@@ -29,6 +29,11 @@ class Outcome(NamedTuple):
     later: float = 0.0  # cost beyond the horizon, of taking up the desired speed again
 
     @property
+    def whole_cost(self) -> float:
+        """The cost over the horizon and beyond it."""
+        return self.solution.cost + self.later
+
+    @property
     def is_usable(self) -> bool:
         """Whether the plan may be driven."""
         return not self.rejection
@@ -94,7 +99,7 @@ class CandidateChooser:
 
     def _cost(self, outcome, path_sides) -> float:
         """Return the cost, larger against the coarse path; inf if it is not a number."""
-        cost = outcome.solution.cost + outcome.later
+        cost = outcome.whole_cost
         if not np.isfinite(cost):
             return np.inf
         against = are_opposed(outcome.sides, path_sides)

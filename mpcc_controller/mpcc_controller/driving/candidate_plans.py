@@ -37,6 +37,9 @@ MUCH_SLOWER = 0.5
 THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
 OPTIONAL = ('regain_speed',)  # parameters of `candidates` that recordings may not have
+# a plan that costs so many times as much as the driven one is solved in every third tick only
+DEAR, RESTS = 1.5, 2
+NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores others would wait
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
 
 
@@ -46,6 +49,7 @@ class Kept(NamedTuple):
     name: str
     sides: Sides
     plan: Plan  # with its multipliers
+    rests: int = 0  # ticks in which it is not solved, only shifted
 
 
 class CandidatePlans:
@@ -97,12 +101,14 @@ class CandidatePlans:
         if now < self._gap - SURPRISE_M:
             self._cost = np.inf
             self._forget_waits()
+            kept = [k._replace(rests=0) for k in kept]
+        self._kept = [k._replace(rests=k.rests - 1) for k in kept if k.rests]
         self._waits = {name: ticks - 1 for name, ticks in self._waits.items() if ticks > 1}
         room = self.params.candidates.most - 1
         followed = self.sides_of(guess)
         found = self._around_sides(around, x0, followed, kept)
         brake = self._braking(around, x0, guess, kept)
-        return found[: room - len(brake)] + brake
+        return _few_new(found[: room - len(brake)] + brake)
 
     def sides_of(self, plan: Plan) -> Sides:
         """Return the sides on which a plan passes the dangerous obstacles."""
@@ -143,6 +149,7 @@ class CandidatePlans:
             self._cost = cost
             if self._gap < CONTACT_M:
                 self._forget_waits()
+                self._kept = [k._replace(rests=0) for k in self._kept]
 
     def is_braking_better(self, plan: Plan, x0: State, guess: Plan) -> bool:
         """Return whether a plan runs into an obstacle that braking to a stop does not, or slower.
@@ -172,18 +179,20 @@ class CandidatePlans:
             if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
                 continue
             name = candidates.name_of(sides)
-            solved = [k.plan for k in kept if _agrees(k.sides, sides)]
-            if solved:
-                found.append(Candidate(name, solved[0]))
+            solved = [k for k in kept if _agrees(k.sides, sides)]
+            if solved and not solved[0].rests:
+                found.append(Candidate(name, solved[0].plan))
+            elif solved:
+                continue
             elif name not in self._waits:
                 guess = candidates.guess_along(around, shape, x0, self.car, self.params)
                 found.append(Candidate(name, guess))
         return found
 
     def _braking(self, around, x0, guess, kept) -> list[Candidate]:
-        solved = [k.plan for k in kept if k.name == BRAKE]
+        solved = [k for k in kept if k.name == BRAKE]
         if solved:
-            return [Candidate(BRAKE, solved[0])]
+            return [Candidate(BRAKE, solved[0].plan)] if not solved[0].rests else []
         if BRAKE in self._waits:
             return []
         plan = candidates.braking_guess(guess.X, x0, self.car, self.params)
@@ -204,8 +213,12 @@ class CandidatePlans:
             del self._attempts[next(iter(self._attempts))]
 
     def _keep(self, choice):
-        """Keep the best plan of every way that is not the driven one; let the other names wait."""
-        driven, kept = choice.outcome, []
+        """Keep the best plan of every way that is not the driven one; let the other names wait.
+
+        Plans that rested in this tick are kept where there is none of their way.
+        """
+        driven, kept, resting = choice.outcome, [], self._kept
+        dear = DEAR * driven.whole_cost
         usable_first = sorted(
             choice.outcomes, key=lambda o: o.solution.cost if o.is_usable else np.inf
         )
@@ -216,12 +229,27 @@ class CandidatePlans:
             )
             if is_new:
                 name = outcome.name if outcome.name == BRAKE else candidates.name_of(outcome.sides)
-                kept.append(Kept(name, outcome.sides, outcome.solution.plan))
+                rests = RESTS if driven.is_clean and outcome.whole_cost > dear else 0
+                kept.append(Kept(name, outcome.sides, outcome.solution.plan, rests))
             elif not is_driven and outcome.name != FOLLOWED:
                 self._wait(outcome.name)
+        for other in resting:
+            if not any(is_same_way(other.sides, one.sides) for one in (driven, *kept)):
+                kept.append(other if driven.is_clean else other._replace(rests=0))
         self._kept = kept
         if not driven.is_clean:
             self._forget_waits()
+
+
+def _few_new(found: list[Candidate]) -> list[Candidate]:
+    """Return the candidates without the ways beyond NEW_GUESSES that were never solved.
+
+    Those wait for the next tick. The plan that brakes stays.
+    """
+    new = [c for c in found if c.guess.multipliers is None]
+    ways = [c for c in new if c.name != BRAKE]
+    late = ways[max(NEW_GUESSES - (len(new) - len(ways)), 0) :]
+    return [c for c in found if not any(c is other for other in late)]
 
 
 def _agrees(sides: Sides, wanted: Sides) -> bool:

@@ -180,7 +180,7 @@ class FrenetFormulation:
     def set_car(self, car: Car) -> None:
         """Take another car into the parameters of the stages."""
         self.car = self.constants['car'] = car
-        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
+        self.constant_numbers = stage_parameters.with_car(self.constant_numbers, car)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""

@@ -145,6 +145,11 @@ def edge_distance(params: ControllerParams, half_width: np.ndarray) -> np.ndarra
     return np.clip(half_width - at_edge, LEAST_EDGE_M, params.safety.edge_m)
 
 
+def with_car(numbers: np.ndarray, car: Car) -> np.ndarray:
+    """Return the `constant_numbers` of another car, the first of them."""
+    return np.concatenate((car, numbers[len(car) :]))
+
+
 def size(params: ControllerParams) -> tuple[int, int]:
     """Return the numbers of vehicle circles and of obstacles in the problem."""
     return len(params.body.circle_offsets_m), params.surroundings.max_obstacles

@@ -5,11 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mpcc_controller.driving.candidate_plans import _few_new
+from mpcc_controller.driving.candidates import Candidate
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Obstacle, Obstacles
 from stage_solver.solution import FAILED, SOLVED
+from stage_solver.stage_problem import Plan
 
 POP_UP = Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0)
 
@@ -228,3 +231,39 @@ def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(sever
             plans._wait(f'left of {key}')
     assert len(plans._attempts) <= 64
     assert plans._waits['left of 999'] == 4 * plans.params.candidates.retry_ticks
+
+
+def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, world):
+    """To pass on the far side is dear: it is compared in every third tick, from its shifted plan."""
+    world.set_inputs(controller, world.straight())
+    pop_up(controller, Obstacle(1, 30.0, 0.5, 1.0, 0.0, 0.0))
+    plans, solved, rested = controller.planner.alternatives, [], 0
+    propose = plans.propose
+
+    def recorded(*arguments):
+        nonlocal rested
+        before = {kept.name: kept for kept in plans._kept}
+        found = propose(*arguments)
+        for candidate in found:
+            if candidate.name in before:
+                assert not before[candidate.name].rests
+                assert candidate.guess.multipliers is not None
+                solved.append(candidate.name)
+        rested += len(plans._kept)
+        return found
+
+    plans.propose = recorded
+    try:
+        world.drive(controller, 12)
+    finally:
+        del plans.propose
+    assert rested > len(solved) > 0
+
+
+def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():
+    new, old = (Plan(np.zeros((3, 9)), np.zeros((2, 4)), m) for m in (None, object()))
+    ways = [Candidate(f'left of {key}', new) for key in range(3)]
+    kept, brake = Candidate('right of 1', old), Candidate('brake', new)
+    assert _few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
+    assert _few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
+    assert _few_new([kept, brake]) == [kept, brake]
