@@ -8,6 +8,7 @@ classes (Bhattacharya, Likhachev & Kumar 2012), and a solver finds only that of 
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -156,7 +157,7 @@ def passed_sides(
         return {}
     x = State(*X.T)
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-    oX, oY = _positions(obstacles, len(X), params.model.step_s)
+    oX, oY = _positions(tuple(obstacles), len(X), params.model.step_s)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
     ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
     aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
@@ -369,10 +370,15 @@ def _left_of(arcs, X, Y):
     return np.cos(arcs.psi) * (Y - arcs.Y) - np.sin(arcs.psi) * (X - arcs.X)
 
 
+@lru_cache(maxsize=16)
 def _positions(obstacles, count, dt):
-    """Return X and Y (n, count) [m] of the obstacles at the stages."""
+    """Return X and Y (n, count) [m] of a tuple of obstacles at the stages, not to be changed.
+
+    A tick asks for those of the same obstacles ten times and more.
+    """
     t = dt * np.arange(count)
     X, Y = np.array([position(o, t) for o in obstacles]).transpose(1, 0, 2)
+    X.flags.writeable = Y.flags.writeable = False
     return X, Y
 
 

@@ -234,7 +234,7 @@ def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(sever
 
 
 def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, world):
-    """To pass on the far side is dear: it is compared in every third tick, from its shifted plan."""
+    """To pass on the far side is dear: it is compared in every third tick."""
     world.set_inputs(controller, world.straight())
     pop_up(controller, Obstacle(1, 30.0, 0.5, 1.0, 0.0, 0.0))
     plans, solved, rested = controller.planner.alternatives, [], 0
