@@ -1,5 +1,6 @@
 """Tasks on a cluster end as in processes of this machine, and workers that differ are refused."""
 
+import importlib
 import os
 import signal
 import sys
@@ -122,3 +123,13 @@ def test_a_scheduler_that_ends_is_an_error(cluster):
         cluster.scheduler.send_signal(signal.SIGKILL)
         with pytest.raises(BagError, match='the scheduler is gone; what has ended is kept'):
             next(ended)
+
+
+@pytest.mark.slow
+def test_a_worker_without_the_modules_of_the_command_is_refused(cluster, tmp_path, monkeypatch):
+    cluster.start_worker()
+    (tmp_path / 'only_here.py').write_text('def describe():\n    return {}\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    describe = importlib.import_module('only_here').describe
+    with pytest.raises(BagError, match=r"'only_here'.*; is this project installed"):
+        ClusterPool(cluster.address, describe).__enter__()
