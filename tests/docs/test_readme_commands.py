@@ -196,6 +196,15 @@ def drives_emergencies(home, words):
     assert list((home.folder / 'tmp').rglob('results.parquet'))
 
 
+def reads_a_batch(home, words):
+    """Read the table that the command above writes, made where it is not there yet."""
+    if not (home.folder / 'tmp/batch/results.parquet').exists():
+        study = 'experiments/config/batch_example.yaml'
+        home.run('experiments', 'batch', study, '--out', '/tmp/batch')
+    said = home.run(*words)
+    assert re.search(r'min_v2o_m of mpcc minus mpcc_no_ca\n|survived\.png\n', said), said
+
+
 def makes(home, words):
     """Its targets are there; the continuous integration runs them."""
     makefile = (ROOT / 'Makefile').read_text()
@@ -243,6 +252,7 @@ RULES = [
     Rule(r'experiments tune ', tunes),
     Rule(r'experiments study distributions', studies),
     Rule(r'experiments batch .*--out ', writes('--out')),
+    Rule(r'experiments (table|plot) /tmp/batch ', reads_a_batch),
     Rule(r'experiments library ', drives_emergencies),
     Rule(r'bags repair ', repairs),
     Rule(r'manoeuvre --list', says('step_steer')),

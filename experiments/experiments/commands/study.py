@@ -8,7 +8,6 @@ picture of the paper, and the tuned version of the baseline.
 
 import argparse
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -78,7 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_dask(parser, 'settings: ')
     add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
-    add_dask(parser)
     text = 'settings: other ranges and cars than those of experiments/config/settings_study.yaml'
     parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
@@ -111,9 +109,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_settings(options):
-    from experiments.cluster_pool import open_pool
     from experiments.settings import run_settings
-    from experiments.study import code_version
 
     if options.out == OUT:
         raise BagError('settings: needs --out DIR, where drives are kept and the table is written')
@@ -132,9 +128,7 @@ def _run_settings(options):
         tuned=options.tuned[0] if options.tuned else None,
         dask=options.dask,
     )
-    describe = partial(code_version.describe, (run_settings.__name__,))
-    make_pool = partial(open_pool, address=options.dask, describe=describe)
-    return run_settings.run(request, Console(), make_pool)
+    return run_settings.run(request, Console())
 
 
 def _run_decision(options):
