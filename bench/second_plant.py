@@ -1,10 +1,13 @@
 """The double track against the multi-body model of CommonRoad: manoeuvres and closed loops.
 
 `python bench/second_plant.py [--figure docs/second_plant.png]` prints two tables in Markdown. Both
-plants are the same car: vehicle_plant/config/bmw_320i.yaml and commonroad_320i.yaml.
+plants are the same car: vehicle_plant/config/bmw_320i.yaml and commonroad_320i.yaml. With
+`--without jumps` (or compliance, camber, joint) the multi-body model lacks that part, and only the
+first table is printed.
 """
 
 import argparse
+import dataclasses
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +21,7 @@ from vehicle_plant import parameters
 from vehicle_plant.manoeuvre import MANOEUVRES
 from vehicle_plant.manoeuvres import procedure, settings
 from vehicle_plant.manoeuvres.procedure import Case
+from vehicle_plant.multi_body import equations
 
 PLANTS = {'double track': 'bmw_320i.yaml', 'multi-body': 'commonroad_320i.yaml'}
 CAR_FILE = 'car_commonroad_320i.yaml'
@@ -38,8 +42,18 @@ NUMBERS = (
     ('sine_with_dwell', 'displacement_at_3', 'sine with dwell, 3: displacement [m]', 2),
     ('sine_with_dwell', 'passed_up_to', 'sine with dwell: passed up to', 1),
 )
+SLIDING_DEG = 4.6  # of steer on the circle: beyond, the cars spin
 SPEEDS_KPH = (60.0, 75.0, 90.0)
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
+
+
+# parameters of the model without a part of it; `tire` holds those of its tyre
+WITHOUT = {
+    'jumps': {'tire': {'p_hy1': 0.0, 'p_vy1': 0.0}},  # side force by the sign of the camber
+    'compliance': {'K_lt': 0.0},  # lateral, of tyre and wheel
+    'camber': {'D_f': 0.0, 'D_r': 0.0},  # by spring travel: the wheels lean with the body
+    'joint': {'K_ras': 4 * 175186.659},  # compliance between body and axle: a quarter of it
+}
 
 
 class Driven(NamedTuple):
@@ -132,6 +146,8 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
                 label=label,
             )
     step.set_xlim(-0.2, 2.0)
+    circle.set_xlim(0.0, SLIDING_DEG)
+    circle.set_ylim(0.0, None)
     procedure.label_axes(circle, 'lateral acceleration [m/s²]', 'steer [deg]')
     procedure.label_axes(step, 'yaw rate [deg/s]', 'time since the step [s]')
     procedure.label_axes(braking, 'yaw rate [deg/s]', 'brakes of 4 m/s² in a turn: time [s]')
@@ -139,16 +155,29 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
     return figure
 
 
+def leave_out(part: str) -> None:
+    """Take a part out of the multi-body model, in this process and before it is driven."""
+    changes = dict(WITHOUT[part])
+    vehicle = equations.vehicle()
+    tire = dataclasses.replace(vehicle.tire, **changes.pop('tire', {}))
+    changed = dataclasses.replace(vehicle, tire=tire, **changes)
+    equations.vehicle = lambda: changed
+
+
 def main() -> None:
     """Print the tables; draw the figure if asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--figure', type=Path, help='PNG to write')
+    parser.add_argument('--without', choices=WITHOUT, help='part that the multi-body model lacks')
     options = parser.parse_args()
+    if options.without:
+        leave_out(options.without)
     driven = perform(tuple(dict.fromkeys(name for name, *_ in NUMBERS)))
     print(manoeuvre_table(driven), '\n', sep='')
     if options.figure:
         draw(driven).savefig(options.figure, dpi=90, metadata={'Software': None})
-    print(closed_loop_table())
+    if not options.without:
+        print(closed_loop_table())
 
 
 if __name__ == '__main__':
