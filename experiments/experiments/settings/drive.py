@@ -25,7 +25,7 @@ from msgs_yaml.types import VehicleState
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 
-ROOTS = (*code_version.ROOTS, 'experiments.settings.measures')
+ROOTS = (*code_version.ROOTS, 'experiments.settings.drive')
 
 
 class DriveTask(NamedTuple):
