@@ -15,7 +15,7 @@ Common to all parts:
     run_statistics        shares, medians, the median run
     tables                Markdown, CSV and JSON with provenance
     code_version          the digest of the code that decides a run
-    success_surface       where shares fall over the speed
+    success_curve         where shares fall over the speed
     undisturbed_run       planned intrusions and distance errors of one run
     study_figures         the figures
 """

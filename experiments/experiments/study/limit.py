@@ -1,7 +1,7 @@
 """The share of runs that clear the scenario over the entry speed, for every controller.
 
 Every speed of a grid is driven with the same draws, so nothing is assumed of the share: whether it
-falls with the speed is tested (`success_surface`).
+falls with the speed is tested (`success_curve`).
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from experiments.study import run_spec, tables, variants
 from experiments.study.metric_distributions import run_at_speed
 from experiments.study.runner import Runner
-from experiments.study.success_surface import LEVELS, Surface, fit_surface
+from experiments.study.success_curve import LEVELS, SuccessCurve, fit_curve
 from experiments.study.variants import CONTROLLERS, Variant
 
 SPEEDS_KPH = tuple(50.0 + 10.0 * step for step in range(10))  # 50 .. 140
@@ -41,7 +41,7 @@ def run(
     for kph in speeds_kph:
         for name, records in run_at_speed(runner, chosen, kph, draws).items():
             cleared[name].append(sum(record.is_cleared for record in records))
-    surfaces = [fit_surface(name, speeds_kph, counts, runs) for name, counts in cleared.items()]
+    curves = [fit_curve(name, speeds_kph, counts, runs) for name, counts in cleared.items()]
     origin = tables.build_provenance(
         'experiments study limit',
         [variant for variant in chosen if not variant.settings],
@@ -50,25 +50,25 @@ def run(
         levels=list(LEVELS),
         switched={variant.name: dict(variant.settings) for variant in chosen if variant.settings},
     )
-    rows = [_row(surface) for surface in surfaces]
-    text, title = _markdown(surfaces, runs), 'Cleared runs over the entry speed'
+    rows = [_row(curve) for curve in curves]
+    text, title = _markdown(curves, runs), 'Cleared runs over the entry speed'
     files = tables.write_tables(out, STEM, title, rows, text, origin)
-    return [*files, *study_figures.write_surfaces(surfaces, out / STEM)]
+    return [*files, *study_figures.write_curves(curves, out / STEM)]
 
 
-def _row(surface: Surface) -> dict[str, Any]:
-    speeds = zip(surface.speeds_kph, surface.shares, surface.monotone)
+def _row(curve: SuccessCurve) -> dict[str, Any]:
+    speeds = zip(curve.speeds_kph, curve.shares, curve.monotone)
     return {
-        'controller': surface.name,
-        'runs_per_speed': surface.shares[0].runs,
-        'falls_with_speed_p': surface.monotone_p,
+        'controller': curve.name,
+        'runs_per_speed': curve.shares[0].runs,
+        'falls_with_speed_p': curve.monotone_p,
         **{
             f'falls_below_{crossing.level:g}': {
                 'kph': _finite(crossing.kph),
                 'low_kph': _finite(crossing.low),
                 'high_kph': _finite(crossing.high),
             }
-            for crossing in surface.crossings
+            for crossing in curve.crossings
         },
         'cleared': {
             f'{kph:g} km/h': {'cleared': one.holds, 'low': one.low, 'high': one.high, 'fit': fit}
@@ -82,18 +82,18 @@ def _finite(kph):
     return kph if np.isfinite(kph) else None
 
 
-def _markdown(surfaces, runs):
-    speeds = surfaces[0].speeds_kph
+def _markdown(curves, runs):
+    speeds = curves[0].speeds_kph
     falls = [f'falls below {level:.0%} at [km/h]' for level in LEVELS]
     header = ['controller', *(f'{kph:g}' for kph in speeds), *falls, 'falls evenly']
     lines = [
         [
-            surface.name,
-            *(str(one.holds) for one in surface.shares),
-            *(_crossing_cell(crossing, speeds) for crossing in surface.crossings),
-            'yes' if surface.monotone_p > UNEVEN else f'no (p = {surface.monotone_p:.3f})',
+            curve.name,
+            *(str(one.holds) for one in curve.shares),
+            *(_crossing_cell(crossing, speeds) for crossing in curve.crossings),
+            'yes' if curve.monotone_p > UNEVEN else f'no (p = {curve.monotone_p:.3f})',
         ]
-        for surface in surfaces
+        for curve in curves
     ]
     return (
         f'Runs of {runs} that clear all obstacles and both edges, by entry speed [km/h]; grip and '

@@ -14,7 +14,7 @@ from experiments.study import run_statistics
 from experiments.study.run_spec import Draw
 from experiments.study.run_statistics import BY_NAME
 from experiments.study.runner import Record
-from experiments.study.success_surface import Surface
+from experiments.study.success_curve import SuccessCurve
 
 SHOWN = (
     'min_v2o_m',
@@ -102,33 +102,33 @@ def _dots(axes, middle, width, values, colour, shown):
     axes.plot(x[shown], numbers[shown], 'o', ms=6.5, mfc='none', mec=style.INK, mew=1.0)
 
 
-def write_surfaces(surfaces: Sequence[Surface], stem: Path) -> list[Path]:
+def write_curves(curves: Sequence[SuccessCurve], stem: Path) -> list[Path]:
     """Write the shares of cleared runs over the speed as `stem`.png and .svg; return the paths.
 
     A panel per controller: the shares with their intervals, and the shares that do not rise.
     """
-    colours = style.assign_colours([surface.name for surface in surfaces])
-    rows = -(-len(surfaces) // COLUMNS)
+    colours = style.assign_colours([curve.name for curve in curves])
+    rows = -(-len(curves) // COLUMNS)
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(13.0, 1.0 + 2.6 * rows), layout='constrained')
         grid = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
-        for axes, surface in zip(grid.flat, surfaces):
-            _surface_panel(axes, surface, colours[surface.name])
-        for axes in grid.flat[len(surfaces) :]:
+        for axes, curve in zip(grid.flat, curves):
+            _curve_panel(axes, curve, colours[curve.name])
+        for axes in grid.flat[len(curves) :]:
             axes.set_visible(False)
         figure.supxlabel('entry speed [km/h]', fontsize=9.5)
         figure.supylabel('cleared, share of runs', fontsize=9.5)
         return style.save_figure(figure, stem)
 
 
-def _surface_panel(axes, surface, colour):
-    kph = np.array(surface.speeds_kph)
-    share, low, high = np.array([(one.share, one.low, one.high) for one in surface.shares]).T
+def _curve_panel(axes, curve, colour):
+    kph = np.array(curve.speeds_kph)
+    share, low, high = np.array([(one.share, one.low, one.high) for one in curve.shares]).T
     axes.errorbar(kph, share, (share - low, high - share), fmt='o', ms=4, color=colour, lw=1.0)
-    axes.plot(kph, surface.monotone, color=colour, lw=1.6)
-    for crossing in surface.crossings:
+    axes.plot(kph, curve.monotone, color=colour, lw=1.6)
+    for crossing in curve.crossings:
         axes.axhline(crossing.level, color=style.INK, lw=0.5, ls=':')
-    axes.set_title(surface.name, fontsize=9)
+    axes.set_title(curve.name, fontsize=9)
     axes.set_ylim(-0.05, 1.05)
 
 

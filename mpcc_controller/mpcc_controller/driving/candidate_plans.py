@@ -19,8 +19,8 @@ from mpcc_controller.driving.candidates import (
     BRAKE,
     FOLLOWED,
     Candidate,
+    RoadAhead,
     Sides,
-    Surroundings,
 )
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
@@ -76,7 +76,7 @@ class CandidatePlans:
     def reset(self) -> None:
         """Forget the plans and switches of earlier ticks."""
         self.chooser.reset()
-        self.around: Surroundings | None = None
+        self.around: RoadAhead | None = None
         self._scene: Scene | None = None
         self._kept: list[Kept] = []
         self._forget_waits()
@@ -90,7 +90,7 @@ class CandidatePlans:
         """
         kept = [k._replace(plan=self._shift(k.plan, x0)) for k in self._kept]
         lines = [guess.X, *(k.plan.X for k in kept)]
-        around = candidates.surroundings(scene, x0, lines, self.car, self.params)
+        around = candidates.road_ahead(scene, x0, lines, self.car, self.params)
         self.around, self._scene = around, scene
         if around is None:
             self._kept = []
@@ -106,9 +106,9 @@ class CandidatePlans:
         self._waits = {name: ticks - 1 for name, ticks in self._waits.items() if ticks > 1}
         room = self.params.candidates.most - 1
         followed = self.sides_of(guess)
-        found = self._around_sides(around, x0, followed, kept)
+        beside = self._around_sides(around, x0, followed, kept)
         brake = self._braking(around, x0, guess, kept)
-        return _few_new(found[: room - len(brake)] + brake)
+        return _few_new(beside[: room - len(brake)] + brake)
 
     def sides_of(self, plan: Plan) -> Sides:
         """Return the sides on which a plan passes the dangerous obstacles."""
@@ -172,7 +172,7 @@ class CandidatePlans:
 
     def _around_sides(self, around, x0, followed, kept) -> list[Candidate]:
         """Return candidates for the ways around the hazards that the followed plan does not go."""
-        found = []
+        proposed = []
         for sides, shape in candidates.side_combinations(around, x0, self.params):
             if shape.least_cost > self._cost:
                 continue
@@ -181,13 +181,13 @@ class CandidatePlans:
             name = candidates.name_of(sides)
             solved = [k for k in kept if _agrees(k.sides, sides)]
             if solved and not solved[0].rests:
-                found.append(Candidate(name, solved[0].plan))
+                proposed.append(Candidate(name, solved[0].plan))
             elif solved:
                 continue
             elif name not in self._waits:
                 guess = candidates.guess_along(around, shape, x0, self.car, self.params)
-                found.append(Candidate(name, guess))
-        return found
+                proposed.append(Candidate(name, guess))
+        return proposed
 
     def _braking(self, around, x0, guess, kept) -> list[Candidate]:
         solved = [k for k in kept if k.name == BRAKE]

@@ -67,8 +67,8 @@ class Profile(NamedTuple):
     least_cost: float  # of the contouring error that no such plan avoids
 
 
-class Surroundings(NamedTuple):
-    """What all guesses of one tick share."""
+class RoadAhead(NamedTuple):
+    """The path, its room and its hazards over the horizon: what all guesses of a tick share."""
 
     straight: np.ndarray  # (N + 1, 9) planned states along the path, towards its speed
     arcs: Arc  # of the path at these stages
@@ -79,9 +79,9 @@ class Surroundings(NamedTuple):
     hazards: tuple[Hazard, ...]  # in the order in which the car meets them
 
 
-def surroundings(
+def road_ahead(
     scene: Scene, x0: State, lines: Iterable[np.ndarray], car: Car, params: ControllerParams
-) -> Surroundings | None:
+) -> RoadAhead | None:
     """Return the dangerous obstacles and what the guesses around them share; None without danger.
 
     An obstacle is dangerous where its distance along the path or along one of `lines`, planned
@@ -106,7 +106,7 @@ def surroundings(
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
     hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
-    return Surroundings(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
+    return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 
 
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
@@ -173,7 +173,7 @@ def passed_sides(
     return sides
 
 
-def side_combinations(around: Surroundings, x0: State, params: ControllerParams):
+def side_combinations(around: RoadAhead, x0: State, params: ControllerParams):
     """Return the ways around the hazards, those that take the least acceleration first.
 
     A list of (sides, profile). Where no car fits between obstacles or beside the road there is
@@ -182,14 +182,14 @@ def side_combinations(around: Surroundings, x0: State, params: ControllerParams)
     hazards = around.hazards[:MOST_SIDES]
     ways = []
     for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
-        made = profile(around, hazards, chosen, x0, params)
-        if made is not None:
-            ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, made))
+        shape = profile(around, hazards, chosen, x0, params)
+        if shape is not None:
+            ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
 
 def profile(
-    around: Surroundings,
+    around: RoadAhead,
     hazards: Sequence[Hazard],
     chosen: Sequence[int],
     x0: State,
@@ -241,7 +241,7 @@ def profile(
 
 
 def guess_along(
-    around: Surroundings, shape: Profile, x0: State, car: Car, params: ControllerParams
+    around: RoadAhead, shape: Profile, x0: State, car: Car, params: ControllerParams
 ) -> Plan:
     """Return the guess that takes the offsets of a profile on the way to the desired speed.
 
@@ -297,7 +297,7 @@ def name_of(sides: Sides) -> str:
     return ', '.join(f'{WORDS[side]} of {key}' for key, side in sides.items())
 
 
-def braking_cost(guess: Plan, around: Surroundings, params: ControllerParams) -> float:
+def braking_cost(guess: Plan, around: RoadAhead, params: ControllerParams) -> float:
     """Return the cost of the speed that a braking guess loses; no braking plan costs much less."""
     vx = guess.X[:, 3]
     lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)

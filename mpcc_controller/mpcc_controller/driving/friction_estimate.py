@@ -53,7 +53,7 @@ class FrictionBelief(NamedTuple):
 
     friction: float  # -, in the units of `model.friction`
     # root of the sum of squares of the largest differences between predictions, in standard
-    # deviations: below about 1 a tick tells nothing
+    # deviations: below about 1 a tick holds no information
     excitation: float
 
 
@@ -137,7 +137,7 @@ class FrictionEstimator:
         if last is None or self._last is None:
             return self.belief
         duration_s = conversions.ns_to_s(x.stamp_ns - last.stamp_ns)
-        if not 0 < duration_s <= LONGEST_S or not (_tells_friction(x) and _tells_friction(last)):
+        if not 0 < duration_s <= LONGEST_S or not (_is_informative(x) and _is_informative(last)):
             return self.belief
         residuals, slopes = self._residuals(last, x, duration_s, ramps)
         self._weigh(residuals, slopes, duration_s)
@@ -206,7 +206,8 @@ def _on_road(car: Car, share: float) -> Car:
     return ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
 
-def _tells_friction(x: VehicleState) -> bool:
+def _is_informative(x: VehicleState) -> bool:
+    """Return whether the model holds for a motion: not too slow, and without much sideslip."""
     return x.vx > LEAST_SPEED_MPS and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
 
 

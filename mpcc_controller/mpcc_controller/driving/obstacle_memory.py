@@ -1,7 +1,7 @@
 """Obstacles that vanish from the message for a moment are remembered, and moved on. SI units.
 
 /scenario/obstacles holds every known obstacle. What is not in it is unknown from then on, whether
-it went away or was only missed: the message does not tell. So what vanishes is kept for
+it went away or was only missed. So what vanishes is kept for
 `surroundings.memory_s` after it was last seen, wherever it was then, and forgotten after that;
 an obstacle that is gone is avoided for that time at most.
 """

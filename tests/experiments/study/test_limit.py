@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bags.errors import BagError
 from experiments.commands import study
-from experiments.study import limit, success_surface, variants
+from experiments.study import limit, success_curve, variants
 
 SPEEDS = limit.SPEEDS_KPH
 RUNS = 20
@@ -41,7 +41,7 @@ def logistic(middle=100.0, width=8.0):
 
 
 def draw(shares, seed, runs=RUNS):
-    return success_surface.fit_surface(
+    return success_curve.fit_curve(
         'c', SPEEDS, np.random.default_rng(seed).binomial(runs, shares), runs
     )
 
@@ -49,8 +49,8 @@ def draw(shares, seed, runs=RUNS):
 def test_the_interval_holds_the_speed_of_a_known_share_in_most_draws():
     """The truth is where the known shares, linear between the speeds, fall below the level."""
     shares = logistic()
-    for k, level in enumerate(success_surface.LEVELS):
-        truth = success_surface.find_crossing(SPEEDS, shares, level)
+    for k, level in enumerate(success_curve.LEVELS):
+        truth = success_curve.find_crossing(SPEEDS, shares, level)
         found = [draw(shares, seed).crossings[k] for seed in range(20)]
         held = sum(one.low <= truth <= one.high for one in found)
         assert held >= 18
@@ -76,8 +76,8 @@ def test_a_share_that_rises_again_is_noticed():
 
 
 def test_beyond_the_speeds_a_crossing_has_no_number():
-    always = success_surface.fit_surface('c', SPEEDS, [RUNS] * len(SPEEDS), RUNS)
-    never = success_surface.fit_surface('c', SPEEDS, [0] * len(SPEEDS), RUNS)
+    always = success_curve.fit_curve('c', SPEEDS, [RUNS] * len(SPEEDS), RUNS)
+    never = success_curve.fit_curve('c', SPEEDS, [0] * len(SPEEDS), RUNS)
     for crossing in always.crossings:
         assert crossing.kph == crossing.high == np.inf
         # 20 of 20 at the last speed do not show that the share is above 90 %
@@ -89,15 +89,15 @@ def test_beyond_the_speeds_a_crossing_has_no_number():
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(0, RUNS), min_size=10, max_size=10))
 def test_the_crossing_is_within_its_interval_and_a_lower_level_is_crossed_later(cleared):
-    surface = success_surface.fit_surface('c', SPEEDS, cleared, RUNS)
-    for one in surface.crossings:
+    curve = success_curve.fit_curve('c', SPEEDS, cleared, RUNS)
+    for one in curve.crossings:
         assert one.low <= one.kph <= one.high
-    high, low = surface.crossings
+    high, low = curve.crossings
     assert high.kph <= low.kph
-    assert np.all(np.diff(surface.monotone) <= 1e-12)
-    assert 0.0 <= surface.monotone_p <= 1.0
+    assert np.all(np.diff(curve.monotone) <= 1e-12)
+    assert 0.0 <= curve.monotone_p <= 1.0
     falls = np.all(np.diff(cleared) <= 0)
-    assert not falls or surface.monotone_p == 1.0
+    assert not falls or curve.monotone_p == 1.0
 
 
 def test_every_speed_is_driven_with_every_draw(make_record, tmp_path):

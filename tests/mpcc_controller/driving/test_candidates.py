@@ -51,7 +51,7 @@ def standing(key, X, Y, r_obs=1.0):
 
 def guesses(scene, x0, car, params):
     """Return (sides, profile, guess) of every way around what is dangerous."""
-    around = candidates.surroundings(scene, x0, (), car, params)
+    around = candidates.road_ahead(scene, x0, (), car, params)
     ways = candidates.side_combinations(around, x0, params)
     return [(*way, candidates.guess_along(around, way[1], x0, car, params)) for way in ways]
 
@@ -128,7 +128,7 @@ def test_a_mirrored_road_has_mirrored_guesses(world, params, car, v, seconds, Y)
 def test_an_oncoming_car_is_met_where_both_speeds_say(world, params, car, v, oncoming, seconds):
     gap = (v + oncoming) * seconds
     scene = scene_of(world, [Obstacle(1, gap, 0.0, 1.0, -oncoming, 0.0)], v)
-    (hazard,) = candidates.surroundings(scene, start(v), (), car, params).hazards
+    (hazard,) = candidates.road_ahead(scene, start(v), (), car, params).hazards
     touch = (1.0 + R_VEH) / (v + oncoming)
     assert hazard.enter == pytest.approx(seconds - touch, abs=1.01 * STEP_S)
     assert hazard.leave == pytest.approx(seconds + touch, abs=1.01 * STEP_S)
@@ -137,7 +137,7 @@ def test_an_oncoming_car_is_met_where_both_speeds_say(world, params, car, v, onc
 def test_a_slower_car_is_met_later_than_one_that_stands(world, params, car):
     def enter(vX):
         scene = scene_of(world, [Obstacle(1, 25.0, 0.0, 1.0, vX, 0.0)])
-        return candidates.surroundings(scene, start(), (), car, params).hazards[0].enter
+        return candidates.road_ahead(scene, start(), (), car, params).hazards[0].enter
 
     assert enter(0.0) == pytest.approx((25 - 2.1) / 20, abs=STEP_S)
     assert enter(8.0) == pytest.approx((25 - 2.1) / 12, abs=STEP_S)
@@ -152,7 +152,7 @@ def test_a_car_behind_a_slow_one_accelerates_in_its_guess_past_it(world, params,
 @pytest.mark.parametrize('Y', [-6.0, 5.0, 40.0])
 def test_an_obstacle_beside_the_way_is_no_danger(world, params, car, Y):
     scene = scene_of(world, [standing(1, 30.0, Y)])
-    assert candidates.surroundings(scene, start(), (), car, params) is None
+    assert candidates.road_ahead(scene, start(), (), car, params) is None
 
 
 def test_an_obstacle_on_a_plan_is_a_danger_though_it_is_not_on_the_path(world, params, car):
@@ -160,7 +160,7 @@ def test_an_obstacle_on_a_plan_is_a_danger_though_it_is_not_on_the_path(world, p
     plan = np.zeros((51, 9))
     plan[:, 0] = plan[:, 6] = np.arange(51.0)
     plan[:, 1] = 4.0
-    around = candidates.surroundings(scene, start(), (plan,), car, params)
+    around = candidates.road_ahead(scene, start(), (plan,), car, params)
     assert [h.obstacle.id for h in around.hazards] == [1]
 
 

@@ -33,7 +33,7 @@ class Crossing(NamedTuple):
     high: float
 
 
-class Surface(NamedTuple):
+class SuccessCurve(NamedTuple):
     """The shares of one controller over the speeds."""
 
     name: str
@@ -44,13 +44,13 @@ class Surface(NamedTuple):
     crossings: tuple[Crossing, ...]
 
     def __repr__(self) -> str:
-        return f'Surface({self.name!r}, {[f"{s.holds}/{s.runs}" for s in self.shares]})'
+        return f'SuccessCurve({self.name!r}, {[f"{s.holds}/{s.runs}" for s in self.shares]})'
 
 
-def fit_surface(
+def fit_curve(
     name: str, speeds_kph: Sequence[float], cleared: Sequence[int], runs: int
-) -> Surface:
-    """Return the surface of `cleared` runs of `runs` at each speed, in increasing order."""
+) -> SuccessCurve:
+    """Return the curve of `cleared` runs of `runs` at each speed, in increasing order."""
     rng = np.random.default_rng(SEED)
     counts = np.array(cleared)
     monotone = _fall(counts / runs)
@@ -59,7 +59,7 @@ def fit_surface(
     as_uneven = [np.sum((one - _fall(one)) ** 2) >= uneven - 1e-12 for one in simulated]
     posterior = rng.beta(counts + 0.5, runs - counts + 0.5, (SAMPLES, len(counts)))
     samples = [_fall(one) for one in posterior]
-    return Surface(
+    return SuccessCurve(
         name,
         tuple(speeds_kph),
         tuple(run_statistics.share_of_counts(int(count), runs) for count in counts),
