@@ -73,7 +73,7 @@ def run(request: Request, console: Console) -> int:
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folder) as records,
-        open_pool(request.jobs, request.dask, partial(code_version.describe, drive.ROOTS)) as pool,
+        open_pool(request.jobs, request.dask, partial(code_version.describe, (__name__,))) as pool,
     ):
         study = _Study(plan, tuned, records, pool, request.limit_s, progress)
         interrupted = None
