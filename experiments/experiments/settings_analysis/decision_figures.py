@@ -135,7 +135,7 @@ def _phase(axes, table, margin, plan):
     )
     mean = np.where(counts >= LEAST_OF_CELL, (ahead - behind) / np.maximum(counts, 1), np.nan)
     fields = LinearSegmentedColormap.from_list('sign', [OPPOSITE, '#EDEDED', HOLDS])
-    fields.set_bad('white')
+    fields = fields.with_extremes(bad='white')
     axes.pcolormesh(edges_x, edges_y, mean.T, cmap=fields, vmin=-1, vmax=1, alpha=0.4)
     for (i, k), count in np.ndenumerate(counts):
         if count >= LEAST_OF_CELL:

@@ -1,5 +1,6 @@
 """The files of `experiments study decide`: tables, claims.json, figures, with their provenance."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,8 @@ def _verdict_row(one):
 
 
 def _span(interval):
+    if not math.isfinite(interval.low):  # of a single setting
+        return '[–]'
     return f'[{interval.low:.2f}, {interval.high:.2f}]'
 
 

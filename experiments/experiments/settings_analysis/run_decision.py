@@ -166,7 +166,7 @@ def _exists(request, console) -> Sequence[Path]:
     trials = request.trials or (QUICK_TRIALS['exists'] if request.quick else picture.search.trials)
     if request.quick:
         kept = picture.hold_out
-        smaller = {'best': min(2, kept.best), 'perturbations': 4, 'neighbours': 4}
+        smaller = {'best': min(2, kept.best), 'perturbations': 2, 'neighbours': 2}
         picture = pictures_of_study.with_hold_out(picture, **smaller)
     starts = pictures_of_study.admissible_points(plan, picture, trials)
     if request.folder is not None:

@@ -13,7 +13,7 @@ from experiments.settings_analysis.verdicts import IN_PART, NOT, REPRODUCED
 
 @pytest.fixture(scope='module')
 def study():
-    return make_study(160)
+    return make_study(120, factorial=8)
 
 
 @pytest.fixture(scope='module')
@@ -34,7 +34,7 @@ def test_what_holds_in_every_setting_is_reproduced(results):
     for claim in ('unsafe_area', 'sideslip'):
         one = primary(results, claim)
         assert one.verdict == REPRODUCED
-        assert one.decision.holds == one.decision.settings == 160
+        assert one.decision.holds == one.decision.settings == 120
     assert primary(results, 'sideslip').decision.median == pytest.approx(6.0)
 
 
@@ -68,7 +68,7 @@ def test_the_levels_count_settings(study, results):
     matched = [row for row in results.counts if row['baseline'] == arms.MATCHED]
     assert [row['least'] for row in matched] == ['P0', 'P1']
     for row in matched:
-        assert row['P4'] == row['P3'] == 160
+        assert row['P4'] == row['P3'] == 120
 
 
 def test_a_counterexample_contradicts_the_verdict(study, results):
