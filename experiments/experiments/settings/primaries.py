@@ -69,19 +69,20 @@ def _sideslip(rules, mpcc, baseline):
 
 
 def _brake_onset(rules, mpcc, baseline):
-    values = _pair('brake_onset_planned_at_m', mpcc, baseline)
-    if values is None:
-        return UNKNOWN
-    earlier = values[1] - values[0]
-    return Outcome(earlier, earlier >= rules.brake_onset.earlier_m)
+    return _lead('brake_onset_planned_at_m', baseline, mpcc, rules.brake_onset.earlier_m)
 
 
 def _min_speed(rules, mpcc, baseline):
-    values = _pair('min_speed_mps', mpcc, baseline)
+    return _lead('min_speed_mps', mpcc, baseline, rules.min_speed.higher_mps)
+
+
+def _lead(name, greater, less, least):
+    """Return by how much a measure is greater in one row, and whether by `least` or more."""
+    values = _pair(name, greater, less)
     if values is None:
         return UNKNOWN
-    higher = values[0] - values[1]
-    return Outcome(higher, higher >= rules.min_speed.higher_mps)
+    lead = values[0] - values[1]
+    return Outcome(lead, lead >= least)
 
 
 def _pair(name, *rows):
