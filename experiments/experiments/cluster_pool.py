@@ -73,7 +73,7 @@ class ClusterPool(TaskPool):
             from distributed import Client
         except ModuleNotFoundError:
             raise BagError(NO_LIBRARY) from None
-        # what goes wrong is said in one line, by the errors below
+        # errors are one line each, those raised below
         self._loggers = {name: logging.getLogger(name).level for name in LOGGERS}
         for name in LOGGERS:
             logging.getLogger(name).setLevel(logging.CRITICAL)

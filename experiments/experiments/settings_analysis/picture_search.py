@@ -1,9 +1,9 @@
 """Search the settings for the one nearest to the paper's picture by Parzen estimators.
 
 The search runs over the unit cube of the study's dimensions, so that every distribution of the
-study is a prior of the search. Each trial has a random generator of its own and results are told in
-batches of a fixed size: the trials depend on plan, picture and code only, and an interrupted search
-goes on.
+study is a prior of the search. Each trial has a random generator of its own and the sampler gets
+results in batches of a fixed size: the trials depend on plan, picture and code only, and an
+interrupted search goes on.
 """
 
 import json
