@@ -13,7 +13,7 @@ from experiments.settings_analysis.verdicts import IN_PART, NOT, REPRODUCED
 
 @pytest.fixture(scope='module')
 def study():
-    return make_study(120, factorial=8)
+    return make_study(120)
 
 
 @pytest.fixture(scope='module')
