@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import cli
-from experiments.settings import arms, preregistration, run_settings
+from experiments.settings import arms, drive, preregistration, run_settings, setting
 from experiments.settings.run_settings import Request
 from msgs_yaml import share
 
@@ -95,6 +95,22 @@ def test_a_longer_study_drives_what_is_missing_and_repeats_the_rest(folder, stud
     kept = (folder / 'drives.jsonl').read_bytes()
     assert run_settings.run(request, CONSOLE) == 0
     assert (folder / 'drives.jsonl').read_bytes() == kept
+
+
+def test_the_file_and_the_seed_reproduce_a_drive_bit_for_bit(folder, study_file):
+    """In another process than that of the study."""
+    plan = preregistration.load(study_file)
+    (values,) = setting.draw(plan, 3, 1, 1)
+    task = drive.plan_drive(plan, setting.build(plan, 1, values), arms.MPCC, 1)
+    again = json.loads(drive.run(task))
+    (row,) = (
+        row
+        for row in read(folder)
+        if (row['setting'], row['arm'], row['perturbation']) == (1, arms.MPCC, 1)
+    )
+    assert {name: row[name] for name in again if name not in TIMES} == {
+        name: value for name, value in again.items() if name not in TIMES
+    }
 
 
 def test_ranges_that_give_no_settings_are_refused(study_file, tmp_path):
