@@ -1,8 +1,8 @@
 """The study over settings with the multi-body model of CommonRoad as the only plant.
 
 `python bench/second_plant_settings.py --out build/second_plant [--count 300] [--seed 1]` draws and
-drives settings by the preregistered file, in which the plant alone is another one. `experiments
-study decide DIR` judges the result as that of the study itself. An interrupted run goes on.
+drives settings by the preregistered file, in which the plant alone is another one, writes the
+tables, and prints how many settings come to each level. An interrupted run goes on.
 """
 
 import argparse
