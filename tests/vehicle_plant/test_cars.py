@@ -69,7 +69,10 @@ def test_static_loads_are_those_of_the_lever_arms(plant):
         assert left == pytest.approx(right, rel=1e-9)
 
 
-@pytest.mark.parametrize('name', [name for name in CARS if name != 'bmw_320i.yaml'])
+UNDERSTEERING = tuple(name for name in CARS if name != 'bmw_320i.yaml')
+
+
+@pytest.mark.parametrize('name', UNDERSTEERING, scope='module')
 def test_car_understeers(plant, circles, name):
     track = circles[name]
     assert 0.5 < understeer_gradient(plant, track) < 4.0
