@@ -79,6 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_time_limit(parser, '--limit', 600.0, 'settings: a drive fails')
     text = 'settings: other ranges and cars than those of experiments/config/settings_study.yaml'
     parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
+    text = 'settings: all controllers only where P1 to P3 can be met; says nothing below P3'
+    parser.add_argument('--screen', action='store_true', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'
@@ -126,6 +128,7 @@ def _run_settings(options):
         options.limit,
         plan=options.plan,
         tuned=options.tuned[0] if options.tuned else None,
+        is_screened=options.screen,
         dask=options.dask,
     )
     return run_settings.run(request, Console())

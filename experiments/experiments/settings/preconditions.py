@@ -34,10 +34,7 @@ def evaluate(conditions: Preconditions, no_ca: Row, mpcc: Row, baseline: Row) ->
         P0=no_ca['S'] >= conditions.P0.least_S,
         P1=hits_first(no_ca, conditions.P1.by),
         P2=all(avoids(row, conditions.P2.by) for row in compared),
-        P3=all(
-            _number(row, 'limit_share') >= conditions.P3.least_limit_share
-            for row in (no_ca, *compared)
-        ),
+        P3=all(reaches_limit(row, conditions) for row in (no_ca, *compared)),
         P4=all(_value(row, 'brake_onset_planned_at_m') is not None for row in compared),
     )
 
@@ -51,6 +48,11 @@ def hits_first(no_ca: Row, by: str) -> bool:
 def hits_first_at_all(no_ca: Row) -> bool:
     """Return whether circle or outline hits obstacle 1: the other controllers drive it then."""
     return hits_first(no_ca, 'circle') or hits_first(no_ca, 'outline')
+
+
+def reaches_limit(row: Row, conditions: Preconditions) -> bool:
+    """Return whether a car reaches the lateral limit of the plant as P3 asks."""
+    return _number(row, 'limit_share') >= conditions.P3.least_limit_share
 
 
 def avoids(row: Row, by: str) -> bool:

@@ -47,6 +47,7 @@ class Request(NamedTuple):
     limit_s: float  # of wall time for one drive
     plan: Path | None = None  # another preregistration than that of the package
     tuned: Path | None = None  # a table with the parameters of `frenet_tuned`
+    is_screened: bool = False  # whether only settings that may be accepted are driven by all
     dask: str = ''  # address of a scheduler whose workers drive, instead of `jobs`
 
 
@@ -79,7 +80,7 @@ def run(request: Request, console: Console) -> int:
         interrupted = None
         drawn = study.draw(request.seed, request.count)
         try:
-            study.drive_all(drawn.settings)
+            study.drive_all(drawn.settings, request.is_screened)
         except KeyboardInterrupt as interrupt:
             interrupted = interrupt
         rows = list(study.rows(drawn.settings))
@@ -119,7 +120,8 @@ class _Study:
         self.plan, self.tuned, self.records = plan, tuned, records
         self.pool, self.limit_s, self.progress = pool, limit_s, progress
         self.errors: dict[str, str] = {}
-        self.tasks: dict[str, list[DriveTask]] = {}  # by key; equal drives are driven once
+        # by key and row: equal drives are driven once
+        self.tasks: dict[str, dict[tuple[int, str, int], DriveTask]] = {}
 
     def draw(self, seed: int, count: int) -> Drawn:
         """Return the first `count` settings of a seed. Raises BagError where there are too few."""
@@ -170,10 +172,12 @@ class _Study:
             self.records.add(keys[missing[finished.number]], finished.value)
         return [json.loads(self.records[key]) for key in keys]
 
-    def drive_all(self, chosen: Sequence[Setting]) -> None:
-        """Drive every stage."""
+    def drive_all(self, chosen: Sequence[Setting], is_screened: bool) -> None:
+        """Drive every stage; screened, the later ones only where P1 to P3 can still be met."""
         self._drive('no avoidance', [self._task(s, arms.NO_CA) for s in chosen])
         hit = [s for s in chosen if preconditions.hits_first_at_all(self._row(s, arms.NO_CA))]
+        if is_screened:
+            hit = self._screen(hit)
         self._drive('compared', [self._task(s, arm) for s in hit for arm in self._compared(s)])
         accepted = [s for s in hit if self._is_accepted(s)]
         numbers = range(1, len(self.plan.perturbations))
@@ -183,6 +187,24 @@ class _Study:
         )
         crossed = accepted[: self.plan.arms.factorial_settings]
         self._drive('factorial', [self._task(s, arm) for s in crossed for arm in arms.COMBINATIONS])
+
+    def _screen(self, chosen):
+        """Return the settings that only the baseline can still keep from P1, P2 and P3."""
+        conditions = self.plan.preconditions
+        able = []
+        for setting in chosen:
+            row = self._row(setting, arms.NO_CA)
+            hits = preconditions.hits_first(row, conditions.P1.by)
+            if hits and preconditions.reaches_limit(row, conditions):
+                able.append(setting)
+        self._drive('MPCC', [self._task(setting, arms.MPCC) for setting in able])
+        rows = [(setting, self._row(setting, arms.MPCC)) for setting in able]
+        return [
+            setting
+            for setting, row in rows
+            if preconditions.avoids(row, conditions.P2.by)
+            and preconditions.reaches_limit(row, conditions)
+        ]
 
     def _compared(self, setting):
         known = (arms.MPCC, arms.MATCHED, arms.LINEAGE)
@@ -203,7 +225,8 @@ class _Study:
         by_key: dict[str, DriveTask] = {}
         for task in tasks:
             key = drive.key(task)
-            self.tasks.setdefault(key, []).append(task)
+            row = task.setting.number, task.name, task.perturbation
+            self.tasks.setdefault(key, {})[row] = task
             by_key.setdefault(key, task)
         missing = {key: task for key, task in by_key.items() if key not in self.records}
         if not by_key:
@@ -239,7 +262,7 @@ class _Study:
             (order[task.setting.number], task.name, task.perturbation, key, task)
             for key, tasks in self.tasks.items()
             if key in self.records or key in self.errors
-            for task in tasks
+            for task in tasks.values()
         ]
         for *_, key, task in sorted(ended, key=lambda entry: entry[:3]):
             yield self._row_of(key, task)
@@ -321,6 +344,7 @@ def _write(plan, rows, drawn, request):
         'preregistration': plan.text,
         'seed': str(request.seed),
         'points': str(drawn.points),
+        'screened': str(request.is_screened).lower(),
         'rejected': json.dumps(drawn.rejected),
         'versions': json.dumps(provenance.versions(), sort_keys=True),
         'machine': json.dumps(provenance.machine(), sort_keys=True),

@@ -85,6 +85,21 @@ def test_the_outcomes_pair_the_drives(folder):
         assert row['sideslip.difference'] == pytest.approx(baseline - mpcc)
 
 
+@pytest.mark.parametrize(('least_share', 'S', 'drives'), [(0.1, 0.2, 7), (1.0, 0.12, 1)])
+@pytest.mark.timeout(300)
+def test_a_screened_study_stops_where_no_setting_can_be_accepted(
+    study_file, tmp_path, least_share, S, drives
+):
+    """All seven drives of a setting, or that of the car that never reaches the limit alone."""
+    document = yaml.safe_load(study_file.read_text())
+    document['preconditions']['P3']['least_limit_share'] = least_share
+    document['dimensions']['S'] = {'choice': [S]}
+    (tmp_path / 'study.yaml').write_text(yaml.safe_dump(document, sort_keys=False))
+    request = Request(tmp_path, 1, 3, 2, 300.0, tmp_path / 'study.yaml', is_screened=True)
+    assert run_settings.run(request, CONSOLE) == 0
+    assert len(read(tmp_path)) == drives
+
+
 @pytest.mark.timeout(300)
 def test_a_longer_study_drives_what_is_missing_and_repeats_the_rest(folder, study_file):
     before, records = read(folder), (folder / 'drives.jsonl').read_bytes()
