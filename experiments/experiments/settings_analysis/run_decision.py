@@ -178,7 +178,10 @@ def _exists(request, console) -> Sequence[Path]:
         def on_candidate(candidate):
             found.append(candidate)
             best = min(one.distance for one in found)
-            progress.show('settings', len(found), trials, f'distance {best:.2f}')
+            note = f'distance {best:.2f}'
+            progress.show('settings', len(found), trials, note)
+            if len(found) % picture.search.batch == 0:
+                progress.print_line(f'{len(found)} of {trials} settings, {note}')
 
         picture_search.search(plan, picture, trials, request.out, pool, on_candidate, starts)
         judged = existence.hold_out(plan, picture, found, pool)
