@@ -174,8 +174,8 @@ def test_bursts_of_any_length_see_the_same_patches(params):
 
 def test_start_on_a_patch_reads_its_friction(params):
     patches = road_friction.patch_array([-9.0, -9.0, 9.0, -9.0, 9.0, 9.0, -9.0, 9.0], [0.4])
-    on_patch = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=patches).wheels
-    assert on_patch == Simulator(params, 0.4, Start(0.0, 0.0, 0.0, 20.0)).wheels
+    on_patch = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, 20.0), patches=patches).now.wheels()
+    assert on_patch == Simulator(params, 0.4, Start(0.0, 0.0, 0.0, 20.0)).now.wheels()
 
 
 @pytest.mark.parametrize(

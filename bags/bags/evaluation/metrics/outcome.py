@@ -151,7 +151,7 @@ def min_outline_gap_per_obstacle_m(run):
     return {str(number): smallest_finite(gap) for number, gap in run.series.outline_gaps.items()}
 
 
-@metric('min distance of the outline to road edge', 'm', 2)
+@metric('min outline distance to edge', 'm', 2)
 def min_outline_v2e_m(run):
     """Smallest distance of the true outline to an edge of the road; negative beyond it."""
     return min(run.value(min_outline_v2e_per_edge_m).values())
