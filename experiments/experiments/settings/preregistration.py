@@ -214,6 +214,7 @@ class Decision:
     holds_from: Share
     rare_below: Share
     undetermined: Literal['margin']
+    from_level: Literal['P0', 'P1']
     least_settings: Annotated[int, Range(1, 1_000_000, 'settings')]
 
 

@@ -214,7 +214,10 @@ class _Study:
         driven = (arms.NO_CA, *self._compared(setting))
         drives = {(arm, 0): self._row(setting, arm) for arm in driven}
         met = [outcomes.levels(self.plan, drives, baseline) for baseline in arms.BASELINES]
-        return any(one and one.reaches(preconditions.ACCEPTED, 'P1') for one in met)
+        return any(
+            one and one.reaches(preconditions.ACCEPTED, self.plan.decision.from_level)
+            for one in met
+        )
 
     def _task(self, setting, arm, perturbation=0):
         tuned = self.tuned.get(setting.number, arms.NO_PARAMETERS)

@@ -37,8 +37,7 @@ RESPONSES = {
     'brake_onset': 'brake_onset_m',
     'min_speed': 'min_speed_mps',
 }
-# the study accepts settings by P1 to P3, whatever their S; P0 is reported beside that
-ANY_S = 'P1'
+ANY_S = 'P1'  # the first condition that is no bound of S
 DRIVER_LEVEL = 'P2'  # settings from which the surrogate learns: whoever does not crash
 SHOWN_DRIVERS = 3
 SIGNIFICANT = 0.05
@@ -137,7 +136,8 @@ def _judge(study, baseline):
                 baseline,
                 level,
                 least,
-                primary=least == ANY_S and level == study_tables.level(plan, claim),
+                primary=least == plan.decision.from_level
+                and level == study_tables.level(plan, claim),
                 decision=decision,
                 p_adjusted=p_adjusted,
                 verdict=verdicts.verdict(decision, p_adjusted, rule),
@@ -219,7 +219,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'key': one.claim,
                 'paper': number,
                 'baseline': one.baseline,
-                'level': f'{ANY_S} to {one.level}',
+                'level': f'{one.least} to {one.level}',
                 'settings': one.decision.settings,
                 'holds': one.decision.holds,
                 'share': one.decision.share,

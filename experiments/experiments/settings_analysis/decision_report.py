@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import LEVELS
 from experiments.settings_analysis import decide, decision_figures, study_tables
 from experiments.settings_analysis.decide import Results
@@ -35,7 +36,7 @@ def write(study: Study, results: Results, out: Path) -> list[Path]:
     paths = [out / f'{CLAIMS}.json']
     paths[0].write_text(tables.dump_json({'provenance': origin, 'claims': claims}))
     paths += _write_table(
-        out, VERDICTS, _verdict_rows(study, results), _verdict_text(study, results)
+        out, VERDICTS, _verdict_rows(study, results), verdict_text(study, results)
     )
     paths += _write_table(out, CAUSES, _effect_rows(results), _cause_text(results))
     paths += _write_table(out, DRIVERS, _driver_rows(results), _driver_text(results))
@@ -98,7 +99,8 @@ def _ends(name, interval):
     return {f'{name}_low': low, f'{name}_high': high}
 
 
-def _verdict_text(study, results):
+def verdict_text(study: Study, results: Results) -> str:
+    """Return verdicts.md."""
     rule = decide.rule_of(study.plan)
     lines = [
         '# The claims over many settings',
@@ -113,6 +115,7 @@ def _verdict_text(study, results):
         'Settings that reach each level:',
         '',
         _counts(results),
+        *_too_few(study, results),
     ]
     for baseline in study.baselines:
         own = [one for one in results.judged if one.baseline == baseline]
@@ -123,6 +126,20 @@ def _verdict_text(study, results):
             _verdict_table([one for one in own if not one.primary]),
         ]
     return '\n'.join(lines)
+
+
+def _too_few(study, results):
+    """Return the lines that say where fewer settings were accepted than the rule asks for."""
+    decision = study.plan.decision
+    few = [
+        f'{row[ACCEPTED]:,} for {row["baseline"]}'
+        for row in results.counts
+        if row['least'] == decision.from_level and row[ACCEPTED] < decision.least_settings
+    ]
+    if not few:
+        return []
+    asked = f'{decision.least_settings:,} at {decision.from_level} to {ACCEPTED}'
+    return ['', f'Fewer settings than asked for, {asked}: {", ".join(few)}.', '']
 
 
 def _counts(results):

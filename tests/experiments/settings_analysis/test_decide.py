@@ -1,5 +1,6 @@
 """The decisions on a made-up study whose answers are known, and their files."""
 
+import dataclasses
 import json
 
 import pandas as pd
@@ -97,3 +98,19 @@ def test_the_files_tell_the_same(tmp_path, study, results):
     primaries = table[table['primary'] & (table['baseline'] == arms.MATCHED)]
     assert set(primaries['claim']) == set(decide.PAPER)
     assert {path.suffix for path in files} == {'.json', '.md', '.csv', '.png', '.svg'}
+
+
+@pytest.mark.parametrize(('asked', 'is_short'), [(120, False), (121, True)])
+def test_the_report_says_where_fewer_settings_were_accepted_than_asked_for(
+    study, results, asked, is_short
+):
+    decision = dataclasses.replace(study.plan.decision, least_settings=asked)
+    study = study._replace(plan=dataclasses.replace(study.plan, decision=decision))
+    text = decision_report.verdict_text(study, results)
+    assert ('Fewer settings than asked for' in text) == is_short
+
+
+def test_with_another_first_condition_the_verdicts_are_those_at_this_one(study):
+    decision = dataclasses.replace(study.plan.decision, from_level='P0')
+    near = study._replace(plan=dataclasses.replace(study.plan, decision=decision))
+    assert {one.least for one in decide.decide(near, explained=[]).judged if one.primary} == {'P0'}
