@@ -86,8 +86,8 @@ def start_nodes(context):
         facts, controller, mode, bag, run_info, node_config.NO_OVERRIDES
     )
     checked = inputs.check_parameters(nodes)
-    file_values = inputs.file_values(checked)
-    node_config.write_run_info(facts, controller, mode, nodes, run_info, file_values)
+    loaded = inputs.loaded_facts(checked)
+    node_config.write_run_info(facts, controller, mode, nodes, run_info, loaded)
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
     monitor, warnings = RunMonitor(), inputs.find_warnings(facts, checked)

@@ -13,7 +13,7 @@ from bags.errors import BagError
 from bags.evaluation.metrics import outcome
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
-from experiments.configuration.node_config import Node, ScenarioFacts
+from experiments.configuration.node_config import LoadedFacts, Node, ScenarioFacts
 from mpcc_controller import car_file, minimum_speed
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
@@ -149,6 +149,16 @@ def file_values(checked: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, A
         for role, (_, named) in checked.items()
         if named is not None
     }
+
+
+def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
+    """Return what a run records of the loaded files; `checked` is from `check_parameters`."""
+    # its plant and compiler take time to import: errors in the input come before
+    from experiments import plant_limit
+
+    node, plant = checked['plant']
+    limit = plant_limit.held_lateral_limit(plant, node.friction)
+    return LoadedFacts(file_values(checked), limit)
 
 
 def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
+from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.vehicle_shape import circles_of, outline_of
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
@@ -204,20 +205,30 @@ def collect_parameters(
     return {node.role: {**file_values.get(node.role, {}), **_all_values(node)} for node in nodes}
 
 
+class LoadedFacts(NamedTuple):
+    """What follows from the files that the nodes of a run name, from `inputs.loaded_facts`."""
+
+    file_values: Mapping[str, Mapping[str, Any]]  # dotted parameters by role
+    lateral_limit: float | None = None  # m/s^2, what the plant holds in a steady turn, if it does
+
+
 def write_run_info(
     facts: ScenarioFacts,
     controller: Controller,
     mode: str,
     nodes: Sequence[Node],
     path: Path,
-    file_values: Mapping[str, Mapping[str, Any]],
+    loaded: LoadedFacts,
 ) -> None:
     """Write the run information, which the recorder stores in the bag and `bags compare` needs.
 
-    It holds scenario, versions, machine and the parameters of every node (`collect_parameters`).
+    It holds scenario, versions, machine, the parameters of every node (`collect_parameters`), and
+    the lateral acceleration that the plant holds.
     """
-    values = collect_parameters(nodes, file_values)
+    values = collect_parameters(nodes, loaded.file_values)
     run_info = provenance.describe_run(facts.name, facts.text, controller.name, mode, values)
+    if loaded.lateral_limit is not None:
+        run_info[LATERAL_LIMIT] = repr(loaded.lateral_limit)
     path.write_text(json.dumps(run_info, indent=2))
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from experiments.configuration import node_config
-from experiments.configuration.node_config import Controller, ScenarioFacts
+from experiments.configuration.node_config import Controller, LoadedFacts, ScenarioFacts
 from experiments.progress import RunProgress
 from experiments.run import processes
 from experiments.run.interrupt import Interrupt, Interrupted
@@ -60,12 +60,12 @@ class RunOutcome(NamedTuple):
 def run_once(
     facts: ScenarioFacts,
     controller: Controller,
-    file_values: Mapping[str, Mapping[str, Any]],
+    loaded: LoadedFacts,
     settings: RunSettings,
     interrupt: Interrupt,
     progress: RunProgress,
 ) -> RunOutcome:
-    """Run one controller through a scenario; `file_values` (`inputs.file_values`) are recorded.
+    """Run one controller through a scenario; `loaded` (`inputs.loaded_facts`) is recorded.
 
     In any case no process is left behind, the recording is kept, and an older bag is replaced by a
     complete one only. A node that ends early, a run beyond its time limit, a bag that is not
@@ -84,7 +84,7 @@ def run_once(
         nodes = node_config.build_nodes(
             facts, controller, settings.mode, staging.bag, run_info, settings.overrides
         )
-        node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, file_values)
+        node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, loaded)
         if settings.markers:
             nodes = [node_config.build_markers_node(nodes), *nodes]
         reader = PositionReader(staging.bag, facts.path, POLL_S[settings.mode])

@@ -125,21 +125,19 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     overrides = set_option.parse_overrides(request.settings)
     facts = inputs.load_facts(request.scenario)
     folder = request.out / facts.name
-    file_values = {}
+    loaded = {}
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
-        file_values[controller.name] = inputs.file_values(checked)
+        loaded[controller.name] = inputs.loaded_facts(checked)
         for text in inputs.find_warnings(facts, checked):
             console.print(WARNING.format(controller.name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):
-        return folder, _run_each(
-            request, facts, controllers, file_values, overrides, folder, console
-        )
+        return folder, _run_each(request, facts, controllers, loaded, overrides, folder, console)
 
 
-def _run_each(request, facts, controllers, file_values, overrides, folder, console):
+def _run_each(request, facts, controllers, loaded, overrides, folder, console):
     for line in staging.recover(folder):
         print_text(console, line)
     if compile_cache.find_compiler() is None:
@@ -162,9 +160,8 @@ def _run_each(request, facts, controllers, file_values, overrides, folder, conso
             )
             for controller in controllers:
                 progress.begin(controller.name, facts.length_m)
-                values = file_values[controller.name]
                 outcome = node_graph.run_once(
-                    facts, controller, values, run_settings, interrupt, progress
+                    facts, controller, loaded[controller.name], run_settings, interrupt, progress
                 )
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)

@@ -13,6 +13,7 @@ from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
 
 from experiments.configuration import node_config
+from experiments.configuration.node_config import LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import node_graph
 from experiments.run.interrupt import SIGNALS, Interrupt, Interrupted
@@ -39,7 +40,9 @@ def drive(tmp_path, prefix):
         chosen = node_config.find_controller('mpcc')
         with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
             progress.begin('mpcc', FACTS.length_m)
-            return node_graph.run_once(FACTS, chosen, {}, settings, interrupt, progress)
+            return node_graph.run_once(
+                FACTS, chosen, LoadedFacts({}), settings, interrupt, progress
+            )
 
     return drive
 
