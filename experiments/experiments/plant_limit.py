@@ -2,8 +2,8 @@
 
 import json
 import os
-import tempfile
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.circular_driving import CircleError
 from vehicle_plant.parameters import PlantParams
 
+MANOEUVRE = 'identify.yaml'
+LIBRARIES = ('casadi', 'commonroad-vehicle-models')  # that decide how a plant drives
 GRID = 10  # frictions at which a plant drives the circle, per 1; linear between them to 0.2 %
 
 
@@ -25,7 +27,7 @@ def lateral_limit(plant: PlantParams, friction: float = 1.0) -> float:
     The manoeuvre is that of `identify` (config/identify.yaml of vehicle_plant): the steering angle
     increases slowly until the front axle slides. Raises CircleError when it does not.
     """
-    file = plant_parameters.config_file('identify.yaml')
+    file = plant_parameters.config_file(MANOEUVRE)
     manoeuvre = parameters.load(circular_driving.CircleParams, file)
     return float(circular_driving.drive(plant, friction, manoeuvre).column('acceleration.ay').max())
 
@@ -54,16 +56,24 @@ def _limit_at(plant, step):
     except CircleError:
         limit = None
     file.parent.mkdir(parents=True, exist_ok=True)
-    # written whole or not at all, also when another process writes the same limit
-    with tempfile.NamedTemporaryFile('w', dir=file.parent, suffix='.part', delete=False) as part:
-        json.dump(limit, part)
-    os.replace(part.name, file)
+    # written whole or not at all, also when another process writes the same limit; other users of
+    # the folder may read it, unlike a file of `tempfile`
+    part = file.with_suffix(f'.{os.getpid()}.part')
+    part.write_text(json.dumps(limit))
+    os.replace(part, file)
     return limit
 
 
 @cache
 def _sources():
-    """Return a digest of the plant's code and of what it is compiled with."""
-    folder = Path(vehicle_plant.__file__).parent
-    code = [file.read_text() for file in sorted(folder.rglob('*.py'))]
-    return provenance.digest('\0'.join((*code, provenance.versions()['casadi'])))
+    """Return a digest of the manoeuvre, the plants' code and the libraries that they stand on."""
+    files = sorted(Path(vehicle_plant.__file__).parent.rglob('*.py'))
+    code = [file.read_text() for file in (*files, plant_parameters.config_file(MANOEUVRE))]
+    return provenance.digest('\0'.join((*code, *map(_version, LIBRARIES))))
+
+
+def _version(library):
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:  # the second plant is an option
+        return ''

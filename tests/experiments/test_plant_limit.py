@@ -33,6 +33,16 @@ def test_a_limit_is_driven_once_and_kept(setup, tmp_path, monkeypatch):
     assert len(drives) == len(limits) == 1
 
 
+def test_another_manoeuvre_has_limits_of_its_own(monkeypatch):
+    digests = set()
+    for manoeuvre in ('identify.yaml', 'manoeuvres.yaml'):
+        monkeypatch.setattr(plant_limit, 'MANOEUVRE', manoeuvre)
+        plant_limit._sources.cache_clear()
+        digests.add(plant_limit._sources())
+    plant_limit._sources.cache_clear()
+    assert len(digests) == 2
+
+
 def test_a_car_that_cannot_drive_the_circle_has_no_limit(setup):
     car = setup.plant.car
     axles = (car.force.front, car.force.rear)

@@ -4,6 +4,7 @@ Positions are in the frame `map`, velocities and accelerations in `base_link` (I
 """
 
 import json
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -241,7 +242,7 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
             armed_after=plant['stop.armed_after_m'],
             least_speed=controller.get('limits.least_speed_mps'),
             wheels=_wheels(plant),
-            lateral_limit=_lateral_limit(run_info),
+            lateral_limit=_lateral_limit(name, run_info),
         )
     except KeyError as missing:
         raise BagError(
@@ -249,9 +250,17 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
         ) from None
 
 
-def _lateral_limit(run_info):
-    limit = run_info.get(LATERAL_LIMIT)
-    return None if limit is None else float(limit)
+def _lateral_limit(name, run_info):
+    text = run_info.get(LATERAL_LIMIT)
+    if text is None:
+        return None
+    try:
+        limit = float(text)
+    except ValueError:
+        limit = math.nan
+    if not 0 < limit < math.inf:
+        raise BagError(f'{name}: {LATERAL_LIMIT} is {text!r}; allowed are numbers above 0')
+    return limit
 
 
 def _wheels(plant):

@@ -312,8 +312,11 @@ def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerPara
         integral of (v_ref - v)^2 dt = (v_ref - v_N)^3 / (3 F / m).
 
     Within the horizon a plan that waits before an obstacle may be as cheap as one that passes it,
-    and cheaper still at the next tick: it has what passing costs yet to pay.
+    and cheaper still at the next tick: it has what passing costs yet to pay. A car that cannot
+    drive regains nothing, whatever the plan: 0.
     """
+    if not params.limits.drive_n:
+        return 0.0
     end = State(*X[-1])
     _, v_ref = reference_path.arcs_at(scene.path, np.array([end.theta]))
     lacking = max(float(v_ref[0]) - end.vx, 0.0)

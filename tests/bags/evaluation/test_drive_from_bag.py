@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.evaluation.drive import drive_from_columns, facts_from_run_info
+from bags.evaluation.drive import LATERAL_LIMIT, drive_from_columns, facts_from_run_info
 from bags.report.comparison import compare_bags
 from bags.storage import columns, message_filing
 from bags.storage.bag_writer import BagWriter
@@ -100,6 +100,13 @@ def test_a_bag_without_notes_cannot_be_judged(note):
     broken['parameters'] = json.dumps({'controller': {}, 'plant': {}})
     with pytest.raises(BagError, match=r'tyre\.front_friction'):
         facts_from_run_info(broken, 'bag')
+
+
+@pytest.mark.parametrize('limit', ['high', 'nan', '0.0', '-8.7'])
+def test_a_plant_limit_that_none_can_be_is_named(note, limit):
+    run_info = note('schema: 1') | {LATERAL_LIMIT: limit}
+    with pytest.raises(BagError, match=f'bag: {LATERAL_LIMIT} is {limit!r}; allowed are numbers'):
+        facts_from_run_info(run_info, 'bag')
 
 
 def test_runs_of_different_scenarios_do_not_compare(note, make_bag, tmp_path):

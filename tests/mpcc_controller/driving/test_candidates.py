@@ -1,5 +1,6 @@
 """Initial guesses around obstacles: where they lead, and that they are drivable motions."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -250,6 +251,14 @@ def test_regaining_the_speed_costs_what_its_errors_sum_up_to(world, params, car,
         lacking = max(desired - v - acceleration * t, 0.0)
         expected += (lacking / params.tolerances.velocity_mps) ** 2
     assert cost == pytest.approx(expected, rel=0.01, abs=0.01)
+
+
+@pytest.mark.parametrize('v', [2.0, 20.0])
+def test_a_car_that_cannot_drive_regains_nothing_with_any_plan(world, params, car, v):
+    coasting = dataclasses.replace(params, limits=dataclasses.replace(params.limits, drive_n=0.0))
+    plan = np.zeros((51, 9))
+    plan[:, 3] = v
+    assert candidates.regaining_cost(plan, scene_of(world, [], 14.0), car, coasting) == 0.0
 
 
 def test_the_contact_speed_is_that_of_both_cars(world, params):
