@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving import fallback
-from mpcc_controller.driving.fallback import BRAKING, SECOND_SOLVER, SHIFTED, FallbackLogic
+from mpcc_controller.driving.fallback import (
+    BRAKING,
+    RECOVERY,
+    SECOND_SOLVER,
+    SHIFTED,
+    FallbackLogic,
+)
 from mpcc_controller.parameters import Fallback
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
@@ -190,3 +196,34 @@ def test_a_plan_whose_command_was_rejected_neither_is_followed_nor_guides_the_st
     assert logic.guiding_plan is None
     assert logic.decide(outcome(), None, None).level == SOLVED
     assert logic.guiding_plan is PLAN
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'objected'),
+    [(outcome(), None, PLAN), (BAD, outcome(plan=OTHER), OTHER), (BAD, None, OTHER)],
+    ids=['first solver', 'second solver', 'shifted'],
+)
+def test_a_plan_with_an_objection_is_not_followed_whatever_level_it_is_from(
+    logic, first, second, objected
+):
+    logic.decide(outcome(), None, None)
+
+    def objection(plan):
+        return 'plan_touches' if plan is objected else ''
+
+    decision = logic.decide(first, second, OTHER, objection=objection)
+    assert decision == (BRAKING, 'plan_touches', None)
+    assert logic.plan is None
+    assert logic.guiding_plan is PLAN  # to steer along while braking
+
+
+def test_without_objection_the_same_plans_are_followed(logic):
+    logic.decide(outcome(), None, None)
+    decision = logic.decide(BAD, None, OTHER, objection=lambda plan: '')
+    assert decision == (SHIFTED, 'solver_failed', OTHER)
+
+
+def test_a_sliding_car_without_a_solution_is_recovered_and_follows_no_old_plan(logic):
+    logic.decide(outcome(), None, None)
+    assert logic.decide(BAD, None, OTHER, sliding=True) == (RECOVERY, 'solver_failed', None)
+    assert logic.plan is None
