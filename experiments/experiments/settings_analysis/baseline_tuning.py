@@ -1,8 +1,8 @@
 """The tuned version of the baseline: tolerances for each range of S, on training geometries.
 
-The search sees tracking, kept distances and the desired speed; sideslip, braking and least speed,
-which the claims are about, do not enter. Training settings are drawn by seeds that the study does
-not use, and every seed is a search of its own, on other geometries.
+The search sees tracking, the desired speed and the missing safety distance, which is the quantity
+of the claim `unsafe_area`; sideslip, braking and least speed do not enter. Training settings are
+drawn by seeds of their own, and every seed is a search of its own, on other geometries.
 """
 
 from collections.abc import Callable, Iterator, Mapping

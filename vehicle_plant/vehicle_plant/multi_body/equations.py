@@ -58,7 +58,6 @@ from vehicle_plant.wheel import contact_motion
 
 _PACKAGE = 'vehiclemodels'
 _SUFFIXES = ('lf', 'rf', 'lr', 'rr')  # of its variables, in the order of WHEELS
-GRAVITY = 9.81  # m/s^2, as it is written in the model
 _KINEMATIC_MPS = 0.1  # below, the model is kinematic and divides by no wheel speed
 _SLOW_MPS = 0.5  # faster across, a car that is slow ahead slides
 _GREATEST_ROLL_RAD = 0.5  # of the body and of each axle; it rolls over
