@@ -22,7 +22,14 @@ from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
 from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress
-from experiments.settings import arms, drive, outcomes, preconditions, preregistration
+from experiments.settings import (
+    arms,
+    drive,
+    outcomes,
+    plant_variants,
+    preconditions,
+    preregistration,
+)
 from experiments.settings import setting as settings
 from experiments.settings.drive import DriveTask
 from experiments.settings.plant_variants import Variant, build, variant_of
@@ -49,6 +56,12 @@ class Request(NamedTuple):
     tuned: Path | None = None  # a table with the parameters of `frenet_tuned`
     is_screened: bool = False  # whether only settings that may be accepted are driven by all
     dask: str = ''  # address of a scheduler whose workers drive, instead of `jobs`
+
+
+def preregistered(request: Request) -> Request:
+    """Return a request for the settings that the preregistration names. Raises BagError."""
+    run_ = preregistration.load(request.plan).run
+    return request._replace(count=run_.count, seed=run_.seed, is_screened=run_.screened)
 
 
 class Drawn(NamedTuple):
@@ -291,7 +304,14 @@ def _product(chosen: Sequence[Iterable[Any]]):
 
 
 def _chunk_key(plan, seed, first):
-    content = [plan.digest, code_version.digest(BUILD_ROOTS), seed, first, CHUNK]
+    content = [
+        plan.digest,
+        code_version.digest(BUILD_ROOTS),
+        # of the Sobol sequence and of the linear program
+        provenance.versions()['scipy'],
+        [plant_variants.digest(car) for car in plan.dimensions['car'].ends()],
+        [seed, first, CHUNK],
+    ]
     return provenance.digest(json.dumps(content))
 
 
