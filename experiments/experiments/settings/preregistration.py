@@ -223,6 +223,7 @@ class Decision:
     """How the shares of settings become verdicts."""
 
     confidence: Share
+    confirmatory: Literal['frenet_matched', 'frenet_lineage', 'frenet_tuned']
     correction: Literal['holm']
     holds_from: Share
     rare_below: Share

@@ -135,6 +135,8 @@ def _judge(study, baseline):
         for level in study.levels:
             reached = study_tables.reaching(own, level, least)
             for claim in CLAIMS:
+                if claim == 'conjunction' and level != study_tables.level(plan, claim):
+                    continue  # with cars that do not brake it mixes two questions
                 margin = study_tables.margin(plan, claim)
                 table = verdicts.summarise(study_tables.pairs(reached, claim, level), margin)
                 tables[claim, level] = table
@@ -231,6 +233,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'key': one.claim,
                 'paper': number,
                 'baseline': one.baseline,
+                'confirmatory': one.baseline == study.plan.decision.confirmatory,
                 'level': f'{one.least} to {one.level}',
                 'settings': one.decision.settings,
                 'holds': one.decision.holds,

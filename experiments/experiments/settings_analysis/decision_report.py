@@ -128,12 +128,28 @@ def verdict_text(study: Study, results: Results) -> str:
     for baseline in study.baselines:
         own = [one for one in results.judged if one.baseline == baseline]
         lines += [
-            *(f'## {baseline}', '', 'Each claim at its own level:', ''),
+            *(f'## {baseline}, {_role(study, baseline)}', ''),
+            *('Each claim at its own level:', ''),
             _verdict_table([one for one in own if one.primary]),
             *('The same at the other levels:', ''),
             _verdict_table([one for one in own if not one.primary]),
+            *('Which of the two cars brakes hard before obstacle 2, any S:', ''),
+            _braking_table(study, baseline),
         ]
     return '\n'.join(lines)
+
+
+def _role(study, baseline):
+    is_confirmatory = baseline == study.plan.decision.confirmatory
+    return 'confirmatory' if is_confirmatory else 'exploratory'
+
+
+def _braking_table(study, baseline):
+    levels = [level for level in study.levels if level < 'P4']
+    counts = {level: study_tables.braking(study, baseline, level) for level in levels}
+    header = ['level', *next(iter(counts.values()))]
+    rows = [[level, *map(_count, row.values())] for level, row in counts.items()]
+    return tables.markdown_table(header, rows)
 
 
 def _departures(study):

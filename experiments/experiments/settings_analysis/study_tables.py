@@ -140,6 +140,27 @@ def dimensions(study: Study) -> pd.DataFrame:
     return study.drives.drop_duplicates('setting').set_index('setting')[columns]
 
 
+def braking(study: Study, baseline: str, level: str) -> dict[str, int]:
+    """Return how many settings from `from_level` to a level have cars that brake hard, by who does.
+
+    Before obstacle 2, unperturbed. The claim on the onset has a meaning where both do.
+    """
+    own = study.outcomes[study.outcomes['baseline'] == baseline].drop_duplicates('setting')
+    reached = reaching(own, level, study.plan.decision.from_level)['setting']
+    rows = study.drives[study.drives['perturbation'] == 0].set_index(['arm', 'setting'])
+    brakes = {
+        arm: rows.loc[arm].reindex(reached)['brake_onset_planned_at_m'].notna()
+        for arm in (arms.MPCC, baseline)
+    }
+    mpcc, other = brakes[arms.MPCC], brakes[baseline]
+    return {
+        'both': int((mpcc & other).sum()),
+        'MPCC alone': int((mpcc & ~other).sum()),
+        'baseline alone': int((~mpcc & other).sum()),
+        'none': int((~mpcc & ~other).sum()),
+    }
+
+
 def censored_onsets(study: Study) -> tuple[int, int]:
     """Return how many onsets of braking lie so near the start that they might be earlier, of all.
 

@@ -195,3 +195,25 @@ def test_settings_with_a_crashed_combination_count_for_avoidance_only(study):
     (heading,) = (effect for effect in effects['avoidance'] if effect.term == 'heading')
     assert heading.settings == 11
     assert heading.mean == pytest.approx(-1 / 16 / 11)
+
+
+def test_who_brakes_is_counted_and_the_conjunction_judged_where_both_do(study, results):
+    assert {one.level for one in results.judged if one.claim == 'conjunction'} == {'P4'}
+    drives = study.drives.copy()
+    for arm, first, last in ((arms.MPCC, 0, 3), (arms.MATCHED, 2, 6)):
+        chosen = (drives['arm'] == arm) & drives['setting'].between(first, last - 1)
+        drives.loc[chosen, 'brake_onset_planned_at_m'] = None
+    changed = study._replace(drives=drives)
+    counts = study_tables.braking(changed, arms.MATCHED, 'P3')
+    assert counts == {'both': 114, 'MPCC alone': 3, 'baseline alone': 2, 'none': 1}
+    text = decision_report.verdict_text(changed, results)
+    assert 'Which of the two cars brakes hard' in text
+
+
+def test_one_version_of_the_baseline_is_confirmatory(study, results):
+    entries = decide.claim_entries(study, results)
+    confirmatory = {entry['baseline'] for entry in entries if entry['confirmatory']}
+    assert confirmatory == {arms.MATCHED}
+    text = decision_report.verdict_text(study, results)
+    assert '## frenet_matched, confirmatory' in text
+    assert '## frenet_lineage, exploratory' in text
