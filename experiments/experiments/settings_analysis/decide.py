@@ -189,6 +189,14 @@ def _drivers(study, claims):
     return found
 
 
+def by_stratum(study: Study, one: Judged) -> list[tuple[int, int]]:
+    """Return in how many settings of each stratum of S a claim holds, and of how many."""
+    held = one.table['holds'].groupby(study_tables.strata(study), observed=False)
+    return [
+        (int(row['sum']), int(row['count'])) for _, row in held.agg(['sum', 'count']).iterrows()
+    ]
+
+
 def counterexample(one: Judged) -> int | None:
     """Return the setting that contradicts the verdict most clearly, None where none does.
 
@@ -250,6 +258,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'median_interval': one.decision.median_interval,
                 'relation': one.decision.relation,
                 'verdict': one.verdict,
+                'holds_by_stratum_of_S': by_stratum(study, one),
                 'causes': cause_names(results.effects.get(one.claim, [])),
                 'drivers': driver_names(results.drivers.get((one.baseline, one.claim))),
                 'counterexample': None

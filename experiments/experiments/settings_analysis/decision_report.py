@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +132,8 @@ def verdict_text(study: Study, results: Results) -> str:
             *(f'## {baseline}, {_role(study, baseline)}', ''),
             *('Each claim at its own level:', ''),
             _verdict_table([one for one in own if one.primary]),
+            *('Each claim by stratum of S, as settings in which it holds of all:', ''),
+            _strata_table(study, [one for one in own if one.primary]),
             *('The same at the other levels:', ''),
             _verdict_table([one for one in own if not one.primary]),
             *('Which of the two cars brakes hard before obstacle 2, any S:', ''),
@@ -149,6 +152,16 @@ def _braking_table(study, baseline):
     counts = {level: study_tables.braking(study, baseline, level) for level in levels}
     header = ['level', *next(iter(counts.values()))]
     rows = [[level, *map(_count, row.values())] for level, row in counts.items()]
+    return tables.markdown_table(header, rows)
+
+
+def _strata_table(study, judged):
+    ends = study.plan.strata.S
+    header = ['claim', *(f'{low:g} to {high:g}' for low, high in pairwise(ends))]
+    rows = [
+        [one.claim, *(f'{held} of {count}' for held, count in decide.by_stratum(study, one))]
+        for one in judged
+    ]
     return tables.markdown_table(header, rows)
 
 

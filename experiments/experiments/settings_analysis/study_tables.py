@@ -174,6 +174,14 @@ def censored_onsets(study: Study) -> tuple[int, int]:
     return int(censored.sum()), int(onset.notna().sum())
 
 
+def strata(study: Study) -> pd.Series:
+    """Return the stratum of S by setting, as an interval; the lower end belongs to it."""
+    S = study.drives.drop_duplicates('setting').set_index('setting')['S']
+    return pd.cut(
+        S, [*study.plan.strata.S[:-1], np.nextafter(study.plan.strata.S[-1], np.inf)], right=False
+    )
+
+
 def factorial_drives(study: Study) -> pd.DataFrame:
     """Return the drives of the factorial with a bool column per factor and the responses.
 

@@ -217,3 +217,16 @@ def test_one_version_of_the_baseline_is_confirmatory(study, results):
     text = decision_report.verdict_text(study, results)
     assert '## frenet_matched, confirmatory' in text
     assert '## frenet_lineage, exploratory' in text
+
+
+def test_each_claim_is_told_by_stratum(study, results):
+    one = primary(results, 'brake_onset')
+    counts = decide.by_stratum(study, one)
+    ends = study.plan.strata.S
+    drawn = study_tables.dimensions(study)
+    for (held, count), low, high in zip(counts, ends, ends[1:], strict=False):
+        own = drawn[(drawn['S'] >= low) & (drawn['S'] < high)]
+        assert (held, count) == ((own['velocity_tolerance_mps'] < 6.0).sum(), len(own))
+    assert len(counts) == len(ends) - 1
+    assert sum(count for _, count in counts) == 120
+    assert '| 0.7 to 0.9 |' in decision_report.verdict_text(study, results)
