@@ -25,6 +25,7 @@ from scenario_publisher import scenario
 from scenario_publisher.families import draw as families
 from vehicle_plant import initial_state
 
+CAR = f'plant.{simulation.PLANT_SETTING_GROUP}'
 INSIDE = 0.3819660113  # share of a distribution: a value that is no whole number
 ANY_ROAD = 'straight'  # stands for the draws of a family where only parameters matter
 Pairs = tuple[tuple[str, Any], ...]  # names and values of settings
@@ -148,7 +149,10 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
         else:
             settings.setdefault(role, {})[parameter] = value
     scn = _load(road, **changes) if isinstance(road, str) else _change(one, changes)
-    return simulation.prepare_scenario(scn, combination.controller, settings, source)
+    setup = simulation.prepare_scenario(scn, combination.controller, settings, source)
+    # a limit takes as long to find as a run, and that of a drawn car serves no other drive
+    draws_car = any(name.startswith(CAR) for name, _ in draw.values)
+    return setup._replace(knows_limit=not draws_car)
 
 
 # arguments of inputs.load_scenario
