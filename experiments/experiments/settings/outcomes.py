@@ -52,6 +52,13 @@ def levels(plan: Preregistration, drives: Rows, baseline: str) -> preconditions.
     return preconditions.evaluate(plan.preconditions, *(drives[arm, 0] for arm in arms))
 
 
+def is_accepted(plan: Preregistration, drives: Rows, baselines: Iterable[str] = BASELINES) -> bool:
+    """Return whether a setting is at P3 for one of some versions of the baseline."""
+    met = [levels(plan, drives, baseline) for baseline in baselines]
+    least = plan.decision.from_level
+    return any(one and one.reaches(preconditions.ACCEPTED, least) for one in met)
+
+
 def _of_baseline(plan, number, drives, baseline):
     met = levels(plan, drives, baseline)
     if met is None:

@@ -198,7 +198,9 @@ class _Study:
             'perturbed',
             [self._task(s, arm, n) for s in accepted for arm in self._compared(s) for n in numbers],
         )
-        crossed = accepted[: self.plan.arms.factorial_settings]
+        # the factors lead from the MPCC to this version
+        matched = [s for s in accepted if self._is_accepted(s, (arms.MATCHED,))]
+        crossed = matched[: self.plan.arms.factorial_settings]
         self._drive('factorial', [self._task(s, arm) for s in crossed for arm in arms.COMBINATIONS])
 
     def _screen(self, chosen):
@@ -223,14 +225,10 @@ class _Study:
         known = (arms.MPCC, arms.MATCHED, arms.LINEAGE)
         return (*known, arms.TUNED) if setting.number in self.tuned else known
 
-    def _is_accepted(self, setting):
+    def _is_accepted(self, setting, baselines=arms.BASELINES):
         driven = (arms.NO_CA, *self._compared(setting))
         drives = {(arm, 0): self._row(setting, arm) for arm in driven}
-        met = [outcomes.levels(self.plan, drives, baseline) for baseline in arms.BASELINES]
-        return any(
-            one and one.reaches(preconditions.ACCEPTED, self.plan.decision.from_level)
-            for one in met
-        )
+        return outcomes.is_accepted(self.plan, drives, baselines)
 
     def _task(self, setting, arm, perturbation=0):
         tuned = self.tuned.get(setting.number, arms.NO_PARAMETERS)

@@ -209,3 +209,11 @@ def test_a_start_without_a_result_of_an_accepted_setting_is_an_unknown_one(is_mi
     *_, last = outcomes.build(PLAN, rows)
     assert (last['perturbation'], last['start.P2']) == (4, False)
     assert all(last[f'{claim}.holds'] is None for claim in primaries.CLAIMS)
+
+
+def test_a_setting_may_be_accepted_for_one_version_of_the_baseline_alone():
+    rows = [row('mpcc_no_ca'), row('mpcc'), row('frenet_matched', lost=True), row('frenet_lineage')]
+    (drives,) = outcomes.group(rows).values()
+    assert outcomes.is_accepted(PLAN, drives)
+    assert outcomes.is_accepted(PLAN, drives, ('frenet_lineage',))
+    assert not outcomes.is_accepted(PLAN, drives, ('frenet_matched',))
