@@ -3,7 +3,7 @@
 # make check     what the continuous integration runs: lint, every test, coverage of the safety modules
 # make paper     every figure and claim of the paper, into paper/
 # make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (half an
-#                hour); ten thousand settings and what they decide (hours); goes on where it was interrupted
+#                hour); 40,000 settings and what they decide (hours); goes on where it was interrupted
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
@@ -146,13 +146,12 @@ paper: setup
 	@$(BIN)/experiments study settings --out build/settings/small --count 48
 	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 
-SETTINGS ?= 10000
 study: setup
 	@$(BIN)/experiments study ablation
 	@$(BIN)/experiments study limit
-	@$(BIN)/experiments study settings --out build/settings/drawn --count $(SETTINGS)
+	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered
 	@$(BIN)/experiments study baseline build/settings/drawn
-	@$(BIN)/experiments study settings --out build/settings/drawn --count $(SETTINGS) \
+	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered \
 	  --tuned paper/settings/frenet_tuned.csv
 	@$(BIN)/experiments study decide build/settings/drawn
 	@$(BIN)/experiments study exists build/settings/drawn

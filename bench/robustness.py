@@ -100,7 +100,7 @@ def drive_all(drives: Sequence[LibraryDrive], options, console: Console) -> dict
             key = library_drive.key(drive)
             if key not in records:
                 missing[key] = drive
-        keys, tasks = list(missing), [(drive,) for drive in missing.values()]
+        keys, tasks = list(missing), [(drive, key) for key, drive in missing.items()]
         groups = [drive.controller for drive in missing.values()]
         with CountProgress(console) as progress:
             finished = pool.finish_each(library_drive.run, tasks, groups, LIMIT_S)

@@ -1,8 +1,8 @@
 """A pool of the workers of a dask.distributed cluster: `worker_pool.TaskPool` over many machines.
 
-Each thread of a dask worker keeps one process (a WorkerPool of one), in which its tasks are done: a
-task that crashes or takes too long fails alone, as on this machine, and the dask worker stays. The
-tasks of a dask worker that ends are done again by others.
+Each thread of a dask worker keeps one process for a command (a WorkerPool of one), in which its
+tasks are done: a task that crashes or takes too long fails alone, as on this machine, and the dask
+worker stays. The tasks of a dask worker that ends are done again by others.
 """
 
 import contextlib
@@ -11,6 +11,7 @@ import math
 import queue
 import threading
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import current_process
@@ -65,6 +66,7 @@ class ClusterPool(TaskPool):
     def __init__(self, address: str, describe: Describe, workers_s: float = WORKERS_S):
         self.address, self.describe, self.workers_s = address, describe, workers_s
         self.wanted = dict(describe())
+        self._command = uuid.uuid4().hex
         self._threads = 0
         self._alone_s = 0.0  # since when there has been no worker
 
@@ -177,7 +179,7 @@ class ClusterPool(TaskPool):
         return max(1, min(math.ceil(threads / THREADS), waiting // (PER_THREAD * threads)))
 
     def _submit(self, function, tasks, limit_s):
-        arguments = (self.describe, self.wanted, function, tasks, limit_s)
+        arguments = (self._command, self.describe, self.wanted, function, tasks, limit_s)
         try:
             return self._client.submit(_answer, *arguments, pure=False)
         except (OSError, RuntimeError, ValueError):
@@ -219,7 +221,7 @@ class ClusterPool(TaskPool):
         except Exception as error:  # of reading the task or its answer
             return bundle.fail(error)
         if isinstance(answer, Refusal):
-            raise self._refused('that came later', answer)
+            raise self._refused('of a task', answer)
         return [Finished(number, *pair) for number, pair in zip(bundle.numbers, answer)]
 
 
@@ -241,7 +243,17 @@ def _notify(future, done, number):
 
 
 def _refusal(describe, wanted):
-    """Return why this process must not do a task, None when nothing differs."""
+    """Return why this dask worker must not do a task, None when nothing differs."""
+    if refusal := _difference(describe, wanted):
+        return refusal
+    if current_process().daemon:
+        return Refusal(
+            f'cannot start processes, because a nanny started it; start it without: {START}'
+        )
+    return None
+
+
+def _difference(describe, wanted):
     found = dict(describe())
     differ = [
         f'{name} is {found.get(name)!r}, {wanted.get(name)!r} where the command runs'
@@ -250,22 +262,35 @@ def _refusal(describe, wanted):
     ]
     if differ:
         return Refusal(f'its results would differ: {"; ".join(differ)}')
-    if current_process().daemon:
-        return Refusal(
-            f'cannot start processes, because a nanny started it; start it without: {START}'
-        )
     return None
 
 
 _of_thread = threading.local()
 
 
-def _answer(describe, wanted, function, tasks, limit_s):
+def _answer(command, describe, wanted, function, tasks, limit_s):
     """Return value and error of each task, or a Refusal, in a thread of a dask worker."""
     if refusal := _refusal(describe, wanted):
         return refusal
-    if not hasattr(_of_thread, 'pool'):
+    if getattr(_of_thread, 'command', None) != command:
+        # a new process: another one remembers files as they were for the last command
+        if hasattr(_of_thread, 'pool'):
+            _of_thread.pool.__exit__()
+        _of_thread.command = command
         _of_thread.pool = WorkerPool(1)  # its process ends with this one
-    # one process does them in their order
-    ended = _of_thread.pool.finish_each(function, tasks, limit_s=limit_s)
-    return [(finished.value, finished.error) for finished in ended]
+    checked = [(describe, wanted, function, task) for task in tasks]
+    try:
+        # one process does them in their order
+        ended = list(_of_thread.pool.finish_each(_do_checked, checked, limit_s=limit_s))
+    except (OSError, WorkerError) as error:
+        return Refusal(f'cannot start processes: {error}')
+    refusals = (finished.value for finished in ended if isinstance(finished.value, Refusal))
+    return next(refusals, [(finished.value, finished.error) for finished in ended])
+
+
+def _do_checked(describe, wanted, function, task):
+    """Return function(*task), or a Refusal, in the process of a thread.
+
+    What this process has loaded may be newer than what the dask worker described.
+    """
+    return _difference(describe, wanted) or function(*task)

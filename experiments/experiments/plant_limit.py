@@ -2,7 +2,7 @@
 
 import json
 import os
-from functools import cache
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def held_lateral_limit(plant: PlantParams, friction: float) -> float | None:
     return None if None in limits else float(np.interp(at, steps, limits))
 
 
-@cache
+@lru_cache(maxsize=256)
 def _limit_at(plant, step):
     content = '\0'.join((identify.digest(plant), f'{step:g}', _sources()))
     file = compile_cache.cache_dir() / 'lateral_limits' / f'{provenance.digest(content)}.json'

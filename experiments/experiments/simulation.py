@@ -52,6 +52,7 @@ class Setup(NamedTuple):
     vehicle: CarParams
     plant: PlantParams
     friction: float  # of the road; the controller assumes params.model.friction
+    knows_limit: bool = True  # whether what the plant holds in a steady turn is found, if it does
 
     def __repr__(self) -> str:
         return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
@@ -156,10 +157,13 @@ def run(
 def run_info(setup: Setup) -> dict[str, str]:
     """Return the run information that `experiments run` would record for the same run.
 
-    And the lateral acceleration that the plant holds, where it drives the circle.
+    And the lateral acceleration that the plant holds, where it drives the circle and the road has
+    one friction.
     """
     scn = setup.scn
-    limit = plant_limit.held_lateral_limit(setup.plant, setup.friction)
+    limit = None
+    if setup.knows_limit and not scn.patches.friction:
+        limit = plant_limit.held_lateral_limit(setup.plant, setup.friction)
     stop = parameters.flatten(inputs.stop_params(scn))
     car = parameters.flatten(setup.plant.car)
     values = {

@@ -15,6 +15,7 @@ from msgs_yaml import share
 
 VERSIONS = {
     'casadi': 'casadi',
+    'commonroad-vehicle-models': 'commonroad-vehicle-models',
     'fastdds': 'ros-fastrtps',
     'mcap': 'mcap',
     'numpy': 'numpy',

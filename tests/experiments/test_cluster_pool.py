@@ -1,14 +1,18 @@
 """Tasks on a cluster end as in processes of this machine, and workers that differ are refused."""
 
 import importlib
+import math
+import multiprocessing
 import os
 import signal
 import sys
+from multiprocessing import spawn
 
 import pytest
 from dask_cluster import Cluster
 
 from bags.errors import BagError
+from experiments import cluster_pool
 from experiments.cluster_pool import ClusterPool, open_pool
 from experiments.worker_pool import WorkerPool
 
@@ -93,6 +97,42 @@ def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path):
 def test_without_a_worker_the_error_says_how_to_start_one(cluster):
     with pytest.raises(BagError, match=r'no worker in 0.2 s; start some: dask worker tcp://.*'):
         ClusterPool(cluster.address, same, workers_s=0.2).__enter__()
+
+
+@pytest.mark.slow
+def test_every_command_has_new_processes(cluster):
+    cluster.start_worker()
+    asked = [("__import__('os').getpid()",)] * 2
+    seen = []
+    for _ in range(2):
+        with ClusterPool(cluster.address, same) as pool:
+            seen.append({finished.value for finished in pool.finish_each(eval, asked)})
+    assert [len(pids) for pids in seen] == [1, 1]
+    assert seen[0] != seen[1]
+
+
+def answer(command, describe):
+    return cluster_pool._answer(command, describe, describe(), eval, [('1',)], math.inf)
+
+
+def test_a_process_that_cannot_start_refuses_its_tasks():
+    executable = spawn.get_executable()
+    spawn.set_executable('/bin/false')
+    try:
+        refusal = answer('no process', same)
+    finally:
+        spawn.set_executable(executable)
+    assert 'cannot start processes: its process ended with exit code 1' in refusal.reason
+    assert answer('no process', same) == [(1, None)]
+
+
+def loaded():
+    return {'sources': 'old' if multiprocessing.parent_process() is None else 'new'}
+
+
+def test_a_process_that_has_loaded_other_sources_refuses_its_tasks():
+    refusal = answer('other sources', loaded)
+    assert "sources is 'new', 'old' where the command runs" in refusal.reason
 
 
 def process():

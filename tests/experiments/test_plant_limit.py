@@ -4,8 +4,12 @@ import dataclasses
 
 import pytest
 
+from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.metrics import compute_metrics
 from experiments import plant_limit, simulation
+from experiments.batch import drive_plan
+from experiments.batch.drive_plan import Combination, Draw
+from scenario_publisher.friction_patches import Patches
 
 
 @pytest.fixture(scope='module')
@@ -60,3 +64,18 @@ def test_a_car_that_holds_the_circle_uses_its_limit_and_not_more(setup):
         drive = simulation.drive(setup._replace(friction=friction, params=params))
         used = compute_metrics(drive)['lateral_limit_use_plant']
         assert 0.9 < used < 1.05
+
+
+def test_a_road_with_patches_has_no_single_limit(setup):
+    assert LATERAL_LIMIT in simulation.run_info(setup)
+    patches = Patches((0.0, -2.0, 50.0, -2.0, 50.0, 2.0, 0.0, 2.0), (0.3,))
+    split = setup._replace(scn=setup.scn._replace(patches=patches))
+    assert LATERAL_LIMIT not in simulation.run_info(split)
+
+
+def test_the_limit_of_a_drawn_car_is_not_driven_for():
+    combination = Combination('double_lane_change', 'mpcc', ())
+    for name, known in (('plant.car.body.mass_kg', False), ('plant.friction', True)):
+        value = 1500.0 if name.endswith('kg') else 0.9
+        setup = drive_plan.prepare(combination, Draw(3, ((name, value),)))
+        assert (LATERAL_LIMIT in simulation.run_info(setup)) == known

@@ -29,6 +29,7 @@ def make_study(count=80, seed=1, factorial=12):
     for number, values in enumerate(settings.draw(plan, seed, 0, count)):
         values['S'] = 0.7 + 0.5 * (number + 0.5) / count
         common = {'setting': number, **values, 'plant_limit_mps2': 8.0, 'error': ''}
+        common |= {'speed_mps': 20.0, 'obstacle_2_at_m': 120.0}
         early = 20.0 if values['velocity_tolerance_mps'] < 6.0 else 0.0
         noise = rng.normal(0.0, 0.05)
         for k, offset in enumerate(OFFSETS):

@@ -20,12 +20,13 @@ from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
 from experiments.study import run_spec
-from msgs_yaml import share
 from node_runtime import provenance
 from scenario_publisher import scenario
 from scenario_publisher.families import draw as families
 from vehicle_plant import initial_state
 
+CAR = f'plant.{simulation.PLANT_SETTING_GROUP}'
+INSIDE = 0.3819660113  # share of a distribution: a value that is no whole number
 ANY_ROAD = 'straight'  # stands for the draws of a family where only parameters matter
 Pairs = tuple[tuple[str, Any], ...]  # names and values of settings
 
@@ -98,6 +99,7 @@ class Drive(NamedTuple):
         return repr((self.combination.controller, own))
 
 
+CHANGED = 'changed since the command began; repeat it'
 NOT_DRAWN = Draw(0, ())
 NOMINAL = Perturbation(0.0, 1.0)
 
@@ -112,15 +114,9 @@ def combine(study: StudyFile) -> list[Combination]:
     values = [setting.values for setting in study.settings]
     drawn = [Family(name, study.seed, study.difficulty) for name in study.families]
     return [
-        Combination(road, _name_or_path(controller), tuple(zip(names, chosen)))
+        Combination(road, controller.name_or_path, tuple(zip(names, chosen)))
         for road, controller, *chosen in product((*study.scenarios, *drawn), controllers, *values)
     ]
-
-
-def _name_or_path(controller):
-    """Return the name of a controller that comes with the package, which any machine finds."""
-    shipped = share.path('mpcc_controller', 'config') / f'{controller.name}.yaml'
-    return controller.name if controller.config == shipped.absolute() else str(controller.config)
 
 
 def sample_draws(study: StudyFile) -> list[Draw]:
@@ -153,7 +149,10 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
         else:
             settings.setdefault(role, {})[parameter] = value
     scn = _load(road, **changes) if isinstance(road, str) else _change(one, changes)
-    return simulation.prepare_scenario(scn, combination.controller, settings, source)
+    setup = simulation.prepare_scenario(scn, combination.controller, settings, source)
+    # a limit takes as long to find as a run, and that of a drawn car serves no other drive
+    draws_car = any(name.startswith(CAR) for name, _ in draw.values)
+    return setup._replace(knows_limit=not draws_car)
 
 
 # arguments of inputs.load_scenario
@@ -177,8 +176,12 @@ def prepare_any(combination: Combination, words: Pairs = ()) -> Setup:
 
     That of a family is on another road. `words` are the drawn values that are no numbers.
     """
+    return prepare(*_any_draw(combination, words))
+
+
+def _any_draw(combination, words):
     road = ANY_ROAD if isinstance(combination.scenario, Family) else combination.scenario
-    return prepare(combination._replace(scenario=road), Draw(0, words))
+    return combination._replace(scenario=road), Draw(0, words)
 
 
 def prepare_drive(drive: Drive) -> Setup:
@@ -208,13 +211,14 @@ def locate_error(study: StudyFile, combination: Combination, error: BagError) ->
 def check_drawn(study: StudyFile, combinations: Sequence[Combination]) -> None:
     """Raise BagError where a node refuses an end of what is drawn, or a choice, whoever drives.
 
-    Values between the ends are within the range of a parameter, too. Values that a node refuses
-    only together cost the rows of their drives.
+    Values between the ends are within the range of a parameter, too; one of them tells whether it
+    takes whole numbers only. Values that a node refuses only together cost the rows of their
+    drives.
     """
     first = {one.controller: one for one in reversed(combinations)}
     for drawn in study.drawn:
         for combination in first.values():
-            for end in drawn.distribution.ends():
+            for end in (*drawn.distribution.ends(), drawn.distribution.value(INSIDE)):
                 pair = (drawn.name, end)
                 changed = combination._replace(settings=(*combination.settings, pair))
                 try:
@@ -251,8 +255,22 @@ def perturb(setup: Setup, perturbation: Perturbation) -> Setup:
 
 
 def base_key(combination: Combination, words: Pairs = ()) -> str:
-    """Return what identifies the inputs of a combination, its files included. Raises BagError."""
-    return run_spec.cache_key(prepare_any(combination, words))
+    """Return what identifies the inputs of a combination, its files included. Raises BagError.
+
+    The files of the parameters are read again: they may have changed since `prepare` did.
+    """
+    return run_spec.cache_key(prepare.__wrapped__(*_any_draw(combination, words)))
+
+
+def prepare_unchanged(drive: Drive, base: str) -> Setup:
+    """Return the setup of a drive whose `base_key` was `base` when the drives were planned.
+
+    Raises BagError where it is another by now: the results would be kept under a false key.
+    """
+    setup = prepare_drive(drive)
+    if base_key(drive.combination, drive.draw.words) != base:
+        raise BagError(f'{drive.combination}: a file of its inputs has {CHANGED}')
+    return setup
 
 
 def drive_key(base: str, drive: Drive) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,6 +52,7 @@ class Plan(NamedTuple):
     draws: Sequence[Draw]
     perturbations: Sequence[Perturbation]
     keys: Sequence[str]  # of the drives
+    bases: Mapping[tuple[Combination, Pairs], str]  # `base_key` by combination and drawn words
 
     def __repr__(self) -> str:
         return f'Plan({len(self.combinations)} combinations, {len(self.keys)} drives)'
@@ -131,9 +132,10 @@ def prepare_plan(study: StudyFile, pool: TaskPool, progress: CountProgress) -> P
     names = [checked[combination, words[0]][:2] for combination in combinations]
     _refuse_equal_names(study, combinations, names)
     perturbations = drive_plan.draw_perturbations(study.runs, study.seed)
-    plan = Plan(study, combinations, names, draws, perturbations, [])
+    bases = {pair: base for pair, (_, _, base) in checked.items()}
+    plan = Plan(study, combinations, names, draws, perturbations, [], bases)
     keys = [
-        drive_plan.drive_key(checked[drive.combination, drive.draw.words][2], drive)
+        drive_plan.drive_key(bases[drive.combination, drive.draw.words], drive)
         for drive in plan.drives()
     ]
     return plan._replace(keys=keys)
@@ -166,15 +168,18 @@ def _simulate_missing(plan, records, errors, pool, limit_s, progress, simulate_d
         done += key in records
         if key not in records:
             missing.setdefault(key, drive)
-    tasks = [(simulate_drive, drive) for drive in missing.values()]
+    tasks = [
+        (simulate_drive, drive, plan.bases[drive.combination, drive.draw.words])
+        for drive in missing.values()
+    ]
     groups = [drive.formulation for drive in missing.values()]
     ended = pool.finish_each(_drive, tasks, groups, limit_s)
     record_each(ended, list(missing), done + len(missing), records, errors, progress)
 
 
-def _drive(simulate_drive, drive):
+def _drive(simulate_drive, drive, base):
     """Return the results of a drive, in a worker."""
-    return simulate_drive(drive_plan.prepare_drive(drive))
+    return simulate_drive(drive_plan.prepare_unchanged(drive, base))
 
 
 def build_rows(

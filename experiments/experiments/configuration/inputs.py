@@ -157,7 +157,8 @@ def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
     from experiments import plant_limit
 
     node, plant = checked['plant']
-    limit = plant_limit.held_lateral_limit(plant, node.friction)
+    # on a road with patches no single friction tells what the plant holds
+    limit = None if node.patches.friction else plant_limit.held_lateral_limit(plant, node.friction)
     return LoadedFacts(file_values(checked), limit)
 
 

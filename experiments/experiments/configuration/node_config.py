@@ -66,6 +66,12 @@ class Controller(NamedTuple):
     name: str
     config: Path
 
+    @property
+    def name_or_path(self) -> str:
+        """The name of one that comes with the package, which any machine finds; else the path."""
+        shipped = share.path('mpcc_controller', 'config') / f'{self.name}.yaml'
+        return self.name if self.config == shipped.absolute() else str(self.config)
+
 
 class Node(NamedTuple):
     """A node as it is started."""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from bags.errors import BagError
 from experiments import simulation
+from experiments.batch.drive_plan import CHANGED
 from experiments.batch.simulate import simulate
 from experiments.configuration import node_config
 from experiments.simulation import Setup
@@ -32,7 +33,7 @@ class LibraryDrive(NamedTuple):
     seed: int
     index: int
     difficulty: str
-    controller: str  # the path of its file
+    controller: str  # a name, or the path of a file
     settings: Settings  # of --set; they win over those of the draw
 
     def __str__(self) -> str:
@@ -91,9 +92,16 @@ def _any_scenario():
     return scenario.load('straight')
 
 
-def run(drive: LibraryDrive) -> str:
-    """Drive once; return the results as JSON, by dotted name (`batch.simulate`)."""
-    return simulate(prepare(drive))
+def run(drive: LibraryDrive, wanted_key: str) -> str:
+    """Drive once; return the results as JSON, by dotted name (`batch.simulate`).
+
+    Raises BagError where the key of the drive is no longer the one that is wanted.
+    """
+    setup = prepare(drive)
+    _parameters.cache_clear()  # its files may have changed since they were read
+    if key(drive) != wanted_key:
+        raise BagError(f'{drive}: a file of its inputs has {CHANGED}')
+    return simulate(setup)
 
 
 def find_controllers(names: list[str]) -> list[node_config.Controller]:

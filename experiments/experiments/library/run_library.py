@@ -109,7 +109,7 @@ def plan_drives(request: Request) -> Iterator[LibraryDrive]:
     ]
     for what in (*named, *drawn):
         for controller in controllers:
-            yield LibraryDrive(*what, str(controller.config), settings)
+            yield LibraryDrive(*what, controller.name_or_path, settings)
 
 
 def _keys(drives, progress):
@@ -122,7 +122,7 @@ def _keys(drives, progress):
 
 def _drive_missing(drives, keys, records, errors, pool, limit_s, progress):
     missing = {key: drive for key, drive in zip(keys, drives) if key not in records}
-    tasks = [(drive,) for drive in missing.values()]
+    tasks = [(drive, key) for key, drive in missing.items()]
     groups = [drive.controller for drive in missing.values()]
     ended = pool.finish_each(library_drive.run, tasks, groups, limit_s)
     record_each(ended, list(missing), len(drives), records, errors, progress)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas
 
 from bags.errors import BagError
@@ -15,7 +16,10 @@ from experiments.batch import results_table
 from msgs_yaml.strict_yaml import closest
 
 ERROR = 'error'
-REPEAT = ('run', 'perturbation')  # columns, or beginnings of their names, of what is repeated
+RUN, DRAW = 'run', 'draw'
+REPEAT = (RUN, 'perturbation')  # columns, or beginnings of their names, of what is repeated
+# columns that tell draws apart, in tables of the library and of a batch
+DRAWS = (('drive', 'seed'), (DRAW, 'family', 'seed'))
 CONTROLLER = 'controller'
 
 
@@ -30,14 +34,21 @@ class DriveTable(NamedTuple):
     def __repr__(self) -> str:
         return f'DriveTable({str(self.path)!r}, {len(self.rows)} rows)'
 
-    @property
-    def units(self) -> list[str]:
-        """The columns whose values two repeats of one drive share, but for the controller."""
-        return [
-            name
-            for name in self.inputs
-            if name != CONTROLLER and name.partition('.')[0] not in REPEAT
-        ]
+    def units(self, rows: pandas.DataFrame) -> pandas.Series:
+        """Return a label per row, equal for rows that are not independent of each other.
+
+        Draw k is the same for every controller and setting, and run k for every scenario, too:
+        the label is that of the draw, and of the run where nothing is drawn, or only once.
+        """
+        drawn = next((names for names in DRAWS if names[0] in self.inputs), ())
+        labels = _labels(rows, [name for name in drawn if name in self.inputs])
+        if RUN in self.inputs:
+            runs = _labels(rows, [name for name in (RUN, 'seed') if name in self.inputs])
+            if labels is None or labels.nunique() < 2:
+                return runs
+            if DRAW in drawn:
+                return labels.where(rows[DRAW].notna(), 'run ' + runs)
+        return pandas.Series(rows.index.astype(str), rows.index) if labels is None else labels
 
     def column(self, name: str, option: str) -> pandas.Series:
         """Return a column; raise BagError, which names the option, when there is none."""
@@ -79,11 +90,24 @@ def load(path: Path) -> DriveTable:
     if ERROR not in rows:
         raise BagError(f'{file}: has no column {ERROR!r}; allowed tables of drives')
     place = rows.columns.get_loc(ERROR)
-    driven = rows[rows[ERROR].fillna('') == '']
+    driven = rows[rows[ERROR].fillna('') == ''].copy()
     if driven.empty:
         raise BagError(f'{file}: no drive has a result')
     inputs = tuple(rows.columns[:place])
+    for name in inputs:  # a list can be no group; its text can
+        driven[name] = driven[name].map(_text_of_list)
     return DriveTable(file, driven.reset_index(drop=True), inputs, len(rows) - len(driven))
+
+
+def _text_of_list(value):
+    return str(value.tolist()) if isinstance(value, np.ndarray) else value
+
+
+def _labels(rows, names):
+    if not names:
+        return None
+    texts = [' '.join(map(str, row)) for row in rows[names].itertuples(index=False)]
+    return pandas.Series(texts, rows.index, dtype=object)
 
 
 def is_truth(values: pandas.Series) -> bool:

@@ -2,7 +2,8 @@
 
 Shares have the Wilson score interval of 95 %, which takes drives for independent: with `run` beyond
 1 or few draws the intervals are too narrow. Differences of two controllers have a bootstrap
-interval of their mean, resampled by what repeats share (`DriveTable.units`), so repeats count once.
+interval of their mean, resampled by draw, or by run where nothing is drawn (`DriveTable.units`):
+scenarios and settings with the same draw count once.
 """
 
 from collections.abc import Sequence
@@ -123,16 +124,15 @@ def compare(
     rng = np.random.default_rng(seed)
     both = table._replace(rows=paired)
     return pandas.DataFrame(
-        {**dict(zip(by, key)), **_difference(paired.loc[numbers], table.units, rng)}
+        {**dict(zip(by, key)), **_difference(paired.loc[numbers], table, rng)}
         for key, numbers in _groups(both, by, bins)
     )
 
 
-def _difference(paired, units, rng):
+def _difference(paired, table, rng):
     values = paired['_difference']
-    by_unit = paired.groupby(units, dropna=False)['_difference'].mean() if units else values
-    # repeats of one drive alone are all that there is to resample
-    low, high = bootstrap_mean((by_unit if len(by_unit) > 1 else values).to_numpy(), rng)
+    by_unit = values.groupby(table.units(paired)).mean()
+    low, high = bootstrap_mean(by_unit.to_numpy(), rng)
     return {
         'pairs': len(values),
         'mean': float(by_unit.mean()),

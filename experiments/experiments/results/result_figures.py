@@ -150,9 +150,9 @@ def write_surface(
     def draw(axes, part, name):
         x, y = (part.rows[column].to_numpy(dtype=float) for column in columns)
         values = part.metric(metric)
-        known = values.notna().to_numpy()
+        known = values.notna().to_numpy() & np.isfinite(x) & np.isfinite(y)
         x, y, holds = x[known], y[known], values[known].to_numpy(dtype=bool)
-        units = list(part.rows.loc[known, part.units].itertuples(index=False, name=None))
+        units = part.units(part.rows)[known].tolist()
         try:
             surface = success_surface.fit(x, y, holds, units, seed)
         except BagError as error:

@@ -39,8 +39,8 @@ class Surface(NamedTuple):
 def fit(x: np.ndarray, y: np.ndarray, holds: np.ndarray, units: Sequence, seed: int = 0) -> Surface:
     """Return the surface of truths at points; drives of one unit are resampled together.
 
-    Raises BagError for fewer than 20 drives, and where the condition holds, or fails, in all but a
-    few: there is nothing to fit.
+    Raises BagError for fewer than 20 drives or two units, and where the condition holds, or fails,
+    in all but a few: there is nothing to fit.
     """
     points, holds = np.column_stack([x, y]).astype(float), np.asarray(holds, bool)
     codes = np.unique(np.asarray([str(unit) for unit in units]), return_inverse=True)[1]
@@ -50,6 +50,8 @@ def fit(x: np.ndarray, y: np.ndarray, holds: np.ndarray, units: Sequence, seed: 
             f'{holds.sum()} of {len(holds)} drives fulfil the condition; a surface needs '
             f'{LEAST} drives, and {FOLDS} that do and that do not'
         )
+    if codes.max() < 1:
+        raise BagError('the drives share one draw or run; a surface needs at least two')
     skills = [_skill(points, holds, codes, degree) for degree in DEGREES]
     degree = DEGREES[int(np.argmax(skills))]
     axes = [np.linspace(column.min(), column.max(), GRID) for column in points.T]

@@ -39,13 +39,21 @@ class Layout(NamedTuple):
     left: float  # m, y of the left edge
     right: float  # m, y of the right edge
     end: float  # m, x of the end of the second change
+    second_at: float  # m, station of obstacle 2 on the coarse path
 
     def __repr__(self) -> str:
         return f'Layout({self.obstacles}, edges {self.right:g} to {self.left:g} m)'
 
 
-def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> Layout:
+def entry_of(course: Course, speed: float) -> float:
+    """Return the length [m] of the straight before the first change at a speed [m/s]."""
+    return max(course.least_entry_m, course.entry_s * speed + course.entry_extra_m)
+
+
+def lay_out(values: Mapping[str, Any], circle_radius: float, entry: float) -> Layout:
     """Return the double lane change of drawn values for a vehicle circle of a radius [m].
+
+    `entry` is the length [m] of the straight before the first change.
 
     A car whose centre of gravity follows the coarse path passes the obstacles with
     `clearance_*_m` between the circles, and the edges with `room_*_m`. Raises ValueError for a
@@ -53,10 +61,10 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
     """
     first, second = values['change_1_m'], values['change_2_m']
     offset = values['offset_m']
-    begin_2 = course.entry_m + first + values['plateau_m']
+    begin_2 = entry + first + values['plateau_m']
     end = begin_2 + second
     segments = (
-        scenario_document.straight(course.entry_m),
+        scenario_document.straight(entry),
         scenario_document.lane_change(first, offset),
         scenario_document.straight(values['plateau_m']),
         scenario_document.lane_change(second, -offset),
@@ -64,14 +72,14 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
     left = offset + circle_radius + values['room_left_m']
     right = -circle_radius - values['room_right_m']
     curves = (
-        lines.arc(course.entry_m, 0.0),
+        lines.arc(entry, 0.0),
         lines.lane_change(first, offset),
         lines.arc(values['plateau_m'], 0.0),
         lines.lane_change(second, -offset),
     )
     path = lines.line_from_curves(curves, 0.0, 0.0, 0.0, PATH_STEP_M)
     places = (
-        (course.entry_m + values['obstacle_1_share'] * first, -1.0, '1'),
+        (entry + values['obstacle_1_share'] * first, -1.0, '1'),
         (begin_2 + values['obstacle_2_share'] * second, 1.0, '2'),
     )
     obstacles = tuple(
@@ -84,7 +92,8 @@ def lay_out(values: Mapping[str, Any], circle_radius: float, course: Course) -> 
         )
         for x, side, number in places
     )
-    return Layout(segments, obstacles, left, right, end)
+    second_at = float(np.interp(places[1][0], path.X, path.s))
+    return Layout(segments, obstacles, left, right, end, second_at)
 
 
 def _beside(path, x, side, radius, gap):
@@ -133,15 +142,15 @@ def scenario_text(layout: Layout, speed: float, course: Course) -> str:
     return yaml.safe_dump(document(layout, speed, course), sort_keys=False)
 
 
-def required_curvature(
-    layout: Layout, circle_radius: float, values: Mapping[str, Any], course: Course
-) -> float:
+def required_curvature(values: Mapping[str, Any], circle_radius: float, course: Course) -> float:
     """Return the least peak curvature [1/m] that keeps the safety distances of the drawn values.
 
     The lateral acceleration of a point mass grows with the square of its speed, so this number
-    alone gives the acceleration that the task demands at any speed. Infinite when nothing keeps
-    the distances.
+    alone gives the acceleration that the task demands at any speed. It may steer from a fixed
+    distance before the first change on, not from the start of the car, which depends on the speed.
+    Infinite when nothing keeps the distances. Raises ValueError as `lay_out`.
     """
+    layout = lay_out(values, circle_radius, course.preview_m)
     x = np.arange(0.0, layout.end + course.least_after_m + TASK_STEP_M / 2, TASK_STEP_M)
     room = circle_radius + values['safety_edge_m']
     circles = tuple(

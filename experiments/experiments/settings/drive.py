@@ -5,7 +5,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,9 +22,11 @@ from experiments.settings.setting import Setting
 from experiments.simulation import Setup
 from experiments.study import code_version
 from msgs_yaml.types import VehicleState
+from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 
+ANY_SCENARIO = 'double_lane_change'  # to load a controller; an arm sets what it decides
 ROOTS = (*code_version.ROOTS, 'experiments.settings.drive')
 
 
@@ -63,6 +65,13 @@ def plan_drive(
     return DriveTask(setting, name, arm, perturbation, start, plan.preconditions)
 
 
+@cache
+def controller_digest(controller: str) -> str:
+    """Return the SHA-256 of every parameter of a controller's file and of those it is based on."""
+    params = simulation.prepare(ANY_SCENARIO, controller).params
+    return provenance.digest(repr(sorted(parameters.flatten(params).items())))
+
+
 def key(task: DriveTask) -> str:
     """Return the SHA-256 of all that decides a drive: scenario, parameters, code, processor."""
     setting = task.setting
@@ -73,7 +82,9 @@ def key(task: DriveTask) -> str:
         setting.values['latency_ms'],
         setting.plant.limit,
         [setting.radius, setting.offsets],
+        plant_variants.digest(setting.values['car']),
         task.arm.controller,
+        controller_digest(task.arm.controller),
         # the name of the car file is a digest of what is in it, its folder that of a machine
         sorted({**task.arm.settings, 'car_file': Path(setting.plant.car_file).name}.items()),
         [task.start.speed_mps, task.start.y_m],

@@ -7,6 +7,9 @@ from experiments.settings import preconditions, primaries
 from experiments.settings.arms import BASELINES, MPCC, NO_CA
 from experiments.settings.preregistration import Preregistration
 
+NOT_DRIVEN: Mapping[str, Any] = {}
+# conditions that a perturbed start may change; the car without avoidance drives the first one only
+OF_A_START = ('P2', 'P3', 'P4')
 Rows = Mapping[tuple[str, int], Mapping[str, Any]]  # of one setting, by arm and perturbation
 
 
@@ -22,16 +25,19 @@ def group(rows: Iterable[Mapping[str, Any]]) -> dict[int, dict[tuple[str, int], 
 def build(plan: Preregistration, rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Yield a row for each setting, version of the baseline and perturbation that was driven.
 
-    Columns: setting, S, baseline, perturbation; P0 to P4 of the unperturbed drives; for each claim
-    `<claim>.difference` and `<claim>.holds`. Settings without contact at obstacle 1 were driven by
-    the car without collision avoidance only: they have one row, without a baseline and claims.
+    Columns: setting, S, baseline, perturbation; P0 to P4 of the unperturbed drives; `start.P2` to
+    `start.P4` of the drives of this start; for each claim `<claim>.difference` and
+    `<claim>.holds`, both None where nothing is known. A setting with claims that count has a row
+    for each start, whether or not its drives ended. Settings that no baseline drove have one row,
+    without a baseline and claims.
     """
     for number, drives in group(rows).items():
         no_ca = drives.get((NO_CA, 0))
         if no_ca is None:
             continue
-        if (MPCC, 0) not in drives:
-            alone = preconditions.evaluate(plan.preconditions, no_ca, {}, {})
+        mpcc = drives.get((MPCC, 0), NOT_DRIVEN)
+        if not any(levels(plan, drives, baseline) for baseline in BASELINES):
+            alone = preconditions.evaluate(plan.preconditions, no_ca, mpcc, NOT_DRIVEN)
             yield {'setting': number, 'S': no_ca['S'], 'baseline': '', **alone._asdict()}
             continue
         for baseline in BASELINES:
@@ -46,21 +52,35 @@ def levels(plan: Preregistration, drives: Rows, baseline: str) -> preconditions.
     return preconditions.evaluate(plan.preconditions, *(drives[arm, 0] for arm in arms))
 
 
+def is_accepted(plan: Preregistration, drives: Rows, baselines: Iterable[str] = BASELINES) -> bool:
+    """Return whether a setting is at P3 for one of some versions of the baseline."""
+    met = [levels(plan, drives, baseline) for baseline in baselines]
+    least = plan.decision.from_level
+    return any(one and one.reaches(preconditions.ACCEPTED, least) for one in met)
+
+
 def _of_baseline(plan, number, drives, baseline):
     met = levels(plan, drives, baseline)
     if met is None:
         return
+    no_ca = drives[NO_CA, 0]
+    counts = met.reaches(preconditions.ACCEPTED, plan.decision.from_level)
     for perturbation in range(len(plan.perturbations)):
         pair = [drives.get((arm, perturbation)) for arm in (MPCC, baseline)]
-        if None in pair or any(row.get('error') for row in pair):
-            continue
+        if None in pair and not counts:
+            continue  # nobody drives the perturbed starts of such a setting
+        is_known = None not in pair and not any(row.get('error') for row in pair)
+        known = pair if is_known else [NOT_DRIVEN, NOT_DRIVEN]
+        start = preconditions.evaluate(plan.preconditions, no_ca, *known)._asdict()
         row = {
             'setting': number,
-            'S': pair[0]['S'],
+            'S': no_ca['S'],
             'baseline': baseline,
             'perturbation': perturbation,
             **met._asdict(),
+            **{f'start.{level}': start[level] for level in OF_A_START},
         }
-        for claim, outcome in primaries.evaluate(plan.primaries, *pair).items():
+        found = primaries.evaluate(plan.primaries, *pair) if is_known else primaries.ALL_UNKNOWN
+        for claim, outcome in found.items():
             row |= {f'{claim}.{name}': value for name, value in outcome._asdict().items()}
         yield row

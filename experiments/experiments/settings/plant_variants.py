@@ -96,6 +96,12 @@ def _load(car: str) -> PlantParams:
 
 
 @cache
+def digest(car: str) -> str:
+    """Return the SHA-256 of every parameter of a plant's file, tyre included."""
+    return identify.digest(_load(car))
+
+
+@cache
 def build(variant: Variant) -> Plant:
     """Return a plant with its limit and the car file identified on it, from the cache or new.
 

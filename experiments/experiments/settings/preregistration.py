@@ -47,6 +47,15 @@ NAMES = (
 
 
 @dataclass(frozen=True)
+class Run:
+    """The settings that the verdicts are about."""
+
+    seed: Annotated[int, Range(0, 2**31 - 1, '-')]
+    count: Annotated[int, Range(1, 1_000_000, 'settings')]
+    screened: Literal[False, True]
+
+
+@dataclass(frozen=True)
 class Strata:
     """The limits of the strata, ascending."""
 
@@ -57,7 +66,10 @@ class Strata:
 class Course:
     """What of the double lane change is not drawn."""
 
-    entry_m: Metres
+    least_entry_m: Metres
+    entry_s: Annotated[float, Range(0.0, 10.0, 's')]
+    entry_extra_m: Metres
+    preview_m: Metres
     after_s: Annotated[float, Range(0.0, 10.0, 's')]
     least_after_m: Metres
     horizon_s: Annotated[float, Range(0.0, 10.0, 's')]
@@ -176,6 +188,7 @@ class BrakeOnset:
     level: Level
     margin: Positive
     earlier_m: Positive
+    censored_s: Annotated[float, Range(0.0, 10.0, 's')]
 
 
 @dataclass(frozen=True)
@@ -210,6 +223,7 @@ class Decision:
     """How the shares of settings become verdicts."""
 
     confidence: Share
+    confirmatory: Literal['frenet_matched', 'frenet_lineage', 'frenet_tuned']
     correction: Literal['holm']
     holds_from: Share
     rare_below: Share
@@ -223,6 +237,7 @@ class Preregistration:
     """The whole file."""
 
     schema: Literal[1]
+    run: Run
     dimensions: Dimensions
     strata: Strata
     course: Course

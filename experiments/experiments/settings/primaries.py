@@ -21,6 +21,7 @@ class Outcome(NamedTuple):
 
 
 UNKNOWN = Outcome(None, None)
+ALL_UNKNOWN = dict.fromkeys(CLAIMS, UNKNOWN)
 
 
 def evaluate(rules: Primaries, mpcc: Row, baseline: Row) -> dict[str, Outcome]:

@@ -22,7 +22,14 @@ from experiments.batch.drive_records import DriveRecords
 from experiments.batch.record_drives import record_each
 from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress
-from experiments.settings import arms, drive, outcomes, preconditions, preregistration
+from experiments.settings import (
+    arms,
+    drive,
+    outcomes,
+    plant_variants,
+    preconditions,
+    preregistration,
+)
 from experiments.settings import setting as settings
 from experiments.settings.drive import DriveTask
 from experiments.settings.plant_variants import Variant, build, variant_of
@@ -49,6 +56,12 @@ class Request(NamedTuple):
     tuned: Path | None = None  # a table with the parameters of `frenet_tuned`
     is_screened: bool = False  # whether only settings that may be accepted are driven by all
     dask: str = ''  # address of a scheduler whose workers drive, instead of `jobs`
+
+
+def preregistered(request: Request) -> Request:
+    """Return a request for the settings that the preregistration names. Raises BagError."""
+    run_ = preregistration.load(request.plan).run
+    return request._replace(count=run_.count, seed=run_.seed, is_screened=run_.screened)
 
 
 class Drawn(NamedTuple):
@@ -185,7 +198,9 @@ class _Study:
             'perturbed',
             [self._task(s, arm, n) for s in accepted for arm in self._compared(s) for n in numbers],
         )
-        crossed = accepted[: self.plan.arms.factorial_settings]
+        # the factors lead from the MPCC to this version
+        matched = [s for s in accepted if self._is_accepted(s, (arms.MATCHED,))]
+        crossed = matched[: self.plan.arms.factorial_settings]
         self._drive('factorial', [self._task(s, arm) for s in crossed for arm in arms.COMBINATIONS])
 
     def _screen(self, chosen):
@@ -210,14 +225,10 @@ class _Study:
         known = (arms.MPCC, arms.MATCHED, arms.LINEAGE)
         return (*known, arms.TUNED) if setting.number in self.tuned else known
 
-    def _is_accepted(self, setting):
+    def _is_accepted(self, setting, baselines=arms.BASELINES):
         driven = (arms.NO_CA, *self._compared(setting))
         drives = {(arm, 0): self._row(setting, arm) for arm in driven}
-        met = [outcomes.levels(self.plan, drives, baseline) for baseline in arms.BASELINES]
-        return any(
-            one and one.reaches(preconditions.ACCEPTED, self.plan.decision.from_level)
-            for one in met
-        )
+        return outcomes.is_accepted(self.plan, drives, baselines)
 
     def _task(self, setting, arm, perturbation=0):
         tuned = self.tuned.get(setting.number, arms.NO_PARAMETERS)
@@ -291,7 +302,14 @@ def _product(chosen: Sequence[Iterable[Any]]):
 
 
 def _chunk_key(plan, seed, first):
-    content = [plan.digest, code_version.digest(BUILD_ROOTS), seed, first, CHUNK]
+    content = [
+        plan.digest,
+        code_version.digest(BUILD_ROOTS),
+        # of the Sobol sequence and of the linear program
+        provenance.versions()['scipy'],
+        [plant_variants.digest(car) for car in plan.dimensions['car'].ends()],
+        [seed, first, CHUNK],
+    ]
     return provenance.digest(json.dumps(content))
 
 

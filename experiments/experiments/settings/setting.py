@@ -30,6 +30,7 @@ class Setting(NamedTuple):
     plant: Plant
     radius: float  # m, of the vehicle circles
     offsets: tuple[float, ...]  # m ahead of the centre of gravity, one circle each
+    second_at: float  # m, station of obstacle 2
 
     def __repr__(self) -> str:
         return f'Setting({self.number}, S={self.values["S"]:.2f}, {self.speed:.1f} m/s)'
@@ -56,10 +57,9 @@ def build(plan: Preregistration, number: int, values: Mapping[str, Any]) -> Sett
     plant = plant_variants.build(plant_variants.variant_of(values))
     radius, offsets = vehicle_circles(values['circles'], plant, plan.circles)
     try:
-        layout = course.lay_out(values, radius, plan.course)
+        curvature = course.required_curvature(values, radius, plan.course)
     except ValueError:  # a change that is too short for its offset
         return Rejected(number, values, NOT_BUILT)
-    curvature = course.required_curvature(layout, radius, values, plan.course)
     if not math.isfinite(curvature):
         return Rejected(number, values, TOO_NEAR)
     speed = speed_of(values['S'], plant.limit, curvature)
@@ -67,12 +67,14 @@ def build(plan: Preregistration, number: int, values: Mapping[str, Any]) -> Sett
         return Rejected(number, values, TOO_SLOW)
     if speed > plan.admissible.greatest_speed_mps:
         return Rejected(number, values, TOO_FAST)
+    layout = course.lay_out(values, radius, course.entry_of(plan.course, speed))
     text = course.scenario_text(layout, speed, plan.course)
     try:
         scenario.parse(text, course.NAME)
     except ScenarioError:
         return Rejected(number, values, NOT_BUILT)
-    return Setting(number, values, curvature, speed, text, plant, radius, offsets)
+    at = layout.second_at
+    return Setting(number, values, curvature, speed, text, plant, radius, offsets, at)
 
 
 def build_range(
@@ -110,3 +112,4 @@ def describe(setting: Setting) -> Iterator[tuple[str, Any]]:
     yield 'required_curvature_1pm', setting.curvature
     yield 'speed_mps', setting.speed
     yield 'circle_radius_m', setting.radius
+    yield 'obstacle_2_at_m', setting.second_at

@@ -33,7 +33,7 @@ SEARCHED = {
     'tolerances.force_rate_nps': 'force_rate_tolerance_nps',
 }
 STRATA_OF_CELL = 2  # of S, that share tuned parameters
-SEEDS = (101, 102, 103, 104, 105)  # below 1000: the study's own begin there
+SEEDS = (101, 102, 103, 104, 105)  # none of which the study draws
 GEOMETRIES = 6  # training settings of a cell and a seed
 TRIALS, RANDOM, BATCH = 48, 16, 4
 MAX_DRAWS = 4096  # Sobol points in which training settings are looked for

@@ -36,6 +36,7 @@ RESPONSES = {
     'sideslip': 'peak_sideslip_deg',
     'brake_onset': 'brake_onset_m',
     'min_speed': 'min_speed_mps',
+    'avoidance': 'avoids',  # no claim, but where the others have no meaning
 }
 ANY_S = 'P1'  # the first condition that is no bound of S
 DRIVER_LEVEL = 'P2'  # settings from which the surrogate learns: whoever does not crash
@@ -54,7 +55,12 @@ class Judged(NamedTuple):
     decision: Decision
     p_adjusted: float
     verdict: str
-    table: pd.DataFrame  # by setting: holds, difference, undetermined
+    table: pd.DataFrame  # by setting: holds, difference, undetermined, unknown
+
+    @property
+    def unknown(self) -> float | None:
+        """The share of settings with a start that does not tell, None without settings."""
+        return float(self.table['unknown'].mean()) if len(self.table) else None
 
     def __repr__(self) -> str:
         return f'Judged({self.claim!r}, {self.baseline!r}, {self.level!r}, {self.verdict!r})'
@@ -65,7 +71,7 @@ class Results(NamedTuple):
 
     counts: list[dict[str, Any]]  # settings at each level by baseline
     judged: list[Judged]
-    effects: dict[str, list[Effect]]  # by claim
+    effects: dict[str, list[Effect]]  # by key of RESPONSES
     drivers: dict[tuple[str, str], Surrogate]  # by baseline and claim
 
     def __repr__(self) -> str:
@@ -93,14 +99,18 @@ def rule_of(plan: Preregistration) -> Rule:
 
 
 def level_counts(study: Study) -> list[dict[str, Any]]:
-    """Return the number of settings that reach each level, with and without P0."""
+    """Return the number of settings that reach each level, with and without P0.
+
+    None below P3 for a screened study, in which not all settings were driven that far.
+    """
     alone = study.outcomes[study.outcomes['baseline'] == '']
     rows = []
     for baseline in study.baselines:
         own = study.outcomes[study.outcomes['baseline'] == baseline]
         own = pd.concat([own.drop_duplicates('setting'), alone])
         for least in (LEVELS[0], ANY_S):
-            levels = LEVELS[LEVELS.index(least) :]
+            silent = ('P1', 'P2') if study.is_screened else ()
+            levels = [name for name in LEVELS[LEVELS.index(least) :] if name not in silent]
             reached = {
                 level: int(study_tables.reaching(own, level, least)['setting'].nunique())
                 for level in levels
@@ -117,16 +127,18 @@ def level_counts(study: Study) -> list[dict[str, Any]]:
 
 
 def _judge(study, baseline):
-    """Yield every claim at every level from P2 on; the correction is that of `_adjusted`."""
+    """Yield every claim at every level of the study; the correction is that of `_adjusted`."""
     own = study.outcomes[study.outcomes['baseline'] == baseline]
     plan, rule = study.plan, rule_of(study.plan)
     for least in (LEVELS[0], ANY_S):
         tables, decisions = {}, {}
-        for level in LEVELS[LEVELS.index('P2') :]:
+        for level in study.levels:
             reached = study_tables.reaching(own, level, least)
             for claim in CLAIMS:
+                if claim == 'conjunction' and level != study_tables.level(plan, claim):
+                    continue  # with cars that do not brake it mixes two questions
                 margin = study_tables.margin(plan, claim)
-                table = verdicts.summarise(study_tables.pairs(reached, claim), margin)
+                table = verdicts.summarise(study_tables.pairs(reached, claim, level), margin)
                 tables[claim, level] = table
                 decisions[claim, level] = verdicts.decide(verdicts.outcomes(table), margin, rule)
         for (claim, level), decision in decisions.items():
@@ -163,16 +175,26 @@ def _effects(study):
 
 
 def _drivers(study, claims):
+    if DRIVER_LEVEL not in study.levels:
+        return {}
     features = surrogate.unit_features(study_tables.dimensions(study), list(study.plan.dimensions))
     found = {}
     for baseline in study.baselines:
         own = study.outcomes[study.outcomes['baseline'] == baseline]
         own = study_tables.reaching(own, DRIVER_LEVEL, ANY_S)
         for claim in claims:
-            pairs = study_tables.pairs(own, claim)
+            pairs = study_tables.pairs(own, claim, DRIVER_LEVEL)
             difference = pairs.groupby('setting')['difference'].median().rename(claim)
             found[baseline, claim] = surrogate.fit(features, difference)
     return found
+
+
+def by_stratum(study: Study, one: Judged) -> list[tuple[int, int]]:
+    """Return in how many settings of each stratum of S a claim holds, and of how many."""
+    held = one.table['holds'].groupby(study_tables.strata(study), observed=False)
+    return [
+        (int(row['sum']), int(row['count'])) for _, row in held.agg(['sum', 'count']).iterrows()
+    ]
 
 
 def counterexample(one: Judged) -> int | None:
@@ -219,6 +241,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'key': one.claim,
                 'paper': number,
                 'baseline': one.baseline,
+                'confirmatory': one.baseline == study.plan.decision.confirmatory,
                 'level': f'{one.least} to {one.level}',
                 'settings': one.decision.settings,
                 'holds': one.decision.holds,
@@ -227,6 +250,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'interval_undetermined_fail': one.decision.least,
                 'interval_undetermined_hold': one.decision.most,
                 'undetermined': one.decision.undetermined,
+                'undetermined_by_unknown_starts': one.unknown,
                 'p_adjusted': one.p_adjusted,
                 'margin': study_tables.margin(study.plan, one.claim),
                 'unit': UNITS.get(one.claim),
@@ -234,6 +258,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'median_interval': one.decision.median_interval,
                 'relation': one.decision.relation,
                 'verdict': one.verdict,
+                'holds_by_stratum_of_S': by_stratum(study, one),
                 'causes': cause_names(results.effects.get(one.claim, [])),
                 'drivers': driver_names(results.drivers.get((one.baseline, one.claim))),
                 'counterexample': None

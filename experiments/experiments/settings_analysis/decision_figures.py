@@ -99,7 +99,7 @@ def write_maps(study: Study, baseline: str, stem: Path) -> list[Path]:
         grid = figure.subplots(len(claims), len(latencies), sharex=True, sharey=True, squeeze=False)
         for row, claim in zip(grid, claims):
             margin = study_tables.margin(study.plan, claim)
-            table = verdicts.summarise(study_tables.pairs(reached, claim), margin).join(drawn)
+            table = _differences(reached, claim, margin).join(drawn)
             for axes, latency in zip(row, latencies):
                 _phase(axes, table[table[PANELS] == latency], margin, study.plan)
             row[0].set_ylabel(f'{DIRECTIONS[claim]}\nS: demand / limit', fontsize=8)
@@ -109,6 +109,10 @@ def write_maps(study: Study, baseline: str, stem: Path) -> list[Path]:
             axes.set_xlabel('velocity tolerance [m/s]')
         _map_keys(figure, baseline)
         return style.save_figure(figure, stem)
+
+
+def _differences(reached, claim, margin):
+    return verdicts.summarise(study_tables.pairs(reached, claim, decide.DRIVER_LEVEL), margin)
 
 
 def _map_keys(figure, baseline):
@@ -171,7 +175,9 @@ def write_causes(results: Results, stem: Path) -> list[Path]:
             axes.axvline(0.0, color=style.EDGE, lw=0.9)
             axes.set_yticks(range(len(chosen)), [effect.term for effect in chosen], fontsize=7.5)
             axes.set_title(f'{decide.RESPONSES[claim]}', fontsize=9)
-            axes.set_xlabel(f'effect [{decide.UNITS[claim]}], {chosen[0].settings} settings')
+            axes.set_xlabel(
+                f'effect [{decide.UNITS.get(claim, "-")}], {chosen[0].settings} settings'
+            )
         figure.suptitle(
             'From MPCC to baseline, one factor or interaction at a time; blue: beyond chance',
             x=0.012,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,8 @@ def write(study: Study, results: Results, out: Path) -> list[Path]:
     paths += _write_table(out, CAUSES, _effect_rows(results), _cause_text(results))
     paths += _write_table(out, DRIVERS, _driver_rows(results), _driver_text(results))
     paths += decision_figures.write_shares(study, results, out / 'shares')
-    for baseline in study.baselines:
+    is_mapped = decide.DRIVER_LEVEL in study.levels
+    for baseline in study.baselines if is_mapped else ():
         paths += decision_figures.write_maps(study, baseline, out / f'map_{baseline}')
     paths += decision_figures.write_causes(results, out / 'causes')
     paths += decision_figures.write_drivers(study, results, out / 'drivers')
@@ -52,6 +54,9 @@ def _origin(study):
     return {
         'command': COMMAND,
         'seed': study.seed,
+        'screened': study.is_screened,
+        'departures': study.departures,
+        'censored_onsets': study_tables.censored_onsets(study),
         'settings': study.settings,
         'drives': len(study.drives),
         'preregistration_sha256': study.plan.digest,
@@ -83,6 +88,7 @@ def _verdict_rows(study, results):
             **_ends('undetermined_fail', one.decision.least),
             **_ends('undetermined_hold', one.decision.most),
             'undetermined': one.decision.undetermined,
+            'undetermined_by_unknown_starts': one.unknown,
             'p_adjusted': one.p_adjusted,
             'median_difference': one.decision.median,
             **_ends('median', one.decision.median_interval),
@@ -112,20 +118,71 @@ def verdict_text(study: Study, results: Results) -> str:
         'Intervals: 95 %, bootstrap over settings; p-values after Holm over the claims of a '
         'version of the baseline.',
         '',
+        *_departures(study),
         'Settings that reach each level:',
         '',
         _counts(results),
+        *_screened(study),
+        *_censored(study),
         *_too_few(study, results),
     ]
     for baseline in study.baselines:
         own = [one for one in results.judged if one.baseline == baseline]
         lines += [
-            *(f'## {baseline}', '', 'Each claim at its own level:', ''),
+            *(f'## {baseline}, {_role(study, baseline)}', ''),
+            *('Each claim at its own level:', ''),
             _verdict_table([one for one in own if one.primary]),
+            *('Each claim by stratum of S, as settings in which it holds of all:', ''),
+            _strata_table(study, [one for one in own if one.primary]),
             *('The same at the other levels:', ''),
             _verdict_table([one for one in own if not one.primary]),
+            *('Which of the two cars brakes hard before obstacle 2, any S:', ''),
+            _braking_table(study, baseline),
         ]
     return '\n'.join(lines)
+
+
+def _role(study, baseline):
+    is_confirmatory = baseline == study.plan.decision.confirmatory
+    return 'confirmatory' if is_confirmatory else 'exploratory'
+
+
+def _braking_table(study, baseline):
+    levels = [level for level in study.levels if level < 'P4']
+    counts = {level: study_tables.braking(study, baseline, level) for level in levels}
+    header = ['level', *next(iter(counts.values()))]
+    rows = [[level, *map(_count, row.values())] for level, row in counts.items()]
+    return tables.markdown_table(header, rows)
+
+
+def _strata_table(study, judged):
+    ends = study.plan.strata.S
+    header = ['claim', *(f'{low:g} to {high:g}' for low, high in pairwise(ends))]
+    rows = [
+        [one.claim, *(f'{held} of {count}' for held, count in decide.by_stratum(study, one))]
+        for one in judged
+    ]
+    return tables.markdown_table(header, rows)
+
+
+def _departures(study):
+    if not study.departures:
+        return []
+    return [f'**Not the preregistered run**: {"; ".join(study.departures)}.', '']
+
+
+def _censored(study):
+    few, count = study_tables.censored_onsets(study)
+    after_s = study.plan.primaries.brake_onset.censored_s
+    text = f'{few:,} of {count:,} onsets of braking lie in the first {after_s:g} s of the drive.'
+    return ['', text, '']
+
+
+def _screened(study):
+    if not study.is_screened:
+        return []
+    text = 'The study is screened: it tells nothing of P1 and P2, has no drivers and no maps.'
+    return ['', text, '']
 
 
 def _too_few(study, results):
@@ -209,7 +266,8 @@ def _cause_text(results):
         'has it or as the baseline has it. The effect is the mean response with the factor as in '
         'the baseline less that as in the MPCC; for an interaction, where the product of the codes '
         'is +1 less where it is -1. Intervals: bootstrap over settings; p-values after Holm over '
-        'the 31 terms. Main effects, and interactions beyond chance:',
+        'the 31 terms. But for `avoids` only settings count that all 32 combinations complete; the '
+        'last column says how many. Main effects, and interactions beyond chance:',
         '',
     ]
     for claim, effects in results.effects.items():
@@ -219,7 +277,7 @@ def _cause_text(results):
             [e.term, f'{e.mean:+.3f} {_span(e.interval)}', f'{e.p_adjusted:.3f}', str(e.settings)]
             for e in shown
         ]
-        unit = decide.UNITS[claim]
+        unit = decide.UNITS.get(claim, '-')
         lines.append(tables.markdown_table(['term', f'effect [{unit}]', 'p', 'settings'], rows))
     if not results.effects:
         lines.append('No setting was driven by the combinations of the factorial.\n')

@@ -7,7 +7,9 @@ import numpy as np
 import pandas as pd
 
 from bags.errors import BagError
-from experiments.settings import arms, preregistration, primaries
+from experiments.settings import arms, preconditions, preregistration, primaries
+from experiments.settings.outcomes import OF_A_START
+from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import LEVELS, Preregistration
 from experiments.settings.run_settings import OUTCOMES, TABLE
 
@@ -30,6 +32,31 @@ class Study(NamedTuple):
     def settings(self) -> int:
         """The number of settings."""
         return int(self.drives['setting'].nunique())
+
+    @property
+    def is_screened(self) -> bool:
+        """Whether all controllers drove only where P1 to P3 could be met."""
+        return self.notes.get('screened') == 'true'
+
+    @property
+    def departures(self) -> list[str]:
+        """What of the run is not as the preregistration has it, in words."""
+        planned = self.plan.run
+        made = {
+            'seed': (self.seed, planned.seed),
+            'settings': (self.settings, planned.count),
+            'screened': (self.is_screened, planned.screened),
+        }
+        return [
+            f'{name}: {own}, preregistered {wanted}'
+            for name, (own, wanted) in made.items()
+            if own != wanted
+        ]
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """The levels from P2 on of which the tables tell; a screened study is silent below P3."""
+        return LEVELS[LEVELS.index('P3' if self.is_screened else 'P2') :]
 
     @property
     def baselines(self) -> list[str]:
@@ -72,17 +99,27 @@ def reaching(outcomes: pd.DataFrame, level: str, least: str = LEVELS[0]) -> pd.D
     return outcomes[met]
 
 
-def pairs(outcomes: pd.DataFrame, claim: str) -> pd.DataFrame:
-    """Return `setting`, `perturbation`, `holds`, `difference` of the rows that tell of a claim."""
-    holds = outcomes[f'{claim}.holds']
-    known = outcomes[holds.notna()]
-    difference = known.get(f'{claim}.difference')
+def pairs(outcomes: pd.DataFrame, claim: str, level: str) -> pd.DataFrame:
+    """Return `setting`, `perturbation`, `holds`, `difference` of the starts of settings at a level.
+
+    `holds` is 1 or 0, and NaN like the difference where a start does not tell of the claim: it has
+    no meaning in it, its drives did not end, or they do not meet the conditions from P2 up to the
+    level. Below P3 only the unperturbed start counts: of those settings some alone were driven
+    from the others, by what another version of the baseline does in them.
+    """
+    if LEVELS.index(level) < LEVELS.index(ACCEPTED):
+        outcomes = outcomes[outcomes['perturbation'] == 0]
+    asked = [f'start.{name}' for name in OF_A_START if name <= level]
+    meets = outcomes[asked].astype(bool).all(axis=1)
+    columns = {
+        name: outcomes.get(f'{claim}.{name}', pd.Series(np.nan, outcomes.index, float))
+        for name in ('holds', 'difference')
+    }
     return pd.DataFrame(
         {
-            'setting': known['setting'].astype(int),
-            'perturbation': known['perturbation'].astype(int),
-            'holds': holds[holds.notna()].astype(bool),
-            'difference': np.nan if difference is None else difference.astype(float),
+            'setting': outcomes['setting'].astype(int),
+            'perturbation': outcomes['perturbation'].astype(int),
+            **{name: values.astype(float).where(meets) for name, values in columns.items()},
         }
     )
 
@@ -103,6 +140,48 @@ def dimensions(study: Study) -> pd.DataFrame:
     return study.drives.drop_duplicates('setting').set_index('setting')[columns]
 
 
+def braking(study: Study, baseline: str, level: str) -> dict[str, int]:
+    """Return how many settings from `from_level` to a level have cars that brake hard, by who does.
+
+    Before obstacle 2, unperturbed. The claim on the onset has a meaning where both do.
+    """
+    own = study.outcomes[study.outcomes['baseline'] == baseline].drop_duplicates('setting')
+    reached = reaching(own, level, study.plan.decision.from_level)['setting']
+    rows = study.drives[study.drives['perturbation'] == 0].set_index(['arm', 'setting'])
+    brakes = {
+        arm: rows.loc[arm].reindex(reached)['brake_onset_planned_at_m'].notna()
+        for arm in (arms.MPCC, baseline)
+    }
+    mpcc, other = brakes[arms.MPCC], brakes[baseline]
+    return {
+        'both': int((mpcc & other).sum()),
+        'MPCC alone': int((mpcc & ~other).sum()),
+        'baseline alone': int((~mpcc & other).sum()),
+        'none': int((~mpcc & ~other).sum()),
+    }
+
+
+def censored_onsets(study: Study) -> tuple[int, int]:
+    """Return how many onsets of braking lie so near the start that they might be earlier, of all.
+
+    They are those of the unperturbed drives of the compared cars.
+    """
+    rows = study.drives[
+        study.drives['arm'].isin((arms.MPCC, *arms.BASELINES)) & (study.drives['perturbation'] == 0)
+    ]
+    onset = rows['brake_onset_planned_at_m'].astype(float)
+    censored = onset < study.plan.primaries.brake_onset.censored_s * rows['speed_mps']
+    return int(censored.sum()), int(onset.notna().sum())
+
+
+def strata(study: Study) -> pd.Series:
+    """Return the stratum of S by setting, as an interval; the lower end belongs to it."""
+    S = study.drives.drop_duplicates('setting').set_index('setting')['S']
+    return pd.cut(
+        S, [*study.plan.strata.S[:-1], np.nextafter(study.plan.strata.S[-1], np.inf)], right=False
+    )
+
+
 def factorial_drives(study: Study) -> pd.DataFrame:
     """Return the drives of the factorial with a bool column per factor and the responses.
 
@@ -110,28 +189,33 @@ def factorial_drives(study: Study) -> pd.DataFrame:
     peak_sideslip_deg  at most 30 deg, beyond which a car has lost control
     brake_onset_m      of a converged plan; without it the station of obstacle 2
     min_speed_mps      least speed
+    avoids             1 for a car that completes under control and touches nothing, else 0
+
+    The others than `avoids` are NaN in settings that some combination does not complete: what a car
+    did up to its crash is no response.
     """
     chosen = study.drives[study.drives['arm'].str.startswith(arms.FACTORIAL)]
     rows = chosen[chosen['error'].fillna('') == '']
     bits = rows['arm'].str.removeprefix(arms.FACTORIAL)
     factors = {name: bits.str[k] == '1' for k, name in enumerate(FACTORS)}
-    second = (
-        study.plan.course.entry_m
-        + rows['change_1_m']
-        + rows['plateau_m']
-        + rows['obstacle_2_share'] * rows['change_2_m']
-    )
     kept = pd.Series([_kept(row) for row in rows.to_dict('records')], rows.index, dtype=float)
-    return pd.DataFrame(
+    by = study.plan.preconditions.P2.by
+    avoids = [float(preconditions.avoids(row, by)) for row in rows.to_dict('records')]
+    completed = rows['completed'].fillna(False).astype(bool)
+    ended = completed.groupby(rows['setting']).agg(['all', 'size'])
+    whole = rows['setting'].map(ended['all'] & (ended['size'] == len(arms.COMBINATIONS)))
+    responses = pd.DataFrame(
         {
-            'setting': rows['setting'],
-            **factors,
             'kept_m': kept.clip(lower=-1.0),
             'peak_sideslip_deg': rows['peak_sideslip_deg'].clip(upper=30.0),
-            'brake_onset_m': rows['brake_onset_planned_at_m'].astype(float).fillna(second),
+            'brake_onset_m': rows['brake_onset_planned_at_m']
+            .astype(float)
+            .fillna(rows['obstacle_2_at_m']),
             'min_speed_mps': rows['min_speed_mps'],
         }
-    )
+    ).where(whole.astype(bool))
+    common = pd.DataFrame({'setting': rows['setting'], **factors})
+    return common.join(responses).assign(avoids=avoids)
 
 
 def _kept(row: dict[str, Any]) -> float:

@@ -2,9 +2,10 @@
 
 A setting is driven several times with tiny perturbations. It *holds* when the claim holds in most
 of them, and is *undetermined* when the paired difference spreads by more than the equivalence
-margin, or, for a claim without one, when the perturbations disagree. What is undetermined might go
-either way, so that a verdict needs both bounds of the share: the one that counts undetermined
-settings as failures, and the one that counts them as successes.
+margin, or, for a claim without one, when the perturbations disagree, and wherever a start does
+not tell: its drives failed, a car did not brake, or it left the preconditions. What is undetermined
+might go either way, so that a verdict needs both bounds of the share: the one that counts
+undetermined settings as failures, and the one that counts them as successes.
 """
 
 from collections.abc import Mapping
@@ -58,24 +59,32 @@ class Decision(NamedTuple):
 
 
 def summarise(pairs: pd.DataFrame, margin: float | None) -> pd.DataFrame:
-    """Return `holds`, `undetermined`, `difference` by setting of one claim.
+    """Return `holds`, `undetermined`, `difference`, `unknown` by setting of one claim.
 
-    `pairs` has a row per setting and perturbation with the columns `setting`, `holds` (bool) and
-    `difference` (NaN where one of the cars has no such value). `margin` is the equivalence margin
-    in the difference's unit, None for a claim without a difference.
+    `pairs` has a row per setting and perturbation with the columns `setting`, `holds` (1 or 0; NaN
+    where the start does not tell) and `difference` (NaN where one of the cars has no such value).
+    `margin` is the equivalence margin in the difference's unit, None for a claim without a
+    difference. `unknown` says whether some start does not tell, which makes a setting
+    undetermined; where none tells the claim has no meaning and the setting is left out.
     """
     grouped = pairs.groupby('setting', sort=True)
-    share = grouped['holds'].mean()
-    by_setting = pd.DataFrame({'holds': share > 0.5, 'difference': grouped['difference'].median()})
+    share, known = grouped['holds'].mean(), grouped['holds'].count()
+    by_setting = pd.DataFrame(
+        {
+            'holds': share > 0.5,
+            'difference': grouped['difference'].median(),
+            'unknown': known < grouped.size(),
+        }
+    )
     if margin is None:
-        by_setting['undetermined'] = (share > 0.0) & (share < 1.0)
-        return by_setting
-    spread = grouped['difference'].max() - grouped['difference'].min()
-    # a value that only some of the perturbations have is no agreement either
-    known = grouped['difference'].count()
-    partly = (known > 0) & (known < grouped.size())
-    by_setting['undetermined'] = (spread > margin) | partly
-    return by_setting
+        disagree = (share > 0.0) & (share < 1.0)
+    else:
+        disagree = grouped['difference'].max() - grouped['difference'].min() > margin
+        # a value that only some of the perturbations have is no agreement either
+        numbers = grouped['difference'].count()
+        disagree |= (numbers > 0) & (numbers < grouped.size())
+    by_setting['undetermined'] = disagree | by_setting['unknown']
+    return by_setting[known > 0]
 
 
 def outcomes(by_setting: pd.DataFrame) -> Outcomes:

@@ -220,7 +220,7 @@ class CandidatePlans:
         driven, kept, resting = choice.outcome, [], self._kept
         dear = DEAR * driven.whole_cost
         usable_first = sorted(
-            choice.outcomes, key=lambda o: o.solution.cost if o.is_usable else np.inf
+            choice.outcomes, key=lambda o: o.whole_cost if o.is_usable else np.inf
         )
         for outcome in usable_first:
             is_driven = outcome is driven

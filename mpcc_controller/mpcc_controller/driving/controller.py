@@ -199,22 +199,26 @@ class Controller:
     def warm_up(self, x: VehicleState, steps: int) -> Iterator[TickRecord]:
         """Step from a state that stays, without effect on later steps.
 
-        Afterwards code and data are in memory, and the computing time is known. The first steps of
+        Afterwards code and data are in memory, and the computing time is known. Nothing stays, of
+        steps that raise or are not asked for any more, either. The first steps of
         a controller that compares plans meet an obstacle, so that all of its solvers have worked.
         """
         memory, scene, rejections = self._memory(), self.scene, dict(self.gate.rejections)
         compares = bool(self.planner.alternatives) and not self.missing()
-        for number in range(steps):
-            is_emergency = compares and number < EMERGENCIES
-            self.scene = warm_up_scene.with_obstacle_ahead(scene, x) if is_emergency else scene
-            x = x._replace(stamp_ns=conversions.add_seconds(x.stamp_ns, self.params.model.step_s))
-            yield self.step(TickInputs(x))
-        self.scene = scene
-        self._restore(memory)
-        self.planner.warm_up()
-        self.planner.reset()
-        self.gate.rejections.clear()
-        self.gate.rejections.update(rejections)
+        try:
+            for number in range(steps):
+                is_emergency = compares and number < EMERGENCIES
+                self.scene = warm_up_scene.with_obstacle_ahead(scene, x) if is_emergency else scene
+                stamp_ns = conversions.add_seconds(x.stamp_ns, self.params.model.step_s)
+                x = x._replace(stamp_ns=stamp_ns)
+                yield self.step(TickInputs(x))
+            self.planner.warm_up()
+        finally:
+            self.scene = scene
+            self._restore(memory)
+            self.planner.reset()
+            self.gate.rejections.clear()
+            self.gate.rejections.update(rejections)
 
     def _memory(self) -> tuple:
         """Return what steps leave behind, the planner's plans apart."""

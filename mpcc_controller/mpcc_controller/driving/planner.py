@@ -27,7 +27,7 @@ from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import add_seconds, ns_to_s
 from msgs_yaml.types import VehicleState
 from stage_solver.buffered_function import BufferedFunction
-from stage_solver.solution import FAILED, ONE_STEP, Solution, StageSolver
+from stage_solver.solution import FAILED, ONE_STEP, STOPPED_EARLY, Solution, StageSolver
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan, shift
 
@@ -39,6 +39,7 @@ LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from t
 REFRESH_FROM_M = 0.5
 MOST_REFRESHES = 3  # per tick
 RELAXATION = 1e4  # of the weights of soft limits: tolerances 100 times as large
+RELAXED = 'stuck; the plan is that of relaxed soft limits'
 BUILDING_SHARE = 0.25  # of `solver.time_limit_s` in which the problems of candidates are built
 
 
@@ -126,7 +127,7 @@ class Planner:
         self._forget_alternatives()
 
     def warm_up(self) -> None:
-        """Let every solver solve the last problem once, those of emergencies too."""
+        """Let the second solver and those of slides and candidates solve the last problem once."""
         if self.last_problem is None:
             return
         candidates = self.parallel.solvers if self.alternatives else ()
@@ -319,7 +320,8 @@ class Planner:
         A slide breaks every soft limit: road, distances, envelope. What that costs is larger than
         all else by orders of magnitude, and Newton's method may get stuck. Where it does, the
         problem in which it costs RELAXATION times less is solved from the same guess, and the true
-        one from its plan; where that gets stuck, too, the relaxed plan may be driven.
+        one from its plan; where that gets stuck, too, the relaxed plan may be driven: as an early
+        end of the true problem, with the cost that it has there.
         """
         chosen = self._chosen_solver()
         self._limit(chosen, began)
@@ -334,7 +336,12 @@ class Planner:
         self._limit(chosen, began)
         start = self.formulation.to_local(on_the_way.plan, problem.scene.path)
         second = self._run(chosen, problem, start._replace(multipliers=None))
-        best = next((s for s in (second, on_the_way) if self._is_usable(s)), first)
+        best = first
+        if self._is_usable(second):
+            best = second
+        elif self._is_usable(on_the_way):
+            cost = self.evaluator.cost(start, problem.parameters.P)
+            best = on_the_way._replace(cost=cost, status=STOPPED_EARLY, message=RELAXED)
         tried = (first, on_the_way, second)
         return best._replace(
             iterations=sum(s.iterations for s in tried),

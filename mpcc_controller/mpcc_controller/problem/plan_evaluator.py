@@ -50,6 +50,10 @@ class PlanEvaluator:
             getattr(values.costs, name)[-1] = 0
         return values
 
+    def cost(self, plan: Plan, P: np.ndarray) -> float:
+        """Return the cost of a plan, that of its Solution where it was solved with P."""
+        return float(np.sum(self.evaluate(plan, P).costs))
+
 
 @lru_cache(MAX_CACHED_PROBLEMS)
 def _function(symbolic: SymbolicOcp) -> ca.Function:

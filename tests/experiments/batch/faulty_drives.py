@@ -2,6 +2,7 @@
 
 import os
 import signal
+from pathlib import Path
 
 from experiments.batch.simulate import simulate
 
@@ -19,3 +20,11 @@ def simulate_or_fail(setup):
     while setup.friction == HANGS:
         signal.pause()
     return simulate(setup)
+
+
+def simulate_and_edit(setup, file, old, new):
+    """Simulate, then replace a text in a file."""
+    results = simulate(setup)
+    path = Path(file)
+    path.write_text(path.read_text().replace(old, new))
+    return results

@@ -196,6 +196,7 @@ def test_a_draw_of_a_hard_family_has_its_errors_of_measurement():
         ('controller.safety.obstacle_m', {'log_uniform': [0.001, 1.0]}, 'allowed 0.01 to 10 m'),
         ('controller.no_such', {'uniform': [0, 1]}, 'no such parameter'),
         ('plant.command_delay_ms', {'choice': [0, 20, 0.5]}, '0.5: .*whole number'),
+        ('plant.command_delay_ms', {'uniform': [0, 20]}, '7.6.*: .*whole number'),
     ],
 )
 def test_ends_that_a_node_refuses_are_located(write_study, name, distribution, what):

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from functools import partial
 
 import faulty_drives
 import pytest
@@ -17,6 +18,7 @@ from experiments import cli, simulation
 from experiments.batch import drive_plan, run_batch
 from experiments.batch.drive_plan import Combination
 from experiments.batch.simulate import flatten
+from experiments.configuration import node_config
 from experiments.study import code_version
 
 TIMEOUT_S = 60.0
@@ -163,6 +165,28 @@ def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_pat
     assert run_batch.run(request, console) == 0
     assert records(tmp_path) == kept + len(faults)
     assert all(row['completed'] for row in read_rows(tmp_path))
+
+
+def test_a_file_that_changes_while_a_batch_runs_costs_the_drives_after_it(write_study, tmp_path):
+    own = tmp_path / 'own.yaml'
+    own.write_text(node_config.find_controller('mpcc').config.read_text())
+    study = write_study(
+        controllers=['./own.yaml'],
+        set={},
+        draw={'plant.friction': {'uniform': [0.8, 1.0]}},
+        draws=3,
+        runs=1,
+    )
+    edit = partial(
+        faulty_drives.simulate_and_edit, file=str(own), old='_search_m: 10', new='_search_m: 11'
+    )
+    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=TIMEOUT_S)
+    assert run_batch.run(request, Console(quiet=True), edit) == 1
+    first, *others = read_rows(tmp_path)
+    assert first['completed']
+    assert len(others) == 2
+    assert all('a file of its inputs has changed since' in row['error'] for row in others)
+    assert records(tmp_path) == 1
 
 
 def test_drives_with_one_key_are_simulated_once(write_study, tmp_path):

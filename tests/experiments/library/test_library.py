@@ -5,8 +5,10 @@ import importlib.util
 import pytest
 from pyarrow import parquet
 
+from bags.errors import BagError
 from experiments import cli
-from experiments.library import library_drive
+from experiments.configuration import node_config
+from experiments.library import library_drive, run_library
 from experiments.library.library_drive import LibraryDrive
 from experiments.study import code_version
 from scenario_publisher import scenario
@@ -95,6 +97,27 @@ def test_what_decides_a_drive_is_in_its_key():
     }
     assert len(keys) == 8
     assert library_drive.key(drive()) in keys
+
+
+def test_a_drive_whose_files_have_changed_since_its_key_is_not_driven(tmp_path):
+    shipped = node_config.find_controller('mpcc').config
+    own = tmp_path / 'own.yaml'
+    own.write_text(shipped.read_text())
+    one = drive(controller=str(own))
+    wanted = library_drive.key(one)
+    own.write_text(shipped.read_text().replace('path_search_m: 10', 'path_search_m: 11'))
+    with pytest.raises(BagError, match='pop_up:0: a file of its inputs has changed since'):
+        library_drive.run(one, wanted)
+
+
+def test_controllers_of_the_package_are_sent_by_name(tmp_path):
+    own = tmp_path / 'own.yaml'
+    own.write_text(node_config.find_controller('mpcc').config.read_text())
+    request = run_library.Request(
+        ['pop_up'], [], 1, 0, 1, 'nominal', ['mpcc', str(own)], [], tmp_path, 1, 60.0, None
+    )
+    sent = [one.controller for one in run_library.plan_drives(request)]
+    assert sent == ['mpcc', str(own)]
 
 
 def test_given_settings_win_over_those_of_a_hard_draw():

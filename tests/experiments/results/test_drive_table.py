@@ -10,7 +10,7 @@ def test_drives_without_a_result_are_left_out(table, rows):
     assert len(table.rows) == len(rows) - 1
     assert table.failed == 1
     assert table.inputs == ('scenario', 'controller', 'family', 'draw', 'speed', 'friction', 'run')
-    assert table.units == ['scenario', 'family', 'draw', 'speed', 'friction']
+    assert table.units(table.rows).nunique() == table.rows['draw'].nunique()
 
 
 def test_a_file_is_a_table_as_well(folder):
@@ -38,3 +38,11 @@ def test_a_folder_without_a_table_is_an_error(tmp_path, rows):
     rows.assign(error='lost').to_parquet(tmp_path / 'results.parquet')
     with pytest.raises(BagError, match='no drive has a result'):
         drive_table.load(tmp_path)
+
+
+def test_lists_are_groups_by_their_text(tmp_path, rows):
+    rows = rows.copy()
+    rows.insert(0, 'split', [[0.5, 0.5] if run == 1 else [0.4, 0.6] for run in rows['run']])
+    rows.to_parquet(tmp_path / 'results.parquet')
+    table = drive_table.load(tmp_path)
+    assert set(table.rows['split']) == {'[0.5, 0.5]', '[0.4, 0.6]'}

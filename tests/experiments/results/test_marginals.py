@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas
 import pytest
 
 from bags.errors import BagError
@@ -103,3 +104,25 @@ def test_one_value_has_no_interval():
 def test_a_comparison_that_cannot_be_made_is_an_error(table, pair, by, what):
     with pytest.raises(BagError, match=what):
         marginals.compare(table, 'clearance_m', pair, by)
+
+
+def test_settings_with_the_same_draws_do_not_narrow_the_interval(table):
+    one = marginals.compare(table, 'clearance_m', ('b', 'a')).iloc[0]
+    copies = [table.rows.assign(gain=gain) for gain in range(4)]
+    many = table._replace(
+        rows=pandas.concat(copies, ignore_index=True), inputs=('gain', *table.inputs)
+    )
+    four = marginals.compare(many, 'clearance_m', ('b', 'a')).iloc[0]
+    assert four['pairs'] == 4 * one['pairs']
+    assert four['high'] - four['low'] == pytest.approx(one['high'] - one['low'], rel=0.2)
+
+
+def test_where_nothing_is_drawn_runs_are_what_is_resampled(table):
+    rows = table.rows[table.rows['draw'] < 20].copy()
+    rows['run'] = rows['run'] + 2 * (rows['draw'] % 5)
+    undrawn = table._replace(
+        rows=rows.drop(columns='draw'), inputs=tuple(n for n in table.inputs if n != 'draw')
+    )
+    assert undrawn.units(undrawn.rows).nunique() == 10
+    rows['draw'] = rows['draw'].where(rows['draw'] < 10)
+    assert table.units(rows).nunique() == 10 + rows[rows['draw'].isna()]['run'].nunique()

@@ -51,3 +51,10 @@ def test_where_nearly_all_agree_there_is_nothing_to_fit(points, count):
     holds = np.arange(400) < count
     with pytest.raises(BagError, match=f'{count} of 400 drives fulfil'):
         success_surface.fit(*points, holds, range(400))
+
+
+def test_drives_of_one_draw_tell_nothing_of_others(points, true_share):
+    x, y = points
+    holds = np.random.default_rng(2).random(400) < true_share(x, y)
+    with pytest.raises(BagError, match='share one draw or run'):
+        success_surface.fit(x, y, holds, [7] * 400)

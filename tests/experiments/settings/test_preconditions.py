@@ -183,3 +183,37 @@ def test_a_setting_without_contact_counts_at_the_lowest_level():
     (found,) = outcomes.build(PLAN, [GOOD | {'arm': 'mpcc_no_ca'}])
     assert (found['baseline'], found['P0'], found['P1']) == ('', True, False)
     assert 'sideslip.holds' not in found
+
+
+def test_a_setting_whose_baseline_was_not_driven_counts_at_the_lowest_level():
+    (found,) = outcomes.build(PLAN, [row('mpcc_no_ca'), row('mpcc')])
+    assert (found['baseline'], found['P1'], found['P2']) == ('', True, False)
+
+
+def test_a_start_has_conditions_of_its_own():
+    rows = [row('mpcc_no_ca'), *(row('mpcc', k) for k in range(5))]
+    crashed = {'completed': False, 'brake_onset_planned_at_m': None}
+    rows += [row('frenet_matched', k, **(crashed if k == 3 else {})) for k in range(5)]
+    found = list(outcomes.build(PLAN, rows))
+    assert all(r['P2'] and r['P4'] for r in found)
+    assert [r['start.P2'] for r in found] == [True, True, True, False, True]
+    assert [r['start.P4'] for r in found] == [True, True, True, False, True]
+
+
+@pytest.mark.parametrize('is_missing', [True, False])
+def test_a_start_without_a_result_of_an_accepted_setting_is_an_unknown_one(is_missing):
+    rows = [row('mpcc_no_ca'), *(row('mpcc', k) for k in range(5))]
+    rows += [row('frenet_matched', k) for k in range(4)]
+    if not is_missing:
+        rows.append(row('frenet_matched', 4, error='its process was ended'))
+    *_, last = outcomes.build(PLAN, rows)
+    assert (last['perturbation'], last['start.P2']) == (4, False)
+    assert all(last[f'{claim}.holds'] is None for claim in primaries.CLAIMS)
+
+
+def test_a_setting_may_be_accepted_for_one_version_of_the_baseline_alone():
+    rows = [row('mpcc_no_ca'), row('mpcc'), row('frenet_matched', lost=True), row('frenet_lineage')]
+    (drives,) = outcomes.group(rows).values()
+    assert outcomes.is_accepted(PLAN, drives)
+    assert outcomes.is_accepted(PLAN, drives, ('frenet_lineage',))
+    assert not outcomes.is_accepted(PLAN, drives, ('frenet_matched',))

@@ -160,3 +160,8 @@ def test_tuned_parameters_are_read_by_setting(tmp_path):
 def test_the_command_refuses_what_it_cannot_use(arguments, message, capsys):
     assert cli.main(['study', 'settings', *arguments]) != 0
     assert message in ' '.join(capsys.readouterr().err.split())
+
+
+def test_the_preregistered_run_has_the_numbers_of_the_file(tmp_path):
+    request = run_settings.preregistered(Request(tmp_path, 12, 1, 2, 300.0))
+    assert (request.seed, request.count, request.is_screened) == (20261123, 40_000, True)

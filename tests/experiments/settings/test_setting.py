@@ -40,7 +40,7 @@ SHAPES = {
 @settings(max_examples=12, deadline=None)
 @given(values=st.fixed_dictionaries(SHAPES), radius=st.floats(1.0, 1.3))
 def test_a_car_on_the_path_passes_with_the_drawn_clearances(plan, values, radius):
-    layout = course.lay_out(values, radius, plan.course)
+    layout = course.lay_out(values, radius, 60.0)
     fine = course.document(layout, 20.0, plan.course) | {'sampling': {'path_m': 0.1}}
     scn = scenario.parse(yaml.safe_dump(fine), 'test')
     path = np.column_stack([scn.reference.X, scn.reference.Y])
@@ -60,7 +60,8 @@ def test_the_speed_is_that_at_which_the_task_demands_the_drawn_share(plan, make_
     made = make_setting(S=0.5)
     scn = scenario.parse(made.text, 'test')
     room = made.radius + 0.5
-    x = np.arange(0.0, 200.0, 0.25)
+    begin = max(45.0, 2.5 * made.speed + 10.0) - 45.0
+    x = np.arange(begin, begin + 200.0, 0.25)
     low = np.full(len(x), scn.edges.right[0, 1] + room)
     high = np.full(len(x), scn.edges.left[0, 1] - room)
     circles = tuple(
@@ -70,6 +71,32 @@ def test_the_speed_is_that_at_which_the_task_demands_the_drawn_share(plan, make_
     assert scn.start.speed == pytest.approx(made.speed, abs=1e-3)
     required = demand.least_peak(Task(x, low, high, circles), scn.start.speed)
     assert required / made.plant.limit == pytest.approx(0.5, rel=5e-3)
+
+
+def test_the_entry_grows_with_the_speed_and_the_demand_does_not(plan, make_setting):
+    """A car that sees the change 2.5 s ahead has not begun it when it starts."""
+    slow, fast = make_setting(S=0.15), make_setting(S=0.5)
+    assert slow.curvature == fast.curvature
+    assert fast.speed / slow.speed == pytest.approx(math.sqrt(0.5 / 0.15))
+    first = []
+    for made in (slow, fast):
+        path = scenario.parse(made.text, 'test').reference
+        first.append(path.X[np.argmax(np.abs(path.Y) > 1e-3)])
+        expected = max(45.0, 2.5 * made.speed + 10.0)
+        assert first[-1] == pytest.approx(expected, abs=2.0)  # a change begins gently
+    assert first[1] > first[0]
+
+
+def test_obstacle_2_has_a_station_beyond_its_x(make_setting):
+    """Which is the length of the path up to the point nearest to it."""
+    made = make_setting()
+    scn = scenario.parse(made.text, 'test')
+    path = np.column_stack([scn.reference.X, scn.reference.Y])
+    lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
+    disc = scn.obstacles.items[1]
+    nearest = np.argmin(np.hypot(*(path - (disc.X, disc.Y)).T))
+    assert made.second_at == pytest.approx(lengths[nearest], abs=0.5)
+    assert made.second_at > path[nearest, 0] + 0.2
 
 
 def test_a_point_is_no_setting_where_a_safety_distance_cannot_be_kept(make_setting):
@@ -235,4 +262,30 @@ def test_some_drawn_points_are_settings_and_the_others_have_a_reason(plan):
     found = [one for one in built if isinstance(one, Setting)]
     assert found
     assert all(one.reason for one in built if isinstance(one, Rejected))
-    assert all(10.0 <= one.speed <= 45.0 for one in found)
+    assert all(14.0 <= one.speed <= 45.0 for one in found)
+
+
+def test_a_changed_controller_file_is_another_drive(plan, make_setting, tmp_path):
+    """Although it has the same name, and no parameter of the arm is another one."""
+    file, keys = tmp_path / 'own.yaml', []
+    task = drive.plan_drive(plan, make_setting(), arms.MPCC)
+    task = task._replace(arm=task.arm._replace(controller=str(file)))
+    for horizon in (50, 52, 50):
+        parameters = {'base': 'mpcc.yaml', 'model': {'horizon': horizon}}
+        file.write_text(yaml.safe_dump({'/**': {'ros__parameters': parameters}}))
+        drive.controller_digest.cache_clear()
+        keys.append(drive.key(task))
+    assert keys[0] == keys[2] != keys[1]
+
+
+def test_a_changed_plant_file_is_another_drive_and_another_draw(plan, make_setting, tmp_path):
+    text = plant_parameters.car_file('bmw_545i.yaml').read_text()
+    made, found = make_setting(), []
+    for name, own in (('a', text), ('b', text.replace('mass_kg: 1850', 'mass_kg: 1860'))):
+        file = tmp_path / f'{name}.yaml'
+        file.write_text(own)
+        found.append(plant_variants.digest(str(file)))
+    assert found[0] == plant_variants.digest('bmw_545i.yaml') != found[1]
+    task = drive.plan_drive(plan, made, arms.MPCC)
+    other = made._replace(values=made.values | {'car': str(tmp_path / 'b.yaml')})
+    assert drive.key(task) != drive.key(task._replace(setting=other))

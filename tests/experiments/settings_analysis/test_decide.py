@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from synthetic_study import make_study
 
-from experiments.settings import arms
-from experiments.settings_analysis import decide, decision_report, study_tables
+from experiments.settings import arms, outcomes
+from experiments.settings_analysis import decide, decision_report, study_tables, verdicts
 from experiments.settings_analysis.verdicts import IN_PART, NOT, REPRODUCED
 
 
@@ -114,3 +114,119 @@ def test_with_another_first_condition_the_verdicts_are_those_at_this_one(study):
     decision = dataclasses.replace(study.plan.decision, from_level='P0')
     near = study._replace(plan=dataclasses.replace(study.plan, decision=decision))
     assert {one.least for one in decide.decide(near, explained=[]).judged if one.primary} == {'P0'}
+
+
+@pytest.mark.parametrize(
+    ('change', 'at_P3'),
+    [
+        ({'completed': False}, True),  # with another result than the other starts
+        ({'brake_onset_planned_at_m': None}, False),
+        ({'error': 'its process was ended'}, True),
+    ],
+)
+def test_a_start_that_leaves_the_conditions_makes_its_setting_undetermined(study, change, at_P3):
+    """From the rows of the drives to the settings of a verdict."""
+    rows = study.drives.to_dict('records')
+    (changed,) = (
+        row
+        for row in rows
+        if (row['setting'], row['arm'], row['perturbation']) == (5, arms.MATCHED, 2)
+    )
+    changed |= change
+    built = pd.DataFrame(list(outcomes.build(study.plan, rows)))
+    own = built[built['baseline'] == arms.MATCHED]
+    for claim, level, expected in (
+        ('brake_onset', 'P4', True),
+        ('conjunction', 'P4', True),
+        ('sideslip', 'P3', at_P3),
+        ('sideslip', 'P2', False),  # where the unperturbed start alone counts
+    ):
+        margin = study_tables.margin(study.plan, claim)
+        table = verdicts.summarise(study_tables.pairs(own, claim, level), margin)
+        assert len(table) == 120
+        assert table['undetermined'][5] == expected
+        assert table['undetermined'].sum() == expected
+
+
+def test_a_screened_study_says_nothing_below_the_level_that_it_was_screened_for(tmp_path, study):
+    screened = study._replace(notes=study.notes | {'screened': 'true'})
+    found = decide.decide(screened, explained=['sideslip'])
+    assert {one.level for one in found.judged} == {'P3', 'P4'}
+    assert all(row['P1'] is None and row['P2'] is None for row in found.counts)
+    assert {row['P3'] for row in found.counts} == {120}
+    assert not found.drivers
+    files = decision_report.write(screened, found, tmp_path)
+    assert not [path for path in files if path.name.startswith('map_')]
+    assert json.loads((tmp_path / 'claims.json').read_text())['provenance']['screened'] is True
+    assert 'The study is screened' in (tmp_path / 'verdicts.md').read_text()
+
+
+def test_tables_that_were_not_made_as_planned_are_flagged(tmp_path, study, results):
+    assert [text.partition(':')[0] for text in study.departures] == ['seed', 'settings', 'screened']
+    decision_report.write(study, results, tmp_path)
+    assert '**Not the preregistered run**: seed: 1,' in (tmp_path / 'verdicts.md').read_text()
+    origin = json.loads((tmp_path / 'claims.json').read_text())['provenance']
+    assert origin['departures'] == study.departures
+    run = dataclasses.replace(study.plan.run, seed=1, count=120, screened=False)
+    planned = study._replace(plan=dataclasses.replace(study.plan, run=run))
+    assert planned.departures == []
+
+
+def test_onsets_near_the_start_are_counted_apart(tmp_path, study, results):
+    assert study_tables.censored_onsets(study) == (0, 360)
+    near = study.drives.copy()
+    chosen = (near['setting'] < 3) & (near['arm'] == arms.MPCC)
+    near.loc[chosen, 'brake_onset_planned_at_m'] = 5.9  # 0.3 s at 20 m/s are 6 m
+    changed = study._replace(drives=near)
+    assert study_tables.censored_onsets(changed) == (3, 360)
+    text = decision_report.verdict_text(changed, results)
+    assert '3 of 360 onsets of braking lie in the first 0.3 s' in text
+
+
+def test_settings_with_a_crashed_combination_count_for_avoidance_only(study):
+    drives = study.drives.copy()
+    crashed = (drives['setting'] == 3) & (drives['arm'] == arms.COMBINATIONS[7])
+    drives.loc[crashed, 'completed'] = False
+    drives.loc[crashed, 'peak_sideslip_deg'] = 30.0
+    missing = (drives['setting'] == 4) & (drives['arm'] == arms.COMBINATIONS[9])
+    effects = decide.decide(study._replace(drives=drives[~missing]), explained=[]).effects
+    assert {effect.settings for effect in effects['sideslip']} == {10}  # of 12
+    assert effects['sideslip'][4].mean == pytest.approx(2.0)
+    (heading,) = (effect for effect in effects['avoidance'] if effect.term == 'heading')
+    assert heading.settings == 11
+    assert heading.mean == pytest.approx(-1 / 16 / 11)
+
+
+def test_who_brakes_is_counted_and_the_conjunction_judged_where_both_do(study, results):
+    assert {one.level for one in results.judged if one.claim == 'conjunction'} == {'P4'}
+    drives = study.drives.copy()
+    for arm, first, last in ((arms.MPCC, 0, 3), (arms.MATCHED, 2, 6)):
+        chosen = (drives['arm'] == arm) & drives['setting'].between(first, last - 1)
+        drives.loc[chosen, 'brake_onset_planned_at_m'] = None
+    changed = study._replace(drives=drives)
+    counts = study_tables.braking(changed, arms.MATCHED, 'P3')
+    assert counts == {'both': 114, 'MPCC alone': 3, 'baseline alone': 2, 'none': 1}
+    text = decision_report.verdict_text(changed, results)
+    assert 'Which of the two cars brakes hard' in text
+
+
+def test_one_version_of_the_baseline_is_confirmatory(study, results):
+    entries = decide.claim_entries(study, results)
+    confirmatory = {entry['baseline'] for entry in entries if entry['confirmatory']}
+    assert confirmatory == {arms.MATCHED}
+    text = decision_report.verdict_text(study, results)
+    assert '## frenet_matched, confirmatory' in text
+    assert '## frenet_lineage, exploratory' in text
+
+
+def test_each_claim_is_told_by_stratum(study, results):
+    one = primary(results, 'brake_onset')
+    counts = decide.by_stratum(study, one)
+    ends = study.plan.strata.S
+    drawn = study_tables.dimensions(study)
+    for (held, count), low, high in zip(counts, ends, ends[1:], strict=False):
+        own = drawn[(drawn['S'] >= low) & (drawn['S'] < high)]
+        assert (held, count) == ((own['velocity_tolerance_mps'] < 6.0).sum(), len(own))
+    assert len(counts) == len(ends) - 1
+    assert sum(count for _, count in counts) == 120
+    assert '| 0.7 to 0.9 |' in decision_report.verdict_text(study, results)

@@ -29,7 +29,7 @@ def make_pairs(differences, threshold=1.0):
             'setting': setting,
             'perturbation': k,
             'difference': np.nan if value is None else value,
-            'holds': value is not None and value >= threshold,
+            'holds': np.nan if value is None else float(value >= threshold),
         }
         for setting, values in differences.items()
         for k, value in enumerate(values)
@@ -47,14 +47,20 @@ def test_a_setting_is_undetermined_beyond_the_margin_alone():
 def test_a_setting_holds_in_most_of_its_perturbations():
     pairs = make_pairs({1: [2, 2, 2, 0, 0], 2: [2, 2, 0, 0, 0], 3: [None] * 5})
     table = verdicts.summarise(pairs, MARGIN)
-    assert table['holds'].to_dict() == {1: True, 2: False, 3: False}
-    assert not table['undetermined'][3]
+    assert table['holds'].to_dict() == {1: True, 2: False}  # of 3 nothing is known
 
 
 def test_without_a_margin_disagreement_is_undetermined():
     pairs = make_pairs({1: [2, 2, 0], 2: [2, 2, 2], 3: [0, 0, 0]})
     table = verdicts.summarise(pairs, None)
     assert table['undetermined'].to_dict() == {1: True, 2: False, 3: False}
+
+
+@pytest.mark.parametrize('margin', [MARGIN, None])
+def test_a_start_that_does_not_tell_leaves_its_setting_undetermined(margin):
+    table = verdicts.summarise(make_pairs({1: [2, 2, 2, 2, None], 2: [2] * 5}), margin)
+    assert table['undetermined'].to_dict() == {1: True, 2: False}
+    assert table['unknown'].to_dict() == {1: True, 2: False}
 
 
 @pytest.mark.parametrize(

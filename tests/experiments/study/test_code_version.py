@@ -42,3 +42,12 @@ def test_a_changed_line_of_a_module_or_a_template_is_another_version(
 
 def test_every_package_of_the_project_may_be_followed():
     assert {name.split('.')[0] for name in code_version.modules()} <= set(provenance.PACKAGES)
+
+
+@pytest.mark.parametrize('library', ['casadi', 'numpy', 'commonroad-vehicle-models'])
+def test_another_version_of_a_library_that_drives_is_another_version(monkeypatch, library):
+    before = code_version.digest.__wrapped__()
+    versions = {**provenance.versions(), library: '0.0.1'}
+    monkeypatch.setattr(provenance, 'versions', lambda: versions)
+    assert code_version.digest.__wrapped__() != before
+    assert code_version.describe.__wrapped__()[library] == '0.0.1'

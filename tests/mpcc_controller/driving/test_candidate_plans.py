@@ -5,13 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.candidate_plans import _few_new
-from mpcc_controller.driving.candidates import Candidate
+from mpcc_controller.driving.candidates import LEFT, RIGHT, Candidate
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Obstacle, Obstacles
-from stage_solver.solution import FAILED, SOLVED
+from stage_solver.solution import FAILED, SOLVED, Solution
 from stage_solver.stage_problem import Plan
 
 POP_UP = Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0)
@@ -258,6 +259,20 @@ def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, 
     finally:
         del plans.propose
     assert rested > len(solved) > 0
+
+
+def test_of_two_plans_of_one_way_the_one_that_is_cheaper_in_the_end_is_kept(several):
+    plans = several.planner.alternatives
+    plans.reset()
+    outcomes = []
+    for side, cost, later in ((LEFT, 80.0, 0.0), (RIGHT, 90.0, 30.0), (RIGHT, 100.0, 5.0)):
+        plan = Plan(np.zeros((3, 9)), np.zeros((2, 4)), None)
+        solution = Solution(plan, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
+        outcomes.append(Outcome('way', None, solution, '', {1: side}, 0.3, 0.0, later=later))
+    plans._keep(Choice(tuple(outcomes), 0, False))
+    (kept,) = plans._kept
+    assert kept.plan is outcomes[2].solution.plan
+    plans.reset()
 
 
 def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():

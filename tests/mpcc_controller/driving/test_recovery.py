@@ -19,6 +19,7 @@ from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from msgs_yaml.types import Command
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import Simulator
@@ -198,3 +199,42 @@ def test_every_sliding_car_gets_a_plan_of_the_road_controller(world):
     for plan in plans:  # each is a motion of the model
         for x, u, after in zip(plan.X[:-1:10], plan.U[::10], plan.X[1::10]):
             assert after == pytest.approx(planner.step(x, u, controller.car), abs=0.02, rel=1e-3)
+
+
+class OnlyRelaxed:
+    """A solver that fails at one set of stage parameters."""
+
+    def __init__(self, solver, P):
+        self.solver, self.P, self.relaxed = solver, P, []
+        self.name, self.set_time_limit = solver.name, solver.set_time_limit
+
+    def solve(self, x0, P, bounds, guess):
+        solution = self.solver.solve(x0, P, bounds, guess)
+        if np.array_equal(P, self.P):
+            return solution._replace(status=FAILED)
+        self.relaxed.append(solution)
+        return solution
+
+
+def test_a_plan_of_relaxed_soft_limits_has_its_cost_in_the_true_problem(world):
+    params, vehicle = world.load('mpcc_road', candidates__most=1, solver__fallback='none')
+    controller = Controller(params, vehicle)
+    world.set_inputs(controller, world.straight(left=1.0, right=-1.0))
+    planner, scene = controller.planner, controller.scene
+    x0 = planner.initial_state(world.rolling(v=20.0, vy=3.0, X=10.0), Setpoints(0, 0), scene)
+    planner.plan(x0, scene, sliding=True)
+    problem = planner.last_problem
+    true = planner.solve(problem)[0]
+    P = problem.parameters.P
+    local = planner.formulation.to_local(true.plan, scene.path)
+    assert planner.evaluator.cost(local, P) == pytest.approx(true.cost, rel=1e-6)
+
+    planner.sliding_solver = stuck = OnlyRelaxed(planner.sliding_solver, P)
+    driven = planner.solve(problem)[0]
+    (relaxed,) = stuck.relaxed
+    assert relaxed.status == SOLVED
+    assert driven.status == STOPPED_EARLY
+    assert not rejection_reason(driven, params.fallback)
+    assert driven.plan.X[:, 0] == pytest.approx(relaxed.plan.X[:, 0], abs=1e-6)
+    assert driven.cost == pytest.approx(planner.evaluator.cost(relaxed.plan, P))
+    assert driven.cost > max(true.cost, 2.0 * relaxed.cost)

@@ -89,6 +89,17 @@ def test_the_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime
     assert realtime.latency.estimate(0.0) == pytest.approx(0.015 + 0.001)
 
 
+def test_a_warm_up_that_is_cut_short_leaves_no_state_behind_either(realtime, world):
+    steps = realtime.warm_up(world.rolling(X=10.0, stamp_ns=TICK), 5)
+    assert next(steps)
+    assert realtime.planner.fallback.plan is not None
+    last, scene = realtime.last_command, realtime.scene
+    steps.close()
+    assert realtime.planner.fallback.plan is None
+    assert realtime.last_command != last
+    assert realtime.scene is scene
+
+
 def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_warm_up(world):
     """Set-points, friction and obstacles are as before; all solvers of candidates have worked."""
     settings = world.load(candidates__most=4, **world.ESTIMATE)
