@@ -149,9 +149,9 @@ paper: setup
 study: setup
 	@$(BIN)/experiments study ablation
 	@$(BIN)/experiments study limit
-	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered
+	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered confirmatory
 	@$(BIN)/experiments study baseline build/settings/drawn
-	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered \
+	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered confirmatory \
 	  --tuned paper/settings/frenet_tuned.csv
 	@$(BIN)/experiments study decide build/settings/drawn
 	@$(BIN)/experiments study exists build/settings/drawn

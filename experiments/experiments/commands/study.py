@@ -81,8 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', type=Path, metavar='FILE', help=text)
     text = 'settings: all controllers only where P1 to P3 can be met; says nothing below P3'
     parser.add_argument('--screen', action='store_true', help=text)
-    text = 'settings: seed, count and screening as the preregistration has them'
-    parser.add_argument('--preregistered', action='store_true', help=text)
+    text = 'settings: seed, count and screening of a run of the preregistration'
+    parser.add_argument('--preregistered', metavar='RUN', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'
@@ -134,7 +134,7 @@ def _run_settings(options):
         dask=options.dask,
     )
     if options.preregistered:
-        request = run_settings.preregistered(request)
+        request = run_settings.preregistered(request, options.preregistered)
     return run_settings.run(request, Console())
 
 

@@ -15,6 +15,7 @@ from node_runtime.parameters import SPEED, Range
 from node_runtime.typed_yaml import parse_value
 
 FILE = ('config', 'settings_study.yaml')
+RUNS = ('confirmatory', 'repetition', 'levels')
 LEVELS = ('P0', 'P1', 'P2', 'P3', 'P4')
 Level = Literal['P0', 'P1', 'P2', 'P3', 'P4']
 Share = Annotated[float, Range(0.0, 1.0, '-')]
@@ -48,11 +49,20 @@ NAMES = (
 
 @dataclass(frozen=True)
 class Run:
-    """The settings that the verdicts are about."""
+    """The settings of one run."""
 
     seed: Annotated[int, Range(0, 2**31 - 1, '-')]
     count: Annotated[int, Range(1, 1_000_000, 'settings')]
     screened: Literal[False, True]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The planned runs, each of settings of its own."""
+
+    confirmatory: Run
+    repetition: Run
+    levels: Run
 
 
 @dataclass(frozen=True)
@@ -227,7 +237,8 @@ class Decision:
     correction: Literal['holm']
     holds_from: Share
     rare_below: Share
-    undetermined: Literal['margin']
+    undetermined: Literal['disagreement']
+    undetermined_strictly: Literal['margin']
     from_level: Literal['P0', 'P1']
     least_settings: Annotated[int, Range(1, 1_000_000, 'settings')]
 
@@ -237,7 +248,7 @@ class Preregistration:
     """The whole file."""
 
     schema: Literal[1]
-    run: Run
+    runs: Runs
     dimensions: Dimensions
     strata: Strata
     course: Course

@@ -58,9 +58,12 @@ class Request(NamedTuple):
     dask: str = ''  # address of a scheduler whose workers drive, instead of `jobs`
 
 
-def preregistered(request: Request) -> Request:
-    """Return a request for the settings that the preregistration names. Raises BagError."""
-    run_ = preregistration.load(request.plan).run
+def preregistered(request: Request, name: str) -> Request:
+    """Return a request for the settings of a run of the preregistration. Raises BagError."""
+    if name not in preregistration.RUNS:
+        known = ', '.join(preregistration.RUNS)
+        raise BagError(f'--preregistered: is {name!r}; allowed {known}')
+    run_ = getattr(preregistration.load(request.plan).runs, name)
     return request._replace(count=run_.count, seed=run_.seed, is_screened=run_.screened)
 
 

@@ -10,7 +10,7 @@ from bags.errors import BagError
 from experiments.settings import arms, preconditions, preregistration, primaries
 from experiments.settings.outcomes import OF_A_START
 from experiments.settings.preconditions import ACCEPTED
-from experiments.settings.preregistration import LEVELS, Preregistration
+from experiments.settings.preregistration import LEVELS, RUNS, Preregistration
 from experiments.settings.run_settings import OUTCOMES, TABLE
 
 FACTORS = arms.FACTORS
@@ -39,9 +39,15 @@ class Study(NamedTuple):
         return self.notes.get('screened') == 'true'
 
     @property
+    def run(self) -> str:
+        """The name of the preregistered run whose seed this is; that of the verdicts otherwise."""
+        by_seed = {getattr(self.plan.runs, name).seed: name for name in RUNS}
+        return by_seed.get(self.seed, RUNS[0])
+
+    @property
     def departures(self) -> list[str]:
         """What of the run is not as the preregistration has it, in words."""
-        planned = self.plan.run
+        planned = getattr(self.plan.runs, self.run)
         made = {
             'seed': (self.seed, planned.seed),
             'settings': (self.settings, planned.count),

@@ -154,6 +154,7 @@ def test_tuned_parameters_are_read_by_setting(tmp_path):
     [
         ([], 'needs --out DIR'),
         (['--out', 'x', '--seed', '-1'], '--seed: is -1; allowed 0 or more'),
+        (['--out', 'x', '--preregistered', 'first'], "is 'first'; allowed confirmatory,"),
         (['--out', 'x', '--tuned', 'a.csv', '--tuned', 'b.csv'], 'takes one --tuned FILE'),
     ],
 )
@@ -162,6 +163,14 @@ def test_the_command_refuses_what_it_cannot_use(arguments, message, capsys):
     assert message in ' '.join(capsys.readouterr().err.split())
 
 
-def test_the_preregistered_run_has_the_numbers_of_the_file(tmp_path):
-    request = run_settings.preregistered(Request(tmp_path, 12, 1, 2, 300.0))
-    assert (request.seed, request.count, request.is_screened) == (20261123, 40_000, True)
+@pytest.mark.parametrize(
+    ('name', 'numbers'),
+    [
+        ('confirmatory', (20261123, 18_000, True)),
+        ('repetition', (20261124, 18_000, True)),
+        ('levels', (20261125, 3_000, False)),
+    ],
+)
+def test_a_preregistered_run_has_the_numbers_of_the_file(tmp_path, name, numbers):
+    request = run_settings.preregistered(Request(tmp_path, 12, 1, 2, 300.0), name)
+    assert (request.seed, request.count, request.is_screened) == numbers

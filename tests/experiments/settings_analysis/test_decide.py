@@ -167,9 +167,10 @@ def test_tables_that_were_not_made_as_planned_are_flagged(tmp_path, study, resul
     assert '**Not the preregistered run**: seed: 1,' in (tmp_path / 'verdicts.md').read_text()
     origin = json.loads((tmp_path / 'claims.json').read_text())['provenance']
     assert origin['departures'] == study.departures
-    run = dataclasses.replace(study.plan.run, seed=1, count=120, screened=False)
-    planned = study._replace(plan=dataclasses.replace(study.plan, run=run))
-    assert planned.departures == []
+    run = dataclasses.replace(study.plan.runs.levels, seed=1, count=120, screened=False)
+    runs = dataclasses.replace(study.plan.runs, levels=run)
+    planned = study._replace(plan=dataclasses.replace(study.plan, runs=runs))
+    assert (planned.run, planned.departures) == ('levels', [])
 
 
 def test_onsets_near_the_start_are_counted_apart(tmp_path, study, results):
