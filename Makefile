@@ -12,11 +12,12 @@
 # make golden    the recordings that replay-check holds every change against
 # make coverage  is every line of gates, ladder, watchdogs and braking run by its tests?
 # make coverage_whole  how many lines of all packages are run by all tests? (half an hour)
+# make docs      the documentation site, into build/docs/html: open index.html there
 # make identify  the controller's tyre parameters from circular driving of the plant
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup \
+.PHONY: help demo test check docs coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup \
   requirements clean
 
 PYTHON ?= python3
@@ -69,6 +70,16 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
 	@touch $@
 
+# what only the site needs; Sphinx reads the installed packages
+$(VENV)/.docs: docs/requirements.txt $(VENV)/.requirements
+	@$(PIP) install --quiet --use-pep517 --progress-bar off -r docs/requirements.txt
+	@touch $@
+
+# a warning is an error, and every one is shown: dead links, pages in no table of contents
+docs: setup $(VENV)/.docs
+	$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs build/docs/html
+	@echo "build/docs/html/index.html"
+
 demo: setup
 	@$(BIN)/experiments run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
@@ -111,7 +122,7 @@ coverage_whole: setup
 
 # Every test in one of three parts: those of the safety modules, traced; those that must have the
 # machine for themselves; all others. Each part runs, whatever failed before it.
-check: setup lint
+check: setup lint docs
 	failed=0; \
 	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
 	  { $(COVER_SAFE); } || failed=1; \
@@ -162,11 +173,14 @@ golden: setup
 identify: setup
 	$(BIN)/identify --out mpcc_controller/config/car.yaml --figure docs/identified_tyres.png
 
-# universal resolution: one file for Python 3.10 to 3.14; that it is for Linux goes without saying
+# universal resolution: one file for Python 3.10 to 3.14 (3.11 for docs: Sphinx); that it is for Linux goes without saying
 requirements: requirements.in
 	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
 	  requirements.in -o requirements.txt
-	sed -i -e "s/ ; sys_platform == 'linux'//" -e "s/ and sys_platform == 'linux'//" requirements.txt
+	uv pip compile --universal --python-version 3.11 --no-emit-index-url --no-annotate --no-header \
+	  docs/requirements.in -o docs/requirements.txt
+	sed -i -e "s/ ; sys_platform == 'linux'//" -e "s/ and sys_platform == 'linux'//" requirements.txt \
+	  docs/requirements.txt
 
 clean:
 	rm -rf $(VENV) build install log
