@@ -14,11 +14,14 @@
 # make coverage_whole  how many lines of all packages are run by all tests? (half an hour)
 # make docs      the documentation site, into build/docs/html: open index.html there
 # make identify  the controller's tyre parameters from circular driving of the plant
+# make wheels    a wheel of each package, into dist/
+# make wheels_test  do these wheels, in an environment with nothing else, drive and compare?
+# make version   write the newest version of CHANGELOG.md into every file that repeats it
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help demo test check docs coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup \
-  requirements clean
+  requirements wheels wheels_test version clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -173,6 +176,24 @@ golden: setup
 identify: setup
 	$(BIN)/identify --out mpcc_controller/config/car.yaml --figure docs/identified_tyres.png
 
+wheels: $(VENV)/.requirements
+	@rm -rf dist $(addsuffix /build,$(PACKAGES))
+	@$(PIP) wheel --use-pep517 --quiet --no-deps --no-build-isolation --wheel-dir dist \
+	  $(addprefix ./,$(PACKAGES))
+	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
+	@ls dist/*.whl
+
+# from a registry, as a user installs them; pip of its own, the one of an old Python may not do
+FRESH := build/wheels_test
+wheels_test: wheels
+	rm -rf $(FRESH)
+	$(PYTHON) -m venv $(FRESH)
+	$(FRESH)/bin/pip --disable-pip-version-check --no-input install --quiet dist/*.whl 'node_runtime[ros]'
+	cd $(FRESH) && bin/experiments run double_lane_change && bin/bags info bags/runs/double_lane_change/mpcc
+
+version:
+	@$(PYTHON) .ci/set_version.py
+
 # universal resolution: one file for Python 3.10 to 3.14 (3.11 for docs: Sphinx); that it is for Linux goes without saying
 requirements: requirements.in
 	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
@@ -183,4 +204,4 @@ requirements: requirements.in
 	  docs/requirements.txt
 
 clean:
-	rm -rf $(VENV) build install log
+	rm -rf $(VENV) build dist install log

@@ -2,10 +2,11 @@
 
 import json
 import os
+import zipfile
 from pathlib import Path
 
 import pytest
-from installation import PACKAGES, environment, run_checked
+from installation import PACKAGES, ROOT, environment, run_checked
 from packaging.utils import parse_wheel_filename
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
@@ -50,6 +51,26 @@ def test_there_is_a_wheel_of_every_package_for_every_python(wheels):
     names = [parse_wheel_filename(wheel.name) for wheel in wheels]
     assert sorted(name for name, *_ in names) == sorted(n.replace('_', '-') for n in PACKAGES)
     assert {str(tag) for *_, tags in names for tag in tags} == {'py3-none-any'}
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_a_wheel_holds_the_licence_and_every_file_of_its_package(wheels, package):
+    (wheel,) = (wheel for wheel in wheels if wheel.name.startswith(f'{package}-'))
+    inside = {Path(name).name for name in zipfile.ZipFile(wheel).namelist()}
+    data = {path.name for path in files_to_install(package)}
+    assert 'LICENSE' in inside
+    assert data
+    assert data <= inside
+
+
+def files_to_install(package):
+    """Yield the files of a package that it needs where it is installed."""
+    folders = ('config', 'examples', 'launch', 'resource', 'scenarios', 'scripts', 'viewers')
+    for folder in (*folders, package):
+        for path in (ROOT / package / folder).rglob('*'):
+            is_example = package == 'stage_solver' and folder == 'examples'
+            if path.is_file() and '__pycache__' not in path.parts and not is_example:
+                yield path
 
 
 def test_a_ring_drives_from_wheels_in_an_empty_environment(installed, tmp_path):
