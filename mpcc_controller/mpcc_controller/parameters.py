@@ -23,7 +23,7 @@ class Model:
     """Prediction horizon, and how the model treats the limits of its validity."""
 
     horizon: Annotated[int, Range(5, 200, 'steps')]
-    step_s: Annotated[float, Range(0.01, 0.2, 's')]
+    step_s: Annotated[float, Range(0.01, 0.2, 's')]  # length of a step of the prediction
     tyre_switch: Annotated[float, Range(0.5, 1.0, 'share of the slip of full sliding')]
     least_slip_speed_mps: Annotated[float, Range(1.0, 10.0, 'm/s')]
     force_blend_n: Annotated[float, Range(1.0, 1e4, 'N, from braking to driving')]
@@ -59,7 +59,7 @@ class Formulation:
 class Body:
     """The circles that stand for the vehicle."""
 
-    circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
+    circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]  # of each circle
     circle_offsets_m: Annotated[tuple[float, ...], Range(-5.0, 5.0, 'm ahead of the CoG')]
     # that cover the outline of `car_file`, in place of those above; left out: those above
     circles: Annotated[int, Range(1, 9, 'circles')] | None
@@ -71,19 +71,22 @@ class Body:
 class Tolerances:
     """The error that costs 1: a weight is 1 / tolerance^2."""
 
-    contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]
+    contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]  # distance from the path, across
+    # distance along the path from the point at theta
     lag_m: Annotated[float, Range(1e-3, 1e3, 'm')]
     heading_rad: Annotated[float, Range(1e-3, 1e3, 'rad from the path')]
-    velocity_mps: Annotated[float, Range(1e-3, 1e3, 'm/s')]
+    velocity_mps: Annotated[float, Range(1e-3, 1e3, 'm/s')]  # from the desired speed
     steer_rate_radps: Annotated[float, Range(1e-3, 1e3, 'rad/s')]
-    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]  # of the total longitudinal force
     brake_split: Annotated[float, Range(1e-3, 1e3, '-')]
     slack_m: Annotated[float, Range(1e-3, 1e3, 'm outside the road, m/s below the least speed')]
     # left out: the term is not in the problem
     lateral_jerk_mps3: Annotated[float, Range(1e-1, 1e6, 'm/s^3')] | None
     # of the excess over the shares of `Envelope`; left out: likewise
     front_slip_excess_rad: Annotated[float, Range(1e-4, 1e3, 'rad')] | None
+    # of the rear axle, likewise
     rear_slip_excess_rad: Annotated[float, Range(1e-4, 1e3, 'rad')] | None
+    # of the yaw rate, likewise
     yaw_rate_excess_radps: Annotated[float, Range(1e-4, 1e3, 'rad/s')] | None
 
 
@@ -105,16 +108,17 @@ class Envelope:
 class Priorities:
     """The largest weights P_k of the distances to obstacles and road edges."""
 
-    obstacle: Annotated[float, Range(0.0, 1e6, '1/m^2')]
-    edge: Annotated[float, Range(0.0, 1e6, '1/m^2')]
+    obstacle: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of obstacles; 0: they are not avoided
+    edge: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of road edges; 0: they are not avoided
 
 
 @dataclass(frozen=True)
 class SafetyDistances:
     """D_sft: nearer than this costs."""
 
+    # between a circle of the car and an obstacle
     obstacle_m: Annotated[float, Range(1e-2, 10.0, 'm')]
-    edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]
+    edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]  # between a circle of the car and an edge
     # left out: 0. Of obstacles that move, per time of the prediction
     growth_mps: Annotated[float, Range(0.0, 2.0, 'm/s')] | None
     # whether edge_m is at most the room beside a car in the middle of the road (not of frenet);
@@ -130,11 +134,12 @@ class Limits:
     steer_rate_radps: Annotated[float, Range(0.01, 10.0, 'rad/s')]
     brake_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
     drive_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
-    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
-    brake_front_share_min: Annotated[float, Range(0.0, 1.0, '-')]
-    brake_front_share_max: Annotated[float, Range(0.0, 1.0, '-')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]  # of the total longitudinal force
+    brake_front_share_min: Annotated[float, Range(0.0, 1.0, '-')]  # lambda_b, lower limit
+    brake_front_share_max: Annotated[float, Range(0.0, 1.0, '-')]  # lambda_b, upper limit
     friction_use: Annotated[float, Range(0.1, 1.0, 'share of mu Fz (sf)')]
     least_speed_mps: Annotated[float, Range(1.0, 50.0, 'm/s, below it the car brakes to a stop')]
+    # above the least speed, to drive on
     speed_hysteresis_mps: Annotated[float, Range(0.0, 10.0, 'm/s')]
 
 
@@ -167,6 +172,7 @@ class Solver:
     one_step_decrease: Annotated[float, Range(0.0, 1e3, 'share of the cost that a step promises')]
     prepare: bool  # solve the expected next problem after each command
     max_iterations: Annotated[int, Range(1, 10000, 'iterations')]
+    # of the optimality conditions, in solver units
     tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
     time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]
     compiled: bool
@@ -212,8 +218,9 @@ class MeasurementErrors:
     seed: Annotated[int, Range(0, 2**31 - 1, '-, of noise and dropouts; left out: 0')] | None
     ahead_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
     left_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
-    yaw_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None
+    yaw_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None  # constant error of the heading
     speed_error: Annotated[float, Range(-0.5, 0.5, 'share of the speed')] | None
+    # constant error of the sideslip angle
     sideslip_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None
     position_noise_m: Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')] | None
     yaw_noise_rad: Annotated[float, Range(0.0, 0.5, 'rad, standard deviation')] | None
@@ -260,7 +267,7 @@ class Braking:
     """How the car steers while it brakes without a plan."""
 
     preview_s: Annotated[float, Range(0.1, 5.0, 's of driving to the point that is steered to')]
-    least_preview_m: Annotated[float, Range(1.0, 50.0, 'm')]
+    least_preview_m: Annotated[float, Range(1.0, 50.0, 'm')]  # at least so far ahead
     lateral_use: Annotated[float, Range(0.0, 1.0, 'share of the usable friction, at most')]
 
 
@@ -312,23 +319,26 @@ class ControllerParams:
 class CarBody:
     """Masses and lengths of the car."""
 
-    mass_kg: Annotated[float, Range(100.0, 1e5, 'kg')]
-    yaw_inertia_kgm2: Annotated[float, Range(10.0, 1e6, 'kg m^2')]
-    cog_to_front_m: Annotated[float, Range(0.1, 10.0, 'm')]
-    cog_to_rear_m: Annotated[float, Range(0.1, 10.0, 'm')]
-    cog_height_m: Annotated[float, Range(0.0, 3.0, 'm')]
+    mass_kg: Annotated[float, Range(100.0, 1e5, 'kg')]  # with driver
+    yaw_inertia_kgm2: Annotated[float, Range(10.0, 1e6, 'kg m^2')]  # about the CoG
+    cog_to_front_m: Annotated[float, Range(0.1, 10.0, 'm')]  # CoG to the front axle
+    cog_to_rear_m: Annotated[float, Range(0.1, 10.0, 'm')]  # CoG to the rear axle
+    cog_height_m: Annotated[float, Range(0.0, 3.0, 'm')]  # above the road
+    # half the air density times the drag area
     drag_n_per_mps2: Annotated[float, Range(0.0, 10.0, 'N/(m/s)^2')]
-    rolling_n: Annotated[float, Range(0.0, 1e4, 'N')]
+    rolling_n: Annotated[float, Range(0.0, 1e4, 'N')]  # rolling resistance
 
 
 @dataclass(frozen=True)
 class Tyre:
     """Fiala tyres of both axles, identified on the plant."""
 
+    # cornering stiffness of the axle
     front_cornering_npr: Annotated[float, Range(1e3, 1e6, 'N/rad')]
+    # cornering stiffness of the axle
     rear_cornering_npr: Annotated[float, Range(1e3, 1e6, 'N/rad')]
-    front_friction: Annotated[float, Range(0.05, 3.0, '-')]
-    rear_friction: Annotated[float, Range(0.05, 3.0, '-')]
+    front_friction: Annotated[float, Range(0.05, 3.0, '-')]  # lateral force over load when sliding
+    rear_friction: Annotated[float, Range(0.05, 3.0, '-')]  # lateral force over load when sliding
 
 
 @dataclass(frozen=True)
@@ -337,12 +347,13 @@ class CarActuators:
 
     drive_front_share: Annotated[float, Range(0.0, 1.0, '-, 0 = rear-wheel drive')]
     steer_rad: Annotated[float, Range(0.01, 2.0, 'rad at the road wheel, either way')]
-    steer_rate_radps: Annotated[float, Range(0.01, 20.0, 'rad/s')]
+    steer_rate_radps: Annotated[float, Range(0.01, 20.0, 'rad/s')]  # of the road-wheel angle
     brake_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
     drive_n: Annotated[float, Range(0.0, 1e5, 'N, both axles')]
-    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]
+    force_rate_nps: Annotated[float, Range(1.0, 1e7, 'N/s')]  # of the slower axle
     # behind a set-point that moves at a constant rate; older files do not have them
     steer_lag_s: Annotated[float, Range(0.0, 1.0, 's')] | None
+    # the same of the total force while braking
     force_lag_s: Annotated[float, Range(0.0, 1.0, 's')] | None
 
 
@@ -352,7 +363,7 @@ class CarOutline:
 
     front_m: Annotated[float, Range(0.1, 20.0, 'm, CoG to the front end')] | None
     rear_m: Annotated[float, Range(0.1, 20.0, 'm, CoG to the rear end')] | None
-    width_m: Annotated[float, Range(0.1, 5.0, 'm')] | None
+    width_m: Annotated[float, Range(0.1, 5.0, 'm')] | None  # of the body
 
 
 @dataclass(frozen=True)

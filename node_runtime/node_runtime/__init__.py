@@ -3,6 +3,7 @@
 Parameters
     parameters          typed parameters with range and unit; parameter files and their `base`
     node_parameters     parameters of a node: file, overrides, what every node declares
+    parameter_docs      every parameter as text: type, unit, range, default, meaning
     typed_yaml          YAML as typed values of a schema of dataclasses
     named_vector        nested named tuples as flat vectors
     scheduling          real-time priority, core, locked memory

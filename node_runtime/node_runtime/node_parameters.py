@@ -16,7 +16,8 @@ from typing import Annotated, Any, NamedTuple
 
 from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import closest
-from node_runtime import parameters, scheduling
+from node_runtime import parameter_docs, parameters, scheduling
+from node_runtime.parameter_docs import GroupDoc
 from node_runtime.parameters import BASE, Choice, Leaf, ParameterError, Range
 
 MODE = 'mode'
@@ -26,9 +27,10 @@ REALTIME = 'realtime'
 
 @dataclass(frozen=True)
 class _Common:
+    # simulated time that waits for every answer, or the wall clock
     mode: Annotated[str, Choice(*contract.MODES)]
     recorders: Annotated[int, Range(0, 10, 'recorders that must be listening before it starts')]
-    base: str
+    base: str  # file of what is not given; '': the node's own
     realtime: scheduling.SchedulingOptions
 
 
@@ -86,6 +88,12 @@ def resolve(
         for name, leaf in known.items()
     }
     return params, tuple(Declaration(k, final[k], v, descriptions[k]) for k, v in known.items())
+
+
+def describe_common() -> tuple[GroupDoc, ...]:
+    """Return what `parameter_docs.describe` says of the parameters of COMMON."""
+    file = parameters.ParameterFile(_DEFAULTS, {}, {}, None)
+    return parameter_docs.describe(_Common, file)
 
 
 def describe_defaults(cls: type, given: Mapping[str, Any], defaults: Path) -> str:

@@ -20,17 +20,18 @@ class Body:
     """Masses and lengths. Inertias are those of the whole car about its CoG."""
 
     mass_kg: Annotated[float, Range(500.0, 5000.0, 'kg')]
+    # about the longitudinal axis
     roll_inertia_kgm2: Annotated[float, Range(50.0, 5000.0, 'kg m^2')]
-    pitch_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]
-    yaw_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]
-    cog_to_front_m: Annotated[float, Range(0.5, 3.0, 'm')]
-    cog_to_rear_m: Annotated[float, Range(0.5, 3.0, 'm')]
-    cog_height_m: Annotated[float, Range(0.1, 1.5, 'm')]
+    pitch_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]  # about the lateral axis
+    yaw_inertia_kgm2: Annotated[float, Range(200.0, 20000.0, 'kg m^2')]  # about the vertical axis
+    cog_to_front_m: Annotated[float, Range(0.5, 3.0, 'm')]  # CoG to the front axle
+    cog_to_rear_m: Annotated[float, Range(0.5, 3.0, 'm')]  # CoG to the rear axle
+    cog_height_m: Annotated[float, Range(0.1, 1.5, 'm')]  # above the road
     drag_area_m2: Annotated[float, Range(0.0, 3.0, 'm^2')]
     front_lift_area_m2: LiftArea
-    rear_lift_area_m2: LiftArea
-    air_density_kgpm3: Annotated[float, Range(0.5, 2.0, 'kg/m^3')]
-    gravity_mps2: Annotated[float, Range(1.0, 20.0, 'm/s^2')]
+    rear_lift_area_m2: LiftArea  # the same of the rear axle
+    air_density_kgpm3: Annotated[float, Range(0.5, 2.0, 'kg/m^3')]  # of the drag and lift
+    gravity_mps2: Annotated[float, Range(1.0, 20.0, 'm/s^2')]  # of the axle loads
 
 
 @dataclass(frozen=True)
@@ -39,18 +40,19 @@ class Outline:
 
     front_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
     rear_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
-    width_m: Annotated[float, Range(0.5, 3.0, 'm')]
+    width_m: Annotated[float, Range(0.5, 3.0, 'm')]  # of the body
 
 
 @dataclass(frozen=True)
 class Axle:
     """Suspension of one axle; rates are per wheel, at the wheel."""
 
-    track_m: Annotated[float, Range(0.5, 3.0, 'm')]
+    track_m: Annotated[float, Range(0.5, 3.0, 'm')]  # between the wheel centres
+    # vertical stiffness at the wheel, without anti-roll bar
     ride_rate_npm: Annotated[float, Range(5e3, 200e3, 'N/m')]
-    damper_rate_nspm: Annotated[float, Range(100.0, 20e3, 'N s/m')]
+    damper_rate_nspm: Annotated[float, Range(100.0, 20e3, 'N s/m')]  # of the damper
     antiroll_npm: Annotated[float, Range(0.0, 200e3, 'N/m')]
-    roll_centre_height_m: Height
+    roll_centre_height_m: Height  # above the road
     pitch_centre_height_m: Height
     unsprung_mass_kg: Annotated[float, Range(10.0, 100.0, 'kg')]
     static_camber_rad: Annotated[float, Range(-0.1, 0.1, 'rad')]
@@ -71,20 +73,22 @@ class Suspension:
 class Wheel:
     """A wheel with the carcass of its tyre; all four are equal."""
 
-    radius_m: Annotated[float, Range(0.1, 1.0, 'm')]
+    radius_m: Annotated[float, Range(0.1, 1.0, 'm')]  # from the axis to the road
+    # with brake disc and half-shaft
     spin_inertia_kgm2: Annotated[float, Range(0.2, 10.0, 'kg m^2')]
-    vertical_stiffness_npm: Annotated[float, Range(50e3, 1e6, 'N/m')]
-    vertical_damping_nspm: Annotated[float, Range(0.0, 5e3, 'N s/m')]
+    vertical_stiffness_npm: Annotated[float, Range(50e3, 1e6, 'N/m')]  # of the carcass
+    vertical_damping_nspm: Annotated[float, Range(0.0, 5e3, 'N s/m')]  # of the carcass
     longitudinal_stiffness_npm: Annotated[float, Range(50e3, 2e6, 'N/m')]
-    lateral_stiffness_npm: Annotated[float, Range(20e3, 1e6, 'N/m')]
-    rolling_resistance: Annotated[float, Range(0.0, 0.1, '-')]
-    pressure_pa: Annotated[float, Range(50e3, 500e3, 'Pa')]
+    lateral_stiffness_npm: Annotated[float, Range(20e3, 1e6, 'N/m')]  # of the carcass
+    rolling_resistance: Annotated[float, Range(0.0, 0.1, '-')]  # rolling force over load
+    pressure_pa: Annotated[float, Range(50e3, 500e3, 'Pa')]  # inflation of the tyre
     minimum_load_n: Annotated[float, Range(0.01, 50.0, 'N')]
     minimum_relaxation_m: Annotated[float, Range(0.02, 0.5, 'm')]
     minimum_relaxation_s: Annotated[float, Range(0.0004, 0.005, 's')]
     greatest_slip: Annotated[float, Range(1.0, 10.0, '-')]
     standstill_slip: Annotated[float, Range(0.01, 1.0, '-')]
     standstill_speed_mps: Annotated[float, Range(0.1, 5.0, 'm/s')]
+    # of the carcass at standstill
     standstill_damping_nspm: Annotated[float, Range(0.0, 10e3, 'N s/m')]
 
 
@@ -93,17 +97,17 @@ class BrakeLining:
     """Elastic wind-up and damping of a brake lining before it slips."""
 
     windup_rad: Annotated[float, Range(0.005, 0.2, 'rad')]
-    damping_s: Annotated[float, Range(0.0, 0.02, 's')]
+    damping_s: Annotated[float, Range(0.0, 0.02, 's')]  # damping of the wind-up over its stiffness
 
 
 @dataclass(frozen=True)
 class Steering:
     """Second-order servo of the road-wheel angle."""
 
-    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]
-    damping: Annotated[float, Range(0.3, 3.0, '-')]
-    limit_rad: Annotated[float, Range(0.05, 1.2, 'rad')]
-    rate_radps: Annotated[float, Range(0.05, 20.0, 'rad/s')]
+    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]  # of the servo
+    damping: Annotated[float, Range(0.3, 3.0, '-')]  # ratio of the servo, 1: no overshoot
+    limit_rad: Annotated[float, Range(0.05, 1.2, 'rad')]  # at the road wheel, either way
+    rate_radps: Annotated[float, Range(0.05, 20.0, 'rad/s')]  # at the road wheel
     delay_ms: DelayMs
 
 
@@ -111,12 +115,13 @@ class Steering:
 class AxleForce:
     """Second-order servo of one axle's brake and drive force at the contact patches."""
 
-    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]
-    damping: Annotated[float, Range(0.3, 3.0, '-')]
-    brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
+    natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]  # of the servo
+    damping: Annotated[float, Range(0.3, 3.0, '-')]  # ratio of the servo, 1: no overshoot
+    brake_n: Annotated[float, Range(0.0, 50e3, 'N')]  # largest brake force of the axle
+    # largest drive force of the axle; 0: not driven
     drive_n: Annotated[float, Range(0.0, 50e3, 'N')]
-    rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]
-    delay_ms: DelayMs
+    rate_nps: Annotated[float, Range(1e3, 1e7, 'N/s')]  # of the force
+    delay_ms: DelayMs  # pure delay before the servo
 
 
 @dataclass(frozen=True)
@@ -150,8 +155,8 @@ class GateLimits:
 class SafeStop:
     """Brake forces when the controller is gone, at friction 1."""
 
-    front_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
-    rear_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]
+    front_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]  # of the front axle
+    rear_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]  # of the rear axle
 
 
 @dataclass(frozen=True)

@@ -31,23 +31,23 @@ START_FROM = Choice('reference', 'parameters')  # of start.from; the first is th
 class StartParams:
     """Initial pose and velocity of the car, and whether it slides sideways or turns."""
 
-    x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
-    y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
-    yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
+    x_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # of the CoG in the map
+    y_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # of the CoG in the map
+    yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]  # heading
     # 0: at standstill
     speed_mps: Annotated[float, parameters.START_SPEED]
     # left out: 0
     lateral_mps: Annotated[float, parameters.LATERAL_SPEED] | None
-    yaw_rate_radps: Annotated[float, parameters.YAW_RATE] | None
+    yaw_rate_radps: Annotated[float, parameters.YAW_RATE] | None  # left out: 0
 
 
 @dataclass(frozen=True)
 class StopParams:
     """End of a run: finish line, crossed in the direction yaw_rad, or time limit."""
 
-    x_m: Annotated[float, Range(-1e4, 1e4, 'm')]
-    y_m: Annotated[float, Range(-1e4, 1e4, 'm')]
-    yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]
+    x_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # a point of the finish line
+    y_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # a point of the finish line
+    yaw_rad: Annotated[float, Range(-10.0, 10.0, 'rad')]  # direction in which it is crossed
     armed_after_m: Annotated[float, Range(0.0, 1e5, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
     # a car that has moved and stands for so long ends the run; left out: 1 s

@@ -1,0 +1,127 @@
+"""Every parameter that a run can be given, with its unit, range, default and meaning."""
+
+import json
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rich.console import Console
+
+from bags.command_line import print_text
+from bags.errors import BagError
+from experiments.configuration import inputs, node_config
+from mpcc_controller.parameters import CarParams
+from msgs_yaml import share
+from msgs_yaml.strict_yaml import closest
+from node_runtime import node_parameters, parameter_docs, parameters
+from node_runtime.parameter_docs import GroupDoc, ParameterDoc
+
+CAR_FILE, EVERY_NODE = 'car_file', 'NODE'
+FIRST = ('controller', 'plant', 'scenario', 'recorder')
+HOW = {
+    **{role: f'experiments run SCENARIO --set {role}.<name>=<value>' for role in FIRST},
+    CAR_FILE: 'in the file that controller.car_file names; identify writes it',
+    EVERY_NODE: 'of every node: --set controller.<name>=<value>, plant. ...',
+}
+
+
+class Section(NamedTuple):
+    """The parameters of one kind of file, in groups."""
+
+    name: str  # a role of --set, CAR_FILE or EVERY_NODE
+    how: str  # to set them
+    defaults: str  # where the defaults are, '' without any
+    groups: tuple[GroupDoc, ...]
+
+
+def sections(controller: str = 'mpcc') -> tuple[Section, ...]:
+    """Return every parameter; the defaults are those of a controller, by name or file.
+
+    Raises BagError for a controller that does not exist, and ParameterError for one that cannot be
+    read.
+    """
+    found = []
+    for role in FIRST:
+        package, name = node_config.DEFAULTS[role]
+        path = share.path(package, 'config', name)
+        if role == 'controller':
+            path = node_config.find_controller(controller).config
+        file = parameters.read_file(path, share.path(package, 'config'))
+        groups = parameter_docs.describe(inputs.LOADERS[role][0], file)
+        found.append(Section(role, HOW[role], path.name, groups))
+    car = share.path('mpcc_controller', 'config', 'car.yaml')
+    groups = parameter_docs.describe(CarParams, parameters.read_file(car))
+    found.append(Section(CAR_FILE, HOW[CAR_FILE], car.name, groups))
+    found.append(Section(EVERY_NODE, HOW[EVERY_NODE], '', node_parameters.describe_common()))
+    return tuple(found)
+
+
+def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...]:
+    """Return the parameters whose full name, or text, has every word, in any case.
+
+    A parameter that is named in full is returned alone. Raises BagError, with the closest name,
+    where there is none.
+    """
+    wanted = [word.lower() for word in words]
+    names = {full_name(section, row) for section, _, row in _rows(every)}
+
+    def is_wanted(section, group, row):
+        name = full_name(section, row)
+        if len(words) == 1 and words[0] in names:
+            return name == words[0]
+        text = f'{name} {row.meaning} {group.meaning}'.lower()
+        return all(word in text for word in wanted)
+
+    found = []
+    for section in every:
+        groups = [
+            group._replace(
+                parameters=tuple(r for r in group.parameters if is_wanted(section, group, r))
+            )
+            for group in section.groups
+        ]
+        kept = tuple(group for group in groups if group.parameters)
+        if kept:
+            found.append(section._replace(groups=kept))
+    if not found:
+        short = {name.rpartition('.')[2]: name for name in sorted(names)}
+        near = [closest(words[0], names), closest(words[0], short)]
+        raise BagError(f'no parameter has {" and ".join(words)!r}{next(filter(None, near), "")}')
+    return tuple(found)
+
+
+def full_name(section: Section, row: ParameterDoc) -> str:
+    """Return the name as --set takes it, or with the section before it."""
+    return f'{section.name}.{row.name}'
+
+
+def as_json(found: Sequence[Section]) -> str:
+    """Return the parameters as a JSON list of objects."""
+    rows = [
+        {**row._asdict(), 'name': full_name(section, row), 'group_meaning': group.meaning}
+        for section, group, row in _rows(found)
+    ]
+    return json.dumps(rows, indent=2)
+
+
+def show(found: Sequence[Section], console: Console) -> None:
+    """Print two lines per parameter, in groups: name, default and range; meaning."""
+    for section in found:
+        defaults = f'; defaults of {section.defaults}' if section.defaults else ''
+        print_text(console, f'{section.name}: {section.how}{defaults}', style='bold')
+        for group in section.groups:
+            name = f'{group.name}: ' if group.name else ''
+            print_text(console, f'\n{name}{group.meaning}', style='italic')
+            for row in group.parameters:
+                unit = '' if row.unit == '-' else f' {row.unit}'
+                value = f'{full_name(section, row)} = {row.default_text}'
+                print_text(console, f'  {value}  [{row.allowed}{unit}]')
+                print_text(console, f'      {row.meaning}')
+        console.print()
+
+
+def _rows(every):
+    """Yield section, group and parameter of each."""
+    for section in every:
+        for group in section.groups:
+            for row in group.parameters:
+                yield section, group, row

@@ -1,0 +1,167 @@
+"""What can be set, as text: each parameter with type, unit, range, default and meaning.
+
+Everything comes from where it is defined: type and range from the annotation of a field; its
+meaning from the comment behind its value in the parameter file, else from the comment at the field;
+that of a group from the docstring of its dataclass.
+"""
+
+import ast
+import dataclasses
+import inspect
+import io
+import re
+import textwrap
+import tokenize
+import typing
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+from node_runtime import parameters
+from node_runtime.parameters import Leaf, ParameterFile, Range
+
+LEFT_OUT = 'left out'
+_KIND_NAMES = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
+_SYMBOL = r'(?:ms|MB|Pa|kg|rad|deg|m|s|N)(?:\^\d)?'
+# the unit at the head of a text such as `rad/s, 20 deg/s` or `m ahead of the CoG`
+_UNIT = re.compile(
+    rf'(-|1/m\^2|1/m|N/\(m/s\)\^2|{_SYMBOL}(?:[ /]{_SYMBOL}(?![A-Za-z]))*)(?=$|[ ,;:])[ ,;:]*'
+)
+
+
+class ParameterDoc(NamedTuple):
+    """One parameter as a person needs it."""
+
+    name: str  # dotted
+    kind: str  # in words, as `list of number`
+    unit: str  # `-` without a unit
+    low: float | None  # of a number, in its unit
+    high: float | None
+    words: tuple[str, ...]  # of a text with a choice
+    default: Any  # None where it is left out
+    optional: bool  # whether it may be left out
+    meaning: str
+
+    @property
+    def group(self) -> str:
+        """The dotted name of the block that holds it, '' at the top."""
+        return self.name.rpartition('.')[0]
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values as text, without the unit."""
+        if self.low is None:
+            return ' or '.join(self.words) or self.kind
+        return f'{self.low:g} to {self.high:g}'
+
+    @property
+    def default_text(self) -> str:
+        """The default as YAML would have it."""
+        if self.default is None:
+            return LEFT_OUT if self.optional else 'none: must be given'
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        if isinstance(self.default, list | tuple):
+            return f'[{", ".join(f"{value:g}" for value in self.default)}]'
+        return f'{self.default:g}' if isinstance(self.default, float) else str(self.default)
+
+
+class GroupDoc(NamedTuple):
+    """A block of parameters, the parameters directly in it, and what it is about."""
+
+    name: str  # dotted, '' for the top
+    meaning: str  # the first paragraph of the docstring
+    parameters: tuple[ParameterDoc, ...]
+
+
+def describe(cls: type, file: ParameterFile | None = None) -> tuple[GroupDoc, ...]:
+    """Return every group of a parameter dataclass in the order of its fields, the top first.
+
+    `file` holds the defaults and comments, from `parameters.read_file`; without it there are none.
+    """
+    values, comments = (file.values, file.comments) if file else ({}, {})
+    return tuple(_groups(cls, '', values, comments, {}))
+
+
+def _groups(cls, prefix, values: Mapping[str, Any], comments: Mapping[str, str], meanings):
+    """Yield the groups; `meanings` are those of fields that another group of this class has."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    leaves, notes = parameters.leaves(cls), field_comments(cls)
+    rows = []
+    for name, hint in hints.items():
+        if not dataclasses.is_dataclass(hint):
+            full, note = f'{prefix}{name}', notes.get(name, '')
+            row = _document(full, leaves[name], values.get(full), comments.get(full, ''), note)
+            meaning = row.meaning or meanings.get((cls, name), '')
+            meanings[cls, name] = meaning
+            rows.append(row._replace(meaning=meaning))
+    paragraph = (cls.__doc__ or '').strip().partition('\n\n')[0]
+    if rows:
+        yield GroupDoc(prefix.rstrip('.'), ' '.join(paragraph.split()), tuple(rows))
+    for name, hint in hints.items():
+        if dataclasses.is_dataclass(hint):
+            yield from _groups(hint, f'{prefix}{name}.', values, comments, meanings)
+
+
+def _document(name, leaf: Leaf, default, comment, note):
+    is_number = isinstance(leaf.rule, Range)
+    unit, remark = split_unit(leaf.rule.unit) if is_number else ('', '')
+    _, comment = split_unit(comment, unit)
+    return ParameterDoc(
+        name,
+        f'{"list of " if leaf.many else ""}{_KIND_NAMES[leaf.kind]}',
+        unit or '-',
+        leaf.rule.low if is_number else None,
+        leaf.rule.high if is_number else None,
+        () if is_number or leaf.rule is None else leaf.rule.words,
+        default,
+        leaf.optional,
+        _join(comment or remark, note),
+    )
+
+
+def _join(first, second):
+    """Return two texts as one; one that the other already says is left out."""
+    if not first or first.lower() in second.lower():
+        return second
+    return f'{first}; {second}' if second and second.lower() not in first.lower() else first
+
+
+def split_unit(text: str, expected: str = '') -> tuple[str, str]:
+    """Return the unit at the head of a text and the rest: ('m', 'ahead of the CoG').
+
+    Without a unit that is '-' and the whole text. With an `expected` unit, another one is text.
+    """
+    match = _UNIT.match(text)
+    if match is None or (expected and match[1] not in (expected, '-')):
+        return '-', text
+    return match[1], text[match.end() :]
+
+
+@cache
+def field_comments(cls: type) -> dict[str, str]:
+    """Return by field of a dataclass the comment behind it or on the lines before it.
+
+    Empty where the source is not at hand.
+    """
+    try:
+        source = textwrap.dedent(inspect.getsource(cls))
+    except (OSError, TypeError):
+        return {}
+    lines = source.splitlines()
+    found = {
+        token.start[0]: token.string.lstrip('#').strip()
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type == tokenize.COMMENT
+    }
+    comments = {}
+    for field in ast.parse(source).body[0].body:
+        if not isinstance(field, ast.AnnAssign):
+            continue
+        first = field.lineno
+        while first - 1 in found and lines[first - 2].lstrip().startswith('#'):
+            first -= 1
+        before = [found[line] for line in range(first, field.lineno)]
+        behind = [found[n] for n in range(field.lineno, field.end_lineno + 1) if n in found]
+        comments[field.target.id] = ' '.join([*before, *behind])
+    return comments
