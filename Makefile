@@ -156,7 +156,7 @@ repeat: setup
 
 paper: setup
 	@$(BIN)/experiments paper
-	@$(BIN)/experiments paper --readme README.md
+	@$(BIN)/experiments paper --page docs/one_point.md
 	@$(BIN)/experiments study settings --out build/settings/small --count 48
 	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 

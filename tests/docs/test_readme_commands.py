@@ -1,4 +1,4 @@
-"""Every command of README.md does what README.md says: run from its text, on small recordings."""
+"""Every command of README and of the pages with commands runs from its text as they say."""
 
 import os
 import re
@@ -22,12 +22,16 @@ from msgs_yaml import share
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(900, func_only=True)]
 ROOT = Path(__file__).parents[2]
-README = (ROOT / 'README.md').read_text()
+PAGES = ('README.md', 'docs/howto/commands.md', 'docs/howto/ubuntu.md')
 BIN = Path(sys.prefix, 'bin')
 OURS = {'bags', 'experiments', 'identify', 'manoeuvre'}
 NODES = {'scenario_node', 'mpcc_node', 'frenet_node', 'recorder_node', 'plant_node', 'player_node'}
 SHELL = {'cd', 'export', 'git', 'make', 'pip', 'python', 'python3', 'ros2', 'source', 'sudo'}
-COMMANDS = find_commands(README, OURS | NODES | SHELL)
+COMMANDS = [
+    command
+    for page in PAGES
+    for command in find_commands((ROOT / page).read_text(), OURS | NODES | SHELL)
+]
 SECONDS = 600.0  # of wall time for one command
 # what only the reader can run, and where the same is tested
 ELSEWHERE = {
@@ -42,7 +46,7 @@ RUN = re.compile(r'^bags/runs/([^/]+)/([^/]+)/?$')
 
 
 class Home:
-    """A folder in which the commands of README.md find what they speak of."""
+    """A folder in which the commands of the pages find what they speak of."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -83,7 +87,7 @@ class Home:
         return [str(BIN / first), *others]
 
     def driven(self, scenario: str, controller: str) -> Path:
-        """Return a recording of README.md, driven where it is not there yet."""
+        """Return a recording of the pages, driven where it is not there yet."""
         folder = self.folder / 'bags/runs' / scenario / controller
         if not folder.exists() and controller != 'by_hand':
             self.run('experiments', 'run', scenario, '--controller', controller)
@@ -276,11 +280,11 @@ RUNNABLE = [c for c in COMMANDS if c not in RECIPE and rule_of(c)]
 
 
 @pytest.mark.parametrize('command', RUNNABLE, ids=lambda command: command.text)
-def test_every_command_of_the_readme_runs(command, home):
+def test_every_command_of_the_pages_runs(command, home):
     rule_of(command).run(home, command.words)
 
 
-def test_the_readme_has_commands():
+def test_the_pages_have_commands():
     assert {('experiments', 'run'), ('bags', 'compare'), ('bags', 'info')} <= {
         tuple(c.words[:2]) for c in RUNNABLE
     }

@@ -79,7 +79,9 @@ def test_the_manifest_says_which_imports_have_no_key(package):
 
 
 def test_what_pip_installs_for_want_of_a_key_is_in_the_installation_for_ubuntu():
-    (line,) = re.findall('^pip install (.*)$', (ROOT / 'README.md').read_text(), re.M)[:1]
+    (line,) = re.findall('^pip install (.*)$', (ROOT / 'docs/howto/ubuntu.md').read_text(), re.M)[
+        :1
+    ]
     by_hand = {module for package in PACKAGES for module in imports(package)}
     for module in by_hand & {name for name, key in ROSDEP_KEYS.items() if key is None}:
         assert DISTRIBUTIONS.get(module, module) in line.split(), module

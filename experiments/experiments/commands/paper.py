@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
     add_jobs(parser, 'the result')
     parser.add_argument(
-        '--readme',
+        '--page',
         type=Path,
         metavar='FILE',
         help='run nothing; write the claims of DIR between the comments <!-- claims --> and '
@@ -33,9 +33,9 @@ def run(options: argparse.Namespace) -> int:
     from experiments.paper import reproduction
     from experiments.study import claim_evaluation
 
-    if options.readme:
+    if options.page:
         claims_file = options.out / f'{claim_evaluation.STEM}.json'
-        reproduction.rewrite_claims_block(options.readme, claims_file)
+        reproduction.rewrite_claims_block(options.page, claims_file)
         return 0
     console = Console()
     result = reproduction.reproduce(options.out, options.quick, options.jobs, console)

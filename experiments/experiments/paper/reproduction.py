@@ -1,7 +1,7 @@
 """`experiments paper`: both experiments, distributions and claims of the paper from scratch.
 
-The claims in README are a block between two comments, generated from claims.json in a short form:
-medians without ranges, no shares and no causes; claims.md has these.
+The claims in docs/one_point.md are a block between two comments, generated from claims.json in a
+short form: medians without ranges, no shares and no causes; claims.md has these.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""`experiments paper`: which runs it makes, what must agree, and the claims in README.
+"""`experiments paper`: which runs it makes, what must agree, and the claims in a page.
 
 The runs in process and through the node graph are tested elsewhere; here both are replaced.
 """
@@ -106,8 +106,8 @@ def claims_file(tmp_path):
     return path
 
 
-def test_the_readme_shows_the_claims_as_they_were_generated():
-    _, between, _ = reproduction.split_at_block(ROOT / 'README.md')
+def test_the_page_shows_the_claims_as_they_were_generated():
+    _, between, _ = reproduction.split_at_block(ROOT / 'docs/one_point.md')
     assert between == reproduction.build_claims_block(CLAIMS_FILE)
 
 
