@@ -36,6 +36,9 @@ PACKAGES = (
 # tracked files that commands of this project write
 RESULTS = ('paper', 'README.md', 'docs', 'bags/reference')
 UNKNOWN = 'unknown'
+LABEL = 'label'  # name in the metadata of a run that its user labelled
+LABEL_SIGN = '@'  # between controller and label, or number, in the name of a run
+DIRTY = '-dirty'
 GIT_S = 5.0
 
 
@@ -64,6 +67,15 @@ def describe_environment(mode: str) -> dict[str, str]:
         'machine': json.dumps(machine(), sort_keys=True),
         'git_commit': commit(),
     }
+
+
+def run_name(run_info: Mapping[str, str]) -> str:
+    """Return the name of a recorded run: its controller, with its label where it has one.
+
+    Raises KeyError without a controller.
+    """
+    label = run_info.get(LABEL)
+    return LABEL_SIGN.join([run_info['controller'], *([label] if label else [])])
 
 
 def digest(text: str) -> str:
@@ -118,7 +130,7 @@ def _processor():
 def commit() -> str:
     """Return the commit of the working tree of this file, '' outside of one.
 
-    `-dirty` is appended if a tracked file has changed, except for RESULTS, which the measuring
+    DIRTY is appended if a tracked file has changed, except for RESULTS, which the measuring
     commands themselves change.
     """
     here = Path(__file__).parent
@@ -131,7 +143,7 @@ def commit() -> str:
     changed = _git(here, 'status', '--porcelain', '--untracked-files=no', '--', ':(top)', *excluded)
     if not head or changed is None:
         return ''
-    return head + ('-dirty' if changed else '')
+    return head + (DIRTY if changed else '')
 
 
 def _git(folder, *arguments):

@@ -19,6 +19,7 @@ from bags.storage.columns import Columns
 from bags.storage.invalid_messages import drop_invalid
 from bags.storage.read import LOCKSTEP
 from msgs_yaml.conversions import NS_PER_S
+from node_runtime import provenance
 
 REQUIRED_TOPICS = (
     *('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'),
@@ -230,7 +231,7 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
         radius, circles = circles_of(controller, outline)
         return Facts(
             scenario=run_info['scenario'],
-            controller=run_info['controller'],
+            controller=provenance.run_name(run_info),
             outline=outline,
             circles=circles,
             vehicle_radius=radius,

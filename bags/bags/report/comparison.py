@@ -1,6 +1,7 @@
 """Compare runs from their bags: comparison.json, CSV, a table, figures and report.html."""
 
 import json
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -47,9 +48,10 @@ def compare_bags(
     """Compare the bags at `paths` and write the results into the folder `out`.
 
     They are comparison.json, comparison.csv, figures/ and report.html. The report also shows the
-    claims in `claims_file`, by default a claims.json in `out` where there is one. Raises BagError
-    for bags that cannot be evaluated, for two runs of one controller, and for runs of different
-    scenarios or plants (`force` compares them anyway, on the road of the first).
+    claims in `claims_file`, by default a claims.json in `out` where there is one. Runs of one
+    controller are called after their folders. Raises BagError for bags that cannot be evaluated,
+    for one that is given twice, and for runs of different scenarios or plants (`force` compares
+    them anyway, on the road of the first).
     """
     claims_file = claims_file or page.claims_beside(out)
     claimed = page.load_claims(claims_file) if claims_file else []
@@ -59,14 +61,10 @@ def compare_bags(
         loaded = [drop_invalid(read.load(path)) for path in paths]
     if not force:
         check_comparable(paths, [bag.run_info for bag in loaded])
-    drives, logs = {}, {}
-    for path, bag in zip(paths, loaded):
-        drive = drive_from_bag(bag)
-        name = drive.facts.controller
-        if name in drives:
-            raise BagError(f'{path}: another bag also holds a run of {name}; compare one of them')
-        drives[name] = drive
-        logs[name] = read_controller_log(bag)
+    driven = [drive_from_bag(bag) for bag in loaded]
+    names = name_runs(paths, [drive.facts.controller for drive in driven])
+    drives = dict(zip(names, driven))
+    logs = {name: read_controller_log(bag) for name, bag in zip(names, loaded)}
     by_name = dict(zip(drives, loaded))
     invalid = {name: count_invalid(bag) for name, bag in by_name.items()}
     faults = {
@@ -74,6 +72,25 @@ def compare_bags(
         KEY: {name: counts[KEY] for name, counts in invalid.items() if counts},
     }
     return compare_drives(drives, out, faults, logs, claimed)
+
+
+def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]:
+    """Return a name for each run: the recorded one, of the same ones that of the folder.
+
+    Where folders have the same name too, the folders above them tell them apart. Raises BagError
+    for a bag that is given twice.
+    """
+    folders = [Path(os.path.abspath(path)) for path in paths]
+    folders = [path.parent if path.suffix == '.mcap' else path for path in folders]
+    for i, folder in enumerate(folders):
+        if folder in folders[:i]:
+            raise BagError(f'{paths[i]}: the bag is given twice')
+    names, depth = list(recorded), 1
+    while len(set(names)) < len(names):
+        tails = ('/'.join(folder.parts[-depth:]) for folder in folders)
+        names = [tail if recorded.count(n) > 1 else n for n, tail in zip(recorded, tails)]
+        depth += 1
+    return names
 
 
 def compare_drives(

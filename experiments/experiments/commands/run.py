@@ -1,4 +1,11 @@
-"""The command `experiments run`: run controllers through a scenario, record and compare them."""
+"""Run controllers through a scenario, record and compare them.
+
+Each run is a bag in DIR/<scenario>/<controller>. With --label NAME it is <controller>@NAME, which
+tells variants of one controller apart:
+
+  experiments run SCENARIO --label base
+  experiments run SCENARIO --label soft --set controller.safety.obstacle_m=0.3 --beside mpcc@base
+"""
 
 import argparse
 from pathlib import Path
@@ -16,6 +23,7 @@ TIME_LIMIT_S = 900.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments run`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
     text = 'a name in mpcc_controller/config, or a YAML file'
     add_list(parser, '--controller', text, 'mpcc', metavar='C')
@@ -29,6 +37,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, RUNS, '<scenario>/<controller>/ and the comparison')
     text = 'set a parameter of the plant, controller, scenario or recorder'
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
+    parser.add_argument(
+        '--label',
+        default='',
+        metavar='NAME',
+        help='name of this variant: its runs are called <controller>@NAME',
+    )
+    text = 'also compare with an earlier run of the scenario, as mpcc@soft, or a path'
+    add_list(parser, '--beside', text, metavar='RUN')
+    parser.add_argument(
+        '--overwrite',
+        action='store_true',
+        help='replace earlier runs; without it, one that this run does not merely repeat is kept '
+        'as <run>@1, @2, ...',
+    )
     text = 'also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)'
     parser.add_argument('--markers', action='store_true', help=text)
     add_time_limit(parser, '--time-limit', TIME_LIMIT_S, 'a run is stopped')
@@ -48,6 +70,9 @@ def run(options: argparse.Namespace) -> int:
             options.settings,
             options.time_limit,
             options.markers,
+            options.label,
+            options.overwrite,
+            options.beside,
         ),
         Console(),
     )

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -18,6 +19,7 @@ from bags.evaluation.vehicle_shape import circles_of, outline_of
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
+from node_runtime.provenance import LABEL_SIGN
 
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
@@ -29,6 +31,9 @@ DEFAULTS = {
     'scenario': ('scenario_publisher', 'scenario_node.yaml'),
 }
 PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another file of defaults
+# a number is what an older run gets that makes way for a new one
+LABEL_FORM = re.compile(r'(?!\d+$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}')
+LABEL_ALLOWED = '1 to 40 of a-z, A-Z, 0-9, _ and -, not a number, the first no _ or -'
 BAG_FOLDER, RUN_INFO_FILE = 'bag', 'run_info.json'
 # the scenario key that sets a parameter, or the parameters below a name; for error messages
 SCENARIO_KEYS = {
@@ -65,6 +70,12 @@ class Controller(NamedTuple):
 
     name: str
     config: Path
+    label: str = ''  # of its runs, to tell them from others of the same controller
+
+    @property
+    def run_name(self) -> str:
+        """The name of its runs, and of their folder: `mpcc`, or with a label `mpcc@soft`."""
+        return f'{self.name}{LABEL_SIGN}{self.label}' if self.label else self.name
 
     @property
     def name_or_path(self) -> str:
@@ -114,9 +125,16 @@ def _reject_baseline_by_name(path):
                 )
 
 
-def find_controllers(names_or_paths: Sequence[str]) -> list[Controller]:
-    """Return the controllers without repetition; BagError also for two files of one name."""
-    controllers = list(dict.fromkeys(find_controller(name) for name in names_or_paths))
+def find_controllers(names_or_paths: Sequence[str], label: str = '') -> list[Controller]:
+    """Return the controllers without repetition, with a label for their runs.
+
+    Raises BagError for what `find_controller` refuses, two files of one name, and a label that is
+    none.
+    """
+    if label and not LABEL_FORM.fullmatch(label):
+        raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
+    found = dict.fromkeys(find_controller(name) for name in names_or_paths)
+    controllers = [controller._replace(label=label) for controller in found]
     names = [controller.name for controller in controllers]
     for name in names:
         if names.count(name) > 1:
@@ -233,6 +251,8 @@ def write_run_info(
     """
     values = collect_parameters(nodes, loaded.file_values)
     run_info = provenance.describe_run(facts.name, facts.text, controller.name, mode, values)
+    if controller.label:
+        run_info[provenance.LABEL] = controller.label
     if loaded.lateral_limit is not None:
         run_info[LATERAL_LIMIT] = repr(loaded.lateral_limit)
     path.write_text(json.dumps(run_info, indent=2))

@@ -129,7 +129,9 @@ def run_double_lane_change(
 
 def _run_controllers(scenario, controllers, bags, settings, console):
     """Return the bags of the runs; BagError when one of them was not completed."""
-    runs = run_and_compare.Request(scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S)
+    runs = run_and_compare.Request(
+        scenario, controllers, 'lockstep', bags, settings, TIME_LIMIT_S, overwrite=True
+    )
     _, outcomes = run_and_compare.run_controllers(runs, console)
     for outcome in outcomes:
         if not outcome.completed:

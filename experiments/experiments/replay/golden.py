@@ -35,7 +35,9 @@ def refresh(scenario: str, controllers: Sequence[str], out: Path, console: Conso
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix='.golden.', dir=out) as folder:
         work = Path(folder)
-        runs = run_and_compare.Request(scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S)
+        runs = run_and_compare.Request(
+            scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S, overwrite=True
+        )
         code = run_and_compare.run(runs, console)
         if code:
             return code

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Controller, LoadedFacts, ScenarioFacts
 from experiments.progress import RunProgress
-from experiments.run import processes
+from experiments.run import processes, repetition
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.live_position import PositionReader
 from experiments.run.processes import Process, ProcessError
@@ -46,15 +46,17 @@ class RunSettings(NamedTuple):
     domain: int  # ROS_DOMAIN_ID
     time_limit_s: float  # of wall time per run
     markers: bool = False  # whether to start the node that draws for 3D viewers
+    overwrite: bool = False  # whether an older bag is replaced rather than kept under a number
 
 
 class RunOutcome(NamedTuple):
     """The end of one run."""
 
-    controller: str
+    controller: str  # with its label
     completed: bool
     message: str
     bag: Path | None  # where the bag was kept
+    older: Path | None = None  # where the bag went that was in its place, if that was kept
 
 
 def run_once(
@@ -67,24 +69,28 @@ def run_once(
 ) -> RunOutcome:
     """Run one controller through a scenario; `loaded` (`inputs.loaded_facts`) is recorded.
 
-    In any case no process is left behind, the recording is kept, and an older bag is replaced by a
-    complete one only. A node that ends early, a run beyond its time limit, a bag that is not
+    In any case no process is left behind, the recording is kept, and an older bag makes way for a
+    complete one only: it gets a number, unless `settings` overwrite it or the new one repeats it.
+    A node that ends early, a run beyond its time limit, a bag that is not
     closed and an unexpected exception give an outcome that is not completed; recording and logs,
     with the traceback of such an exception, are then in `<controller>.failed`. Where they cannot
     be moved there, they stay in a hidden folder, which the outcome names. After a signal raises
     Interrupted: a complete bag is then in `<controller>.interrupted`, one that was not closed in
     `<controller>.failed`; without a recording nothing is kept.
     """
+    name = controller.run_name
     try:
-        staging = StagingDirectory(settings.folder, controller.name)
+        staging = StagingDirectory(settings.folder, name)
     except OSError as error:
-        return RunOutcome(controller.name, False, f'no folder for the run: {error}', None)
+        return RunOutcome(name, False, f'no folder for the run: {error}', None)
     try:
         run_info = staging.logs / node_config.RUN_INFO_FILE
         nodes = node_config.build_nodes(
             facts, controller, settings.mode, staging.bag, run_info, settings.overrides
         )
         node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, loaded)
+        same = repetition.is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
+        staging.keeps_older = not (settings.overwrite or same)
         if settings.markers:
             nodes = [node_config.build_markers_node(nodes), *nodes]
         reader = PositionReader(staging.bag, facts.path, POLL_S[settings.mode])
@@ -95,14 +101,14 @@ def run_once(
             interrupted.kept = staging.keep_interrupted()
         raise
     except ProcessError as error:
-        return RunOutcome(controller.name, False, _keep_failed(staging, str(error)), None)
+        return RunOutcome(name, False, _keep_failed(staging, str(error)), None)
     except Exception as error:
         # one run must not end the later ones, nor the comparison of the earlier ones
         with suppress(OSError):
             (staging.logs / TRACEBACK).write_text(traceback.format_exc())
         message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
-        return RunOutcome(controller.name, False, _keep_failed(staging, message), None)
-    return RunOutcome(controller.name, code == FINISHED, message, staging.final)
+        return RunOutcome(name, False, _keep_failed(staging, message), None)
+    return RunOutcome(name, code == FINISHED, message, staging.final, staging.older)
 
 
 def _keep_failed(staging, message):

@@ -14,7 +14,7 @@ from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config, set_option
 from experiments.progress import RunProgress
-from experiments.run import domain, node_graph, staging
+from experiments.run import domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
 from stage_solver import compile_cache
@@ -36,6 +36,9 @@ class Request(NamedTuple):
     settings: Sequence[str]  # NODE.parameter=value
     time_limit_s: float  # of wall time per run
     markers: bool = False  # whether to start the node that draws for 3D viewers
+    label: str = ''  # of the runs
+    overwrite: bool = False  # whether older runs are replaced rather than kept under a number
+    beside: Sequence[str] = ()  # further runs to compare with: names in the folder, or paths
 
 
 def run(request: Request, console: Console) -> int:
@@ -47,17 +50,26 @@ def run(request: Request, console: Console) -> int:
     starts, and Interrupted, which names the bags kept, after a signal. No process is left behind in
     any case.
     """
-    node_config.find_controllers(request.controllers)  # refused before a scenario loads SciPy
-    expect = _expectations(request.scenario)
+    # refused before a scenario loads SciPy
+    node_config.find_controllers(request.controllers, request.label)
+    scn = inputs.load_scenario(request.scenario)
+    expect = _check_expectations(scn.expect, request.scenario)
+    others = earlier_runs.find(request.beside, request.out / scn.name, scn)
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
+    for outcome in outcomes:
+        if outcome.older:
+            what = f'{outcome.controller}: the run that was there is kept as'
+            print_text(console, f'{what} {os.path.relpath(outcome.older)}')
     completed = [outcome.completed for outcome in outcomes]
     if bags:
         _begin_import().join()
         from bags.report.comparison import compare_bags, show_comparison
 
         try:
-            compared = compare_bags(bags, folder)
+            # other scenarios were refused before the run; other plants are what is compared
+            paths = earlier_runs.with_new_ones(others, outcomes)
+            compared = compare_bags(paths, folder, force=bool(others))
         except Exception as error:
             kept = ' '.join(os.path.relpath(bag) for bag in bags)
             raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
@@ -72,9 +84,8 @@ def run(request: Request, console: Console) -> int:
     return 0 if all(completed) else 1
 
 
-def _expectations(scenario_name):
+def _check_expectations(expect, scenario_name):
     """Return what a scenario expects of a run. Raises BagError for a metric that does not exist."""
-    expect = inputs.load_scenario(scenario_name).expect
     if expect:
         # imported late: it loads the metrics
         from experiments import pass_criteria
@@ -121,7 +132,7 @@ def _show_disagreement(outcomes, runs, console):
 
 def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunOutcome]]:
     """Run the controllers as `run`; return the folder of the scenario and outcomes."""
-    controllers = node_config.find_controllers(request.controllers)
+    controllers = node_config.find_controllers(request.controllers, request.label)
     overrides = set_option.parse_overrides(request.settings)
     facts = inputs.load_facts(request.scenario)
     folder = request.out / facts.name
@@ -129,9 +140,9 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
-        loaded[controller.name] = inputs.loaded_facts(checked)
+        loaded[controller.run_name] = inputs.loaded_facts(checked)
         for text in inputs.find_warnings(facts, checked):
-            console.print(WARNING.format(controller.name), end='')
+            console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):
         return folder, _run_each(request, facts, controllers, loaded, overrides, folder, console)
@@ -157,11 +168,13 @@ def _run_each(request, facts, controllers, loaded, overrides, folder, console):
                 domain_id,
                 request.time_limit_s,
                 request.markers,
+                request.overwrite,
             )
             for controller in controllers:
-                progress.begin(controller.name, facts.length_m)
+                name = controller.run_name
+                progress.begin(name, facts.length_m)
                 outcome = node_graph.run_once(
-                    facts, controller, loaded[controller.name], run_settings, interrupt, progress
+                    facts, controller, loaded[name], run_settings, interrupt, progress
                 )
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)

@@ -6,12 +6,15 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from bags.errors import BagError
+from node_runtime.provenance import LABEL_SIGN
 
 LOGS = 'logs'
-REPLACED = 'replaced'
+REPLACED = 'replaced'  # bags on their way out
+OLDER = 'older'  # bags on their way to a number
 MARKER_FILE = '.bags_workshop'  # in a folder that `recover` may remove
 
 
@@ -70,6 +73,8 @@ class StagingDirectory:
         self.root = Path(tempfile.mkdtemp(prefix=f'.{name}.', dir=scenario_folder))
         self._lock = _lock(self.root)
         self.bag = self.root / name
+        self.keeps_older = True  # whether `keep` leaves the older bag under a number
+        self.older: Path | None = None  # where it did
         self.logs = self.root / LOGS
         try:
             (self.root / MARKER_FILE).touch()
@@ -84,8 +89,11 @@ class StagingDirectory:
         return _is_closed(self.bag)
 
     def keep(self) -> Path:
-        """Move the bag with its logs to its final folder; return that."""
-        return self._keep(self.final)
+        """Move the bag with its logs to its final folder; return that.
+
+        An older bag there gets the next number, as `mpcc@1`, or is removed (`keeps_older`).
+        """
+        return self._keep(self.final, OLDER if self.keeps_older else REPLACED)
 
     def keep_interrupted(self) -> Path | None:
         """Move an interrupted recording beside the final folder; return its path.
@@ -94,7 +102,7 @@ class StagingDirectory:
         Without a recording nothing is kept, and None returned.
         """
         if self.is_closed:
-            return self._keep(self.interrupted)
+            return self._keep(self.interrupted, REPLACED)
         if _has_recording(self.bag):
             return self.keep_failed() / self.bag.name
         self.discard()
@@ -102,7 +110,7 @@ class StagingDirectory:
 
     def keep_failed(self) -> Path:
         """Move everything to `<name>.failed`, for inspection; return that folder."""
-        return self._replace(self.failed, self.root)
+        return self._replace(self.failed, self.root, REPLACED)
 
     def describe_recording(self) -> str:
         """Return one line about the recording: its path, and whether it is complete."""
@@ -116,19 +124,22 @@ class StagingDirectory:
         """Return a text with the paths of this folder as they are after `keep_failed`."""
         return text.replace(str(self.root), str(self.failed))
 
-    def _keep(self, target):
+    def _keep(self, target, aside):
         self.logs.rename(self.bag / LOGS)
         try:
-            return self._replace(target, self.bag)
+            return self._replace(target, self.bag, aside)
         except OSError:
             with suppress(OSError):
                 (self.bag / LOGS).rename(self.logs)
             raise
 
-    def _replace(self, target, new):
-        """Move a folder to `target`, replacing it; an OSError leaves everything unchanged."""
-        # after a kill between the two renames `recover` finds the old one
-        old = self.root / REPLACED / target.name
+    def _replace(self, target, new, aside):
+        """Move a folder to `target`, replacing it; an OSError leaves everything unchanged.
+
+        What was there goes to the folder `aside` of this one, and from OLDER on to its number.
+        """
+        # after a kill between the renames `recover` finds the old one
+        old = self.root / aside / target.name
         if target.exists():
             old.parent.mkdir(exist_ok=True)
             target.rename(old)
@@ -138,6 +149,8 @@ class StagingDirectory:
             if old.exists():
                 old.rename(target)
             raise
+        if aside == OLDER and old.exists():
+            self.older = _number(old, target)
         shutil.rmtree(target / REPLACED, ignore_errors=True)
         (target / MARKER_FILE).unlink(missing_ok=True)
         self.discard()
@@ -167,16 +180,25 @@ def recover(scenario_folder: Path) -> list[str]:
 
 
 def _clear(root):
-    for old in root.glob(f'{REPLACED}/*'):
+    for old in (*root.glob(f'{REPLACED}/*'), *root.glob(f'{OLDER}/*')):
         target = root.parent / old.name
         if not target.exists():
             old.rename(target)
             yield f'{target}: put back; a run was killed while it was replaced'
+        elif old.parent.name == OLDER:
+            yield f'{_number(old, target)}: an older run, kept; the run that replaced it was killed'
     name = root.name[1:].rpartition('.')[0]
     if (root / name).exists() or (root / LOGS).exists():
         yield _describe_remains(root, name)
     else:
         shutil.rmtree(root)
+
+
+def _number(old, target):
+    """Move an older bag beside the newer one `target` under the first free number; return it."""
+    taken = {path.name for path in target.parent.iterdir()}
+    names = (f'{target.name}{LABEL_SIGN}{number}' for number in count(1))
+    return old.rename(target.with_name(next(name for name in names if name not in taken)))
 
 
 def _describe_remains(root, name):

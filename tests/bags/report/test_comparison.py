@@ -8,10 +8,12 @@ import pytest
 from rich.console import Console
 
 from bags import cli
+from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import METRICS
 from bags.evaluation.series import compute_series
 from bags.figures import comparison_figures, panels, style
+from bags.report import comparison as comparison_module
 from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
 
@@ -196,3 +198,26 @@ def test_a_command_that_has_moved_names_the_new_one(capsys):
     for command in cli.MOVED:
         assert cli.main([command, 'straight']) == 2
         assert capsys.readouterr().err == f'error: bags {command} is now: experiments {command}\n'
+
+
+@pytest.mark.parametrize(
+    ('paths', 'recorded', 'names'),
+    [
+        (['a/mpcc', 'a/frenet'], ['mpcc', 'frenet'], ['mpcc', 'frenet']),
+        (['a/mpcc', 'a/mpcc@1'], ['mpcc', 'mpcc'], ['mpcc', 'mpcc@1']),
+        (['a/mpcc', 'b/mpcc', 'a/x'], ['mpcc', 'mpcc', 'frenet'], ['a/mpcc', 'b/mpcc', 'frenet']),
+        (
+            ['a/mpcc', 'a/frenet', 'b/x'],
+            ['frenet', 'frenet', 'mpcc'],
+            ['a/mpcc', 'a/frenet', 'mpcc'],
+        ),
+        (['a/mpcc/mpcc_0.mcap', 'a/mpcc@1'], ['mpcc', 'mpcc'], ['mpcc', 'mpcc@1']),
+    ],
+)
+def test_runs_of_one_controller_are_called_after_their_folders(paths, recorded, names):
+    assert comparison_module.name_runs(paths, recorded) == names
+
+
+def test_a_bag_that_is_given_twice_is_refused():
+    with pytest.raises(BagError, match='the bag is given twice'):
+        comparison_module.name_runs(['a/mpcc/', 'a/mpcc'], ['mpcc', 'mpcc'])

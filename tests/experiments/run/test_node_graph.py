@@ -3,6 +3,7 @@
 The nodes are small shell programs where a test needs them to fail in a certain way.
 """
 
+import json
 import os
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ from experiments.configuration.node_config import LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import node_graph
 from experiments.run.interrupt import SIGNALS, Interrupt, Interrupted
+from node_runtime import provenance
 
 FACTS = node_config.ScenarioFacts(
     name='somewhere',
@@ -35,9 +37,11 @@ FACTS = node_config.ScenarioFacts(
 def drive(tmp_path, prefix):
     """Return drive(): one run with the MPCC in tmp_path/runs."""
 
-    def drive(time_limit_s=60.0):
-        settings = node_graph.RunSettings('lockstep', tmp_path / 'runs', {}, 50, time_limit_s)
-        chosen = node_config.find_controller('mpcc')
+    def drive(time_limit_s=60.0, label='', overwrite=False):
+        settings = node_graph.RunSettings(
+            'lockstep', tmp_path / 'runs', {}, 50, time_limit_s, overwrite=overwrite
+        )
+        (chosen,) = node_config.find_controllers(['mpcc'], label)
         with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
             progress.begin('mpcc', FACTS.length_m)
             return node_graph.run_once(
@@ -65,7 +69,9 @@ def hidden(folder):
 
 def test_a_completed_run_is_kept_with_the_logs_of_the_nodes(tmp_path, drive, old_bag):
     outcome = drive()
-    assert outcome == node_graph.RunOutcome('mpcc', True, 'finish line crossed', old_bag)
+    older = tmp_path / 'runs/mpcc@1'
+    assert outcome == node_graph.RunOutcome('mpcc', True, 'finish line crossed', old_bag, older)
+    assert (older / 'metadata.yaml').read_text() == 'old'
     assert (old_bag / 'metadata.yaml').read_text() == ''
     assert 'finish line crossed' in (old_bag / 'logs/plant_node.log').read_text()
     assert 'somewhere' in (old_bag / 'logs/run_info.json').read_text()
@@ -97,6 +103,34 @@ def test_a_node_that_dies_is_named_with_its_last_output(tmp_path, drive, prefix,
             assert Path(line.partition(': ')[2]).is_dir(), line
     assert hidden(tmp_path / 'runs') == []
     assert left_over(tmp_path) == []
+
+
+def commits(monkeypatch, text):
+    monkeypatch.setattr(node_graph.node_config.provenance, 'commit', lambda: text)
+
+
+def test_a_run_with_a_label_has_a_folder_of_its_own(tmp_path, drive, old_bag):
+    outcome = drive(label='soft')
+    assert (outcome.controller, outcome.bag) == ('mpcc@soft', tmp_path / 'runs/mpcc@soft')
+    assert (old_bag / 'metadata.yaml').read_text() == 'old'
+    info = json.loads((outcome.bag / 'logs/run_info.json').read_text())
+    assert (info['controller'], provenance.run_name(info)) == ('mpcc', 'mpcc@soft')
+
+
+@pytest.mark.parametrize(('commit', 'kept'), [('abc', False), ('abc-dirty', True), ('', True)])
+def test_a_run_that_repeats_the_older_one_replaces_it(tmp_path, drive, monkeypatch, commit, kept):
+    commits(monkeypatch, commit)
+    drive()
+    assert (drive().older is not None) == kept
+    assert (tmp_path / 'runs/mpcc@1').exists() == kept
+
+
+def test_a_run_of_another_commit_keeps_the_older_one(tmp_path, drive, monkeypatch):
+    commits(monkeypatch, 'abc')
+    drive()
+    commits(monkeypatch, 'def')
+    assert drive().older == tmp_path / 'runs/mpcc@1'
+    assert drive(overwrite=True).older is None
 
 
 def test_a_bag_that_is_not_closed_replaces_nothing(drive, prefix, old_bag):

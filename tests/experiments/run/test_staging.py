@@ -83,7 +83,32 @@ def test_a_run_in_progress_is_left_alone(tmp_path, staged):
     assert staging.recover(tmp_path) == []
     staged.keep()
     assert (tmp_path / 'mpcc/metadata.yaml').read_text() == 'new'
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc@1']
+
+
+def test_an_older_bag_gets_the_first_free_number(tmp_path, staged):
+    for name in ('mpcc@1', 'mpcc@3', 'mpcc@soft'):
+        (tmp_path / name).mkdir()
+    staged.keep()
+    assert staged.older == tmp_path / 'mpcc@2'
+    assert (staged.older / 'metadata.yaml').read_text() == 'old'
+    assert (staged.final / 'metadata.yaml').read_text() == 'new'
+
+
+def test_an_older_bag_is_removed_on_request(tmp_path, staged):
+    staged.keeps_older = False
+    staged.keep()
+    assert staged.older is None
     assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
+
+
+def test_a_kill_before_the_older_bag_has_its_number_loses_neither(tmp_path, staged, monkeypatch):
+    kill_at_rename(staged, monkeypatch, 4)
+    (text,) = staging.recover(tmp_path)
+    assert 'mpcc@1' in text
+    assert (tmp_path / 'mpcc@1/metadata.yaml').read_text() == 'old'
+    assert (tmp_path / 'mpcc/metadata.yaml').read_text() == 'new'
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['mpcc', 'mpcc@1']
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,51 @@
+"""Earlier runs that new ones are compared with: found by name or path, checked before the drive."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from bags.errors import BagError
+from bags.storage import read
+from experiments.run.node_graph import RunOutcome
+from msgs_yaml.strict_yaml import closest
+from node_runtime import provenance
+from scenario_publisher.scenario import Scenario
+
+
+def find(names: Sequence[str], folder: Path, scn: Scenario) -> list[Path]:
+    """Return the folders of the named runs; a name without a separator is in `folder`.
+
+    Raises BagError for one that does not exist, is no bag, or drove another scenario.
+    """
+    return [_find(name, folder, scn) for name in names]
+
+
+def _find(name, folder, scn):
+    path = Path(os.path.expanduser(name)) if os.sep in name else folder / name
+    if not path.exists():
+        runs = sorted(bag.parent.name for bag in folder.glob('*/metadata.yaml'))
+        there = f'; there are {", ".join(runs)}' if runs else '; there is none yet'
+        raise BagError(
+            f'--beside {name}: no run {os.path.relpath(path)}{there}{closest(name, runs)}'
+        )
+    info = read.run_info(path)
+    if info.get('scenario_sha256') != provenance.digest(scn.text):
+        what = info.get('scenario', 'an unknown one')
+        which = f'another version of {what}' if what == scn.name else f'another scenario, {what}'
+        raise BagError(f'--beside {name}: {os.path.relpath(path)} drove {which}')
+    return path
+
+
+def with_new_ones(others: Sequence[Path], outcomes: Sequence[RunOutcome]) -> list[Path]:
+    """Return the folders of new runs and of those to compare with, which may have got a number.
+
+    One that a new run repeated is that run.
+    """
+    new = {os.path.abspath(outcome.bag): outcome for outcome in outcomes if outcome.bag}
+    paths = [outcome.bag for outcome in new.values()]
+    for other in others:
+        replaced = new.get(os.path.abspath(other))
+        place = replaced.older if replaced else other
+        if place and place not in paths:
+            paths.append(place)
+    return paths
