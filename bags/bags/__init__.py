@@ -1,5 +1,6 @@
 """Record runs to MCAP, play and repair them, and evaluate and compare them offline.
 
+analysis        runs in Python: metrics, DataFrames, derived signals, figures
 storage         read, write and repair bags; needs no ROS
 playback        which message is sent when; a clock that pauses, steps and seeks
 evaluation      one run as arrays, its metrics, the timing of its controller
@@ -12,5 +13,38 @@ second_process  a function in a second process while this one continues
 
 The command `bags` and the nodes recorder_node, player_node, markers_node and view_node are built
 from these; the docstring of each package lists its modules. Nothing here imports a controller.
-docs/bags.md, docs/report.md and docs/viewers.md are the manuals.
+docs/bags.md, docs/report.md and docs/viewers.md are the manuals. In Python:
+
+    import bags
+
+    run = bags.load('bags/runs/double_lane_change/mpcc')
+    run.metrics['min_v2o_m']
+    run.frame('/vehicle/odometry')
 """
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bags.analysis.run import Run, load
+    from bags.analysis.run_set import RunSet, compare
+
+# by the module that defines it, which is loaded when the name is first used: nodes need none
+_PLACES = {
+    'Run': 'bags.analysis.run',
+    'RunSet': 'bags.analysis.run_set',
+    'compare': 'bags.analysis.run_set',
+    'load': 'bags.analysis.run',
+}
+__all__ = ['Run', 'RunSet', 'compare', 'load']
+
+
+def __getattr__(name: str):
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from importlib import import_module
+
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

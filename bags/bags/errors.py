@@ -9,5 +9,9 @@ class DamagedBagWarning(UserWarning):
     """A bag was read up to its first damage; the message says where that is."""
 
 
+class InvalidMessagesWarning(UserWarning):
+    """Messages of a bag break the contract; the message says which were left out."""
+
+
 class OlderRunWarning(UserWarning):
     """A run lacks what today's controller needs; the message says what was assumed."""

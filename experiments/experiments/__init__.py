@@ -1,6 +1,7 @@
 """Experiments: runs of the closed loop, replay of recordings, studies, tuning, the paper.
 
 Run
+    scripting          `drive` and `drive_many`: drives from Python, results as DataFrames
     simulation         the closed loop in process, without ROS
     run                runs of the node graph: processes, recording, comparison
     configuration      nodes and parameters of a run, checked before it starts
@@ -25,4 +26,38 @@ Common
     plant_limit        the lateral acceleration that the plant reaches
     wilson             the interval of a share
     multiple_tests     the correction of the p-values of several tests
+
+In Python:
+
+    from experiments import drive
+
+    result = drive('double_lane_change', 'mpcc', {'controller.tolerances.contouring_m': 0.4})
+    result.metrics['min_v2o_m']
+    result.frame('/vehicle/odometry')
 """
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bags.analysis.run_set import compare
+    from experiments.scripting import drive, drive_many
+
+# by the module that defines it, which is loaded when the name is first used
+_PLACES = {
+    'compare': 'bags.analysis.run_set',
+    'drive': 'experiments.scripting',
+    'drive_many': 'experiments.scripting',
+}
+__all__ = ['compare', 'drive', 'drive_many']
+
+
+def __getattr__(name: str):
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from importlib import import_module
+
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -8,13 +8,16 @@ import math
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 import traceback
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
@@ -198,7 +201,8 @@ class _Worker:
         context = get_context('spawn')
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(theirs,), daemon=True)
-        self.process.start()
+        with _main_left_out():
+            self.process.start()
         theirs.close()
         self.has_started = False
         self.task: int | None = None
@@ -242,6 +246,21 @@ class _Worker:
             return f'its process ended with exit code {code}'
         hint = ' (out of memory?)' if -code == signal.SIGKILL else ''
         return f'its process was ended by {signal.Signals(-code).name}{hint}'
+
+
+@contextmanager
+def _main_left_out():
+    """Start a process that does not run the caller's script again.
+
+    Tasks are functions of modules, which import what they need. A script or a notebook that calls
+    `drive_many` needs no `if __name__ == '__main__'` then.
+    """
+    main = sys.modules['__main__']
+    sys.modules['__main__'] = ModuleType('__main__')
+    try:
+        yield
+    finally:
+        sys.modules['__main__'] = main
 
 
 class _RemoteError(Exception):

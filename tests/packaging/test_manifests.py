@@ -38,12 +38,18 @@ DISTRIBUTIONS = {
 }
 # modules that a package does without, by the distribution that an extra of its setup.cfg installs
 OPTIONAL = {'distributed': 'distributed', 'vehiclemodels': 'commonroad-vehicle-models'}
+# packages that do without a module which others need, by package
+OPTIONAL_FOR = {'bags': {'pandas': 'pandas'}}
 NOT_IMPORTED = {'ros2launch'}  # the command that finds the launch files
 
 
 def imports(package):
     """Return the modules outside of this package and of Python that its files need."""
-    return all_imports(package) - set(OPTIONAL)
+    return all_imports(package) - set(optional_for(package))
+
+
+def optional_for(package):
+    return OPTIONAL | OPTIONAL_FOR.get(package, {})
 
 
 def all_imports(package):
@@ -99,8 +105,9 @@ def test_setup_names_every_import_that_pip_installs(package):
 def test_an_extra_installs_each_optional_import(package):
     extras = read_configuration(ROOT / package / 'setup.cfg')['options']['extras_require']
     offered = {entry for entries in extras.values() for entry in entries}
-    optional = all_imports(package) & set(OPTIONAL)
-    assert {OPTIONAL[module] for module in optional} == offered & set(OPTIONAL.values())
+    known = optional_for(package)
+    optional = all_imports(package) & set(known)
+    assert {known[module] for module in optional} == offered & set(known.values())
 
 
 def test_a_package_with_launch_files_depends_on_what_starts_them():

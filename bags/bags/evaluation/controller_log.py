@@ -8,6 +8,7 @@ import numpy as np
 
 from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
 from bags.storage import read
+from bags.storage.columns import Columns
 from msgs_yaml.types import Prediction, Why
 
 PREDICTION, WHY = '/controller/prediction', '/controller/why'
@@ -34,14 +35,18 @@ EMPTY_LOG = ControllerLog({}, (), np.empty(0, dtype=np.int64), {})
 def read_controller_log(bag: read.Bag) -> ControllerLog:
     """Return the log in a bag; parts that the controller did not publish are empty."""
     topics = [topic for topic in (PREDICTION, WHY) if read.has_messages(bag, topic)]
-    tables = read.columns(bag, topics)
+    return controller_log(read.columns(bag, topics), bag.run_info)
+
+
+def controller_log(tables: Mapping[str, Columns], run_info: Mapping[str, str]) -> ControllerLog:
+    """Return the log in the tables of a run by topic; parts whose topic is missing are empty."""
     predictions = tables[PREDICTION].values if PREDICTION in tables else ()
     if WHY not in tables:
-        return EMPTY_LOG._replace(run_info=bag.run_info, predictions=predictions)
+        return EMPTY_LOG._replace(run_info=run_info, predictions=predictions)
     reports = [why.values for why in tables[WHY].values]
     numbers = {name: report_numbers(reports, name) for name in REPORTED}
     compared = [candidate_lines(values) for values in reports]
-    return ControllerLog(bag.run_info, predictions, tables[WHY].stamp_ns, numbers, compared)
+    return ControllerLog(run_info, predictions, tables[WHY].stamp_ns, numbers, compared)
 
 
 def report_number(report: Mapping[str, float | str], key: str) -> float:

@@ -182,11 +182,17 @@ COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 def write_figures(runs, title, folder, names=ALL):
     """Write figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
     with mpl.rc_context(style.RC):
-        if SHEET in names:
-            style.save_figure(_sheet(runs, title), folder / SHEET)
-        for panel, name in NAMES.items():
+        for name in ALL:
             if name in names:
-                style.save_figure(_single(panel, runs), folder / name)
+                style.save_figure(draw_figure(name, runs, title), folder / name)
+
+
+def draw_figure(name, runs, title):
+    """Return a figure of ALL: the sheet under a title, or a panel."""
+    with mpl.rc_context(style.RC):
+        if name == SHEET:
+            return _sheet(runs, title)
+        return _single(next(panel for panel, known in NAMES.items() if known == name), runs)
 
 
 def _sheet(runs, title):

@@ -12,6 +12,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from bags.evaluation.flattening import flatten
 from bags.evaluation.metrics.registry import Metric, table_metrics
 from bags.figures.style import TUNED
 
@@ -109,7 +110,7 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     Rows are named by their path in comparison.json, as in `min_v2o_per_obstacle_m.1` or
     `overshoots.0.x_m`; what a run does not have is an empty cell.
     """
-    columns = {name: dict(_flat(run)) for name, run in runs.items()}
+    columns = {name: flatten(run) for name, run in runs.items()}
     rows = dict.fromkeys(row for column in columns.values() for row in column)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
@@ -117,18 +118,6 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     for row in rows:
         writer.writerow([row, *(_csv_cell(column.get(row)) for column in columns.values())])
     return out.getvalue()
-
-
-def _flat(value, path=()) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        children = value.items()
-    elif isinstance(value, list):
-        children = enumerate(value)
-    else:
-        yield '.'.join(path), value
-        return
-    for key, child in children:
-        yield from _flat(child, (*path, str(key)))
 
 
 def _csv_cell(value):

@@ -2,8 +2,8 @@
 
 import json
 import time
-from typing import Any
 
+from bags.evaluation.flattening import flatten
 from experiments.simulation import Setup
 from experiments.study import run_spec
 
@@ -20,17 +20,3 @@ def simulate(setup: Setup) -> str:
     values['wall_s'] = time.perf_counter() - wall_s
     values['cpu_s'] = time.process_time() - cpu_s
     return json.dumps(values, allow_nan=False)
-
-
-def flatten(value: Any, name: str = '') -> dict[str, Any]:
-    """Return the single values in mappings and lists by dotted name: `overshoots.0.x_m`."""
-    if isinstance(value, dict):
-        members = value.items()
-    elif isinstance(value, list):
-        members = enumerate(value)
-    else:
-        return {name: value}
-    flat = {}
-    for key, member in members:
-        flat.update(flatten(member, f'{name}.{key}' if name else str(key)))
-    return flat

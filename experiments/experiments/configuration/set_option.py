@@ -51,14 +51,14 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, dict[str, Any]]:
         if not equals or not name or role not in node_config.ROLES:
             raise BagError(
                 f'--set {setting}: must be NODE.parameter=value, NODE one of '
-                f'{", ".join(node_config.ROLES)}{_hint(target)}'
+                f'{", ".join(node_config.ROLES)}{closest_setting(target)}'
             )
         overrides.setdefault(role, {})[name] = parse_value(setting, text)
     return overrides
 
 
-def _hint(target):
-    """Return the setting that may have been meant by a target that names no node."""
+def closest_setting(target: str) -> str:
+    """Return '; did you mean ...?' for a setting that names no node, or ''."""
     role, _, name = target.partition('.')
     if f'{role}.' == WEIGHTS:
         return (

@@ -14,10 +14,10 @@ from wait_until import wait_until
 
 from bags.errors import BagError
 from bags.evaluation import metrics
+from bags.evaluation.flattening import flatten
 from experiments import cli, simulation
 from experiments.batch import drive_plan, run_batch
 from experiments.batch.drive_plan import Combination
-from experiments.batch.simulate import flatten
 from experiments.configuration import node_config
 from experiments.study import code_version
 

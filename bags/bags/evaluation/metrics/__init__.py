@@ -21,6 +21,8 @@ from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
 from bags.evaluation.series import Series, compute_series
 
+VERDICT = 'verdict'  # how the run ended, in words
+
 
 def compute_metrics(drive: Drive, series: Series | None = None) -> dict[str, Any]:
     """Return every metric of a drive by name, JSON values; `verdict` is a text for a person.
@@ -33,4 +35,4 @@ def compute_metrics(drive: Drive, series: Series | None = None) -> dict[str, Any
         series = compute_series(drive)
     run = EvaluatedDrive(drive, series)
     values = {metric.name: run.value(metric.function) for metric in METRICS.values()}
-    return {'verdict': outcome.describe_outcome(run, values), **values}
+    return {VERDICT: outcome.describe_outcome(run, values), **values}

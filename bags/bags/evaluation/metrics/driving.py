@@ -48,7 +48,7 @@ def overshoots(run):
     return result
 
 
-@metric()
+@metric(unit='m')
 def peak_overshoot_m(run):
     """Largest amount of the overshoots, 0 without any."""
     return max((overshoot['amount_m'] for overshoot in run.value(overshoots)), default=0.0)
@@ -87,13 +87,13 @@ def brake_onset_at_m(run):
     return brake_onset(run, BRAKING_N)
 
 
-@metric()
+@metric(unit='m')
 def brake_onset_hard_at_m(run):
     """Station at which the actuated longitudinal force first falls to -1500 N."""
     return brake_onset(run, HARD_BRAKING_N)
 
 
-@metric()
+@metric(unit='m')
 def planned_brake_onset_at_m(run):
     """Station at which the car begins to brake (-500 N) by plan, before the last obstacle.
 
@@ -104,19 +104,19 @@ def planned_brake_onset_at_m(run):
     return planned_brake_onset(run, BRAKING_N)
 
 
-@metric()
+@metric(unit='m')
 def planned_brake_onset_hard_at_m(run):
     """Station at which the car begins to brake hard (-1500 N) by plan, before the last obstacle."""
     return planned_brake_onset(run, HARD_BRAKING_N)
 
 
-@metric()
+@metric(unit='s')
 def braking_s(run):
     """How long the actuated longitudinal force was at or below -500 N."""
     return braking_time(run.drive, BRAKING_N)
 
 
-@metric()
+@metric(unit='s')
 def counter_steer_s(run):
     """How long the wheels were steered against the turn of the car.
 
@@ -127,7 +127,7 @@ def counter_steer_s(run):
     return None if against is None else float(np.count_nonzero(against) * SAMPLE_NS * NS)
 
 
-@metric()
+@metric(unit='deg')
 def peak_counter_steer_deg(run):
     """Largest angle by which the wheels were steered against the turn of the car."""
     against = run.value(_counter_steering)
@@ -141,7 +141,7 @@ def peak_lat_acc_mps2(run):
     return float(np.max(np.abs(ay))) if ay.size else None
 
 
-@metric()
+@metric(unit='m/s²')
 def held_lat_acc_mps2(run):
     """Largest lateral acceleration that was held to one side for 0.1 s."""
     stamp_ns, ay = run.drive.accelerations.stamp_ns, run.drive.accelerations.ay
@@ -152,7 +152,7 @@ def held_lat_acc_mps2(run):
     return float(max(0.0, np.max(windows.min(axis=1)), -np.min(windows.max(axis=1))))
 
 
-@metric()
+@metric(unit='-')
 def lateral_limit_use_plant(run):
     """Lateral acceleration held for 0.1 s as a share of what the plant holds in a steady turn.
 
@@ -163,7 +163,7 @@ def lateral_limit_use_plant(run):
     return None if held is None or not limit else held / limit
 
 
-@metric()
+@metric(unit='m/s³')
 def rms_lat_jerk_mps3(run):
     """Root mean square of the lateral jerk: the slope of the measured acceleration over 0.1 s.
 
@@ -179,13 +179,13 @@ def rms_lat_jerk_mps3(run):
     return float(np.sqrt(np.mean(jerk**2))) if jerk.size else None
 
 
-@metric()
+@metric(unit='-')
 def peak_lat_acc_share(run):
     """Largest lateral acceleration as a share of what the friction of the road allows."""
     return _friction_share(run, run.value(peak_lat_acc_mps2))
 
 
-@metric()
+@metric(unit='-')
 def peak_brake_share(run):
     """Largest deceleration as a share of what the friction of the road allows."""
     return _friction_share(run, run.value(peak_brake_mps2))
@@ -203,7 +203,7 @@ def solve_ms(run):
     return time_statistics(run.drive.ticks.solve_ms)
 
 
-@metric()
+@metric(unit='ms')
 def solve_cpu_ms(run):
     """Processor time of the solver per tick likewise."""
     return time_statistics(run.drive.ticks.solve_cpu_ms)

@@ -32,7 +32,7 @@ def completed(run):
     return bool(reached and station[0] < finish)
 
 
-@metric()
+@metric(unit='m')
 def finish_at_m(run):
     """Station that completes the drive."""
     facts = run.drive.facts
@@ -145,7 +145,7 @@ def min_outline_gap_m(run):
     return smallest_finite(run.series.outline_gap)
 
 
-@metric()
+@metric(unit='m')
 def min_outline_gap_per_obstacle_m(run):
     """Smallest gap between the true outline and each obstacle, by its id."""
     return {str(number): smallest_finite(gap) for number, gap in run.series.outline_gaps.items()}
@@ -157,7 +157,7 @@ def min_outline_v2e_m(run):
     return min(run.value(min_outline_v2e_per_edge_m).values())
 
 
-@metric()
+@metric(unit='m')
 def min_outline_v2e_per_edge_m(run):
     """Smallest distance of the true outline to the left and to the right edge."""
     _, margins = run.value(_outline_margins)

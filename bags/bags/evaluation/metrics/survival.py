@@ -61,7 +61,7 @@ def following(run):
     return False
 
 
-@metric()
+@metric(unit='m')
 def wheel_off_road_m(run):
     """How far the farthest wheel ever was beyond an edge; 0 on the road, None if unknown.
 

@@ -1,5 +1,7 @@
 """Bags of drives made by hand: every message that a comparison reads, written without ROS nodes."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -70,19 +72,28 @@ def messages(drive):
     return result
 
 
-@pytest.fixture
-def write_bag(tmp_path):
-    """Return write(drive, name, extra) -> folder of its bag; `extra` are (topic, ns, CDR) more."""
+@pytest.fixture(scope='session')
+def write_bag_into():
+    """Return write(folder, drive, name, extra) -> the bag of the drive below a folder.
 
-    def write(drive, name='mpcc', extra=()):
+    `extra` are (topic, ns, CDR) more.
+    """
+
+    def write(folder, drive, name='mpcc', extra=()):
         topics = message_filing.bag_topics(contract.load(), 'lockstep')
         index = {topic.name: i for i, topic in enumerate(topics)}
         info = provenance.describe_run('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
-        bag = BagWriter(tmp_path / name, topics, {'run': info})
+        bag = BagWriter(folder / name, topics, {'run': info})
         sent = [(topic, ns, serialize_message(item)) for topic, ns, item in messages(drive)]
         for topic, ns, data in [*sent, *extra]:
             bag.write(index[topic], ns, ns, data)
         bag.close()
-        return tmp_path / name
+        return folder / name
 
     return write
+
+
+@pytest.fixture
+def write_bag(write_bag_into, tmp_path):
+    """Return write(drive, name, extra) -> folder of its bag in the folder of the test."""
+    return partial(write_bag_into, tmp_path)

@@ -1,0 +1,143 @@
+"""Several runs, recorded or simulated: one table, one figure, one report.
+
+runs = bags.compare(bags.load('runs/double_lane_change/mpcc'), own_run)
+runs                               # prints the table
+runs.frame()[['controller', 'min_v2o_m', 'rms_contouring_m']]
+runs.figure('v2o')
+runs.report('out')                 # report.html, comparison.json and .csv, figures
+"""
+
+import io
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from rich.console import Console
+
+from bags.analysis import frames
+from bags.analysis.run import Run
+from bags.errors import BagError
+from bags.report import metrics_table
+from msgs_yaml.strict_yaml import closest
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+TABLE_RUNS = 6  # up to so many are printed as a table
+WIDTH = 240  # characters of that table at most
+
+
+class RunSet(Sequence[Run]):
+    """Runs in their order, by number, label or slice. Labels are unique: a second `mpcc` is
+    `mpcc (2)`.
+    """
+
+    def __init__(self, runs: Iterable[Run]):
+        self.by_label: dict[str, Run] = {}
+        for run in runs:
+            self.by_label[_unique(run.label, self.by_label)] = run
+
+    @overload
+    def __getitem__(self, which: int | str) -> Run: ...
+
+    @overload
+    def __getitem__(self, which: slice) -> 'RunSet': ...
+
+    def __getitem__(self, which):
+        if isinstance(which, str):
+            if which not in self.by_label:
+                known = ', '.join(map(repr, self.by_label))
+                raise UnknownRunError(
+                    f'no run {which!r}{closest(which, self.by_label)}; there are {known}'
+                )
+            return self.by_label[which]
+        chosen = [*self.by_label.values()][which]
+        return RunSet(chosen) if isinstance(which, slice) else chosen
+
+    def __len__(self) -> int:
+        return len(self.by_label)
+
+    def __iter__(self) -> Iterator[Run]:
+        return iter(self.by_label.values())
+
+    @property
+    def labels(self) -> list[str]:
+        """The label of each run."""
+        return list(self.by_label)
+
+    def frame(self) -> 'pd.DataFrame':
+        """Return a row per run, indexed by label: scenario, controller, settings, single metrics.
+
+        A setting that a run leaves as it is has the value of its parameters there. Raises BagError
+        for a run that cannot be evaluated, ImportError without pandas.
+        """
+        pandas = frames.import_pandas()
+        settings = list(dict.fromkeys(name for run in self for name in run.settings))
+        rows = [self._row(run, settings) for run in self]
+        return pandas.DataFrame(rows, index=pandas.Index(self.labels, name='run'))
+
+    def _row(self, run, settings) -> dict[str, Any]:
+        changed = {name: run.settings.get(name, run.parameters.get(name)) for name in settings}
+        about = {'scenario': run.scenario, 'controller': run.controller}
+        return about | changed | run.metrics.flat()
+
+    def figure(self, name: str = 'comparison') -> 'Figure':
+        """Return a figure of the comparison: the sheet of all panels, or one of them.
+
+        Raises BagError for an unknown name, and for runs of different scenarios.
+        """
+        # matplotlib takes a second to load
+        from bags.analysis import drawing
+
+        return drawing.draw(self.by_label, name)
+
+    def report(self, folder: str | os.PathLike[str]) -> Path:
+        """Write report.html, comparison.json, comparison.csv and figures; return the report.
+
+        Raises BagError for runs of different scenarios.
+        """
+        from bags.analysis import drawing
+        from bags.evaluation.controller_log import controller_log
+        from bags.report.comparison import compare_drives
+
+        drives = {run.name: run.drive for run in drawing.drawn_runs(self.by_label)}
+        logs = {name: controller_log(r.tables, r.run_info) for name, r in self.by_label.items()}
+        return compare_drives(drives, Path(folder), logs=logs).report
+
+    def __repr__(self) -> str:
+        """Return the table of the metrics; of more than six runs a line each."""
+        if not self:
+            return 'RunSet(no runs)'
+        if len(self) > TABLE_RUNS:
+            return '\n'.join((f'RunSet of {len(self)}:', *map(repr, self)))
+        scenarios = ', '.join(dict.fromkeys(run.scenario for run in self))
+        values = {'scenario': scenarios, 'runs': {n: r.metrics for n, r in self.by_label.items()}}
+        out = io.StringIO()
+        Console(file=out, width=WIDTH).print(metrics_table.build_table(values))
+        return '\n'.join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+class UnknownRunError(BagError, KeyError):
+    """No run has this label; the message says which there are."""
+
+    def __str__(self) -> str:
+        return self.args[0]
+
+
+def compare(*runs: Run) -> RunSet:
+    """Return several runs as one table, figure and report. Raises BagError without any."""
+    if not runs:
+        raise BagError('compare: no run is given; allowed one or more')
+    return RunSet(runs)
+
+
+def _unique(label, taken):
+    """Return a label that is not taken: the label, or with a number."""
+    if label not in taken:
+        return label
+    number = 2
+    while f'{label} ({number})' in taken:
+        number += 1
+    return f'{label} ({number})'

@@ -1,0 +1,165 @@
+"""Drives from Python: real ones, of a few seconds of simulated time each."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+import experiments
+from bags.errors import BagError
+from bags.evaluation import metrics
+from experiments import compare, drive, drive_many, scripting, simulation
+from scenario_publisher import scenario
+
+ROAD = yaml.safe_load(scenario.load('straight').text)
+ROAD['name'] = 'short'
+ROAD['stop'] = {'progress_m': 12.0, 'time_s': 5.0}
+TOLERANCE = 'controller.tolerances.contouring_m'
+SPEED = 'scenario.speed_mps'
+SCRIPT = """
+import yaml
+from experiments import drive_many
+with open({file!r}) as file:
+    road = yaml.safe_load(file)
+runs = drive_many(road, settings={{'scenario.speed_mps': [14, 16]}}, jobs=2)
+print('min speeds', *(round(run.metrics['min_speed_mps']) for run in runs))
+"""
+
+
+@pytest.fixture(scope='module')
+def run():
+    return drive(ROAD, settings={TOLERANCE: 0.4})
+
+
+def numbers(run):
+    """Return the metrics that are no computing times."""
+    return {name: value for name, value in run.metrics.items() if not name.startswith('solve_')}
+
+
+def test_a_drive_has_the_metrics_of_the_simulation(run):
+    setup = simulation.prepare_scenario(
+        scenario.parse(yaml.safe_dump(ROAD), 'road'), 'mpcc', {'controller': {TOLERANCE[11:]: 0.4}}
+    )
+    values = metrics.compute_metrics(simulation.drive(setup))
+    assert numbers(run) == {n: v for n, v in values.items() if not n.startswith('solve_')}
+    assert run.parameters[TOLERANCE] == 0.4
+    assert run.settings == {TOLERANCE: 0.4}
+    assert run.metrics['completed']
+
+
+def test_the_same_arguments_give_the_same_run(run):
+    again = drive(ROAD, 'mpcc', {TOLERANCE: np.float64(0.4)})
+    assert again.frame('/vehicle/odometry').equals(run.frame('/vehicle/odometry'))
+
+
+def test_a_drive_has_every_topic_and_signal(run):
+    assert len(run.topics) == 10
+    assert len(run.frame('/controller/prediction').loc[0.0]) == 51
+    commanded, actual = run.signals['steer_command_rad'], run.signals['steer_rad']
+    assert (commanded - actual).abs().max() < 0.01
+    assert run.signals['tyre_use.fl'].max() < 0.2
+    assert run.signals['model_friction_use.front'].notna().all()
+    assert run.label == 'mpcc, contouring_m=0.4'
+
+
+def test_scenarios_are_names_files_objects_or_their_content(run, tmp_path):
+    file = tmp_path / 'road.yaml'
+    file.write_text(yaml.safe_dump(ROAD))
+    loaded = scenario.load(str(file))
+    runs = drive_many([file, str(file), loaded, ROAD], settings=[{TOLERANCE: 0.4}])
+    assert all(numbers(other) == numbers(run) for other in runs)
+
+
+def test_speed_and_friction_of_the_scenario(run):
+    slow = drive(ROAD, settings={SPEED: 10, 'scenario.friction': 0.5})
+    assert slow.metrics['min_speed_mps'] == pytest.approx(10.0, abs=0.5)
+    assert slow.parameters['plant.friction'] == 0.5
+    assert slow.parameters['controller.model.friction'] == 0.5
+
+
+def test_another_car(run):
+    other = drive(ROAD, plant='bmw_320i.yaml', label='smaller')
+    assert other.label == 'smaller'
+    masses = [one.parameters['plant.car.body.mass_kg'] for one in (run, other)]
+    assert masses[0] != masses[1]
+    both = compare(run, other).frame()
+    assert both.loc['smaller', 'plant.plant_params'] == 'bmw_320i.yaml'
+
+
+def test_a_grid_of_settings():
+    runs = drive_many(ROAD, ['mpcc', 'frenet'], {SPEED: [14.0, 16.0], TOLERANCE: [0.5]})
+    assert runs.labels == [
+        'mpcc, speed_mps=14',
+        'mpcc, speed_mps=16',
+        'frenet, speed_mps=14',
+        'frenet, speed_mps=16',
+    ]
+    frame = runs.frame()
+    assert frame['min_speed_mps'].to_numpy() == pytest.approx(frame[SPEED].to_numpy(), abs=0.3)
+    assert list(frame['controller']) == ['mpcc', 'mpcc', 'frenet', 'frenet']
+
+
+def test_processes_give_the_same_runs_and_need_no_main_guard(tmp_path):
+    """A script as a newcomer writes it: its processes do not run it again."""
+    (tmp_path / 'road.yaml').write_text(yaml.safe_dump(ROAD))
+    script = tmp_path / 'sweep.py'
+    script.write_text(SCRIPT.format(file=str(tmp_path / 'road.yaml')))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert done.stdout == 'min speeds 14 16\n', done.stderr
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (('double_lane_chang',), "no scenario 'double_lane_chang'"),
+        (('no/such.yaml',), 'no/such.yaml'),
+        (({'schema': 1},), 'the given scenario'),
+        ((3,), 'scenario: is 3; allowed a name'),
+        ((ROAD, 'mpc'), "no controller 'mpc'"),
+        ((ROAD, 'mpcc', ['x']), 'must be a mapping'),
+        ((ROAD, 'mpcc', {'tolerances.contouring_m': 1.0}), f"did you mean '{TOLERANCE}'"),
+        ((ROAD, 'mpcc', {f'{TOLERANCE}m': 1.0}), "did you mean 'tolerances.contouring_m'"),
+        ((ROAD, 'mpcc', {TOLERANCE: -1.0}), 'out of range with -1'),
+        ((ROAD, 'mpcc', {'scenario.speed': 20.0}), f"did you mean '{SPEED}'"),
+        ((ROAD, 'mpcc', {SPEED: 'fast'}), 'scenario.speed_mps must be a number'),
+        ((ROAD, 'mpcc', {SPEED: 1000.0}), '1 to 100 m/s'),
+        ((ROAD, 'mpcc', {SPEED: float('nan')}), 'must be finite'),
+        ((ROAD, 'mpcc', {'plant.mode': 'realtime'}), 'has no effect in process'),
+        ((ROAD, 'mpcc', {'recorder.out': '/tmp'}), "unknown name 'recorder.out'"),
+    ],
+)
+def test_a_mistake_is_named_with_what_is_allowed(arguments, message):
+    with pytest.raises(BagError) as caught:
+        drive(*arguments)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'controller': []}, 'controller: is an empty list'),
+        ({'settings': {SPEED: []}}, 'settings: scenario.speed_mps: is an empty list'),
+        ({'settings': [{SPEED: 15}, {SPEED: -1}]}, 'scenario.speed_mps is out of range with -1'),
+        ({'jobs': 0}, 'jobs: is 0; allowed a whole number from 1'),
+    ],
+)
+def test_inputs_of_a_sweep_are_checked_before_the_first_drive(options, message, monkeypatch):
+    monkeypatch.setattr(scripting, '_simulate', lambda setup: pytest.fail('drives'))
+    with pytest.raises(BagError) as caught:
+        drive_many(ROAD, **options)
+    assert message in str(caught.value)
+
+
+def test_runs_of_two_scenarios_have_no_common_figure():
+    runs = drive_many([ROAD, {**ROAD, 'name': 'other'}])
+    assert runs.labels == ['mpcc in short', 'mpcc in other']
+    with pytest.raises(BagError, match='the runs drove'):
+        runs.figure()
+
+
+def test_names_of_the_package():
+    assert {'drive', 'drive_many', 'compare'} <= set(dir(experiments))
+    with pytest.raises(AttributeError, match='no attribute'):
+        experiments.drives  # noqa: B018
