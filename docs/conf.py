@@ -10,8 +10,7 @@ project = 'mpcc'
 author = 'The maintainers of this repository'
 copyright = author
 release = importlib.metadata.version('mpcc_controller')
-html_title = 'Model predictive contouring control for obstacle avoidance'
-html_short_title = 'MPCC'
+html_title = 'MPCC for obstacle avoidance'
 
 extensions = [
     'myst_parser',
@@ -20,12 +19,13 @@ extensions = [
     'sphinx.ext.viewcode',
     'sphinx_copybutton',
     'sphinx_design',
-    'outside_links',
     'offline_mathjax',
+    'outside_links',
+    'plain_docstrings',
+    'api_pages',
 ]
 source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']
-suppress_warnings = ['toc.empty_glob']
 html_theme = 'furo'
 html_static_path = ['_static']
 html_copy_source = False
@@ -38,3 +38,11 @@ myst_enable_extensions = ['attrs_block', 'colon_fence', 'deflist', 'dollarmath']
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
 myst_dmath_allow_digits = False
+
+autodoc_default_options = {'members': True, 'member-order': 'bysource'}
+autodoc_typehints_format = 'short'
+autodoc_inherit_docstrings = False
+python_maximum_signature_line_length = 88
+# the table of contents of a page has its modules; with every function it takes minutes to build
+toc_object_entries = False
+add_module_names = False
