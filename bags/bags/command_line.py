@@ -10,6 +10,7 @@ import gc
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +33,7 @@ def main(
     # imports and figures create many objects and hardly any cycles: looking for these less often
     # saves a tenth of the time
     gc.set_threshold(GARBAGE_THRESHOLD)
+    warnings.formatwarning = _WarningLines()
     args = _parser(program, description, commands).parse_args(arguments)
     try:
         return args.command(args)
@@ -92,6 +94,22 @@ def print_paths(console: Any, paths: Mapping[str, Path]) -> None:
 def number_text(value: float | None, form: str) -> str:
     """Return a number as text, a dash for none."""
     return '-' if value is None else f'{value:{form}}'
+
+
+class _WarningLines:
+    """The text of a warning of ours: one line, and only once; others as Python formats them."""
+
+    def __init__(self):
+        self._seen = set()
+        self._others = warnings.formatwarning
+
+    def __call__(self, message, category, *place):
+        if not issubclass(category, UserWarning):
+            return self._others(message, category, *place)
+        text = f'warning: {message}\n'
+        is_new = text not in self._seen
+        self._seen.add(text)
+        return text if is_new else ''
 
 
 def _message(error):

@@ -72,6 +72,9 @@ class Ticks(NamedTuple):
     converged: np.ndarray = NEVER  # whether the step followed a plan that converged, likewise
 
 
+NO_ACCELERATIONS = Accelerations(EMPTY_NS, np.empty(0), np.empty(0))
+
+
 class Obstacle(NamedTuple):
     """One obstacle over time; not-a-number where a message does not contain it."""
 
@@ -141,16 +144,16 @@ def drive_from_columns(
 ) -> Drive:
     """Return the drive in the columns of a run; `name` is the run's name in errors.
 
-    Raises BagError in lockstep when two controllers answered, and for missing parameters.
+    Without /vehicle/imu there are no accelerations: short recordings are drives, too. Raises
+    BagError in lockstep when two controllers answered, and for missing parameters.
     """
-    state, actuators, imu = (
-        columns[f'/vehicle/{name}'] for name in ('odometry', 'actuators', 'imu')
-    )
+    state, actuators = columns['/vehicle/odometry'], columns['/vehicle/actuators']
+    imu = columns.get('/vehicle/imu')
     if run_info.get('mode') == LOCKSTEP:
         _refuse_second_controller(columns, name)
     return Drive(
         Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
-        Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2),
+        Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2) if imu else NO_ACCELERATIONS,
         Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n),
         _ticks(columns),
         _scene(columns),

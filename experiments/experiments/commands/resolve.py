@@ -6,18 +6,28 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bags.command_line import add_out
+from bags.command_line import add_out, print_text
 from experiments.commands import add_list
 
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
+EVENTS = ('closest', 'edge', 'sideslip', 'fallback')
 EXAMPLE = 'experiments resolve bags/reference/double_lane_change/mpcc --tick 45 --set weights.lag=0'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments resolve`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a recording')
-    parser.add_argument(
-        '--tick', type=int, required=True, metavar='K', help='number of the tick, from 0'
+    which = parser.add_argument_group('the tick, one of').add_mutually_exclusive_group(
+        required=True
+    )
+    which.add_argument('--tick', type=int, metavar='K', help='its number, from 0')
+    which.add_argument('--time', type=float, metavar='S', help='seconds since the first tick')
+    which.add_argument('--station', type=float, metavar='M', help='metres along the path')
+    which.add_argument(
+        '--at',
+        choices=EVENTS,
+        help='closest: at the least distance to an obstacle; edge: to a road edge; sideslip: at '
+        'the largest sideslip angle; fallback: the first without a fresh plan',
     )
     text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
     add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')
@@ -31,12 +41,17 @@ def run(options: argparse.Namespace) -> int:
     # imported late: controllers and matplotlib take a second to load
     from bags.storage import read
     from experiments.configuration import set_option
-    from experiments.replay import horizon_figure, resolve
+    from experiments.replay import horizon_figure, resolve, tick_choice
 
     bag = read.load(options.bag)
     changes = set_option.parse_tick_changes(options.settings)
-    answer = resolve.resolve(bag, resolve.Request(options.tick, changes, options.sensitivities))
-    console = Console()
+    console, number = Console(), options.tick
+    if number is None:
+        moment = tick_choice.Moment(None, options.time, options.station, options.at)
+        chosen = tick_choice.choose(bag, moment)
+        print_text(console, str(chosen))
+        number = chosen.number
+    answer = resolve.resolve(bag, resolve.Request(number, changes, options.sensitivities))
     resolve.show(answer, console)
     folder = options.out or Path(os.path.abspath(bag.files[0])).parent.parent / 'figures'
     picture, _ = horizon_figure.write(answer, folder / f'{answer.name}_tick_{answer.tick.number}')

@@ -1,0 +1,105 @@
+"""Which tick of a recording is meant: by its number, a time, a station, or what happens there."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.errors import BagError
+from bags.evaluation.drive import drive_from_columns
+from bags.evaluation.series import compute_series
+from bags.storage import read
+from bags.storage.invalid_messages import drop_invalid
+from experiments.replay import recorded_ticks
+
+# events, and what they are
+EVENTS = {
+    'closest': 'least distance to an obstacle',
+    'edge': 'least distance to a road edge',
+    'sideslip': 'largest sideslip angle',
+    'fallback': 'first tick without a fresh plan',
+}
+NS = 1e-9  # s
+
+
+class Moment(NamedTuple):
+    """What names a tick; exactly one of these is given."""
+
+    tick: int | None = None  # its number
+    time: float | None = None  # s since the first tick
+    station: float | None = None  # m along the reference
+    event: str | None = None  # one of EVENTS
+
+
+class ChosenTick(NamedTuple):
+    """A tick and where it is."""
+
+    number: int
+    t: float  # s since the first tick
+    station: float  # m
+    because: str  # what is there, '' for a tick that was named by number, time or station
+
+    def __str__(self) -> str:
+        because = f': {self.because}' if self.because else ''
+        return f'tick {self.number} at {self.t:.2f} s, station {self.station:.1f} m{because}'
+
+
+def choose(bag: read.Bag, moment: Moment) -> ChosenTick:
+    """Return the tick that is meant: the last one that is not behind the moment.
+
+    Raises BagError for a moment that the recording does not have.
+    """
+    stamps = np.array([tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)])
+    t = (stamps - stamps[0]) * NS
+    columns = read.columns(drop_invalid(bag), recorded_ticks.NEEDED)
+    drive = drive_from_columns(columns, bag.run_info, str(bag.path))
+    series = compute_series(drive)
+    station = np.interp(stamps, drive.motion.stamp_ns, series.station)
+    number, because = _find(moment, bag, drive, series, stamps, t, station)
+    return ChosenTick(number, float(t[number]), float(station[number]), because)
+
+
+def _find(moment, bag, drive, series, stamps, t, station):
+    """Return the number of the tick, and why it is that one."""
+    if moment.tick is not None:
+        _check(bag, 'tick', moment.tick, 0, len(stamps) - 1, '')
+        return moment.tick, ''
+    if moment.time is not None:
+        _check(bag, 'tick at time', moment.time, 0.0, t[-1], ' s')
+        # a time as text may be a rounding below that of its tick
+        return int(np.searchsorted(t, moment.time + 1e-6, side='right')) - 1, ''
+    if moment.station is not None:
+        _check(bag, 'tick at station', moment.station, station[0], station.max(), ' m')
+        return max(int(np.argmax(station > moment.station)) - 1, 0), ''
+    if moment.event == 'fallback':
+        return _first_fallback(bag, drive)
+    row, because = _extreme(bag, moment.event, series)
+    stamp = drive.motion.stamp_ns[row]
+    return max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0), because
+
+
+def _check(bag, what, value, low, high, unit):
+    if not low <= value <= high:
+        raise BagError(f'{bag.path}: no {what} {value:g}{unit}; it has {low:g} to {high:g}{unit}')
+
+
+def _first_fallback(bag, drive):
+    (rows,) = np.nonzero(drive.ticks.fallback)
+    if not rows.size:
+        raise BagError(f'{bag.path}: every tick followed a fresh plan')
+    return int(rows[0]), EVENTS['fallback']
+
+
+def _extreme(bag, event, series):
+    """Return the row of the series at an event, and what is there."""
+    if event == 'sideslip':
+        angle = np.degrees(np.abs(np.nan_to_num(series.sideslip)))
+        row = int(np.argmax(angle))
+        return row, f'{EVENTS[event]}, {angle[row]:.1f} deg'
+    gaps = series.v2o if event == 'closest' else series.v2e
+    known = {name: gap for name, gap in gaps.items() if np.any(np.isfinite(gap))}
+    if not known:
+        raise BagError(f'{bag.path}: there is no obstacle')
+    name = min(known, key=lambda name: np.nanmin(known[name]))
+    row = int(np.nanargmin(known[name]))
+    which = f'to obstacle {name}' if event == 'closest' else f'to the {name} edge'
+    return row, f'least distance {which}, {known[name][row]:.2f} m'
