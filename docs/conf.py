@@ -23,6 +23,7 @@ extensions = [
     'outside_links',
     'plain_docstrings',
     'api_pages',
+    'reference_pages',
 ]
 source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']

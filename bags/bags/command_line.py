@@ -21,6 +21,13 @@ from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
 INTERRUPTED = 130  # what shells report for SIGINT
+EXIT_CODES = {
+    0: 'the command did what was asked',
+    1: 'it could not: bad input or a failure, one line on stderr; or the answer is no',
+    2: 'wrong options: usage on stderr',
+    INTERRUPTED: 'SIGINT (Ctrl-C); what was finished is kept',
+    143: 'SIGTERM, likewise',
+}
 
 
 def main(

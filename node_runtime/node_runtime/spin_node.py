@@ -28,6 +28,11 @@ _SHUTDOWN_S = 4.0  # usually it takes a tenth of a second
 FAST_DDS = 'rmw_fastrtps'
 EXIT_CONFIGURATION = os.EX_CONFIG
 _EXIT_ERROR = 1
+EXIT_CODES = {
+    0: 'ended by SIGINT or SIGTERM, or with the run',
+    _EXIT_ERROR: 'an error while it ran',
+    EXIT_CONFIGURATION: 'a wrong parameter, file or contract: one line in the log, nothing ran',
+}
 
 
 def finish(node: Node, exit_code: int = 0) -> None:

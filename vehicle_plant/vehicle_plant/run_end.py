@@ -12,6 +12,11 @@ from vehicle_plant.state import Trajectory
 FINISHED = 0
 FAILED = 2
 CONTROLLER_GONE = 3
+EXIT_CODES = {
+    FINISHED: 'the car crossed the finish line',
+    FAILED: 'the time limit passed, or the car stood still',
+    CONTROLLER_GONE: 'no command came any more; the car was braked',
+}
 _STANDSTILL_MPS = 0.1
 _STANDSTILL_S = 1.0
 

@@ -7,6 +7,7 @@ from bags import command_line
 from bags.errors import BagError
 
 HELP = 'rebuild summary, footer and metadata.yaml after a kill'
+EXIT_CODES = {1: 'a bag cannot be repaired'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

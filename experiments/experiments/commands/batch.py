@@ -30,6 +30,7 @@ from experiments.commands import add_dask, add_jobs, add_time_limit
 
 HELP = 'simulate scenarios, controllers, settings and random draws; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
+EXIT_CODES = {1: 'drives failed; the same command tries them again'}
 LIMIT_S = 300.0
 
 

@@ -25,6 +25,10 @@ EXAMPLE = (
     'experiments library --family pop_up --draws 20 --controller mpcc --controller mpcc_road '
     '--out /tmp/library'
 )
+EXIT_CODES = {
+    1: 'a drive has no result, an expectation of an entry is not met, or a family survives '
+    'less than --at-least'
+}
 DRAWS, SEED, LIMIT_S = 100, 1000, 300.0
 DIFFICULTIES = ('nominal', 'hard')
 

@@ -9,6 +9,7 @@ from experiments.commands import add_list
 
 HELP = "recorded states through today's controller: the same commands and costs?"
 EXAMPLE = 'experiments replay-check bags/reference/double_lane_change/mpcc'
+EXIT_CODES = {1: 'a tick differs from the recording'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ from experiments.commands import add_list
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
 EVENTS = ('closest', 'edge', 'sideslip', 'fallback')
 EXAMPLE = 'experiments resolve bags/reference/double_lane_change/mpcc --tick 45 --set weights.lag=0'
+EXIT_CODES = {1: 'solved again, the recorded tick gives another command'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,6 +17,9 @@ from experiments.commands import add_list, add_time_limit
 
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
+EXIT_CODES = {
+    1: 'a car did not reach the finish line on the road, or what the scenario expects is not met'
+}
 RUNS = Path('bags', 'runs')
 TIME_LIMIT_S = 900.0
 

@@ -1,0 +1,64 @@
+"""The page about the topics of the contract."""
+
+from msgs_yaml import contract
+from msgs_yaml.contract import MODES, Contract, Qos, Topic
+from reference_pages.markdown import code, number, table, text
+
+
+def page(loaded: Contract | None = None) -> str:
+    """Return the page."""
+    topics = (loaded or contract.load()).topics.values()
+    profiles = {qos.name: qos for topic in topics for qos in topic.qos.values()}
+    parts = [
+        '# Topics',
+        'Written from `msgs_yaml/topics.yaml`, from which nodes take type, quality of service and '
+        'ranges. Names are those in the root namespace; every topic is relative to the namespace '
+        'of its node. Frames and axes: REP-103, REP-105, ISO 8855; SI units.',
+        table(
+            ('topic', 'type', 'publisher', *(f'rate [Hz], {mode}' for mode in MODES), 'frame'),
+            map(_overview, topics),
+        ),
+        '## Quality of service',
+        table(
+            ('profile', 'reliability', 'durability', 'history', 'depth', 'deadline [ms]'),
+            map(_profile, profiles.values()),
+        ),
+        *(_section(topic) for topic in topics),
+    ]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _overview(topic: Topic):
+    rates = ('on request' if topic.on_request else number(topic.rate_hz[m]) for m in MODES)
+    return code(topic.name), code(topic.type), code(topic.publisher), *rates, code(topic.frame)
+
+
+def _profile(qos: Qos):
+    depth = str(qos.depth) if qos.depth else 'all'
+    deadline = number(qos.deadline_ms) if qos.deadline_ms is not None else ''
+    return code(qos.name), qos.reliability, qos.durability, qos.history, depth, deadline
+
+
+def _section(topic: Topic):
+    qos = ', '.join(f'{mode}: `{topic.qos[mode].name}`' for mode in MODES)
+    parts = [f'## `{topic.name}`', text(topic.meaning), f'`{topic.type}`; {qos}']
+    if topic.child_frame:
+        parts[-1] += f'; child frame `{topic.child_frame}`'
+    heads = ('field', 'symbol', 'unit', 'allowed', 'column', 'value')
+    rows = [
+        (
+            code(path),
+            code(field.symbol),
+            '' if field.unit == '-' else text(field.unit),
+            '' if field.unit == contract.WORD else f'{number(field.low)} to {number(field.high)}',
+            code(field.column),
+            code(field.value),
+        )
+        for path, field in topic.fields.items()
+    ]
+    if rows:
+        parts.append(table(heads, rows))
+    if topic.sizes:
+        rows = [(code(path), f'{size.low} to {size.high}') for path, size in topic.sizes.items()]
+        parts.append(table(('array', 'elements'), rows))
+    return '\n\n'.join(parts)
