@@ -1,7 +1,8 @@
-"""Publishes markers for RViz and Foxglove: car, circles, unsafe areas, plan; and /tf.
+"""Publishes markers for RViz and Foxglove: car, circles, unsafe areas, plan.
 
 Topics and tf are in its namespace: the frames of every car have the same names. Its subscriptions
-are best effort with a queue of one, so that it never slows a publisher. /tf needs tf2_msgs.
+are best effort with a queue of one, so that it never slows a publisher. Where no plant publishes
+/tf, as while a bag is played, it does; that needs tf2_msgs.
 """
 
 import sys
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, TransformStamped
+from geometry_msgs.msg import Point
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -17,8 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bags.storage.decoding import DECODERS
 from bags.viewers import marker_scene
 from bags.viewers.marker_scene import Shape
-from msgs_yaml import contract, conversions, decode, share
-from msgs_yaml.types import VehicleState
+from msgs_yaml import contract, conversions, decode, encode, share
 from node_runtime import ros, spin_node, subscriptions_node
 
 try:
@@ -38,7 +38,7 @@ MARKER_TYPES = {
     marker_scene.TEXT: Marker.TEXT_VIEW_FACING,
 }
 THROTTLE_S = 1.0
-TF_DEPTH = 100  # what tf2 listeners use
+TF = '/tf'
 
 
 class MarkersNode(Node):
@@ -50,7 +50,7 @@ class MarkersNode(Node):
         self.scene = marker_scene.MarkerScene(ros.declare(self, marker_scene.ShapeParams, defaults))
         drawn = (marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION)
         self.pubs = {topic: ros.publisher(self, topic) for topic in drawn}
-        self.tf = self.create_publisher(TFMessage, 'tf', TF_DEPTH) if TFMessage else None
+        self.tf = ros.publisher(self, TF) if TFMessage else None
         if self.tf is None:
             self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
         for topic in marker_scene.WATCHED:
@@ -76,8 +76,12 @@ class MarkersNode(Node):
             return
         for drawing in self.scene.update(topic, value):
             self.pubs[drawing.topic].publish(marker_array(*drawing))
-        if topic == marker_scene.STATE and self.tf:
-            self.tf.publish(TFMessage(transforms=[transform(value)]))
+        if topic == marker_scene.STATE and self.tf and not self.has_other_tf():
+            self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
+
+    def has_other_tf(self):
+        """Return whether another node publishes /tf: a frame must have one publisher."""
+        return self.count_publishers(ros.full_name(self, TF)) > 1
 
 
 def marker_array(topic: str, stamp_ns: int, shapes: Sequence[Shape]) -> MarkerArray:
@@ -86,16 +90,6 @@ def marker_array(topic: str, stamp_ns: int, shapes: Sequence[Shape]) -> MarkerAr
     header = Header(stamp=_time(stamp_ns), frame_id=frame)
     clear = Marker(header=header, action=Marker.DELETEALL)
     return MarkerArray(markers=[clear, *(_marker(header, shape) for shape in shapes)])
-
-
-def transform(x: VehicleState) -> TransformStamped:
-    """Return the pose of base_link in map."""
-    odometry = contract.load().topics['/vehicle/odometry']
-    header = Header(stamp=_time(x.stamp_ns), frame_id=odometry.frame)
-    msg = TransformStamped(header=header, child_frame_id=odometry.child_frame)
-    msg.transform.translation.x, msg.transform.translation.y = x.X, x.Y
-    msg.transform.rotation.z, msg.transform.rotation.w = conversions.heading_to_quaternion(x.psi)
-    return msg
 
 
 def _marker(header, shape):

@@ -22,6 +22,8 @@ TYPES = (
     'sensor_msgs/msg/JointState',
     'visualization_msgs/msg/MarkerArray',
 )
+# of topics that follow from others; tf2_msgs is not everywhere
+DERIVED_TYPES = ('std_msgs/msg/String', 'tf2_msgs/msg/TFMessage')
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
@@ -92,9 +94,14 @@ class Topic:
 
 @dataclass(frozen=True)
 class Contract:
-    """Every topic by its name."""
+    """Every topic by its name: those of the system, and what others derive from them."""
 
     topics: dict[str, Topic]
+    derived: dict[str, Topic]  # neither recorded nor decoded
+
+    def find(self, name: str) -> Topic:
+        """Return a topic of either kind. Raises KeyError."""
+        return self.topics[name] if name in self.topics else self.derived[name]
 
 
 def load(path: Path | None = None) -> Contract:
@@ -111,14 +118,16 @@ def _default():
 
 
 def _load(path):
-    root = read(path).members(('profiles', 'topics'))
+    root = read(path).members(('profiles', 'topics'), ('derived',))
     profiles = {name: _qos(name, item) for name, item in root['profiles'].items().items()}
     topics = {name: _topic(name, item, profiles) for name, item in root['topics'].items().items()}
-    used = {qos.name for topic in topics.values() for qos in topic.qos.values()}
+    items = root['derived'].items() if 'derived' in root else {}
+    derived = {name: _derived_topic(name, item, profiles) for name, item in items.items()}
+    used = {q.name for topic in (*topics.values(), *derived.values()) for q in topic.qos.values()}
     for name, item in root['profiles'].items().items():
         if name not in used:
             raise item.error('no topic uses this profile')
-    return Contract(topics)
+    return Contract(topics, derived)
 
 
 def _qos(name, item):
@@ -139,19 +148,36 @@ def _qos(name, item):
     )
 
 
+_HEAD = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos')
+
+
 def _topic(name, item, profiles):
-    required = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos', 'fields')
-    m = item.members(required, ('child_frame', 'sizes'))
-    if not _TOPIC_NAME.fullmatch(name):
-        raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
+    m = item.members((*_HEAD, 'fields'), ('child_frame', 'sizes'))
     kind = m['type'].word(TYPES)
-    qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}
     fields = m['fields'].items()
     for path, field in fields.items():
         _check_path(path, field, kind)
     sizes = m['sizes'].items() if 'sizes' in m else {}
     for path, size in sizes.items():
         _check_path(f'{path}[*]', size, None)
+    return _describe(
+        (name, item, m, kind),
+        profiles,
+        {path: _size(size) for path, size in sizes.items()},
+        {path: _field(field) for path, field in fields.items()},
+    )
+
+
+def _derived_topic(name, item, profiles):
+    m = item.members(_HEAD, ('child_frame',))
+    return _describe((name, item, m, m['type'].word(DERIVED_TYPES)), profiles, {}, {})
+
+
+def _describe(head, profiles, sizes, fields):
+    name, item, m, kind = head
+    if not _TOPIC_NAME.fullmatch(name):
+        raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
+    qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}
     return Topic(
         name=name,
         meaning=_filled(m['meaning']),
@@ -161,8 +187,8 @@ def _topic(name, item, profiles):
         frame=m['frame'].text(),
         child_frame=_filled(m['child_frame']) if 'child_frame' in m else None,
         qos={mode: profiles[profile] for mode, profile in qos.items()},
-        sizes={path: _size(size) for path, size in sizes.items()},
-        fields={path: _field(field) for path, field in fields.items()},
+        sizes=sizes,
+        fields=fields,
     )
 
 

@@ -1,6 +1,6 @@
 """Values to ROS messages. Names, frames and forms are those of topics.yaml; values are not checked.
 
-Every function is the inverse of the one of the same name in `decode`.
+Every function but `transform` is the inverse of the one of the same name in `decode`.
 """
 
 import math
@@ -9,7 +9,7 @@ from operator import attrgetter
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
@@ -32,6 +32,15 @@ def odometry(x: types.VehicleState) -> Odometry:
     msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
     msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
     return _with_numbers(msg, '/vehicle/odometry', x)
+
+
+def transform(x: types.VehicleState) -> TransformStamped:
+    """Return the pose of the car in the map, as /tf has it."""
+    msg = TransformStamped(header=_header('/vehicle/odometry', x.stamp_ns))
+    msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
+    msg.transform.translation.x, msg.transform.translation.y = x.X, x.Y
+    msg.transform.rotation.z, msg.transform.rotation.w = conversions.heading_to_quaternion(x.psi)
+    return msg
 
 
 def imu(x: types.Imu) -> Imu:

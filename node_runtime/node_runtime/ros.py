@@ -163,8 +163,11 @@ def deserialize(topic: str, raw: bytes) -> Any:
 
 
 def message_type(topic: str) -> type:
-    """Return the message class of a topic of the contract."""
-    package, _, name = contract.load().topics[topic].type.split('/')
+    """Return the message class of a topic of the contract.
+
+    Raises ModuleNotFoundError where its package is not installed, as that of /tf may be.
+    """
+    package, _, name = contract.load().find(topic).type.split('/')
     return getattr(import_module(f'{package}.msg'), name)
 
 
@@ -212,7 +215,7 @@ class TemplatePublisher:
 
 def qos_profile(node: Node, topic: str) -> QoSProfile:
     """Return the QoS of a topic of the contract in the mode of a node."""
-    return to_qos_profile(contract.load().topics[topic].qos[mode(node)])
+    return to_qos_profile(contract.load().find(topic).qos[mode(node)])
 
 
 def to_qos_profile(qos: Qos) -> QoSProfile:

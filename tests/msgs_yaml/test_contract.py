@@ -120,6 +120,38 @@ def test_the_shipped_contract_names_every_topic_of_the_ring():
     assert contract.load(share.path('msgs_yaml', 'topics.yaml')) == contract.load()
 
 
+def test_what_others_derive_is_found_but_is_no_topic_of_the_ring():
+    shipped = contract.load()
+    assert set(shipped.derived) == {'/tf', '/tf_static', '/robot_description'}
+    assert shipped.find('/tf').type == 'tf2_msgs/msg/TFMessage'
+    assert shipped.find('/clock') is shipped.topics['/clock']
+    assert not shipped.derived.keys() & shipped.topics.keys()
+    with pytest.raises(KeyError):
+        shipped.find('/map')
+
+
+DERIVED = """
+derived:
+  /tf:
+    meaning: Frames.
+    type: tf2_msgs/msg/TFMessage
+    publisher: plant
+    rate_hz: {lockstep: 50, realtime: 50}
+    frame: map
+    qos: {lockstep: all, realtime: all}
+""".splitlines()[1:]
+
+
+def test_a_derived_topic_has_no_fields_and_a_type_of_its_own(tmp_path):
+    derived = contract.load(write(tmp_path, [*LINES, *DERIVED])).derived['/tf']
+    assert (derived.fields, derived.sizes, derived.rate_hz['realtime']) == ({}, {}, 50)
+    with pytest.raises(ContractError, match=r"derived./tf.type: 'nav_msgs/msg/Path' is none of"):
+        wrong = [line.replace('tf2_msgs/msg/TFMessage', 'nav_msgs/msg/Path') for line in DERIVED]
+        contract.load(write(tmp_path, [*LINES, *wrong]))
+    with pytest.raises(ContractError, match=r'derived./tf.fields: unknown key'):
+        contract.load(write(tmp_path, [*LINES, *DERIVED, '    fields: {}']))
+
+
 def test_lockstep_loses_nothing_and_facts_are_latched():
     for topic in contract.load().topics.values():
         lockstep = topic.qos['lockstep']

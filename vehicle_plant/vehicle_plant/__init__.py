@@ -6,7 +6,8 @@ Use:
     identify            car and Fiala tyre parameters for the controllers, from circular driving
     servo_lag           lag of the actuators behind a ramp, measured
     manoeuvre           drive a standard test procedure of `manoeuvres`
-    plant_node          the ROS node, with its two modes in modes_node
+    plant_node          the ROS node, with its two modes in modes_node, its /tf in frames_node
+    robot_description   the car as URDF
 Model:
     double_track        equations of motion; suspension, wheel, tyre and actuators are its parts
     multi_body          those of the multi-body model of CommonRoad, in their place

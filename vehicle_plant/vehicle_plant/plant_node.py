@@ -13,6 +13,7 @@ from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
+from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.simulator import STEP_NS, Simulator
@@ -42,6 +43,7 @@ class PlantNode(Node):
         self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')
         self.wheels_pub = ros.TemplatePublisher(self, '/vehicle/wheels')
         self.health_pub = ros.publisher(self, '/diagnostics')
+        self.frames = FramesPublisher(self, self.plant.car, self.params.publish_tf is not False)
         self.reference = None
         self.waiting_log = ChangeFilter()
         if self.starts_at_reference:
@@ -132,6 +134,7 @@ class PlantNode(Node):
         for imu, wheels in zip(slow.imu(), slow.wheels()):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
+        self.frames.publish(trajectory)
 
     def publish_health(self, stepper, monitor, trajectory):
         """Publish health once a second and at the end of the run; log how the run ended."""

@@ -17,6 +17,7 @@ NOT_PHYSICAL = (
     'recorders',
     'lockstep_timeout_s',
     'imu_wheels_period_ms',
+    'publish_tf',
     'tyre_set',
     'start.from',
 )

@@ -1,8 +1,6 @@
 """/tf over real Fast DDS: the car's frame in the map is the pose that the state has."""
 
-import importlib.util
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -10,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tf2
 
 from bags.storage import read
 from msgs_yaml import conversions
@@ -23,16 +22,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.needs('tf2')]
 
 @pytest.fixture(scope='module')
 def environment(domain, tmp_path_factory):
-    """Return the environment of a process that has tf2_msgs, built where it is not installed."""
-    result = dict(os.environ)
-    if importlib.util.find_spec('tf2_msgs'):
-        return result
-    folder = tmp_path_factory.mktemp('tf2')
-    build = [sys.executable, HERE / 'tf2_build.py', folder]
-    subprocess.run(build, check=True, timeout=SECONDS, stdout=subprocess.DEVNULL)
-    for name in ('LD_LIBRARY_PATH', 'PYTHONPATH'):
-        result[name] = os.pathsep.join(filter(None, (result.get(name), str(folder))))
-    return result
+    """Return the environment of a process that has tf2_msgs."""
+    return tf2.environment(tmp_path_factory.mktemp('tf2'))
 
 
 @pytest.fixture
@@ -52,7 +43,7 @@ def start(environment):
 
 def test_tf_has_the_pose_of_the_state_of_equal_stamp(start):
     start('-m', 'bags.markers_node')
-    listener = start(HERE / 'tf_listener.py', str(FRAMES), stdout=subprocess.PIPE, text=True)
+    listener = start(tf2.LISTENER, str(FRAMES), stdout=subprocess.PIPE, text=True)
     arguments = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'loop:=true', 'delay_s:=1.0')
     words = [word for item in arguments for word in ('-p', item)]
     start('-m', 'bags.player_node', '--ros-args', *words, stdin=subprocess.DEVNULL)
