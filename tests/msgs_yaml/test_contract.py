@@ -145,8 +145,8 @@ derived:
 def test_a_derived_topic_has_no_fields_and_a_type_of_its_own(tmp_path):
     derived = contract.load(write(tmp_path, [*LINES, *DERIVED])).derived['/tf']
     assert (derived.fields, derived.sizes, derived.rate_hz['realtime']) == ({}, {}, 50)
+    wrong = [line.replace('tf2_msgs/msg/TFMessage', 'nav_msgs/msg/Path') for line in DERIVED]
     with pytest.raises(ContractError, match=r"derived./tf.type: 'nav_msgs/msg/Path' is none of"):
-        wrong = [line.replace('tf2_msgs/msg/TFMessage', 'nav_msgs/msg/Path') for line in DERIVED]
         contract.load(write(tmp_path, [*LINES, *wrong]))
     with pytest.raises(ContractError, match=r'derived./tf.fields: unknown key'):
         contract.load(write(tmp_path, [*LINES, *DERIVED, '    fields: {}']))

@@ -73,7 +73,8 @@ class NodeParams:
     tyre_set: str
     # left out: 0. Beside the delay of each servo
     command_delay_ms: Annotated[int, Range(0, 200, 'ms, from a command to the servos')] | None
-    publish_tf: bool | None  # left out: true. /tf and /tf_static, where tf2_msgs is installed
+    # left out: true. Whether to send /tf and /tf_static, where tf2_msgs is installed
+    publish_tf: bool | None
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
     command_age_s: Annotated[float, Range(0.05, 1.0, 's')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]

@@ -7,8 +7,9 @@ from reference_pages.markdown import code, number, table, text
 
 def page(loaded: Contract | None = None) -> str:
     """Return the page."""
-    topics = (loaded or contract.load()).topics.values()
-    profiles = {qos.name: qos for topic in topics for qos in topic.qos.values()}
+    loaded = loaded or contract.load()
+    topics, derived = loaded.topics.values(), loaded.derived.values()
+    profiles = {qos.name: qos for topic in (*topics, *derived) for qos in topic.qos.values()}
     parts = [
         '# Topics',
         'Written from `msgs_yaml/topics.yaml`, from which nodes take type, quality of service and '
@@ -24,6 +25,10 @@ def page(loaded: Contract | None = None) -> str:
             map(_profile, profiles.values()),
         ),
         *(_section(topic) for topic in topics),
+        '## Derived topics',
+        'For programs that expect them of every robot. They follow from the topics above and are '
+        'not recorded.',
+        *(_section(topic, level=3) for topic in derived),
     ]
     return '\n\n'.join(parts) + '\n'
 
@@ -39,9 +44,9 @@ def _profile(qos: Qos):
     return code(qos.name), qos.reliability, qos.durability, qos.history, depth, deadline
 
 
-def _section(topic: Topic):
+def _section(topic: Topic, level: int = 2):
     qos = ', '.join(f'{mode}: `{topic.qos[mode].name}`' for mode in MODES)
-    parts = [f'## `{topic.name}`', text(topic.meaning), f'`{topic.type}`; {qos}']
+    parts = [f'{"#" * level} `{topic.name}`', text(topic.meaning), f'`{topic.type}`; {qos}']
     if topic.child_frame:
         parts[-1] += f'; child frame `{topic.child_frame}`'
     heads = ('field', 'symbol', 'unit', 'allowed', 'column', 'value')
