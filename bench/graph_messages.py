@@ -74,7 +74,7 @@ def _period_ms(rate_hz):
 
 
 def _value(topic, stamp_ns):
-    """A state that never repeats, so that compression finds no more than on a real drive."""
+    """Return a state that never repeats, so that compression finds no more than on a real drive."""
     s = stamp_ns * 1e-9
     wave = float(np.sin(s))
     if topic == '/vehicle/odometry':

@@ -162,7 +162,7 @@ def lockstep(folder: Path, options) -> dict[str, float]:
 
 
 def _lost_per_topic(bag, history):
-    """What the recorder noted, of the topics whose publishers keep that much in lockstep."""
+    """Return what the recorder noted, of the topics whose publishers keep that much in lockstep."""
     noted = {topic: json.loads(text)['lost'] for topic, text in bag.records[LOSS_RECORD].items()}
     topics = contract.load().topics.values()
     names = [topic.name for topic in topics if topic.qos['lockstep'].history == history]

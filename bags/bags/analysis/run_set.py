@@ -30,8 +30,9 @@ WIDTH = 240  # characters of that table at most
 
 
 class RunSet(Sequence[Run]):
-    """Runs in their order, by number, label or slice. Labels are unique: a second `mpcc` is
-    `mpcc (2)`.
+    """Runs in their order, by number, label or slice.
+
+    Labels are unique: a second `mpcc` is `mpcc (2)`.
     """
 
     def __init__(self, runs: Iterable[Run]):

@@ -151,7 +151,7 @@ class _WholeWrites:
         return self._size
 
     def flush(self):
-        """Writes are not buffered here."""
+        """Do nothing: writes are not buffered here."""
 
     def close(self):
         try:

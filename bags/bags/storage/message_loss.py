@@ -81,7 +81,7 @@ class RecordingHealth:
     """Computes the health of a recording; a loss is held for a while (`HeldLevel`)."""
 
     def __init__(self, mode: str):
-        """The contract defines which topics nodes publish without request in `mode`."""
+        """Take from the contract which topics nodes publish without request in `mode`."""
         topics = contract.load().topics.values()
         self._expected = [topic.name for topic in topics if topic.rate_hz[mode]]
         self._lost = 0  # at the last report

@@ -111,14 +111,14 @@ class Server(ServerListener):
         self._server.stop()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Called by the server: a late client still gets the latched messages."""
+        """Send a late client the latched messages; the server calls this."""
         last = self._latched.get(channel.topic)
         if last:
             payload, log_ns = last
             self._channels[channel.topic].log(payload, log_time=log_ns)
 
     def on_playback_control_request(self, request: Any) -> Any:
-        """Called by the server when a client plays, pauses or seeks."""
+        """Do what a client asks for: play, pause, seek; the server calls this."""
         return self._control(request) if self._control else None
 
 

@@ -22,7 +22,7 @@ class PlaybackServer:
     """A bag on a server. `run` sends its messages until it is stopped."""
 
     def __init__(self, bag: read.Bag, port: int, rate: float, loop: bool):
-        """Raises BagError when the port is taken."""
+        """Raise BagError when the port is taken."""
         self.loop = loop
         self.playlist = build_playlist(bag)
         topics = self.playlist.topics

@@ -211,20 +211,20 @@ def solve_cpu_ms(run):
 
 @metric('ticks')
 def ticks(run):
-    """Number of controller periods, from the first answer to the last state."""
+    """Return the number of controller periods, from the first answer to the last state."""
     return run.value(_tick_counts)[0]
 
 
 @metric('deadline misses')
 def deadline_misses(run):
-    """Number of controller periods of which no command carries a stamp."""
+    """Return the number of controller periods of which no command carries a stamp."""
     count, answered = run.value(_tick_counts)
     return count - answered
 
 
 @metric('fallbacks')
 def fallbacks(run):
-    """Number of ticks at which the controller followed no fresh plan."""
+    """Return the number of ticks at which the controller followed no fresh plan."""
     return int(np.count_nonzero(run.drive.ticks.fallback))
 
 

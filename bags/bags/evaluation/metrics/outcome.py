@@ -48,7 +48,7 @@ def collided(run):
 
 @metric()
 def collided_by(run):
-    """What touched an obstacle: `outline`, or `circle` where only circles overlapped, or None."""
+    """Return what touched: `outline`, or `circle` where only circles overlapped, or None."""
     outline, circle = run.value(min_outline_gap_m), run.value(min_v2o_m)
     if outline is not None and outline < 0.0:
         return OUTLINE
