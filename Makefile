@@ -4,6 +4,8 @@
 # make paper     every figure and claim of the paper, into paper/
 # make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (half an
 #                hour); 40,000 settings and what they decide (hours); goes on where it was interrupted
+# make setup     .venv with everything; run it after an edit: packages are installed as copies
+# make editable  the same, but packages run from their source: every edit counts at once
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
@@ -20,7 +22,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup \
+.PHONY: help demo test check docs coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup editable \
   requirements wheels wheels_test version clean
 
 PYTHON ?= python3
@@ -41,6 +43,12 @@ help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 
 setup: $(VENV)/.packages
+
+# a mark that later installations heed; `rm .venv/.editable; make setup` goes back to copies
+editable: $(VENV)/.requirements
+	@touch $(VENV)/.editable
+	@rm -f $(VENV)/.packages
+	@$(MAKE) --no-print-directory setup
 
 # what pip says, for awk: on a terminal one line that changes, in a log a line per 20 packages
 define SHOW_PROGRESS
@@ -69,7 +77,7 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@echo "[2/2] Installing the packages into $(VENV)"
 	@rm -rf $(addsuffix /build,$(PACKAGES))
 	@$(PIP) install --use-pep517 --quiet --no-deps --no-build-isolation --force-reinstall \
-	  $(addprefix ./,$(PACKAGES))
+	  $(foreach package,$(PACKAGES),$(if $(wildcard $(VENV)/.editable),--editable) ./$(package))
 	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
 	@touch $@
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bags.errors import BagError
+from node_runtime import source_tree
 from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
@@ -42,6 +43,9 @@ def main(
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.formatwarning = _WarningLines()
     args = _parser(program, description, commands).parse_args(arguments)
+    stale = source_tree.describe_stale(Path.cwd())
+    if stale:
+        print(f'warning: {stale}', file=sys.stderr)
     try:
         return args.command(args)
     except (BagError, ParameterError, OSError) as error:

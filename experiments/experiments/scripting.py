@@ -18,6 +18,7 @@ except for computing times.
 """
 
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any, get_args
@@ -119,6 +120,9 @@ class _Task:
         changes, by_role = _split(self.settings)
         scn, source = _load(scenario, changes)
         self.setup = simulation.prepare_scenario(scn, os.fspath(controller), by_role, source)
+        for reason in inputs.car_mismatches(*self.setup[2:5]):
+            file = self.setup.params.car_file
+            warnings.warn(f"the controller's car, {file}, is not the plant: {reason}", stacklevel=4)
 
     def label(self, shown: Iterable[str], with_scenario: bool = False) -> str:
         """Return the controller, and the settings `shown` that this drive has."""

@@ -16,5 +16,6 @@ Life cycle
     shutdown            signals, exit in bounded time
     clocks              wall time that does not jump
     log_filters         filters against repeated log lines
+    source_tree         whether edits of the source are what runs
     provenance          versions, machine and commit for the metadata of a bag
 """

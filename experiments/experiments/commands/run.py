@@ -54,6 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='replace earlier runs; without it, one that this run does not merely repeat is kept '
         'as <run>@1, @2, ...',
     )
+    text = 'drive also with a car file of the controller that is not that of the plant'
+    parser.add_argument('--any-car', action='store_true', help=text)
     text = 'also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)'
     parser.add_argument('--markers', action='store_true', help=text)
     add_time_limit(parser, '--time-limit', TIME_LIMIT_S, 'a run is stopped')
@@ -75,6 +77,7 @@ def run(options: argparse.Namespace) -> int:
             options.markers,
             options.label,
             options.overwrite,
+            options.any_car,
             options.beside,
         ),
         Console(),

@@ -39,6 +39,8 @@ PLANT_EXTRAS = {
 }
 START, PLANT_START = 'start.', 'plant.start.speed_mps'
 SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
+OTHER_AXLE = 0.5  # from this difference on the controller drives the other axle
+MASS_TOLERANCE, WHEELBASE_TOLERANCE = 0.2, 0.05  # relative to the plant
 
 
 def stop_params(scn: Scenario) -> StopParams:
@@ -160,6 +162,55 @@ def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
     # on a road with patches no single friction tells what the plant holds
     limit = None if node.patches.friction else plant_limit.held_lateral_limit(plant, node.friction)
     return LoadedFacts(file_values(checked), limit)
+
+
+def check_car_fits(checked: Mapping[str, tuple[Any, Any]]) -> None:
+    """Raise BagError when the controller's car file is that of another car than the plant is.
+
+    `checked` is from `check_parameters`.
+    """
+    (params, vehicle), (_, plant) = checked['controller'], checked['plant']
+    reasons = car_mismatches(params, vehicle, plant)
+    if reasons:
+        raise BagError(
+            f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}. Write one '
+            'that does: identify --car PLANT.yaml --out my_car.yaml, then '
+            '--set controller.car_file=./my_car.yaml (or drive as it is, with --any-car)'
+        )
+
+
+def car_mismatches(
+    params: ControllerParams, vehicle: CarParams, plant: PlantParams
+) -> tuple[str, ...]:
+    """Return what the controller's car file says too wrongly of the plant, () if it fits.
+
+    Mass and wheelbase beyond MASS_TOLERANCE and WHEELBASE_TOLERANCE, or the other driven axle. A
+    drive layout that the controller's own parameters set is deliberate.
+    """
+    body, known = plant.car.body, vehicle.car
+    wheelbase_m = body.cog_to_front_m + body.cog_to_rear_m
+    rows = [
+        ('mass', known.mass_kg, body.mass_kg, 'kg', MASS_TOLERANCE),
+        (
+            'wheelbase',
+            known.cog_to_front_m + known.cog_to_rear_m,
+            wheelbase_m,
+            'm',
+            WHEELBASE_TOLERANCE,
+        ),
+    ]
+    reasons = [
+        f'{what} {ours:g} {unit}, the plant has {theirs:g} {unit} (allowed within {tolerance:.0%})'
+        for what, ours, theirs, unit, tolerance in rows
+        if abs(ours - theirs) > tolerance * theirs
+    ]
+    share, driven = (
+        vehicle.actuators.drive_front_share,
+        actuator_limits(plant.car).drive_front_share,
+    )
+    if params.model.drive_front_share is None and abs(share - driven) > OTHER_AXLE:
+        reasons.append(f'{share:.0%} of the drive at the front axle, the plant has {driven:.0%}')
+    return tuple(reasons)
 
 
 def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) -> list[str]:

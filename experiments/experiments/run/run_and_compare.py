@@ -38,6 +38,7 @@ class Request(NamedTuple):
     markers: bool = False  # whether to start the node that draws for 3D viewers
     label: str = ''  # of the runs
     overwrite: bool = False  # whether older runs are replaced rather than kept under a number
+    any_car: bool = False  # whether the controller's car may be another one than the plant
     beside: Sequence[str] = ()  # further runs to compare with: names in the folder, or paths
 
 
@@ -140,6 +141,8 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
+        if not request.any_car:
+            inputs.check_car_fits(checked)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
         for text in inputs.find_warnings(facts, checked):
             console.print(WARNING.format(controller.run_name), end='')

@@ -94,6 +94,47 @@ def test_another_driven_axle_of_the_plant_gives_a_warning_until_the_controller_h
     assert '50% of the drive is at the front axle (model.drive_front_share)' in warning
 
 
+@pytest.fixture
+def check_car(tmp_path):
+    """Return check_car(settings): what is wrong with the controller's car, '' if it fits."""
+
+    def check_car(plant=None, **controller):
+        facts, chosen = inputs.load_facts('straight'), node_config.find_controller('mpcc')
+        settings = {'plant': plant or {}, 'controller': controller}
+        nodes = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
+        try:
+            inputs.check_car_fits(inputs.check_parameters(nodes))
+        except BagError as error:
+            return str(error)
+        return ''
+
+    return check_car
+
+
+def test_a_car_that_fits_is_accepted(check_car):
+    assert check_car() == ''
+    assert check_car({'car.body.mass_kg': 1850.0 * 1.2}) == ''
+    second = {'plant_params': 'bmw_320i.yaml'}
+    assert check_car(second, car_file='car_commonroad_320i.yaml') == ''
+
+
+def test_the_car_of_another_plant_is_refused_with_each_reason(check_car):
+    error = check_car({'plant_params': 'vw_gti.yaml'})
+    assert (
+        'car_file car.yaml does not fit the plant: wheelbase 2.89 m, the plant has 2.63 m' in error
+    )
+    assert '0% of the drive at the front axle, the plant has 100%' in error
+    assert 'identify --car' in error
+    assert 'mass 1850 kg, the plant has 1093' in check_car({'plant_params': 'bmw_320i.yaml'})
+    assert 'mass' in check_car({'car.body.mass_kg': 1500.0})
+
+
+def test_a_drive_layout_of_the_controllers_own_is_deliberate(check_car):
+    driven = {'car.force.front.drive_n': 7000.0, 'car.force.rear.drive_n': 0.0}
+    assert 'the plant has 100%' in check_car(driven)
+    assert check_car(driven, **{'model.drive_front_share': 0.0}) == ''
+
+
 def test_limits_beyond_the_car_are_named_with_the_values_in_force(find_warnings, tmp_path):
     text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
     text = text.replace('steer_rate_radps: 0.8', 'steer_rate_radps: 0.349')
