@@ -24,6 +24,7 @@ extensions = [
     'plain_docstrings',
     'api_pages',
     'reference_pages',
+    'python_links',
 ]
 source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']

@@ -10,9 +10,6 @@ import posixpath
 import re
 from pathlib import Path
 
-from sphinx.util import logging
-
-logger = logging.getLogger(__name__)
 FOLDER = 'generated/repository'
 # [text](target) and ![text](target), not across a blank line
 LINK = re.compile(r'(?P<before>\]\()(?P<path>[^)\s#:]+)(?P<anchor>#[^)\s]*)?(?P<after>\))')

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import pytest
 
+SITE = Path(__file__).parents[2] / 'build/docs/html/index.html'
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 # an ordinary user: without capabilities, and with no real-time priority or locked memory allowed
 ORDINARY_USER = (
@@ -91,6 +92,7 @@ CAPABILITIES = {
     'priority': Capability(
         lambda: runs('python3', '-c', PRIORITY), 'this user may not set real-time priorities'
     ),
+    'site': Capability(SITE.is_file, 'the documentation site is not built: make docs'),
     'tf2': Capability(
         has_tf2, 'tf2_msgs is not installed; to build it takes g++ and the headers of Python'
     ),
