@@ -44,7 +44,8 @@ help:
 
 setup: $(VENV)/.packages
 
-# a mark that later installations heed; `rm .venv/.editable; make setup` goes back to copies
+# compat: paths in a .pth file, which come before the folders of the same names in the root.
+# A mark that later installations heed; `rm .venv/.editable; make setup` goes back to copies
 editable: $(VENV)/.requirements
 	@touch $(VENV)/.editable
 	@rm -f $(VENV)/.packages
@@ -77,6 +78,7 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@echo "[2/2] Installing the packages into $(VENV)"
 	@rm -rf $(addsuffix /build,$(PACKAGES))
 	@$(PIP) install --use-pep517 --quiet --no-deps --no-build-isolation --force-reinstall \
+	  $(if $(wildcard $(VENV)/.editable),--config-settings editable_mode=compat) \
 	  $(foreach package,$(PACKAGES),$(if $(wildcard $(VENV)/.editable),--editable) ./$(package))
 	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
 	@touch $@
