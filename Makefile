@@ -204,11 +204,11 @@ wheels_test: wheels
 version:
 	@$(PYTHON) .ci/set_version.py
 
-# universal resolution: one file for Python 3.10 to 3.14 (3.11 for docs: Sphinx); that it is for Linux goes without saying
+# universal resolution: one file for Python 3.10 to 3.14; that it is for Linux goes without saying
 requirements: requirements.in
 	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
 	  requirements.in -o requirements.txt
-	uv pip compile --universal --python-version 3.11 --no-emit-index-url --no-annotate --no-header \
+	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
 	  docs/requirements.in -o docs/requirements.txt
 	sed -i -e "s/ ; sys_platform == 'linux'//" -e "s/ and sys_platform == 'linux'//" requirements.txt \
 	  docs/requirements.txt

@@ -12,7 +12,7 @@ GENERATED = 'generated/api/'
 
 def _warn(app, env, node, contnode):
     """Warn of a Python name of a written page that no page of the reference describes."""
-    is_written = not env.current_document.docname.startswith(GENERATED)
+    is_written = not env.docname.startswith(GENERATED)
     if node.get('refdomain') == 'py' and is_written:
         logger.warning('no Python name %r', node['reftarget'], location=node, type='ref')
 
