@@ -12,7 +12,9 @@ from experiments.settings import setting as settings
 from experiments.settings_analysis.study_tables import Study
 
 PLAN_FILE = Path(__file__).parents[2] / 'experiments/config/settings_study.yaml'
-NOTES = MappingProxyType({'git_commit': 'none', 'points': '0', 'rejected': '{}'})
+NOTES = MappingProxyType(
+    {'git_commit': 'none', 'points': '0', 'rejected': '{}', 'interrupted': 'false'}
+)
 HITS, CLEAR = -0.1, 1.0  # m
 OFFSETS = (0.0, 0.01, -0.01, 0.02, -0.02)  # of the perturbations, on every response
 
@@ -45,7 +47,7 @@ def make_study(count=80, seed=1, factorial=12):
                 rows.append(common | {'arm': arm, 'perturbation': k} | car)
         if number < factorial:
             for bits in product('01', repeat=len(arms.FACTORS)):
-                car = _car(values, 3.0 + 2.0 * (bits[4] == '1') + noise, 60.0, kept=0.1)
+                car = _car(values, 3.0 + 6.0 * (bits[0] == '1') + noise, 60.0, kept=0.1)
                 arm = arms.FACTORIAL + ''.join(bits)
                 rows.append(common | {'arm': arm, 'perturbation': 0} | car)
     drives = pd.DataFrame(rows)
@@ -61,6 +63,8 @@ def _car(values, sideslip, onset, kept):
         'collided_by': None,
         'v2o_1_m': CLEAR,
         'outline_1_m': CLEAR,
+        'min_outline_gap_m': CLEAR,
+        'outline_edge_m': CLEAR,
         'min_v2o_m': values['safety_obstacle_m'] + kept,
         'min_v2e_m': values['safety_edge_m'] + kept,
         'limit_share': 1.0,

@@ -100,7 +100,7 @@ def run(request: Request, console: Console) -> int:
         except KeyboardInterrupt as interrupt:
             interrupted = interrupt
         rows = list(study.rows(drawn.settings))
-        files = _write(plan, rows, drawn, request) if rows else []
+        files = _write(plan, rows, drawn, request, bool(interrupted)) if rows else []
     if interrupted:
         raise KeyboardInterrupt(
             f'{len(rows):,} drives are kept; the same command goes on'
@@ -360,7 +360,7 @@ def describe(plan: Preregistration, drawn: Drawn, rows: Sequence[Mapping]) -> It
         )
 
 
-def _write(plan, rows, drawn, request):
+def _write(plan, rows, drawn, request, is_interrupted):
     import pyarrow
     from pyarrow import parquet
 
@@ -370,6 +370,7 @@ def _write(plan, rows, drawn, request):
         'points': str(drawn.points),
         'screened': str(request.is_screened).lower(),
         'rejected': json.dumps(drawn.rejected),
+        'interrupted': str(is_interrupted).lower(),
         'versions': json.dumps(provenance.versions(), sort_keys=True),
         'machine': json.dumps(provenance.machine(), sort_keys=True),
         'git_commit': provenance.commit(),

@@ -8,15 +8,17 @@ from typing import Any
 
 import pandas as pd
 
+from experiments.settings import arms
 from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import LEVELS
-from experiments.settings_analysis import decide, decision_figures, study_tables
+from experiments.settings_analysis import decide, decision_figures, sensitivity, study_tables
 from experiments.settings_analysis.decide import Results
 from experiments.settings_analysis.study_tables import Study
 from experiments.study import tables
 from node_runtime import provenance
 
 CLAIMS, VERDICTS, CAUSES, DRIVERS = 'claims', 'verdicts', 'causes', 'drivers'
+ACCEPTED_SETTINGS = 'accepted'
 COMMAND = 'experiments study decide'
 
 
@@ -41,6 +43,10 @@ def write(study: Study, results: Results, out: Path) -> list[Path]:
     )
     paths += _write_table(out, CAUSES, _effect_rows(results), _cause_text(results))
     paths += _write_table(out, DRIVERS, _driver_rows(results), _driver_text(results))
+    for baseline in study.baselines:
+        path = out / f'{ACCEPTED_SETTINGS}_{baseline}.csv'
+        sensitivity.marginals(study, baseline).to_csv(path, index=False, lineterminator='\n')
+        paths.append(path)
     paths += decision_figures.write_shares(study, results, out / 'shares')
     is_mapped = decide.DRIVER_LEVEL in study.levels
     for baseline in study.baselines if is_mapped else ():
@@ -140,12 +146,16 @@ def verdict_text(study: Study, results: Results) -> str:
             _verdict_table([one for one in own if not one.primary]),
             *('Which of the two cars brakes hard before obstacle 2, any S:', ''),
             _braking_table(study, baseline),
+            *('Each claim where the outlines of both cars, too, touch nothing; undisturbed:', ''),
+            _outline_table(study, baseline),
         ]
+    lines += ['## How drives end', '', 'Undisturbed, by circles, of all that were driven:', '']
+    lines.append(_ends_table(study))
     return '\n'.join(lines)
 
 
 def _role(study, baseline):
-    is_confirmatory = baseline == study.plan.decision.confirmatory
+    is_confirmatory = study.is_confirmatory and baseline == study.plan.decision.confirmatory
     return 'confirmatory' if is_confirmatory else 'exploratory'
 
 
@@ -155,6 +165,20 @@ def _braking_table(study, baseline):
     header = ['level', *next(iter(counts.values()))]
     rows = [[level, *map(_count, row.values())] for level, row in counts.items()]
     return tables.markdown_table(header, rows)
+
+
+def _outline_table(study, baseline):
+    rows = [
+        [one.claim, one.level, f'{one.holds} of {one.settings}']
+        for one in sensitivity.by_outline(study, baseline)
+    ]
+    return tables.markdown_table(['claim', 'level', 'holds'], rows)
+
+
+def _ends_table(study):
+    driven = (arms.NO_CA, arms.MPCC, *study.baselines)
+    rows = [[arm, *map(_count, sensitivity.ends(study, arm).values())] for arm in driven]
+    return tables.markdown_table(['controller', *sensitivity.ENDS], rows)
 
 
 def _strata_table(study, judged):
@@ -271,8 +295,10 @@ def _cause_text(results):
         'has it or as the baseline has it. The effect is the mean response with the factor as in '
         'the baseline less that as in the MPCC; for an interaction, where the product of the codes '
         'is +1 less where it is -1. Intervals: bootstrap over settings; p-values after Holm over '
-        'the 31 terms. But for `avoids` only settings count that all 32 combinations complete; the '
-        'last column says how many. Main effects, and interactions beyond chance:',
+        'the 31 terms. Only settings count that all 32 combinations complete. Main effects, and '
+        'interactions beyond chance. *Left over* is what of `frenet_matched` the combination with '
+        'its factors does not give, the median over settings: where it may exceed the margin, the '
+        'factors do not explain the difference.',
         '',
     ]
     for claim, effects in results.effects.items():
@@ -284,6 +310,9 @@ def _cause_text(results):
         ]
         unit = decide.UNITS.get(claim, '-')
         lines.append(tables.markdown_table(['term', f'effect [{unit}]', 'p', 'settings'], rows))
+        if left := results.residuals.get(claim):
+            span = f'{left.median:+.3f} {_span(left.interval)} {unit}'
+            lines += [f'Left over: {span} over {left.settings} settings.', '']
     if not results.effects:
         lines.append('No setting was driven by the combinations of the factorial.\n')
     return '\n'.join(lines)

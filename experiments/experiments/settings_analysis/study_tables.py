@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from bags.errors import BagError
-from experiments.settings import arms, preconditions, preregistration, primaries
+from experiments.settings import arms, preregistration, primaries
 from experiments.settings.outcomes import OF_A_START
 from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import LEVELS, RUNS, Preregistration
@@ -53,11 +53,20 @@ class Study(NamedTuple):
             'settings': (self.settings, planned.count),
             'screened': (self.is_screened, planned.screened),
         }
-        return [
+        departures = [
             f'{name}: {own}, preregistered {wanted}'
             for name, (own, wanted) in made.items()
             if own != wanted
         ]
+        if self.notes.get('interrupted') != 'false':
+            departures.append('interrupted: drives are missing')
+        failed = self.drives.loc[self.drives['error'] != '', 'arm'].value_counts()
+        return departures + [f'{arm}: {count} drives failed' for arm, count in failed.items()]
+
+    @property
+    def is_confirmatory(self) -> bool:
+        """Whether this is the run whose verdicts count, driven as preregistered."""
+        return self.run == RUNS[0] and not self.departures
 
     @property
     def levels(self) -> tuple[str, ...]:
@@ -195,22 +204,38 @@ def factorial_drives(study: Study) -> pd.DataFrame:
     peak_sideslip_deg  at most 30 deg, beyond which a car has lost control
     brake_onset_m      of a converged plan; without it the station of obstacle 2
     min_speed_mps      least speed
-    avoids             1 for a car that completes under control and touches nothing, else 0
 
-    The others than `avoids` are NaN in settings that some combination does not complete: what a car
-    did up to its crash is no response.
+    NaN in settings that some combination does not complete: what a car did up to its crash is no
+    response.
     """
     chosen = study.drives[study.drives['arm'].str.startswith(arms.FACTORIAL)]
     rows = chosen[chosen['error'].fillna('') == '']
     bits = rows['arm'].str.removeprefix(arms.FACTORIAL)
     factors = {name: bits.str[k] == '1' for k, name in enumerate(FACTORS)}
-    kept = pd.Series([_kept(row) for row in rows.to_dict('records')], rows.index, dtype=float)
-    by = study.plan.preconditions.P2.by
-    avoids = [float(preconditions.avoids(row, by)) for row in rows.to_dict('records')]
     completed = rows['completed'].fillna(False).astype(bool)
     ended = completed.groupby(rows['setting']).agg(['all', 'size'])
     whole = rows['setting'].map(ended['all'] & (ended['size'] == len(arms.COMBINATIONS)))
-    responses = pd.DataFrame(
+    common = pd.DataFrame({'setting': rows['setting'], **factors})
+    return common.join(_responses(rows).where(whole.astype(bool)))
+
+
+def beyond_the_factors(study: Study) -> pd.DataFrame:
+    """Return by setting what of each response of `frenet_matched` the factors do not give.
+
+    The response of that baseline less the one of the combination that has all of its factors but
+    the smaller priority, which it does not have, and its heading error as drawn.
+    """
+    rows = study.drives[(study.drives['perturbation'] == 0) & study.drives['completed'].eq(True)]
+    is_nearest = rows['arm'] == arms.FACTORIAL + '1110' + rows['heading'].astype(int).astype(str)
+    nearest = rows[is_nearest].set_index('setting')
+    matched = rows[rows['arm'] == arms.MATCHED].set_index('setting')
+    both = nearest.index.intersection(matched.index)
+    return _responses(matched.loc[both]) - _responses(nearest.loc[both])
+
+
+def _responses(rows):
+    kept = pd.Series([_kept(row) for row in rows.to_dict('records')], rows.index, dtype=float)
+    return pd.DataFrame(
         {
             'kept_m': kept.clip(lower=-1.0),
             'peak_sideslip_deg': rows['peak_sideslip_deg'].clip(upper=30.0),
@@ -219,9 +244,7 @@ def factorial_drives(study: Study) -> pd.DataFrame:
             .fillna(rows['obstacle_2_at_m']),
             'min_speed_mps': rows['min_speed_mps'],
         }
-    ).where(whole.astype(bool))
-    common = pd.DataFrame({'setting': rows['setting'], **factors})
-    return common.join(responses).assign(avoids=avoids)
+    )
 
 
 def _kept(row: dict[str, Any]) -> float:

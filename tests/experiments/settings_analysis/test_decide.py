@@ -60,9 +60,20 @@ def test_what_depends_on_a_dimension_holds_in_part(study, results):
 
 def test_the_factor_that_makes_the_difference_is_found(results):
     effects = {effect.term: effect for effect in results.effects['sideslip']}
-    assert effects['heading'].mean == pytest.approx(2.0)
-    assert decide.cause_names(results.effects['sideslip']) == ['heading']
+    assert effects['frame'].mean == pytest.approx(6.0)
+    assert decide.cause_names(results.effects['sideslip']) == ['frame']
     assert decide.cause_names(results.effects['min_speed']) == []
+
+
+def test_causes_are_named_where_the_factors_give_the_whole_difference(study, results):
+    sideslip = primary(results, 'sideslip')
+    assert results.residuals['sideslip'].median == pytest.approx(0.0)
+    assert decide.causes(study, results, sideslip) == ['frame']
+    # what the baseline keeps less of the safety distances is in none of the factors
+    assert results.residuals['unsafe_area'].median == pytest.approx(-0.2)
+    assert decide.causes(study, results, primary(results, 'unsafe_area')) is None
+    # the factors do not lead to this version
+    assert decide.causes(study, results, primary(results, 'sideslip', arms.LINEAGE)) is None
 
 
 def test_the_levels_count_settings(study, results):
@@ -88,7 +99,7 @@ def test_the_files_tell_the_same(tmp_path, study, results):
     by_key = {(one['key'], one['baseline']): one for one in claims}
     sideslip = by_key['sideslip', arms.MATCHED]
     assert sideslip['verdict'] == REPRODUCED
-    assert sideslip['causes'] == ['heading']
+    assert sideslip['causes'] == ['frame']
     assert sideslip['margin'] == study.plan.primaries.sideslip.margin
     onset = by_key['brake_onset', arms.MATCHED]
     assert onset['counterexample']['command'].endswith(
@@ -150,7 +161,7 @@ def test_a_start_that_does_not_tell_makes_its_setting_undetermined(study, change
     own = built[built['baseline'] == arms.MATCHED]
     for claim, level, expected in (
         ('brake_onset', 'P4', True),
-        ('conjunction', 'P4', True),
+        ('conjunction', 'P4', at_P3),  # it fails by the least speed, whoever brakes
         ('sideslip', 'P3', at_P3),
         ('sideslip', 'P2', False),  # where the unperturbed start alone counts
     ):
@@ -184,6 +195,29 @@ def test_tables_that_were_not_made_as_planned_are_flagged(tmp_path, study, resul
     runs = dataclasses.replace(study.plan.runs, levels=run)
     planned = study._replace(plan=dataclasses.replace(study.plan, runs=runs))
     assert (planned.run, planned.departures) == ('levels', [])
+    assert not planned.is_confirmatory  # whose verdicts are those of another run
+    runs = dataclasses.replace(study.plan.runs, confirmatory=run)
+    assert study._replace(plan=dataclasses.replace(study.plan, runs=runs)).is_confirmatory
+
+
+def test_missing_and_failed_drives_are_departures(study):
+    broken = study._replace(notes=study.notes | {'interrupted': 'true'})
+    assert 'interrupted: drives are missing' in broken.departures
+    drives = study.drives.copy()
+    drives.loc[drives.index[:2], 'error'] = 'its process was ended'
+    failed = study._replace(drives=drives).departures
+    assert sum('drives failed' in text for text in failed) == drives['arm'][:2].nunique()
+
+
+def test_the_tuned_baseline_is_not_judged_by_what_its_search_saw(study):
+    tuned = study.outcomes[study.outcomes['baseline'] == arms.MATCHED].assign(baseline=arms.TUNED)
+    drives = study.drives[study.drives['arm'] == arms.MATCHED].assign(arm=arms.TUNED)
+    more = study._replace(
+        outcomes=pd.concat([study.outcomes, tuned]), drives=pd.concat([study.drives, drives])
+    )
+    judged = decide.decide(more, explained=[]).judged
+    claims = {one.claim for one in judged if one.baseline == arms.TUNED}
+    assert claims == {'sideslip', 'brake_onset', 'min_speed'}
 
 
 def test_onsets_near_the_start_are_counted_apart(tmp_path, study, results):
@@ -197,7 +231,7 @@ def test_onsets_near_the_start_are_counted_apart(tmp_path, study, results):
     assert '3 of 360 onsets of braking lie in the first 0.3 s' in text
 
 
-def test_settings_with_a_crashed_combination_count_for_avoidance_only(study):
+def test_settings_with_a_crashed_or_missing_combination_do_not_count(study):
     drives = study.drives.copy()
     crashed = (drives['setting'] == 3) & (drives['arm'] == arms.COMBINATIONS[7])
     drives.loc[crashed, 'completed'] = False
@@ -205,10 +239,7 @@ def test_settings_with_a_crashed_combination_count_for_avoidance_only(study):
     missing = (drives['setting'] == 4) & (drives['arm'] == arms.COMBINATIONS[9])
     effects = decide.decide(study._replace(drives=drives[~missing]), explained=[]).effects
     assert {effect.settings for effect in effects['sideslip']} == {10}  # of 12
-    assert effects['sideslip'][4].mean == pytest.approx(2.0)
-    (heading,) = (effect for effect in effects['avoidance'] if effect.term == 'heading')
-    assert heading.settings == 11
-    assert heading.mean == pytest.approx(-1 / 16 / 11)
+    assert effects['sideslip'][0].mean == pytest.approx(6.0)
 
 
 def test_who_brakes_is_counted_and_the_conjunction_judged_where_both_do(study, results):
@@ -225,6 +256,9 @@ def test_who_brakes_is_counted_and_the_conjunction_judged_where_both_do(study, r
 
 
 def test_one_version_of_the_baseline_is_confirmatory(study, results):
+    own = dataclasses.replace(study.plan.runs.levels, seed=1, count=120, screened=False)
+    runs = dataclasses.replace(study.plan.runs, confirmatory=own)
+    study = study._replace(plan=dataclasses.replace(study.plan, runs=runs))
     entries = decide.claim_entries(study, results)
     confirmatory = {entry['baseline'] for entry in entries if entry['confirmatory']}
     assert confirmatory == {arms.MATCHED}
