@@ -1,0 +1,99 @@
+"""What others read before they use or change the project: declarations, templates, container."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+from installation import PACKAGES, ROOT
+
+PAGES = (
+    'QUALITY_DECLARATION.md',
+    'CONTRIBUTING.md',
+    'SECURITY.md',
+    *(f'{package}/QUALITY_DECLARATION.md' for package in PACKAGES),
+)
+TEMPLATES = [
+    p for p in sorted((ROOT / '.github/ISSUE_TEMPLATE').glob('*.yml')) if p.stem != 'config'
+]
+NEEDS_OPTIONS = {'dropdown', 'checkboxes'}
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_every_file_that_a_page_names_is_there(page):
+    text = (ROOT / page).read_text()
+    links = re.findall(r'\]\((?!https?:|#)([^)#]+)', text)
+    words = re.findall(r'`((?:tests|bench|docs|bags/reference|\.ci)/[\w./]+)`', text)
+    targets = [(ROOT / page).parent / link for link in links] + [ROOT / word for word in words]
+    assert targets
+    assert [str(target) for target in targets if not target.exists()] == []
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_every_make_target_that_a_page_names_is_one(page):
+    targets = set(re.findall(r'^([a-z_]+):', (ROOT / 'Makefile').read_text(), re.M))
+    assert set(re.findall(r'`?make ([a-z_]+)', (ROOT / page).read_text())) <= targets
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_a_package_declares_the_level_that_all_have(package):
+    text = (ROOT / package / 'QUALITY_DECLARATION.md').read_text()
+    assert text.startswith(f'# Quality declaration of {package}\n')
+    assert '**quality level 4**' in text
+    overview = (ROOT / 'QUALITY_DECLARATION.md').read_text()
+    assert f'({package}/QUALITY_DECLARATION.md)' in overview
+
+
+def test_the_citation_has_what_a_reference_needs():
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert {'cff-version', 'message', 'title', 'authors', 'version', 'license'} <= set(citation)
+    assert citation['cff-version'] == '1.2.0'
+    assert all('name' in author or 'family-names' in author for author in citation['authors'])
+
+
+@pytest.mark.parametrize('path', TEMPLATES, ids=lambda path: path.stem)
+def test_a_form_for_issues_asks_for_something(path):
+    form = yaml.safe_load(path.read_text())
+    assert {'name', 'description', 'body'} <= set(form)
+    ids = [item['id'] for item in form['body']]
+    assert len(set(ids)) == len(ids) > 0
+    for item in form['body']:
+        assert item['type'] in {'textarea', 'input', 'dropdown', 'checkboxes'}
+        assert item['attributes']['label']
+        assert ('options' in item['attributes']) == (item['type'] in NEEDS_OPTIONS)
+
+
+def instructions():
+    """Return (keyword, argument) of each instruction of the Dockerfile; lines are joined."""
+    text = re.sub(r'^\s*#.*\n', '', (ROOT / 'Dockerfile').read_text(), flags=re.M)
+    lines = text.replace('\\\n', ' ').splitlines()
+    return [tuple(line.split(maxsplit=1)) for line in lines if line.strip()]
+
+
+def test_the_container_copies_what_is_there_and_every_package():
+    copies = [argument.split() for keyword, argument in instructions() if keyword == 'COPY']
+    assert all((ROOT / source).exists() for source, _ in copies)
+    for package in PACKAGES:
+        assert [package, f'src/{package}'] in copies
+        assert [f'{package}/package.xml', f'src/{package}/'] in copies
+
+
+def test_the_container_runs_valid_shell():
+    scripts = [argument for keyword, argument in instructions() if keyword == 'RUN']
+    assert len(scripts) > 5
+    for script in scripts:
+        done = subprocess.run(['bash', '-n', '-c', script], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, ''), script
+
+
+def test_the_container_installs_what_the_guide_for_ubuntu_does():
+    guide = (ROOT / 'docs/howto/ubuntu.md').read_text().replace('\\\n', ' ')
+    (by_hand,) = re.findall('^pip install (.*)$', guide, re.M)
+    pip = [argument for keyword, argument in instructions() if argument.startswith('pip install')]
+    assert by_hand.split() == pip[0].split()[2:]
+    (apt,) = re.findall('^sudo apt install (.*)$', guide, re.M)
+    installed = ' '.join(argument for keyword, argument in instructions() if keyword == 'RUN')
+    base = Path(ROOT / 'Dockerfile').read_text().split('ARG BASE=')[1].split()[0]
+    assert 'ros-base' in base
+    assert set(apt.split()) - {'ros-jazzy-ros-base'} <= set(installed.split())
