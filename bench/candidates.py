@@ -2,6 +2,7 @@
 
     .venv/bin/python bench/candidates.py [--draws N] [--most N]
     .venv/bin/python bench/candidates.py --realtime [--draws N] [--most N] [--set NODE.param=value]
+                                                     [--fifo]
 
 Drives slaloms of the library in process, twice: once with the clock on the wall, once with that of
 the processor, which counts the work of all threads, as if there were one core. Between these two
@@ -9,7 +10,7 @@ lies a tick on two free cores; other programs disturb the first alone.
 
 With --realtime the nodes drive them on the wall clock, all on this machine, recorded; the times are
 those of the messages, from the state that was sent to the command that was sent. Nothing else
-should run. Exit code 1 when a target is missed.
+should run; with --fifo the nodes have real-time priority. Exit code 1 when a target is missed.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import closed_loops
 import machine
 import numpy as np
+from realtime import fifo_settings
 from rich.console import Console
 from tables import TextTable, number, show
 
@@ -138,12 +140,14 @@ def main() -> int:
     parser.add_argument('--most', type=int, default=4, metavar='N', help='plans (default: 4)')
     parser.add_argument('--realtime', action='store_true', help='nodes on the wall clock')
     parser.add_argument('--set', action='append', default=[], dest='settings', metavar='NODE.p=v')
+    parser.add_argument('--fifo', action='store_true', help='real-time priority for every node')
     args = parser.parse_args()
-    if args.settings and not args.realtime:
-        parser.error('--set goes with --realtime')
+    if (args.settings or args.fifo) and not args.realtime:
+        parser.error('--set and --fifo go with --realtime')
     before, table, console = machine.cpu_times(), [], Console()
     if args.realtime:
         settings = [f'controller.candidates.most={args.most}', *args.settings]
+        settings = fifo_settings() + settings if args.fifo else settings
         with tempfile.TemporaryDirectory() as folder:
             ticks = measure_realtime(args.draws, settings, Path(folder), console)
         table = rows('state to command', ticks)
