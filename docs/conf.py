@@ -30,6 +30,7 @@ source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']
 html_theme = 'furo'
 html_static_path = ['_static']
+html_css_files = ['site.css']
 html_copy_source = False
 html_show_sourcelink = False
 pygments_style = 'friendly'

@@ -49,8 +49,9 @@ def _program(name, module):
         f'## `{name} {command}`\n\n{_block(help_of(module.main, (command,)))}'
         for command in module.COMMANDS
     )
-    return f'# `{name}`\n\n{text(module.__doc__)}\n\n{_block(help_of(module.main, ()))}' + ''.join(
-        sections
+    return (
+        f'# The command `{name}`\n\n{text(module.__doc__)}\n\n{_block(help_of(module.main, ()))}'
+        + ''.join(sections)
     )
 
 
