@@ -6,6 +6,7 @@ Run
     run                runs of the node graph: processes, recording, comparison
     configuration      nodes and parameters of a run, checked before it starts
     batch              a study file: scenarios, parameters and controllers, combined and driven
+    preview            a scenario before it is driven
     library            families of random emergencies, and who survives them
     settings           random settings of everything that the paper does not print
 Analyse

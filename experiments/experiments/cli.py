@@ -8,6 +8,7 @@ from bags import command_line
 COMMANDS = (
     'run',
     'parameters',
+    'scenario',
     'batch',
     'table',
     'plot',

@@ -15,4 +15,5 @@ From file to scenario:
     actors            obstacles over time; waypoint_track those along way-points
     expectations      what a scenario expects of a run
     plausibility      checks of path, start, finish and obstacles
+    advice            what is allowed but rarely meant
 """

@@ -16,7 +16,7 @@ class Actor(NamedTuple):
     obstacle: Obstacle
     appears: float  # s
     disappears: float  # s, infinite: never
-    track: Track | None = None  # of an obstacle that follows way-points; None: constant velocity
+    track: Track | None = None  # of one that follows way-points or the road; None: goes straight on
 
 
 def place_actor(
@@ -30,8 +30,12 @@ def place_actor(
     Raises KeyedError about `key`, the obstacle's in the file, for way-points that cannot be driven.
     """
     times = block.appears_at_s, block.disappears_at_s
+    track = None
     if isinstance(block, schema.WaypointObstacle):
         track = waypoint_track.build_track(block.waypoints, centre, key)
+    elif isinstance(block, schema.RoadObstacle) and block.motion == schema.ALONG_ROAD:
+        track = waypoint_track.build_road_track(block, centre)
+    if track is not None:
         X, Y, vX, vY = (float(value) for value in waypoint_track.motion_at(track, 0.0))
         return Actor(Obstacle(number, X, Y, block.radius_m, vX, vY), *times, track)
     if isinstance(block, schema.MapObstacle):

@@ -14,6 +14,7 @@ from node_runtime.parameters import Range
 from node_runtime.typed_yaml import Pattern
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 
+STRAIGHT, ALONG_ROAD = 'straight', 'along_road'  # of obstacles[].motion
 # coordinates and speeds: the ranges of topics.yaml
 Coordinate = Annotated[float, Range(-10000.0, 10000.0, 'm')]
 Station = Annotated[float, Range(0.0, 20000.0, 'm')]
@@ -194,6 +195,7 @@ class RoadObstacle:
     radius_m: Radius
     along_mps: Velocity = 0.0
     across_mps: Velocity = 0.0
+    motion: Literal['straight', 'along_road'] = STRAIGHT
     appears_at_s: Time = 0.0
     disappears_at_s: Time = inf
 

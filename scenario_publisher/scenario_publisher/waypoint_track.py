@@ -87,6 +87,25 @@ def build_track(waypoints: Sequence[schema.Waypoint], centre: Line, key: str) ->
     )
 
 
+def build_road_track(block: schema.RoadObstacle, centre: Line) -> Track | None:
+    """Return the motion along the road: at constant speed and offset, or drifting across.
+
+    The speed is that of `along_mps` and `across_mps` together, on its own way. None for an obstacle
+    that does not move along the road, or that is at its end already.
+    """
+    end = float(centre.s[-1]) if block.along_mps > 0.0 else 0.0
+    length = abs(end - block.station_m)
+    if block.along_mps == 0.0 or length < MIN_LEG:
+        return None
+    station = np.linspace(block.station_m, end, 2 + int(length / SPACING))
+    drift = block.across_mps / abs(block.along_mps) * np.abs(station - block.station_m)
+    offset = block.offset_m + drift
+    way = np.column_stack(lines.offset_point(lines.pose_at(centre, station), offset))
+    speed = float(np.hypot(block.along_mps, block.across_mps))
+    once = np.zeros(1)
+    return Track(running_sum(steps(way)), *way.T, once, once, np.array([speed]), once)
+
+
 def _way(waypoints, centre, key):
     """Return the points X, Y (n,) of the way and the distance (k,) along it of each way-point."""
     pieces, distance = [], [0.0]

@@ -24,6 +24,7 @@ from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.car import actuator_limits
 from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 
+CONTROLLER = 'controller'  # role
 KPH = 3.6  # km/h per m/s
 # parameter class of each role, and the loader of the file that the parameters name
 LOADERS = {
@@ -104,6 +105,14 @@ def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
         length_m=outcome.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
         speeds=scn.speeds,
     )
+
+
+def controller_params(name_or_path: str) -> ControllerParams:
+    """Return the parameters of a controller as its node takes them. Raises BagError."""
+    file = node_config.find_controller(name_or_path).config
+    package, _ = node_config.DEFAULTS[CONTROLLER]
+    node = Node(CONTROLLER, package, 'controller_node', (file,), {})
+    return _load(node)[0]
 
 
 def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:

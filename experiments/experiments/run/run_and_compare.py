@@ -17,6 +17,7 @@ from experiments.progress import RunProgress
 from experiments.run import domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
+from scenario_publisher import advice
 from stage_solver import compile_cache
 
 NO_COMPILER = (
@@ -135,7 +136,8 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     """Run the controllers as `run`; return the folder of the scenario and outcomes."""
     controllers = node_config.find_controllers(request.controllers, request.label)
     overrides = set_option.parse_overrides(request.settings)
-    facts = inputs.load_facts(request.scenario)
+    scn = inputs.load_scenario(request.scenario)
+    facts = inputs.scenario_facts(scn, request.scenario)
     folder = request.out / facts.name
     loaded = {}
     for controller in controllers:
@@ -144,7 +146,9 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
         if not request.any_car:
             inputs.check_car_fits(checked)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
-        for text in inputs.find_warnings(facts, checked):
+        params, _ = checked['controller']
+        advised = advice.find_advice(scn, params.model.horizon * params.model.step_s)
+        for text in (*advised, *inputs.find_warnings(facts, checked)):
             console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):

@@ -1,0 +1,35 @@
+"""Look at a scenario before it is driven: what it holds, what is checked, warnings, a picture."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+HELP = 'what a scenario holds, what is checked, and a picture of it'
+EXAMPLE = 'experiments scenario double_lane_change --plot /tmp/scenario.png'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments scenario`."""
+    parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
+    parser.add_argument('--plot', type=Path, metavar='OUT', help='PNG, SVG or PDF to draw')
+    text = 'whose horizon, circle and safety distances count: a name, or a file (default: mpcc)'
+    parser.add_argument('--controller', default='mpcc', metavar='C', help=text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show and draw; return 0, also with warnings. Raises BagError."""
+    from bags.command_line import print_paths
+    from bags.errors import BagError
+    from experiments.configuration import inputs
+    from experiments.preview import preview_figure, scenario_checks
+
+    if options.plot and options.plot.suffix not in ('.png', '.svg', '.pdf'):
+        raise BagError(f'--plot {options.plot}: must end in .png, .svg or .pdf')
+    scn = inputs.load_scenario(options.scenario)
+    circles = scenario_checks.circles_of(inputs.controller_params(options.controller))
+    console = Console()
+    scenario_checks.show(scn, circles, console)
+    if options.plot:
+        print_paths(console, {'\npicture': preview_figure.draw(scn, circles, options.plot)})
+    return 0

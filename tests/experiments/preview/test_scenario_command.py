@@ -1,0 +1,73 @@
+"""`experiments scenario`: what a scenario holds, with numbers, and a picture."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from experiments import cli
+from experiments.configuration import inputs
+from experiments.preview import scenario_checks
+from scenario_publisher import scenario
+
+
+@pytest.fixture(scope='module')
+def circles():
+    return scenario_checks.circles_of(inputs.controller_params('mpcc'))
+
+
+def test_the_distances_are_those_of_the_controller(circles):
+    assert circles == (2.5, 1.1, 0.5, 0.5)
+    road = scenario_checks.circles_of(inputs.controller_params('mpcc_road'))
+    assert road.horizon_s == 2.5
+
+
+def test_a_car_on_the_path_meets_an_obstacle_where_and_when_it_does(circles):
+    scn = scenario.load('double_lane_change')
+    path = scenario_checks.profile(scn, circles)
+    met = scenario_checks.encounter(scn, scn.actors[0], path, circles)
+    o, ref = scn.actors[0].obstacle, scn.reference
+    nearest = np.hypot(ref.X - o.X, ref.Y - o.Y).min() - o.r_obs - circles.radius_m
+    assert met.gap_m == pytest.approx(nearest, abs=0.03)
+    speed = np.diff(path.station)[0] / np.diff(ref.t)[0]
+    assert met.t == pytest.approx(met.station / speed, abs=0.06)
+
+
+def test_the_lateral_acceleration_is_speed_squared_times_curvature(circles):
+    path = scenario_checks.profile(scenario.load('circle_20m'), circles)
+    inner = slice(20, -20)
+    assert np.abs(path.lateral[inner]) == pytest.approx(path.speed[inner] ** 2 / 20.0, rel=0.02)
+
+
+def test_an_obstacle_that_is_gone_is_not_met(circles):
+    scn = scenario.load('pop_up')
+    actor = scn.actors[0]._replace(appears=500.0)
+    path = scenario_checks.profile(scn, circles)
+    assert scenario_checks.encounter(scn, actor, path, circles) is None
+
+
+@pytest.mark.parametrize('name', ['several_movers', 'split_mu'])
+def test_the_command_prints_and_draws(tmp_path, capsys, name):
+    picture = tmp_path / 'scenario.png'
+    assert cli.main(['scenario', name, '--plot', str(picture)]) == 0
+    text = capsys.readouterr().out
+    assert f'scenario:       {name}: ' in text
+    assert 'checked: ' in text
+    assert 'warning' not in text
+    with Image.open(picture) as image:
+        assert image.width > 1000
+        # the coarse path is drawn in its colour
+        pixels = np.asarray(image.convert('RGB')).reshape(-1, 3).astype(int)
+    assert np.sum(np.abs(pixels - (0x00, 0x72, 0xB2)).max(axis=1) < 12) > 500
+
+
+def test_warnings_and_mistakes_are_shown(tmp_path, capsys):
+    text = scenario.load('straight').text
+    short = tmp_path / 'short.yaml'
+    short.write_text(text.replace('progress_m: 60.0', 'progress_m: 99.0'))
+    assert short.read_text() != text
+    assert cli.main(['scenario', str(short)]) == 0
+    assert 'warning: the path ends' in capsys.readouterr().out
+    assert cli.main(['scenario', 'strait']) == 1
+    assert "did you mean 'straight'?" in capsys.readouterr().err
+    assert cli.main(['scenario', 'straight', '--plot', str(tmp_path / 'x.jpg')]) == 1
+    assert 'must end in .png, .svg or .pdf' in capsys.readouterr().err

@@ -1,0 +1,109 @@
+"""What is allowed in a scenario and rarely meant is said; nothing else is."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from scenario_publisher import actors, advice, scenario
+
+HORIZON_S = 2.5
+BEND = 100.0  # m, radius; the road is straight for 40 m and bends then
+ROAD = {
+    'centre_line': {
+        'start': {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': 0.0},
+        'segments': [
+            {'straight': {'length_m': 40.0}},
+            {'arc': {'length_m': 140.0, 'curvature_1pm': 1.0 / BEND}},
+        ],
+    },
+    'edges': {'left': {'offset_m': 4.0}, 'right': {'offset_m': -4.0}},
+}
+
+
+def load(obstacles=(), **changes):
+    document = yaml.safe_load(scenario.load('straight').text)
+    document |= {
+        'road': ROAD,
+        'path': copy.deepcopy(ROAD['centre_line']),
+        'speed': {'constant_mps': 15.0},
+        'start': {'progress_m': 0.0},
+        'stop': {'progress_m': 120.0, 'time_s': 20.0},
+        'obstacles': list(obstacles),
+    }
+    return scenario.parse(yaml.safe_dump(document | changes), 'bend.yaml')
+
+
+def mover(station=20.0, offset=0.0, **keys):
+    return {'station_m': station, 'offset_m': offset, 'radius_m': 0.5, **keys}
+
+
+@pytest.mark.parametrize('name', scenario.available())
+def test_no_shipped_scenario_gets_advice(name):
+    assert advice.find_advice(scenario.load(name), HORIZON_S) == []
+
+
+def test_a_path_that_ends_within_the_horizon_behind_the_finish_is_named_with_what_it_lacks():
+    scn = load(stop={'progress_m': 160.0, 'time_s': 20.0})
+    (text,) = advice.find_advice(scn, HORIZON_S)
+    assert 'ends 20 m behind the finish line' in text
+    assert 'go on for 18 m more' in text
+    assert advice.find_advice(scn, 1.0) == []
+
+
+def test_an_obstacle_that_goes_straight_on_in_a_bend_is_named_with_the_time():
+    scn = load([mover(offset=2.0), mover(along_mps=5.0, offset=-2.0)])
+    (text,) = advice.find_advice(scn, HORIZON_S)
+    assert text.startswith('obstacle 2 goes straight on and leaves the road ')
+    # off by its radius where the straight way is 2.5 m outside of its circle
+    x = 40.0 + np.sqrt((BEND + 4.5) ** 2 - (BEND + 2.0) ** 2)
+    (seconds,) = re.findall(r'road ([0-9.]+) s after the start', text)
+    assert float(seconds) == pytest.approx((x - 20.0) / 5.0, abs=0.11)
+
+
+@pytest.mark.parametrize(
+    'obstacle',
+    [
+        mover(along_mps=5.0, motion='along_road'),
+        mover(across_mps=2.0),  # a pedestrian who crosses
+        mover(along_mps=5.0, disappears_at_s=2.0),
+        {'waypoints': [
+            {'station_m': 20.0, 'offset_m': 0.0, 'speed_mps': 5.0},
+            {'station_m': 170.0, 'offset_m': 0.0, 'speed_mps': 5.0},
+        ], 'radius_m': 0.5},
+    ],
+)  # fmt: skip
+def test_obstacles_that_stay_or_cross_or_vanish_get_no_advice(obstacle):
+    assert advice.find_advice(load([obstacle]), HORIZON_S) == []
+
+
+def offset_from_arc(o):
+    """How far an obstacle on the arc is to the left of the centre line [m]."""
+    return BEND - np.hypot(o.X - 40.0, o.Y - BEND)
+
+
+@pytest.mark.parametrize(('along', 'across'), [(6.0, 0.0), (6.0, -0.3), (-6.0, 0.1)])
+def test_along_the_road_an_obstacle_keeps_its_offset_or_drifts(along, across):
+    station = 60.0 if along > 0.0 else 150.0
+    motion = {'along_mps': along, 'across_mps': across, 'motion': 'along_road'}
+    (actor,) = load([mover(station, 1.0, **motion)]).actors
+    for t in (0.0, 5.0, 10.0):
+        o = actors.obstacle_at(actor, t)
+        assert offset_from_arc(o) == pytest.approx(1.0 + across * t, abs=0.04)
+        assert np.hypot(o.vX, o.vY) == pytest.approx(np.hypot(along, across))
+    first, last = (actors.obstacle_at(actor, t) for t in (0.0, 10.0))
+    assert np.hypot(last.X - first.X, last.Y - first.Y) == pytest.approx(60.0, rel=0.03)
+
+
+def test_behind_the_end_of_the_road_an_obstacle_goes_straight_on():
+    (actor,) = load([mover(175.0, along_mps=5.0, motion='along_road')]).actors
+    a, b, c = (actors.obstacle_at(actor, t) for t in (2.0, 3.0, 4.0))
+    assert pytest.approx((c.X - b.X, c.Y - b.Y)) == (b.X - a.X, b.Y - a.Y)
+    assert (b.vX, b.vY) == pytest.approx((c.X - b.X, c.Y - b.Y))
+
+
+def test_another_motion_is_refused_with_those_allowed():
+    with pytest.raises(scenario.ScenarioError, match="'straight' or 'along_road'"):
+        load([mover(along_mps=5.0, motion='along')])
