@@ -12,8 +12,6 @@ import time
 from functools import partial
 from pathlib import Path
 
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
@@ -32,6 +30,7 @@ from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import provenance, ros, spin_node
+from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 
 LARGEST_TAKE = 5000  # messages of one topic before the next topic is polled
@@ -42,13 +41,26 @@ LONGEST_END_S = 1.0
 MB = 1e6
 
 
-class RecorderNode(Node):
-    """Polls its subscriptions, files the messages, and closes the bag at the end."""
+class RecorderNode(ManagedNode):
+    """Polls its subscriptions, files the messages, and closes the bag at the end.
+
+    The bag is created by `configure` and completed by the clean-up or at the end of the process.
+    What arrives while the node is inactive is not in it.
+    """
 
     def __init__(self):
         super().__init__('recorder')
         defaults = share.path('bags', 'config', 'recorder.yaml')
         self.params = ros.declare(self, RecorderParams, defaults)
+        self.bag = self.inbox = None
+        self.stopping, self.exit_code = False, 0
+        # instead of rclpy's handlers: a signal must not tear a record, a second one has no effect
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._stop)
+        ros.steady_timer(self, self.params.poll_s, self.poll)
+
+    def configure(self):
+        """Create the bag, and subscribe."""
         self.clock_queue = ClockQueue(
             lambda: _arrived(self.inlets[CLOCK]), lambda stamp_ns: self.time.advance(stamp_ns)
         )
@@ -58,20 +70,30 @@ class RecorderNode(Node):
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
         self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
         self.received, self.warned = set(), set()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         # in lockstep a bag must not depend on the speed of the machine
         if ros.mode(self) != LOCKSTEP:
             self.health = RecordingHealth(ros.mode(self))
             self.health_pub = ros.publisher(self, ros.HEALTH)
             period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
-            self.create_timer(period_s, self.publish_health, clock=steady)
+            ros.steady_timer(self, period_s, self.publish_health)
         self.next_chunk = time.monotonic() + self.params.chunk_s
-        self.stopping, self.exit_code = False, 0
-        # instead of rclpy's handlers: a signal must not tear a record, a second one has no effect
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._stop)
-        self.create_timer(self.params.poll_s, self.poll, clock=steady)
+
+    def activate(self):
+        """Record from now on."""
         self.get_logger().info(f'recording into {self.bag.folder}')
+
+    def deactivate(self):
+        """File what has arrived; then file nothing until the node is active again."""
+        if self.bag is not None:
+            self._guard(self._file_arrived)
+
+    def clean_up(self):
+        """Complete the bag, and remove the second node."""
+        self.close()
+        self.bag = None
+        if self.inbox:
+            self.inbox.destroy_node()
+            self.inbox = None
 
     def _open(self, mode):
         if not self.params.out:
@@ -113,7 +135,10 @@ class RecorderNode(Node):
 
     def poll(self):
         """File the messages that have arrived; close a chunk when it is due."""
-        self._guard(self._file_arrived)
+        if self.is_active:
+            self._guard(self._file_arrived)
+        elif self.bag is not None:
+            self._discard()
         if self.stopping:
             spin_node.finish(self, self.exit_code)
 
@@ -182,14 +207,22 @@ class RecorderNode(Node):
 
     def close(self):
         """File the messages still in transit, complete the bag."""
-        for write in (self._drain_to_the_end, self._complete):
+        last = (self._drain_to_the_end,) if self.is_active else ()
+        for write in (*last, self._complete):
             if self.bag is not None:
                 self._guard(write)
 
     def destroy_node(self):
         """Remove the second node, too."""
-        self.inbox.destroy_node()
+        if self.inbox:
+            self.inbox.destroy_node()
         super().destroy_node()
+
+    def _discard(self):
+        """Drop what has arrived: a queue that is full would block its publisher."""
+        for subscription in self.inlets.values():
+            for _ in _arrived(subscription):
+                pass
 
     def _drain_to_the_end(self):
         end = time.monotonic() + LONGEST_END_S

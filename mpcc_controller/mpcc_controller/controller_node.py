@@ -9,9 +9,8 @@ import time
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 
-from mpcc_controller import car_file, minimum_speed
+from mpcc_controller import car_file, minimum_speed, run_time_parameters
 from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import TOO_SLOW, Controller
@@ -20,9 +19,10 @@ from mpcc_controller.driving.tick_report import OK
 from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
-from node_runtime import ros, scheduling, spin_node
+from node_runtime import parameters, ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter
+from node_runtime.managed_node import ManagedNode
 
 NAME = 'controller'
 MPCC_CONFIG, FRENET_CONFIG = 'mpcc.yaml', 'frenet.yaml'
@@ -30,27 +30,40 @@ TIMER_S = 0.02  # of wall time, between two checks of subscribers and ages
 THROTTLE_S = 1.0
 
 
-class ControllerNode(Node):
+class ControllerNode(ManagedNode):
     """Connects a `Controller` to its topics."""
 
     def __init__(self, config: str = MPCC_CONFIG):
         """`config` names the parameter file in config/ that holds the defaults."""
         super().__init__(NAME)
-        params = ros.declare(
-            self, ControllerParams, share.path('mpcc_controller', 'config', config)
+        self.params = ros.declare(
+            self,
+            ControllerParams,
+            share.path('mpcc_controller', 'config', config),
+            run_time_parameters.names,
         )
-        self.params = params
-        vehicle = car_file.load(params)
-        self.log_cut_limits(vehicle)
-        mode = ros.mode(self)
+        self.present = self.checked = self.params  # with what was changed since the start
+        self.changes = {}  # of them, since the start
+        self.vehicle = self.controller = self.inputs = None
+        self.is_new = True  # not active yet since it was configured
+
+    def configure(self):
+        """Load the car, prepare the solvers and join the graph."""
+        params, mode = self.params, ros.mode(self)
+        self.vehicle = car_file.load(params)
+        self.log_cut_limits(self.vehicle)
         self.get_logger().info('preparing the solver')
         self.wall = SteadyClock()
-        self.controller = Controller(params, vehicle, mode == 'realtime')
+        self.controller = Controller(params, self.vehicle, mode == 'realtime')
+        if self.present != params:
+            self.controller.check_change(self.present)
+            self.controller.change(self.present, self.changes)
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, HealthMonitor(NAME), params.ages)
         self.last_message = None  # the command published last
         self.publish_s: float | None = None  # publishing time of the last command
         self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step
+        self.is_new = True
         self.waiting_log, self.stale_log, self.stopping_log = (
             ChangeFilter(),
             ChangeFilter(),
@@ -66,8 +79,38 @@ class ControllerNode(Node):
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TIMER_S, self.on_timer, clock=steady)
+
+    def activate(self):
+        """Answer states from now on; the first one from the set-points of the actuators, cold."""
+        if not self.is_new:
+            self.last_message = self.publish_s = None
+            self.trigger.restart()
+            self.stale_log = ChangeFilter()
+        self.is_new = False
+        self.waiting_log = ChangeFilter()
         self.waiting_log.has_changed(self.waiting())
-        self.get_logger().info(f'ready, {mode}; {self.waiting()}')
+        self.get_logger().info(f'ready, {ros.mode(self)}; {self.waiting()}')
+
+    def clean_up(self):
+        """Drop the solvers, and the node of the newest actuators."""
+        if self.inputs:
+            self.inputs.destroy()
+        self.controller = self.vehicle = self.inputs = None
+
+    def check_change(self, changes):
+        """Raise ParameterError for weights and limits that cannot be driven by."""
+        self.checked = run_time_parameters.change(self.present, changes)
+        if self.controller:
+            self.controller.check_change(self.checked)
+
+    def apply_change(self, changes):
+        """Drive by the checked parameters: callbacks run between two steps, never during one."""
+        before, self.present = parameters.flatten(self.present), self.checked
+        self.changes = self.changes | changes
+        if self.controller:
+            self.controller.change(self.present, self.changes)
+        for name, value in changes.items():
+            self.get_logger().info(f'{name}: from {before[name]:g} to {value:g}, by request')
 
     def log_cut_limits(self, vehicle):
         """Log the limits that are cut to those of the car's actuators."""
@@ -77,6 +120,8 @@ class ControllerNode(Node):
 
     def advance(self):
         """Step if every input of the step is there."""
+        if not self.is_active:
+            return
         if self.trigger.needs_actuators:
             self.inputs.take_actuators()
         if self.controller.missing() or self.missing_subscribers():
@@ -181,6 +226,8 @@ class ControllerNode(Node):
 
     def on_timer(self):
         """Take the first step once everything is connected; brake if no state arrives."""
+        if not self.is_active:
+            return
         now_ns, waiting = self.wall.now_ns(), self.waiting()
         self.publish_health(self.watchdog.on_timer(now_ns, waiting))
         if waiting:
@@ -208,7 +255,7 @@ class ControllerNode(Node):
 
     def destroy_node(self):
         """Leave the graph."""
-        self.inputs.destroy()
+        self.clean_up()
         super().destroy_node()
 
 

@@ -6,6 +6,10 @@ Every node takes, beside its own parameters, those of COMMON:
     recorders    number of recorders that it waits for before it starts
     base         parameter file that holds where a parameter is not given; '': that of the node
     realtime.*   scheduling (`scheduling.SchedulingOptions`)
+
+A managed node (`managed_node`) takes those of MANAGED:
+
+    autostart    whether it configures and activates itself when it starts
 """
 
 import os
@@ -23,6 +27,12 @@ from node_runtime.parameters import BASE, Choice, Leaf, ParameterError, Range
 MODE = 'mode'
 RECORDERS = 'recorders'
 REALTIME = 'realtime'
+AUTOSTART = 'autostart'
+# a reason for the caller of the service; {} is the name
+READ_ONLY = (
+    '{} is read-only: the node uses the value that it is started with, which is the one that the '
+    'recording of a run holds'
+)
 
 
 @dataclass(frozen=True)
@@ -35,11 +45,14 @@ class _Common:
 
 
 COMMON = parameters.leaves(_Common)
+MANAGED = {**COMMON, AUTOSTART: Leaf(bool, False, None)}
 _DEFAULTS = parameters.flatten(_Common(contract.MODES[0], 0, '', scheduling.DEFAULTS))
+_DEFAULTS |= {AUTOSTART: True}
+_MEANINGS = {AUTOSTART: 'whether the node configures and activates itself when it starts'}
 _SOURCE = 'command line or parameter file'
 NO_SOURCES: Mapping[str, str] = {}
 # what rclpy declares for every node
-_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 class Declaration(NamedTuple):
@@ -52,13 +65,18 @@ class Declaration(NamedTuple):
 
 
 def resolve(
-    cls: type, defaults: Path, given: Mapping[str, Any], sources: Mapping[str, str] = NO_SOURCES
+    cls: type,
+    defaults: Path,
+    given: Mapping[str, Any],
+    sources: Mapping[str, str] = NO_SOURCES,
+    common: Mapping[str, Leaf] = MANAGED,
 ) -> tuple[Any, tuple[Declaration, ...]]:
-    """Return the parameters of a node and what to declare, those of COMMON included.
+    """Return the parameters of a node and what to declare, those of `common` included.
 
     `given` are values by dotted name; what they leave out comes from `given['base']` or the file
-    `defaults`. `sources` are the origins of `given`, as far as they are known. Raises
-    ParameterError `<source>: <name>: <what>`.
+    `defaults`. `sources` are the origins of `given`, as far as they are known. `common` are those
+    that do not belong to `cls`: MANAGED, or COMMON of other nodes. Raises ParameterError
+    `<source>: <name>: <what>`.
     """
 
     def source(key):
@@ -67,24 +85,25 @@ def resolve(
         return file.sources.get(key, str(path))
 
     own = parameters.leaves(cls)
-    known = {**COMMON, **own}
+    known = {**common, **own}
     for name in given:
-        if name not in known and not name.startswith(_OF_ROS):
+        if name not in known and not name.startswith(OF_ROS):
             hint = closest(name, known)
             raise ParameterError(f'{source(name)}: {name}: this node has no such parameter{hint}')
     path = _defaults_path(given, defaults, source)
     file = parameters.read_file(path, defaults.parent)
     overrides = {k: _from_ros(known[k], v) for k, v in given.items() if k in known}
     values = file.values | overrides
-    common = {
+    checked = {
         name: parameters.check(leaf, values.get(name, _DEFAULTS[name]), name, source)
-        for name, leaf in COMMON.items()
+        for name, leaf in common.items()
     }
-    own_values = {key: value for key, value in values.items() if key in own or key not in COMMON}
+    own_values = {key: value for key, value in values.items() if key in own or key not in common}
     params = parameters.build(cls, own_values, source)
-    final = {**common, **parameters.flatten(params)}
+    final = {**checked, **parameters.flatten(params)}
+    meanings = {**_MEANINGS, **file.comments}
     descriptions = {
-        name: '; '.join(filter(None, (file.comments.get(name), leaf.allowed)))
+        name: '; '.join(filter(None, (meanings.get(name), leaf.allowed)))
         for name, leaf in known.items()
     }
     return params, tuple(Declaration(k, final[k], v, descriptions[k]) for k, v in known.items())

@@ -6,7 +6,7 @@ are relative to the namespace of a node: `/vehicle/odometry` of a node in `/car1
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
@@ -49,31 +50,41 @@ def mode(node: Node) -> str:
     return node.get_parameter(node_parameters.MODE).value
 
 
-def declare(node: Node, cls: type[T], defaults: Path) -> T:
-    """Declare a parameter dataclass, and the parameters of every node, as read-only; return it.
+def declare(
+    node: Node,
+    cls: type[T],
+    defaults: Path,
+    changeable: Callable[[T], Collection[str]] = lambda params: (),
+) -> T:
+    """Declare a parameter dataclass, and the parameters of every node; return it.
 
-    Defaults come from the YAML file `defaults`, or from the one that the parameter `base` names;
-    overrides from the command line and parameter files. Raises ParameterError for values out of
-    range and for overrides that are no parameters. Logs how many values are defaults.
+    All are read-only but `changeable(params)`, which the node checks when they are set. Defaults
+    come from the YAML file `defaults`, or from the one that the parameter `base` names; overrides
+    from the command line and parameter files. Raises ParameterError for values out of range and for
+    overrides that are no parameters. Logs how many values are defaults.
     """
     # rclpy gives overrides only to those who know the names; unknown ones would be ignored
     given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
     given = {name: value for name, value in given.items() if not node.has_parameter(name)}
-    params, declarations = node_parameters.resolve(cls, Path(defaults), given)
+    is_managed = isinstance(node, LifecycleNode)
+    common = node_parameters.MANAGED if is_managed else node_parameters.COMMON
+    params, declarations = node_parameters.resolve(cls, Path(defaults), given, common=common)
+    free = changeable(params)
     for declaration in declarations:
+        descriptor = _descriptor(declaration, declaration.name not in free)
         # values are checked: ROS must neither override them again nor insist on 1.0 for 1
         node.declare_parameter(
-            declaration.name, declaration.value, _descriptor(declaration), ignore_override=True
+            declaration.name, declaration.value, descriptor, ignore_override=True
         )
     node.get_logger().info(node_parameters.describe_defaults(cls, given, Path(defaults)))
     return params
 
 
-def _descriptor(declaration):
+def _descriptor(declaration, read_only):
     # a parameter without a value has no type either, unless its type may change
     descriptor = ParameterDescriptor(
         description=declaration.description,
-        read_only=True,
+        read_only=read_only,
         dynamic_typing=declaration.value is None,
     )
     rule, kind = declaration.leaf.rule, declaration.leaf.kind
@@ -117,10 +128,13 @@ def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> T
 
 
 def publisher(node: Node, topic: str) -> Publisher:
-    """Return a publisher of messages with type and QoS of the contract."""
-    return node.create_publisher(
-        message_type(topic), relative_name(topic), qos_profile(node, topic)
-    )
+    """Return a publisher of messages with type and QoS of the contract.
+
+    That of a managed node publishes while the node is active only.
+    """
+    is_managed = isinstance(node, LifecycleNode)
+    create = node.create_lifecycle_publisher if is_managed else node.create_publisher
+    return create(message_type(topic), relative_name(topic), qos_profile(node, topic))
 
 
 def subscribe(

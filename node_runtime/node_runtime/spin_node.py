@@ -17,8 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from msgs_yaml.strict_yaml import YamlError
 from node_runtime import node_parameters, parameters, ros, scheduling, shutdown
+from node_runtime.managed_node import REFUSALS, ManagedNode
 from node_runtime.parameters import ParameterError
 
 # also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
@@ -47,12 +47,14 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
     """Create a node, spin it until it finishes or gets a signal, and return its exit code.
 
     SIGINT and SIGTERM end it after the running callback, with the node's `exit_code`, 0 unless set.
-    Wrong parameters or an invalid contract give one log line and EXIT_CONFIGURATION; an error in a
-    callback is printed and gives 1. Then `node.close()` is called, if there is one, without a time
-    limit, and the node is destroyed; if the middleware hangs there, the process prints its
-    traceback and ends after 4 s with the same exit code. DDS discovery is limited to this machine
-    unless the environment sets ROS_AUTOMATIC_DISCOVERY_RANGE. Call it from the main thread, as the
-    last action of a process: from its end on both signals are ignored.
+    A managed node configures and activates itself unless its parameter `autostart` is false. Wrong
+    parameters, a file that cannot be used or an invalid contract give one log line and
+    EXIT_CONFIGURATION; an error in a callback is printed and gives 1. Then `node.close()` is
+    called, if there is one, without a time limit, and the node is destroyed; if the middleware
+    hangs there, the process prints its traceback and ends after 4 s with the same exit code. DDS
+    discovery is limited to this machine unless the environment sets ROS_AUTOMATIC_DISCOVERY_RANGE.
+    Call it from the main thread, as the last action of a process: from its end on both signals are
+    ignored.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with shutdown.signals_as_interrupts():
@@ -70,6 +72,8 @@ def _spin(make_node, args):
     try:
         _start(args)
         node = make_node()
+        if isinstance(node, ManagedNode):
+            node.start()
         _apply_scheduling(node)
         _run(node)
     except BaseException as caught:
@@ -100,7 +104,7 @@ def _report(error):
     """Log what ended a node, unless the user did; return the exit code for it."""
     if isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
         return 0
-    if isinstance(error, (ParameterError, YamlError)):
+    if isinstance(error, REFUSALS):
         rclpy.logging.get_logger('start').fatal(str(error))
         return EXIT_CONFIGURATION
     traceback.print_exception(error)

@@ -2,11 +2,10 @@
 
 import sys
 
-from rclpy.node import Node
-
 from msgs_yaml import contract, decode, encode, raw_scenario, share
 from node_runtime import ros, spin_node
 from node_runtime.clocks import SteadyClock
+from node_runtime.managed_node import ManagedNode
 from scenario_publisher import scenario
 from scenario_publisher.scenario import NodeParams
 from scenario_publisher.timeline import NAME, Timeline
@@ -16,14 +15,17 @@ THROTTLE_S = 1.0
 VALUE_BYTES = 100  # of one value of a status, on the average, at most
 
 
-class ScenarioNode(Node):
+class ScenarioNode(ManagedNode):
     """Follows /clock in lockstep, the wall clock in realtime."""
 
     def __init__(self):
         super().__init__(NAME)
         defaults = share.path('scenario_publisher', 'config', 'scenario_node.yaml')
-        parameters = ros.declare(self, NodeParams, defaults)
-        scn = scenario.load(parameters.scenario)
+        self.params = ros.declare(self, NodeParams, defaults)
+
+    def configure(self):
+        """Load the scenario and join the graph."""
+        scn = scenario.load(self.params.scenario)
         self.timeline = Timeline(scn, ros.mode(self))
         self.reference_pub = ros.publisher(self, '/scenario/reference')
         self.edges_pub = ros.publisher(self, '/scenario/road_edges')
@@ -36,7 +38,6 @@ class ScenarioNode(Node):
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
             self.polling = ros.steady_timer(self, POLL_S, self.answer)
-            self.publish_road(scenario.START_NS)
         else:
             self.wall = SteadyClock()
             ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
@@ -44,6 +45,12 @@ class ScenarioNode(Node):
         self.get_logger().info(f'{scn.name}: {scn.description}')
         if not self.timeline.has_plant:
             self.get_logger().info('obstacles wait for the plant')
+
+    def activate(self):
+        """Publish from now on; in lockstep the instant first that came meanwhile."""
+        if ros.mode(self) == 'lockstep':
+            self.publish_road(scenario.START_NS if self.pending_ns is None else self.pending_ns)
+            self.polling.reset()
 
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
@@ -56,7 +63,9 @@ class ScenarioNode(Node):
 
     def answer(self):
         """Answer the pending instant once all subscribers are matched."""
-        if self.pending_ns is None or ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
+        if self.pending_ns is None or not self.is_active:
+            return
+        if ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
             return
         self.polling.cancel()
         self.publish(self.pending_ns)
@@ -64,7 +73,8 @@ class ScenarioNode(Node):
 
     def on_timer(self):
         """Publish at an instant of the wall clock."""
-        self.publish(self.wall.now_ns())
+        if self.is_active:
+            self.publish(self.wall.now_ns())
 
     def on_health(self, raw):
         """Take the start of the run from the plant's health."""

@@ -1,10 +1,9 @@
 """Both modes of the plant node: lockstep, a tick per command; realtime, a step per millisecond."""
 
-from rclpy.node import Node
-
 from msgs_yaml import encode
 from node_runtime import ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
+from node_runtime.managed_node import ManagedNode
 from vehicle_plant import health
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
@@ -21,9 +20,18 @@ THROTTLE_S = 1.0
 class LockstepMode:
     """The plant owns time: a tick per command."""
 
-    def __init__(self, node: Node):
+    def __init__(self, node: ManagedNode):
         self.node = node
         self.clock_pub = ros.publisher(node, '/clock')
+        self.stepper = self.monitor = None
+        self.repeat_timer = self.silence_timer = None
+        self.has_repeated = False
+
+    def reset(self):
+        """Give up the run, if there is one."""
+        for timer in (self.repeat_timer, self.silence_timer):
+            if timer:
+                self.node.destroy_timer(timer)
         self.stepper = self.monitor = None
         self.repeat_timer = self.silence_timer = None
         self.has_repeated = False
@@ -77,6 +85,8 @@ class LockstepMode:
 
     def on_silence(self):
         """Repeat the state once, for a controller that was restarted; then go on without it."""
+        if not self.stepper:  # a call that was already queued; so below
+            return
         if not self.has_repeated:
             self.has_repeated = True
             self.node.get_logger().warning('no command comes: sending the present state again')
@@ -88,20 +98,27 @@ class LockstepMode:
 
     def on_no_controller(self):
         """Advance a tick without a command."""
-        if self.stepper.outcome is None:
+        if self.stepper and self.stepper.outcome is None:
             self.publish_tick(self.stepper.tick_without_controller())
 
 
 class RealtimeMode:
     """The plant follows the wall clock: a step per millisecond."""
 
-    def __init__(self, node: Node):
+    def __init__(self, node: ManagedNode):
         self.node = node
         self.stepper = self.monitor = self.timer = None
         self.hold = StartHold()
         # a correction of the system's clock must not make the car jump
         self.wall = SteadyClock()
         self.reported_ns = 0
+
+    def reset(self):
+        """Give up the run, if there is one."""
+        if self.timer:
+            self.node.destroy_timer(self.timer)
+        self.stepper = self.monitor = self.timer = None
+        self.hold = StartHold()
 
     def now_ns(self) -> int:
         """Return the present wall time, whole steps."""
@@ -124,6 +141,8 @@ class RealtimeMode:
 
     def on_hold(self):
         """Publish the state at the start with the present time."""
+        if not self.node.is_active:  # a call that was already queued
+            return
         now_ns = self.now_ns()
         self.hold.record(now_ns)
         self.node.publish(self.node.simulator_at(now_ns).now)
@@ -133,7 +152,7 @@ class RealtimeMode:
         """Follow a command; the first accepted answer to the start begins the run."""
         if self.stepper:
             self.stepper.command(command)
-        elif self.hold.is_answer(command):
+        elif self.timer and self.hold.is_answer(command):
             self.start_run(command)
 
     def start_run(self, command):
@@ -158,7 +177,7 @@ class RealtimeMode:
 
     def on_step(self):
         """Advance by all due steps."""
-        if self.stepper.outcome:  # a call that was already queued
+        if not self.stepper or self.stepper.outcome:  # a call that was already queued
             return
         trajectory = self.stepper.advance_to(self.now_ns())
         if trajectory:
@@ -170,7 +189,7 @@ class RealtimeMode:
     def end(self):
         """Withdraw the odometry before shutdown: a controller that still had it would brake."""
         self.node.destroy_timer(self.timer)
-        self.node.destroy_publisher(self.node.odometry_pub.publisher)
+        self.node.destroy_lifecycle_publisher(self.node.odometry_pub.publisher)
         # the executor has to release the publisher first, which it does while it spins
         self.timer = ros.steady_timer(self.node, SHUTDOWN_S, self.finish)
 

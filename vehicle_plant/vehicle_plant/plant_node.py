@@ -4,12 +4,12 @@ import sys
 import time
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.node import Node
 
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.decode import DecodeError
 from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
+from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
@@ -24,7 +24,7 @@ THROTTLE_S = 1.0
 HEALTH_NS = 1_000_000_000
 
 
-class PlantNode(Node):
+class PlantNode(ManagedNode):
     """Publishes the motion of the car; its mode decides when the car advances."""
 
     def __init__(self):
@@ -33,6 +33,9 @@ class PlantNode(Node):
         about_car = 'file of the car: in config/, or a path'
         car = self._declare_text('plant_params', parameters.DEFAULT_CAR, about_car)
         self.params = ros.declare(self, parameters.NodeParams, parameters.car_file(car))
+
+    def configure(self):
+        """Load the files that the parameters name, compile the car if need be, join the graph."""
         self.plant = parameters.plant_params(self.params)
         self.patches = road_friction.patches_from_parameters(self.params.patches)
         integrator.library(
@@ -53,6 +56,17 @@ class PlantNode(Node):
         self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
         self.rejections = RejectionLog(COMMAND)
         self.start_timer = ros.steady_timer(self, POLL_S, self.on_poll)
+
+    def activate(self):
+        """Begin a run, at the start, as soon as nothing is missing."""
+        self.mode.reset()
+        self.waiting_log = ChangeFilter()
+        self.start_timer.reset()
+
+    def deactivate(self):
+        """Give up the run: nothing is published any more, and commands are ignored."""
+        self.start_timer.cancel()
+        self.mode.reset()
 
     def _declare_start(self) -> bool:
         choice = parameters.START_FROM
@@ -77,6 +91,8 @@ class PlantNode(Node):
 
     def on_poll(self):
         """Begin once nothing is missing; log what is missing, once per change."""
+        if not self.is_active:
+            return
         missing = self.missing()
         if missing:
             text = f'waiting for {", ".join(missing)}'

@@ -6,8 +6,9 @@ bag gives that instant to within the transport time.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from bags.evaluation.controller_log import report_number
 from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
+from mpcc_controller import run_time_parameters
 from msgs_yaml import types
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
@@ -36,6 +38,9 @@ STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 REJECTED_BY_AGE = ('too_old', 'from_future')
 
 
+NO_CHANGES: Mapping[str, float] = MappingProxyType({})
+
+
 class RecordedInputs(NamedTuple):
     """The inputs of the controller at a tick; None where it had no valid message."""
 
@@ -46,9 +51,12 @@ class RecordedInputs(NamedTuple):
     actuators: types.Actuators | None  # at a (re)start only
     acts_ns: int  # stamp at which the command takes effect
     fault: str  # the reason of the watchdog for not planning, '' for none
+    # parameters that had been changed since the start of the controller, by dotted name
+    changes: Mapping[str, float] = NO_CHANGES
 
     def __repr__(self) -> str:
-        present = [name for name, value in self._asdict().items() if value is not None]
+        values = self._asdict() | {'changes': self.changes or None}
+        present = [name for name, value in values.items() if value is not None]
         return f'RecordedInputs({", ".join(present)})'
 
 
@@ -216,6 +224,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             actuators=source.current(topics[ACTUATORS]) if restarted else None,
             acts_ns=stamp_ns + _duration_ns(why, 'lead'),
             fault=stale_input(why),
+            changes=run_time_parameters.reported(why.values),
         )
         command, prediction = (
             topics[name].find(stamp_ns) if name in topics else None

@@ -2,12 +2,12 @@
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from bags.errors import BagError, OlderRunWarning
 from experiments.replay.recorded_ticks import RecordedInputs, has_same_content
-from mpcc_controller import car_file
+from mpcc_controller import car_file, run_time_parameters
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.tick import TickInputs, unknown_state
 from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
@@ -24,8 +24,12 @@ FORMULATION, DEFAULT = 'formulation.name', 'mpcc'  # and the file of its default
 class ReplayedController:
     """One controller on the ticks of a recording."""
 
-    def __init__(self, params: ControllerParams, vehicle: CarParams):
+    def __init__(
+        self, params: ControllerParams, vehicle: CarParams, kept: Collection[str] = frozenset()
+    ):
+        """`kept` names parameters that keep their values, whatever the run has changed."""
         self.controller, self.vehicle = Controller(params, vehicle), vehicle
+        self._params, self._kept, self._changes = params, kept, {}
         self._inputs: RecordedInputs | None = None
 
     def step(self, inputs: RecordedInputs, stamp_ns: int) -> tuple[Command, Prediction, Why]:
@@ -35,6 +39,7 @@ class ReplayedController:
         controller predicted it.
         """
         before, self._inputs = self._inputs, inputs
+        self._change(inputs.changes)
         if inputs.actuators is not None:
             self.controller.reset(inputs.actuators)
         if before is None or not has_same_content(inputs.reference, before.reference):
@@ -48,6 +53,22 @@ class ReplayedController:
         )
         plan, why = self.controller.report(record)
         return record.command, conversions.prediction_as_received(plan), why
+
+    def _change(self, changes: Mapping[str, float]) -> None:
+        """Drive by the parameters that were in force at a tick.
+
+        A controller that was started again reports no earlier changes: it has the values of the
+        start. BagError for changes that today's controller refuses.
+        """
+        if changes == self._changes:
+            return
+        self._changes = dict(changes)
+        try:
+            followed = {k: v for k, v in changes.items() if k not in self._kept}
+            params = run_time_parameters.change(self._params, followed)
+        except parameters.ParameterError as error:
+            raise BagError(f'the run changed a parameter while it drove: {error}') from None
+        self.controller.change(params, followed)
 
     def continue_from(self, command: Command) -> None:
         """Continue from a recorded command, which the car received, instead of the last answer."""
@@ -63,7 +84,7 @@ def from_run_info(
     `name` is that of the run in errors. Raises BagError for run information without the parameters
     of a controller, and for a setting that does not exist or is out of range.
     """
-    return ReplayedController(*recorded_params(run_info, settings, name))
+    return ReplayedController(*recorded_params(run_info, settings, name), frozenset(settings))
 
 
 def recorded_params(
@@ -88,7 +109,7 @@ def recorded_params(
 
     older = _older_actuators(recorded)
     # the car gives the layout, unless it is set: an older run must not hide that of another car
-    unused = {*node_parameters.COMMON, *([LAYOUT] if older else [])}
+    unused = {*node_parameters.MANAGED, *([LAYOUT] if older else [])}
     given = {key: value for key, value in recorded.items() if key not in unused}
     given = _newer_defaults(recorded, name) | older | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)

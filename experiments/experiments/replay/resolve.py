@@ -106,7 +106,8 @@ def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:
     if parameters or factors:
         other = problem
         if parameters:
-            params = replayed_controller.recorded_params(bag.run_info, parameters, str(bag.path))
+            in_force = tick.inputs.changes | parameters
+            params = replayed_controller.recorded_params(bag.run_info, in_force, str(bag.path))
             other = problem.with_params(*params)
         changed = other.scale_weights(factors).solve()
     return Answer(

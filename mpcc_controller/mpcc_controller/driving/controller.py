@@ -4,11 +4,11 @@ A failure is a value: whatever fails inside, `step` returns a command that passe
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from mpcc_controller import minimum_speed
+from mpcc_controller import minimum_speed, run_time_parameters
 from mpcc_controller.driving import (
     braking,
     friction_estimate,
@@ -49,6 +49,7 @@ from msgs_yaml.types import (
     VehicleState,
     Why,
 )
+from node_runtime.parameters import ParameterError
 
 NEVER_NS = -1  # older than every stamp
 EMERGENCIES = 5  # of the steps that warm up
@@ -75,6 +76,7 @@ class Controller:
     ):
         self.limit_time = limit_time
         self.clock = clock
+        self._given = params
         self.planner = Planner(params, vehicle, limit_time, clock)
         self.params = params = self.planner.params  # with the limits of the car
         self.car = self.planner.car
@@ -124,6 +126,36 @@ class Controller:
         """Restart with the set-points where the actuators are, within their limits."""
         self._start_from(setpoints.hold_actuators(actuators, self.params.limits, NEVER_NS))
         self.planner.reset()
+
+    def change(self, params: ControllerParams, changes: Mapping[str, float]) -> None:
+        """Plan and drive by other weights and limits from the next step on.
+
+        `params` are those of the constructor but for `changes`, by names of
+        `run_time_parameters.names`, which are reported from then on. The last plan stays, as the
+        guess of the next one. `check_change` tells what is refused.
+        """
+        self._given = params
+        self.planner.change(params)
+        self.params = self.planner.params
+        self.gate.limits = self.params.limits
+        self.reporter.change(self.params, changes)
+
+    def check_change(self, params: ControllerParams) -> None:
+        """Raise ParameterError for a change that would have no effect or break off the drive."""
+        changed = run_time_parameters.changed_names(self._given, params)
+        self.planner.check_effect(params, changed)
+        now, limits = self.active_ramp.end, params.limits
+        present = {
+            'limits.steer_rad': (abs(now.delta), limits.steer_rad),
+            'limits.brake_n': (-now.Fx, limits.brake_n),
+            'limits.drive_n': (now.Fx, limits.drive_n),
+        }
+        for name, (value, limit) in present.items():
+            if name in changed and value > limit:
+                raise ParameterError(
+                    f'{run_time_parameters.SOURCE}: {name}: is {limit:g}, and the present command '
+                    f'is {value:g}; allowed from there'
+                )
 
     def step(self, inputs: TickInputs) -> TickRecord:
         """Return the command that answers a state, with everything that led to it."""

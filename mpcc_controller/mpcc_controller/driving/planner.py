@@ -1,13 +1,12 @@
 """One plan per tick: projection, initial guess, stage parameters, bounds, solvers. SI units."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import brake_split, car_file, minimum_speed
-from mpcc_controller.covering_circles import with_covering_circles
+from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import fallback, initial_guess, recovery, solver_selection
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
@@ -79,10 +78,8 @@ class Planner:
         clock: Callable[[], float],
     ):
         """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
-        params = car_file.limit_to_car(params, vehicle)
-        params = brake_split.with_fixed_split(params)
-        params = minimum_speed.with_low_speed(params)
-        self.params = params = with_covering_circles(params, vehicle)
+        self._vehicle = vehicle
+        self.params = params = run_time_parameters.in_force(params, vehicle)
         self.car = self._nominal_car = stage_parameters.car(params, vehicle)
         self.friction = params.model.friction  # believed, that of `car`
         self.limit_time = limit_time
@@ -143,6 +140,19 @@ class Planner:
         self.formulation.set_car(self.car)
         if self.alternatives:
             self.alternatives.car = self.car
+
+    def change(self, params: ControllerParams) -> None:
+        """Plan with other weights and limits from now on; see `run_time_parameters`."""
+        self.params = run_time_parameters.in_force(params, self._vehicle)
+        self.formulation.set_params(self.params)
+        if self.alternatives:
+            self.alternatives.params = self.params
+
+    def check_effect(self, params: ControllerParams, changed: Sequence[str]) -> None:
+        """Raise ParameterError for a changed parameter that would have no effect here."""
+        terms = [t for t in self.formulation.rules.terms if cost_terms.is_on(t, params)]
+        known = [*(t.parameter for t in terms), *(f'envelope.{t.limit}' for t in terms if t.limit)]
+        run_time_parameters.check_effect(params, changed, self._vehicle, known)
 
     @property
     def car_to_brake(self) -> Car:

@@ -19,6 +19,7 @@ from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml import conversions
 from msgs_yaml.types import Command, Obstacle, Prediction, Why
 from stage_solver.solution import SOLVED, Solution
@@ -34,6 +35,11 @@ class TickReporter:
         self, params: ControllerParams, formulation: Formulation, evaluator: PlanEvaluator
     ):
         self._params, self._formulation, self._evaluator = params, formulation, evaluator
+        self._changes: dict[str, float] = {}
+
+    def change(self, params: ControllerParams, changes: Mapping[str, float]) -> None:
+        """Explain by other parameters from now on; `changes` since the start are reported."""
+        self._params, self._changes = params, {REPORTED + k: v for k, v in changes.items()}
 
     def prediction(self, record: TickRecord) -> Prediction:
         """Return the planned poses; without a plan the present one, none if that is unknown."""
@@ -74,7 +80,7 @@ class TickReporter:
         if record.braking_line is not None:
             values['guide'] = record.braking_line
         values |= _command(record.command, self._formulation.car, record.rejections)
-        return values | _times(record)
+        return values | _times(record) | self._changes
 
     def _plan_values(self, record) -> dict:
         attempt = record.attempt

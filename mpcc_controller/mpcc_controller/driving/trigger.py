@@ -63,6 +63,10 @@ class LockstepTrigger:
         """Note that a state was not answered: the plant repeats it, with the actuators."""
         self.answered = self.state = self.actuators = None
 
+    def restart(self) -> None:
+        """Answer the state kept last, or the next one, as the first one of all."""
+        self.answered = None
+
     def age_s(self, now_ns: int) -> float:
         """Return the age [s] of the state answered last: 0, simulated time waits for the answer."""
         return 0.0
@@ -109,6 +113,11 @@ class RealtimeTrigger:
     def on_lost(self, stamp_ns: int) -> None:
         """Note a command without a state: the next step starts from the actuators."""
         self.answered, self.state, self.actuators = stamp_ns, None, None
+        self.begun = False
+
+    def restart(self) -> None:
+        """Answer the next state as the first one of all."""
+        self.answered = self.state = self.actuators = None
         self.begun = False
 
     def is_next(self, now_ns: int) -> bool:

@@ -174,7 +174,7 @@ def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTer
     """
 
     def is_in_use(term):
-        off = term.optional and not _is_on(term, params)
+        off = term.optional and not is_on(term, params)
         if term.absent_with:
             name, value = term.absent_with
             off = off or getattr(params.formulation, name) == value
@@ -221,12 +221,13 @@ def _parameter(term, params):
     return getattr(getattr(params, group), name)
 
 
-def _is_on(term, params):
+def is_on(term: CostTerm, params: ControllerParams) -> bool:
+    """Return whether the switch of a term, if it has one, is on."""
     return not term.switch or getattr(params.formulation, term.switch)
 
 
 def _weight(term, params):
-    if not _is_on(term, params):
+    if not is_on(term, params):
         return 0.0
     value = _parameter(term, params)
     return value if term.parameter.startswith('priorities.') else value**-2

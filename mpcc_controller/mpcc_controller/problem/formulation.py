@@ -12,7 +12,7 @@ import numpy as np
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem.ocp import SymbolicOcp
+from mpcc_controller.problem.ocp import Rules, SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
@@ -28,6 +28,10 @@ class Formulation(Protocol):
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     car: Car
     ocp: SymbolicOcp
+    rules: Rules
+
+    def set_params(self, params: ControllerParams) -> None:
+        """Take other weights and limits into the parameters of the stages."""
 
     def set_car(self, car: Car) -> None:
         """Take another car into the parameters of the stages."""

@@ -177,6 +177,12 @@ class FrenetFormulation:
         self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 
+    def set_params(self, params: ControllerParams) -> None:
+        """Take other weights and limits into the parameters of the stages."""
+        self.params = params
+        self.constants = stage_parameters.constant_parameters(params, self.car, self.rules.terms)
+        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
+
     def set_car(self, car: Car) -> None:
         """Take another car into the parameters of the stages."""
         self.car = self.constants['car'] = car
