@@ -1,6 +1,7 @@
 """One run of the node graph: scenario, controller, plant and recorder, until the plant ends.
 
 ros2 launch experiments closed_loop.launch.py scenario:=double_lane_change controller:=mpcc
+ros2 launch experiments closed_loop.launch.py --show-args
 
 Exit code 0 means that the car crossed the finish line, on the road or beside it, and that the
 recorder completed the bag; `bags compare BAG` checks whether the car was on the road. Any other end
@@ -9,6 +10,7 @@ Ctrl-C, an argument that cannot be used. The recording is kept.
 """
 
 import os
+import shlex
 from functools import partial
 from pathlib import Path
 
@@ -17,19 +19,45 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from bags.errors import BagError
-from experiments.configuration import inputs, node_config
+from experiments.configuration import inputs, node_config, ros_parameter_file, set_option
 from experiments.run import node_graph, processes, staging
 from launch import LaunchDescription, actions
 
 MODES, SWITCH = ['lockstep', 'realtime'], ['true', 'false']
+LEVELS = ['debug', 'info', 'warn', 'error', 'fatal']
 ARGUMENTS = tuple(
     actions.DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
     for name, default, text, choices in (
         ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file', None),
-        ('controller', 'mpcc', 'name of a file in mpcc_controller/config, or of a YAML file', None),
+        ('controller', 'mpcc', 'name of a file in mpcc_controller/config, or path of one', None),
         ('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
         ('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet', None),
+        ('record', 'true', 'whether recorder_node records the run', SWITCH),
         ('markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH),
+        ('namespace', '', 'of every node and topic, such as /car1; empty: the root', None),
+        (
+            'params_file',
+            '',
+            'ROS parameter files, with sections for scenario, controller, plant and recorder; '
+            'several are separated by blanks, and the last one counts',
+            None,
+        ),
+        (
+            'set',
+            '',
+            'parameters as NODE.parameter=value, such as plant.friction=0.6; several are separated '
+            'by blanks; they win over params_file',
+            None,
+        ),
+        ('use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH),
+        ('log_level', 'info', 'least severity that the nodes log', LEVELS),
+        (
+            'autostart',
+            'true',
+            'false: the nodes wait, unconfigured, for the transitions of their life cycle '
+            '(ros2 lifecycle set)',
+            SWITCH,
+        ),
     )
 )
 # seconds from SIGINT until launch sends SIGTERM
@@ -75,15 +103,13 @@ def start_nodes(context):
     }
     facts = inputs.load_facts(given['scenario'])
     controller = node_config.find_controller(given['controller'])
-    bag = Path(given['out'], facts.name, controller.name).absolute()
-    if os.path.exists(bag):  # Path.exists raises below a folder without permission to enter
-        raise BagError(f'out: {bag} exists already; move it, or name another folder')
-    with staging.created_folder(bag.parent, f'out:={given["out"]}'):
-        pass  # a check: the recorder creates it
-    folder, mode = Path(launch_config.log_dir), given['mode']
+    record, mode = given['record'] == 'true', given['mode']
+    folder = Path(launch_config.log_dir)
+    bag = _new_bag(given['out'], facts, controller) if record else folder / node_config.BAG_FOLDER
     run_info = folder / node_config.RUN_INFO_FILE
+    overrides, origins = _overrides(given)
     nodes = node_config.build_nodes(
-        facts, controller, mode, bag, run_info, node_config.NO_OVERRIDES
+        facts, controller, mode, bag, run_info, overrides, origins, record
     )
     checked = inputs.check_parameters(nodes)
     loaded = inputs.loaded_facts(checked)
@@ -93,16 +119,45 @@ def start_nodes(context):
     monitor, warnings = RunMonitor(), inputs.find_warnings(facts, checked)
     return [
         *(actions.LogInfo(msg=f'warning, {controller.name}: {text}') for text in warnings),
-        *(_start(node, folder, monitor) for node in nodes),
+        *(_start(node, folder, monitor, given) for node in nodes),
     ]
 
 
-def _start(node, folder, monitor):
+def _new_bag(out, facts, controller):
+    """Return the folder for the bag, absolute; raise BagError where it cannot be created."""
+    bag = Path(out, facts.name, controller.name).absolute()
+    if os.path.exists(bag):  # Path.exists raises below a folder without permission to enter
+        raise BagError(f'out: {bag} exists already; move it, or name another folder')
+    with staging.created_folder(bag.parent, f'out:={out}'):
+        pass  # a check: the recorder creates it
+    return bag
+
+
+def _overrides(given):
+    """Return the parameters of `params_file` and `set` by role, and their sources."""
+    files = ros_parameter_file.read_files(shlex.split(given['params_file']), given['namespace'])
+    settings = set_option.parse_overrides(shlex.split(given['set']))
+    values, sources = files.values, files.sources
+    for role, own in settings.items():
+        values[role] = values.get(role, {}) | own
+        sources[role] = sources.get(role, {}) | {name: f'set:={role}.{name}' for name in own}
+    return values, sources
+
+
+def _start(node, folder, monitor, given):
     parameter_file = node_config.write_parameter_file(node, folder)
+    arguments = ['--log-level', given['log_level']]
+    if given['use_sim_time'] == 'true':
+        # rclpy listens to the clock of the root, whatever the namespace is
+        arguments += ['-p', 'use_sim_time:=true', '-r', '/clock:=clock']
+    if given['autostart'] == 'false' and node.role in node_config.ROLES:
+        arguments += ['-p', 'autostart:=false']
     return Node(
         package=node.package,
         executable=node.executable,
+        namespace=given['namespace'] or None,
         parameters=[*map(str, node.files), str(parameter_file)],
+        ros_arguments=arguments,
         output='screen',
         sigterm_timeout=str(SHUTDOWN_S.get(node.role, processes.INTERRUPT_S)),
         on_exit=partial(monitor.on_exit, node.role, node.executable),

@@ -158,8 +158,14 @@ def build_nodes(
     bag: Path,
     run_info: Path,
     overrides: Mapping[str, Mapping[str, Any]],
+    origins: Mapping[str, Mapping[str, str]] = NO_OVERRIDES,
+    record: bool = True,
 ) -> list[Node]:
-    """Return the nodes of a run in starting order; `overrides` are parameters by role."""
+    """Return the nodes of a run in starting order; `overrides` are parameters by role.
+
+    `origins` are the sources of overrides, by role and name, for errors; without one it is `--set`.
+    Without `record` there is no recorder, and no node waits for one.
+    """
     plant = {
         'friction': facts.friction,
         'start.from': 'parameters',
@@ -174,14 +180,16 @@ def build_nodes(
         'plant': plant,
     }
     nodes = []
-    for role, own in by_role.items():
+    for role in by_role if record else [role for role in by_role if role != 'recorder']:
+        own = by_role[role]
         given = overrides.get(role, {})
         # the run starts when the recorder listens; the recorder does not wait for itself
-        values = {'mode': mode, 'recorders': int(role != 'recorder'), **own, **given}
+        values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
         files = (controller.config,) if role == 'controller' else ()
-        origins = _scenario_origins(role, own, facts)
-        origins |= {name: f'--set {role}.{name}' for name in given}
-        nodes.append(Node(role, DEFAULTS[role][0], f'{role}_node', files, values, origins))
+        sources = _scenario_origins(role, own, facts)
+        sources |= {name: f'--set {role}.{name}' for name in given}
+        sources |= origins.get(role, {})
+        nodes.append(Node(role, DEFAULTS[role][0], f'{role}_node', files, values, sources))
     return nodes
 
 

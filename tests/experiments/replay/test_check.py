@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.replay import check, recorded_ticks, replayed_controller
+from mpcc_controller import run_time_parameters
 from msgs_yaml.types import Command, Prediction, Why
 
 from .conftest import in_mode
@@ -104,3 +105,30 @@ def test_a_tick_that_braked_because_of_an_old_input_is_repeated(ticks, replayed)
     faults = [one.inputs.fault for one in ticks[19:23]]
     assert faults == ['', 'obstacles_stale', 'obstacles_stale', '']
     assert not any(one.differing for one in check.compare_ticks(ticks, replayed()))
+
+
+def test_a_replay_uses_the_weights_and_limits_that_were_in_force_at_each_tick(ticks, replayed):
+    recorder, ticks = replayed(), ticks[:40]
+    later = {'tolerances.contouring_m': 0.2, 'limits.friction_use': 0.7}
+    for k, tick in enumerate(ticks):
+        # a controller that was started again in tick 30 has the values of the start
+        inputs = tick.inputs._replace(changes=later if 15 <= k < 30 else {})
+        command, plan, why = recorder.step(inputs, tick.stamp_ns)
+        recorder.continue_from(command)
+        inputs = inputs._replace(changes=run_time_parameters.reported(why.values))
+        ticks[k] = tick._replace(command=command, prediction=plan, why=why, inputs=inputs)
+    assert [bool(tick.inputs.changes) for tick in ticks] == [15 <= k < 30 for k in range(40)]
+    assert ticks[20].why.values['weight.con'] == pytest.approx(25.0)
+    assert not any(one.differing for one in check.compare_ticks(ticks, replayed()))
+    unaware = [tick._replace(inputs=tick.inputs._replace(changes={})) for tick in ticks]
+    differing = [
+        one.tick.number for one in check.compare_ticks(unaware, replayed()) if one.differing
+    ]
+    assert differing[0] == 15
+
+
+def test_a_parameter_that_is_set_for_a_replay_wins_over_what_the_run_changed(ticks, replayed):
+    tick = ticks[0]._replace(inputs=ticks[0].inputs._replace(changes={'tolerances.lag_m': 0.2}))
+    controller = replayed(**{'tolerances.lag_m': 0.8})
+    _, _, why = controller.step(tick.inputs, tick.stamp_ns)
+    assert why.values['weight.lag'] == pytest.approx(0.8**-2)

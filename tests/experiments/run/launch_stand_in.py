@@ -97,8 +97,21 @@ class TimerAction:
 
 
 class Node:
-    def __init__(self, *, package, executable, parameters, output, sigterm_timeout, on_exit):
-        self.command = [*share.node_command(package, executable), '--ros-args']
+    def __init__(
+        self,
+        *,
+        package,
+        executable,
+        namespace,
+        parameters,
+        ros_arguments,
+        output,
+        sigterm_timeout,
+        on_exit,
+    ):
+        self.command = [*share.node_command(package, executable), '--ros-args', *ros_arguments]
+        if namespace:
+            self.command += ['-r', f'__ns:=/{namespace.lstrip("/")}']
         for file in parameters:
             self.command += ['--params-file', file]
         self.patience_s, self.on_exit = float(sigterm_timeout), on_exit

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 WAIT = 'trap "exit 0" INT; while :; do sleep 0.05; done\n'
-RECORD = """out=$(sed -n 's/^ *out: //p' "$3")
+RECORD = """out=$(sed -n 's/^ *out: //p' "$last")
 trap 'mkdir -p "$out"; touch "$out/metadata.yaml"; exit 0' INT
-touch "${3%/*}/recording"
+touch "${last%/*}/recording"
 while :; do sleep 0.05; done
 """
-# beside the parameter file that is $3
-AWAIT_RECORDER = 'until [ -e "${3%/*}/recording" ]; do sleep 0.05; done\n'
+# beside the parameter file, the last argument
+AWAIT_RECORDER = 'until [ -e "${last%/*}/recording" ]; do sleep 0.05; done\n'
 NODES = {
     'bags/recorder_node': RECORD,
     'scenario_publisher/scenario_node': WAIT,

@@ -213,7 +213,7 @@ def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, la
     own = tmp_path / 'brave.yaml'
     own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
     shell('bags/markers_node', WAIT)
-    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{3%/*}}/run_info.json"\n')
+    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{last%/*}}/run_info.json"\n')
     assert launched(controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
     text = output(tmp_path)
     assert r'\"safety.obstacle_m\": 0.1' in text

@@ -60,7 +60,7 @@ def old_bag(tmp_path):
 
 
 # a recording that is not closed
-RECORD_TORN = """out=$(sed -n 's/^ *out: //p' "$3"); mkdir "$out"; touch "$out/mpcc_0.mcap"\n"""
+RECORD_TORN = """out=$(sed -n 's/^ *out: //p' "$last"); mkdir "$out"; touch "$out/mpcc_0.mcap"\n"""
 
 
 def hidden(folder):
@@ -134,7 +134,7 @@ def test_a_run_of_another_commit_keeps_the_older_one(tmp_path, drive, monkeypatc
 
 
 def test_a_bag_that_is_not_closed_replaces_nothing(drive, prefix, old_bag):
-    ready = 'touch "${3%/*}/recording"; while :; do sleep 0.05; done\n'
+    ready = 'touch "${last%/*}/recording"; while :; do sleep 0.05; done\n'
     prefix('bags/recorder_node', f'trap "echo disk full; exit 1" INT; {ready}')
     outcome = drive()
     assert outcome.bag is None
@@ -282,7 +282,7 @@ def test_a_signal_ends_every_node_and_keeps_the_recording(tmp_path, drive, prefi
 
 
 def test_a_signal_keeps_a_recording_that_was_not_closed_as_failed(tmp_path, drive, prefix):
-    prefix('bags/recorder_node', f'{RECORD_TORN}touch "${{3%/*}}/recording"\n{WAIT}')
+    prefix('bags/recorder_node', f'{RECORD_TORN}touch "${{last%/*}}/recording"\n{WAIT}')
     prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}kill -INT $PPID\n{WAIT}')
     with pytest.raises(Interrupted) as interrupted:
         drive()

@@ -1,0 +1,70 @@
+"""Parameter files of ROS with sections for several nodes, as parameters of the nodes of a run."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bags.errors import BagError
+from experiments.configuration.node_config import ROLES
+from msgs_yaml.strict_yaml import Item, YamlError, closest, read
+
+EVERY_NODE, ANY_NAMESPACE = '/**', '/**/'
+PARAMETERS = 'ros__parameters'
+
+
+class FileParameters(NamedTuple):
+    """The parameters of files, by role and dotted name."""
+
+    values: dict[str, dict[str, Any]]
+    sources: dict[str, dict[str, str]]  # <file>:<line>
+
+
+def read_files(paths: Sequence[str], namespace: str = '') -> FileParameters:
+    """Read parameter files; of a parameter that several set, the last one counts.
+
+    A section is for the node that it names (`plant`, `/plant`, `/**/plant`, or with the `namespace`
+    of the run `/car1/plant`), or for every node (`/**`). Raises BagError for a file that cannot be
+    read, and `<file>:<line>: <key>: <what>` for a section of another node.
+    """
+    found = FileParameters({}, {})
+    for path in paths:
+        try:
+            _read_file(Path(path).expanduser(), namespace, found)
+        except (OSError, YamlError) as error:
+            raise BagError(str(error)) from None
+    return found
+
+
+def _read_file(path, namespace, found):
+    for section, item in read(path).items().items():
+        roles = ROLES if section == EVERY_NODE else (_role(section, item, namespace),)
+        parameters = item.members((PARAMETERS,))[PARAMETERS]
+        leaves = dict(_leaves(parameters, ''))
+        for role in roles:
+            values, sources = (by_role.setdefault(role, {}) for by_role in found)
+            values.update({name: leaf.value() for name, leaf in leaves.items()})
+            sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
+
+
+def _role(section, item: Item, namespace):
+    own = f'/{namespace.strip("/")}/'.replace('//', '/')
+    name = section
+    for prefix in (ANY_NAMESPACE, own):
+        if section.startswith(prefix):
+            name = section[len(prefix) :]
+            break
+    if name not in ROLES:
+        known = ', '.join(ROLES)
+        raise item.error(
+            f'no node of this run; allowed {known}, {EVERY_NODE}{closest(name, ROLES)}'
+        )
+    return name
+
+
+def _leaves(item: Item, prefix):
+    for name, member in item.items().items():
+        key = f'{prefix}{name}'
+        if member.node.id == 'mapping':
+            yield from _leaves(member, f'{key}.')
+        else:
+            yield key, member

@@ -1,0 +1,113 @@
+"""Weights and limits that are changed between two steps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mpcc_controller import run_time_parameters
+from mpcc_controller.driving.controller import Controller
+from node_runtime import parameters
+from node_runtime.parameters import ParameterError
+
+CHANGES = {
+    'tolerances.contouring_m': 0.25,
+    'tolerances.lag_m': 0.8,
+    'priorities.obstacle': 2000.0,
+    'safety.obstacle_m': 0.8,
+    'safety.edge_m': 0.3,
+    'limits.steer_rad': 0.3,
+    'limits.steer_rate_radps': 0.3,
+    'limits.brake_n': 9000.0,
+    'limits.force_rate_nps': 30000.0,
+    'limits.friction_use': 0.8,
+    'limits.brake_front_share_min': 0.5,
+}
+
+
+def bits(run):
+    return [np.array(command).tobytes() for command in run.commands]
+
+
+@pytest.mark.parametrize('name', ['mpcc', 'frenet'])
+def test_a_changed_controller_drives_as_one_that_had_the_values_from_the_start(name, world):
+    params, vehicle = world.load(name)
+    changes = CHANGES if name == 'mpcc' else {k: v for k, v in CHANGES.items() if 'lag' not in k}
+    other = run_time_parameters.change(params, changes)
+    changed, new = Controller(params, vehicle), Controller(other, vehicle)
+    world.drive(world.set_inputs(changed, world.lane_change()), 3)  # uses what it was built with
+    changed.check_change(other)
+    changed.change(other, changes)
+    situation = world.lane_change()
+    runs = [world.drive(world.set_inputs(one, situation), 25) for one in (changed, new)]
+    assert bits(runs[0]) == bits(runs[1])
+    assert changed.params == new.params
+    before = world.drive(world.set_inputs(Controller(params, vehicle), situation), 25)
+    assert bits(before) != bits(runs[0])
+
+
+def test_every_report_after_a_change_names_the_changed_values(params, vehicle, world):
+    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+    _, _, why = world.tick(controller, world.rolling())
+    assert run_time_parameters.reported(why.values) == {}
+    changes = {'tolerances.lag_m': 0.7}
+    controller.change(run_time_parameters.change(params, changes), changes)
+    _, _, why = world.tick(controller, world.rolling(stamp_ns=50_000_000, X=1.0))
+    assert run_time_parameters.reported(why.values) == changes
+    assert why.values['weight.lag'] == pytest.approx(0.7**-2)
+
+
+def test_the_names_are_the_numbers_of_weights_and_limits_that_have_a_value(params):
+    names, values = run_time_parameters.names(params), parameters.flatten(params)
+    assert {'tolerances.lag_m', 'priorities.edge', 'safety.edge_m', 'limits.brake_n'} <= names
+    assert not any(values[name] is None or isinstance(values[name], bool) for name in names)
+    assert not {'safety.fit_edges', 'tolerances.lateral_jerk_mps3', 'model.friction'} & names
+
+
+@pytest.mark.parametrize(
+    ('changes', 'error'),
+    [
+        ({'tolerances.lag_m': 0.0}, 'tolerances.lag_m: is out of range with 0.0; allowed 0.001'),
+        ({'tolerances.lag_m': float('nan')}, 'tolerances.lag_m: must be finite'),
+        ({'tolerances.lag_m': None}, 'tolerances.lag_m: must be a number, is None'),
+        (
+            {'limits.brake_front_share_min': 0.95},
+            'is 0.95, above limits.brake_front_share_max, 0.9',
+        ),
+        ({'model.friction': 0.5}, 'model.friction: cannot be changed while .* allowed tolerances'),
+        ({'tolerances.lateral_jerk_mps3': 5.0}, 'with a value at the start'),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_refused_with_its_name_and_range(params, changes, error):
+    with pytest.raises(ParameterError, match=f'^set: .*{error}'):
+        run_time_parameters.change(params, changes)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'error'),
+    [
+        ({'limits.brake_n': 9e4}, 'limits.brake_n: is 90000; allowed up to .* which the car can'),
+        ({'tolerances.heading_rad': 0.1}, 'tolerances.heading_rad: has no effect, the term'),
+        ({'limits.steer_rad': 0.05}, 'limits.steer_rad: is 0.05, and the present command is 0.1'),
+    ],
+)
+def test_a_change_without_effect_or_below_the_present_command_is_refused(
+    params, vehicle, world, changes, error
+):
+    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+    controller.set_last_command(controller.last_command._replace(delta=0.1))
+    with pytest.raises(ParameterError, match=error):
+        controller.check_change(run_time_parameters.change(params, changes))
+
+
+def test_a_limit_that_the_model_fixes_is_refused(vehicle, world):
+    params, _ = world.load(model__low_speed=True)
+    asked = run_time_parameters.change(params, {'limits.least_speed_mps': 5.0})
+    with pytest.raises(ParameterError, match=r'limits.least_speed_mps: has no effect.*fix it at 0'):
+        run_time_parameters.check_effect(asked, ('limits.least_speed_mps',), vehicle, ())
+
+
+def test_a_change_leaves_the_first_parameters_as_they_were(params):
+    before = dataclasses.asdict(params)
+    run_time_parameters.change(params, CHANGES)
+    assert dataclasses.asdict(params) == before
