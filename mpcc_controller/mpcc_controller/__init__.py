@@ -4,6 +4,8 @@ controller_node   the node; mpcc_node and frenet_node differ in their default pa
 controller_inputs_node
                   its subscriptions: messages are checked, then used or rejected
 parameters        every parameter, with unit and allowed range; values are in config/
+run_time_parameters
+                  weights and limits that may be changed between two steps
 car_file          the car as the controller knows it, and the limits of its actuators
 covering_circles  circles over the outline of the car
 brake_split       the front share of the braking force, an input or a constant

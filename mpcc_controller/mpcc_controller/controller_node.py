@@ -45,7 +45,6 @@ class ControllerNode(ManagedNode):
         self.present = self.checked = self.params  # with what was changed since the start
         self.changes = {}  # of them, since the start
         self.vehicle = self.controller = self.inputs = None
-        self.is_new = True  # not active yet since it was configured
 
     def configure(self):
         """Load the car, prepare the solvers and join the graph."""
@@ -63,7 +62,7 @@ class ControllerNode(ManagedNode):
         self.last_message = None  # the command published last
         self.publish_s: float | None = None  # publishing time of the last command
         self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step
-        self.is_new = True
+        self.is_new, self.is_resumed = True, False
         self.waiting_log, self.stale_log, self.stopping_log = (
             ChangeFilter(),
             ChangeFilter(),
@@ -82,7 +81,8 @@ class ControllerNode(ManagedNode):
 
     def activate(self):
         """Answer states from now on; the first one from the set-points of the actuators, cold."""
-        if not self.is_new:
+        self.is_resumed = not self.is_new
+        if self.is_resumed:
             self.last_message = self.publish_s = None
             self.trigger.restart()
             self.stale_log = ChangeFilter()
@@ -149,7 +149,8 @@ class ControllerNode(ManagedNode):
         if actuators is None:
             self.trigger.on_lost(decode.stamp_ns_of(self.inputs.state))
             return False
-        self.controller.reset(actuators)
+        self.controller.reset(actuators, self.is_resumed)
+        self.is_resumed = False
         self.get_logger().info('started from the actuators')
         return True
 

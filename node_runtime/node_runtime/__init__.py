@@ -12,6 +12,7 @@ Topics
     subscriptions_node  bounded decoding, polled subscriptions, publisher monitor
     input_monitor       age of an input against its limit, as a diagnostic level
 Life cycle
+    managed_node        configure, activate, deactivate, clean up: the life cycle of ROS 2
     spin_node           run a node from its command line to its exit code
     shutdown            signals, exit in bounded time
     clocks              wall time that does not jump

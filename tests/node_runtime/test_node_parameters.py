@@ -44,9 +44,18 @@ def test_without_overrides_the_values_come_from_the_file(defaults):
         'realtime.core': -1,
         'realtime.lock_memory': False,
         'realtime.collect_garbage': True,
+        'autostart': True,
         'gain': 2.0,
         'widths': (1.0,),
     }
+
+
+def test_a_node_without_a_life_cycle_has_no_parameter_for_it(defaults):
+    common = node_parameters.COMMON
+    _, declared = node_parameters.resolve(Params, defaults, {}, common=common)
+    assert 'autostart' not in {declaration.name for declaration in declared}
+    with pytest.raises(ParameterError, match='autostart: this node has no such parameter'):
+        node_parameters.resolve(Params, defaults, {'autostart': False}, common=common)
 
 
 def test_overrides_replace_the_values_of_the_file_and_may_be_whole_numbers(defaults):

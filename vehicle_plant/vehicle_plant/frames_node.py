@@ -29,8 +29,8 @@ class FramesPublisher:
     def __init__(self, node: Node, car: Car, publish_tf: bool = True):
         """`publish_tf` false: another node publishes the frames, which must have one publisher."""
         self._car_frames = robot_description.frames(car)
+        self._description = String(data=robot_description.urdf(car))
         self.description_pub = ros.publisher(node, DESCRIPTION)
-        self.description_pub.publish(String(data=robot_description.urdf(car)))
         self.tf_pub = self.static_pub = None
         self._period_ns = round(1e9 / contract.load().find(TF).rate_hz[ros.mode(node)])
         self._due_ns = 0
@@ -40,6 +40,12 @@ class FramesPublisher:
             )
         elif publish_tf:
             self.tf_pub, self.static_pub = ros.publisher(node, TF), ros.publisher(node, TF_STATIC)
+
+    def announce(self) -> None:
+        """Publish what does not move; subscribers that come later receive it, too. A run begins."""
+        self._due_ns = 0
+        self.description_pub.publish(self._description)
+        if self.static_pub is not None:
             fixed = [frame for frame in self._car_frames if not frame.is_steered]
             # of time 0: valid at any time
             self.static_pub.publish(TFMessage(transforms=[_mounted(f, 0, 0.0) for f in fixed]))

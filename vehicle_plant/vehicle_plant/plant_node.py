@@ -59,6 +59,7 @@ class PlantNode(ManagedNode):
 
     def activate(self):
         """Begin a run, at the start, as soon as nothing is missing."""
+        self.frames.announce()
         self.mode.reset()
         self.waiting_log = ChangeFilter()
         self.start_timer.reset()

@@ -3,5 +3,7 @@
 node_config     the nodes of a run and their parameters
 inputs          scenario and parameters, checked before a run; warnings about mismatches
 parameter_list  what can be set, with unit, range, default and meaning
+ros_parameter_file
+                parameter files with sections for several nodes
 set_option      the option `--set` of runs and replays
 """

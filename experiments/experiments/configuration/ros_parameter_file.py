@@ -49,7 +49,7 @@ def _read_file(path, namespace, found):
 def _role(section, item: Item, namespace):
     own = f'/{namespace.strip("/")}/'.replace('//', '/')
     name = section
-    for prefix in (ANY_NAMESPACE, own):
+    for prefix in (ANY_NAMESPACE, own, '/'):
         if section.startswith(prefix):
             name = section[len(prefix) :]
             break

@@ -19,6 +19,7 @@ from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
 from mpcc_controller import run_time_parameters
+from mpcc_controller.driving.tick_report import RESUMED
 from msgs_yaml import types
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
@@ -53,9 +54,10 @@ class RecordedInputs(NamedTuple):
     fault: str  # the reason of the watchdog for not planning, '' for none
     # parameters that had been changed since the start of the controller, by dotted name
     changes: Mapping[str, float] = NO_CHANGES
+    resumed: bool = False  # the first tick after a pause, in which the controller was not active
 
     def __repr__(self) -> str:
-        values = self._asdict() | {'changes': self.changes or None}
+        values = self._asdict() | {'changes': self.changes or None, 'resumed': self.resumed or None}
         present = [name for name, value in values.items() if value is not None]
         return f'RecordedInputs({", ".join(present)})'
 
@@ -214,6 +216,8 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         restarted = last is None or reports.restarts(last, row)
         # after braking without a state the set-points are reset to the actuators
         restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
+        resumed = bool(why.values.get(RESUMED))
+        restarted = restarted or resumed
         if not restarted and topics[COMMAND].has_between(reports.stamp_ns[last], stamp_ns):
             source.gaps.append(f'a tick without a message of {WHY}')
         inputs = RecordedInputs(
@@ -224,6 +228,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             actuators=source.current(topics[ACTUATORS]) if restarted else None,
             acts_ns=stamp_ns + _duration_ns(why, 'lead'),
             fault=stale_input(why),
+            resumed=resumed,
             changes=run_time_parameters.reported(why.values),
         )
         command, prediction = (

@@ -41,7 +41,7 @@ class ReplayedController:
         before, self._inputs = self._inputs, inputs
         self._change(inputs.changes)
         if inputs.actuators is not None:
-            self.controller.reset(inputs.actuators)
+            self.controller.reset(inputs.actuators, inputs.resumed)
         if before is None or not has_same_content(inputs.reference, before.reference):
             self.controller.set_reference(inputs.reference)
         if before is None or not has_same_content(inputs.edges, before.edges):

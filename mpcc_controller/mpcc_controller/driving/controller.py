@@ -93,6 +93,7 @@ class Controller:
         self.scene = Scene(None, None, None)
         self._true_state = unknown_state(NEVER_NS)  # answered last
         self._prepared_s: float | None = None  # computing time of the last `prepare`
+        self._is_resumed = False
         self._start_from(Command(NEVER_NS, 0.0, 0.0, 0.0, 0.0))
 
     def set_reference(self, reference: Reference) -> str:
@@ -122,8 +123,12 @@ class Controller:
         """Return the names of the inputs that were never set."""
         return tuple(name for name, value in self.scene._asdict().items() if value is None)
 
-    def reset(self, actuators: Actuators) -> None:
-        """Restart with the set-points where the actuators are, within their limits."""
+    def reset(self, actuators: Actuators, resumed: bool = False) -> None:
+        """Restart with the set-points where the actuators are, within their limits.
+
+        `resumed`: after a pause, which the report of the next step says.
+        """
+        self._is_resumed = resumed
         self._start_from(setpoints.hold_actuators(actuators, self.params.limits, NEVER_NS))
         self.planner.reset()
 
@@ -191,6 +196,7 @@ class Controller:
                 command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
                 checked = self.gate.check_substitute(command, self.last_command, age_s, checked)
         self._send(checked.command, now, effective_ns)
+        resumed, self._is_resumed = self._is_resumed, False
         computing_s = self.clock() - began
         if not inputs.fault:  # braking takes no time and says nothing about the next solve
             self.latency.add(computing_s)
@@ -209,6 +215,7 @@ class Controller:
             rejections=dict(self.gate.rejections),
             prepared_s=self._prepared_s,
             computing_s=computing_s,
+            resumed=resumed,
         )
 
     def report(self, record: TickRecord) -> tuple[Prediction, Why]:

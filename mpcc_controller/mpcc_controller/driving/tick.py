@@ -48,6 +48,7 @@ class TickRecord(NamedTuple):
     rejections: Mapping[str, int]  # by the gate since the start, by reason
     prepared_s: float | None  # computing time of `prepare` before this step
     computing_s: float  # of this step
+    resumed: bool = False  # the first step after a pause
 
     def __repr__(self) -> str:
         """Return one line without arrays."""

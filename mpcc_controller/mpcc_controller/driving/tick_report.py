@@ -25,6 +25,7 @@ from msgs_yaml.types import Command, Obstacle, Prediction, Why
 from stage_solver.solution import SOLVED, Solution
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
+RESUMED = 'resumed'  # in the report of the first step after a pause
 LINE_STAGES = 5  # of a candidate's plan one stage in this many is reported
 
 
@@ -80,6 +81,8 @@ class TickReporter:
         if record.braking_line is not None:
             values['guide'] = record.braking_line
         values |= _command(record.command, self._formulation.car, record.rejections)
+        if record.resumed:
+            values[RESUMED] = True
         return values | _times(record) | self._changes
 
     def _plan_values(self, record) -> dict:

@@ -184,6 +184,9 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
         ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
         ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
+        ({'set': 'plant.frictoin=0.6'}, "frictoin: this node has no such .* mean 'friction'"),
+        ({'set': 'friction=0.6'}, 'must be NODE.parameter=value'),
+        ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml'),
     ],
 )
 def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(
@@ -220,3 +223,48 @@ def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, la
     assert 'OPENBLAS_NUM_THREADS=1' in text
     assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in text
     assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()
+
+
+def test_the_arguments_reach_the_nodes_and_what_is_recorded(tmp_path, shell, launched):
+    file = tmp_path / 'mine.yaml'
+    file.write_text(
+        'plant: {ros__parameters: {friction: 0.8, start: {speed_mps: 12.0}}}\n'
+        '/car1/controller: {ros__parameters: {tolerances: {lag_m: 0.7}}}\n'
+    )
+    show = f'echo "$0" "$@"\n{AWAIT_RECORDER}cat "${{last%/*}}/run_info.json" "$last"\n'
+    shell('vehicle_plant/plant_node', show)
+    given = {
+        'namespace': 'car1',
+        'params_file': file,
+        'set': 'plant.friction=0.6 recorder.chunk_s=0.25',
+        'log_level': 'warn',
+        'use_sim_time': 'true',
+        'autostart': 'false',
+    }
+    assert launched(**given).wait(PATIENCE_S) == 0, output(tmp_path)
+    text = output(tmp_path)
+    (command,) = [line for line in text.splitlines() if 'plant_node --ros-args' in line]
+    for words in (
+        '--log-level warn',
+        '__ns:=/car1',
+        'use_sim_time:=true -r /clock:=clock',
+        'autostart:=false',
+    ):
+        assert words in command
+    noted = json.loads(json.loads(text[text.index('{\n') : text.rindex('}') + 1])['parameters'])
+    assert noted['plant']['friction'] == 0.6
+    assert noted['plant']['start.speed_mps'] == 12.0
+    assert noted['controller']['tolerances.lag_m'] == 0.7
+    assert noted['recorder']['chunk_s'] == 0.25
+    assert not [name for values in noted.values() for name in values if name == 'use_sim_time']
+
+
+def test_without_a_recording_there_is_no_recorder_and_no_node_waits_for_one(
+    tmp_path, shell, launched
+):
+    shell('bags/recorder_node', 'echo recording\n')
+    shell('vehicle_plant/plant_node', 'cat "$last"\n')
+    assert launched(record='false').wait(PATIENCE_S) == 0, output(tmp_path)
+    assert 'recorders: 0' in output(tmp_path)
+    assert 'recording' not in output(tmp_path)
+    assert not (tmp_path / 'runs').exists()
