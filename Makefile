@@ -173,12 +173,17 @@ paper: setup
 study: setup
 	@$(BIN)/experiments study ablation
 	@$(BIN)/experiments study limit
-	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered confirmatory
-	@$(BIN)/experiments study baseline build/settings/drawn
-	@$(BIN)/experiments study settings --out build/settings/drawn --preregistered confirmatory \
+	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory
+	@$(BIN)/experiments study settings --out build/settings/repetition --preregistered repetition
+	@$(BIN)/experiments study settings --out build/settings/levels --preregistered levels
+	@for run in confirmatory repetition levels; do \
+	  $(BIN)/experiments study decide build/settings/$$run --out paper/settings/$$run || exit 1; done
+	@$(BIN)/experiments study result --page README.md
+	@$(BIN)/experiments study exists build/settings/confirmatory
+	@$(BIN)/experiments study baseline build/settings/confirmatory
+	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory \
 	  --tuned paper/settings/frenet_tuned.csv
-	@$(BIN)/experiments study decide build/settings/drawn
-	@$(BIN)/experiments study exists build/settings/drawn
+	@$(BIN)/experiments study decide build/settings/confirmatory --out paper/settings/tuned
 
 golden: setup
 	@$(BIN)/experiments golden

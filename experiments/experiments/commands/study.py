@@ -3,7 +3,7 @@
 The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
 paper, demand of the task; and drives of many settings, a random choice of what the paper does not
 print each, the decisions on them, one of them alone, the search for one that shows the whole
-picture of the paper, and the tuned version of the baseline.
+picture of the paper, the tuned version of the baseline, and the result in a few sentences.
 """
 
 import argparse
@@ -20,9 +20,9 @@ HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many
 EXAMPLE = 'experiments study distributions --quick --runs 10'
 PARTS = (
     *('distributions', 'ablation', 'limit', 'claims', 'demand'),
-    *('settings', 'decide', 'setting', 'exists', 'baseline'),
+    *('settings', 'decide', 'setting', 'exists', 'baseline', 'result'),
 )
-DECISIONS = ('decide', 'setting', 'exists', 'baseline')
+DECISIONS = ('decide', 'setting', 'exists', 'baseline', 'result')
 OUT = Path('paper', 'study')
 DECIDED = Path('paper', 'settings')
 SETTINGS, QUICK_SETTINGS = 10_000, 12
@@ -83,6 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--screen', action='store_true', help=text)
     text = 'settings: seed, count and screening of a run of the preregistration'
     parser.add_argument('--preregistered', metavar='RUN', help=text)
+    text = 'result: write it between the comments <!-- result --> and <!-- /result --> of a page'
+    parser.add_argument('--page', type=Path, metavar='FILE', help=text)
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'
@@ -150,6 +152,7 @@ def _run_decision(options):
         trials=options.trials,
         jobs=options.jobs,
         quick=options.quick,
+        page=options.page,
     )
     return run_decision.run(request, Console())
 

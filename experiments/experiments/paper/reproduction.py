@@ -18,6 +18,7 @@ from bags.command_line import print_paths
 from bags.errors import BagError
 from bags.figures import frame_distance_figure
 from bags.report.comparison import compare_bags, show_comparison
+from experiments import page_block
 from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.paper import operating_point
@@ -38,7 +39,7 @@ TIME_LIMIT_S = 600.0
 COMMAND, QUICK = 'experiments paper', ' --quick'
 RUNS, QUICK_RUNS = metric_distributions.RUNS, 6
 CAUSE_RUNS, QUICK_CAUSE_RUNS = 10, 2
-BEGIN, END = '<!-- claims -->', '<!-- /claims -->'
+BLOCK = 'claims'  # of the page
 BLOCK_COLUMNS = {
     'claim': 'claim',
     'paper': 'paper',
@@ -185,17 +186,6 @@ def _cell(text):
     return RANGE.sub('', str(text)).replace('|', r'\|').replace('\n', ' ')
 
 
-def split_at_block(file: Path) -> tuple[str, str, str]:
-    """Return a file's text before, between and after the comments. Raises BagError."""
-    text = file.read_text()
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise BagError(f'{file}: needs the lines {BEGIN} and {END}, once each and in this order')
-    before, _, rest = text.partition(BEGIN)
-    between, _, after = rest.partition(END)
-    return before + BEGIN, between, END + after
-
-
 def rewrite_claims_block(file: Path, claims_file: Path) -> None:
     """Replace the text between the comments of a file. Raises BagError."""
-    before, _, after = split_at_block(file)
-    file.write_text(before + build_claims_block(claims_file) + after)
+    page_block.replace(file, BLOCK, build_claims_block(claims_file))

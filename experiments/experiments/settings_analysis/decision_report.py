@@ -37,7 +37,9 @@ def write(study: Study, results: Results, out: Path) -> list[Path]:
     claims = decide.claim_entries(study, results)
     origin = _origin(study)
     paths = [out / f'{CLAIMS}.json']
-    paths[0].write_text(tables.dump_json({'provenance': origin, 'claims': claims}))
+    paths[0].write_text(
+        tables.dump_json({'provenance': origin, 'counts': results.counts, 'claims': claims})
+    )
     paths += _write_table(
         out, VERDICTS, _verdict_rows(study, results), verdict_text(study, results)
     )

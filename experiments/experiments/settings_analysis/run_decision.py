@@ -22,6 +22,7 @@ from experiments.settings_analysis import (
     existence_report,
     picture_search,
     pictures_of_study,
+    result_text,
     study_tables,
     tuned_table,
 )
@@ -45,10 +46,14 @@ class Request(NamedTuple):
     trials: int | None
     jobs: int
     quick: bool
+    page: Path | None = None  # that gets the result
 
 
 def run(request: Request, console: Console) -> int:
     """Do one part, print the files that it wrote; return the exit code. Raises BagError."""
+    if request.part == 'result':
+        console.print(result_text.write(request.out, request.page), markup=False, highlight=False)
+        return 0
     parts = {'decide': _decide, 'setting': _setting, 'exists': _exists, 'baseline': _baseline}
     for path in parts[request.part](request, console):
         print_text(console, str(path))

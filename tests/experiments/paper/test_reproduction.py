@@ -11,10 +11,12 @@ import pytest
 from rich.console import Console
 
 from bags.errors import BagError
+from experiments import page_block
 from experiments.paper import operating_point, reproduction
 from experiments.study import claims
 from experiments.study.claims import CLAIMS, CONVERGENCE
 
+BEGIN, END = page_block.marks(reproduction.BLOCK)
 ROOT = Path(__file__).parents[3]
 CLAIMS_FILE = ROOT / 'paper/claims.json'
 ROW = {
@@ -107,7 +109,7 @@ def claims_file(tmp_path):
 
 
 def test_the_page_shows_the_claims_as_they_were_generated():
-    _, between, _ = reproduction.split_at_block(ROOT / 'docs/one_point.md')
+    _, between, _ = page_block.split(ROOT / 'docs/one_point.md', reproduction.BLOCK)
     assert between == reproduction.build_claims_block(CLAIMS_FILE)
 
 
@@ -130,11 +132,11 @@ def test_every_verdict_of_the_tracked_claims_follows_from_their_rules():
 
 def test_only_the_text_between_the_comments_changes(tmp_path, claims_file):
     file = tmp_path / 'page.md'
-    file.write_text(f'before\n{reproduction.BEGIN}\nold\n{reproduction.END}\nafter\n')
+    file.write_text(f'before\n{BEGIN}\nold\n{END}\nafter\n')
     reproduction.rewrite_claims_block(file, claims_file)
-    before, between, after = reproduction.split_at_block(file)
-    assert before == f'before\n{reproduction.BEGIN}'
-    assert after == f'{reproduction.END}\nafter\n'
+    before, between, after = page_block.split(file, reproduction.BLOCK)
+    assert before == f'before\n{BEGIN}'
+    assert after == f'{END}\nafter\n'
     assert between == reproduction.build_claims_block(claims_file)
     assert r'| min V2O [m]: mpcc_no_ca -0.04 \| mpcc 0.53 |' in between
     assert '75 km/h, 60 paired runs' in between
@@ -144,9 +146,9 @@ def test_only_the_text_between_the_comments_changes(tmp_path, claims_file):
     'text',
     [
         'nothing',
-        f'{reproduction.BEGIN}',
-        f'{reproduction.END} {reproduction.BEGIN}',
-        2 * reproduction.BEGIN,
+        f'{BEGIN}',
+        f'{END} {BEGIN}',
+        2 * BEGIN,
     ],
 )
 def test_a_file_without_the_comments_is_refused(tmp_path, claims_file, text):
