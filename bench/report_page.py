@@ -10,8 +10,7 @@ import time
 from pathlib import Path
 
 from bags.evaluation import metrics
-from bags.evaluation.series import compute_series
-from bags.figures import panels, style
+from bags.figures import panels
 from bags.report import page
 from experiments import simulation
 
@@ -25,8 +24,7 @@ def main() -> int:
         name: simulation.drive(simulation.prepare('double_lane_change', name))
         for name in CONTROLLERS
     }
-    colours = style.assign_colours(list(drives))
-    runs = [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
+    runs = panels.evaluate_runs(drives)
     found = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     material = page.ReportData({'scenario': 'double_lane_change', 'runs': found}, runs, {})
     took = []

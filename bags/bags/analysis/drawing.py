@@ -23,7 +23,7 @@ class Evaluated(Protocol):
 
 
 def drawn_runs(runs: Mapping[str, Evaluated]) -> list[panels.Run]:
-    """Return runs by label as the figures take them, each with its colour.
+    """Return runs by label as the figures take them, each with its look.
 
     Raises BagError for runs of different scenarios: there is one road in a figure.
     """
@@ -31,8 +31,8 @@ def drawn_runs(runs: Mapping[str, Evaluated]) -> list[panels.Run]:
     if len(scenarios) > 1:
         listed = ', '.join(map(repr, scenarios))
         raise BagError(f'a figure shows one scenario, the runs drove {listed}: choose runs of one')
-    colours = style.assign_colours(list(runs))
-    return [panels.Run(name, r.drive, r.series, colours[name]) for name, r in runs.items()]
+    looks = style.assign_looks(list(runs))
+    return [panels.Run(name, r.drive, r.series, looks[name]) for name, r in runs.items()]
 
 
 def draw(runs: Mapping[str, Evaluated], name: str) -> Figure:
@@ -45,6 +45,7 @@ def draw(runs: Mapping[str, Evaluated], name: str) -> Figure:
         figure = comparison_figures.draw_figure(name, drawn, drawn[0].drive.facts.scenario)
         # ticks take their look from the style when they are first laid out
         figure.draw_without_rendering()
+        style.hide_overlapping(figure, style.TIME_LABEL)
     return _shown_in_notebooks(figure)
 
 

@@ -10,26 +10,27 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
 from bags.evaluation import geometry
+from bags.evaluation.series import obstacle_position
 from bags.figures import panels, style
 from bags.figures.panels import EVERY, note
-from msgs_yaml.conversions import NS_PER_S
 
 SHEET_WIDTH = 15.0  # inch
 PANEL_SIZE = (7.0, 4.2)  # inch
 OUTLINE_EVERY_S = 0.6
-TIME_EVERY = 2  # of the outlines one in this many is labelled with its time, where obstacles move
-TRAIL_RADII = 8.0  # between two drawn positions of a moving obstacle
+TIME_EVERY = 2  # where obstacles move, they and one in this many outlines are drawn with a time
 LONG_ROAD = 6.0  # length over width from which the lateral direction is drawn larger
 STRETCH = 3.0
+CAR_WIDTH = 0.5  # of an outline, share of the width of the curves
 MARGIN_M = 1.0
 STILL_MPS = 0.05
+LABEL_ASIDE = 1.5  # points
 
 
 def draw_trajectories(ax, runs):
     """Draw the scene of the first run and the trajectories of all."""
     scene = runs[0].drive.scene
     _edges(ax, scene)
-    ax.plot(*scene.reference.T, color=style.REFERENCE, lw=1.0, ls=(0, (6, 3)), zorder=2)
+    ax.plot(*scene.reference.T, **style.coarse_path_line())
     for run in runs:
         _vehicle(ax, run)
     for obstacle in scene.obstacles:
@@ -40,9 +41,13 @@ def draw_trajectories(ax, runs):
     stretch = _stretch(high - low)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
     ax.set_aspect(stretch)
-    scale = f', lateral scale × {stretch:.0f}' if stretch > 1.0 else ''
+    scale = f', Y drawn {stretch:.0f} times larger than X' if stretch > 1.0 else ''
+    said = ['lines: paths of the centre of gravity']
     if scene.obstacles:
-        note(ax, 'lines: centre of gravity; shaded: where it must not be')
+        said.append('ring: closer to the obstacle than the safety distance, which is penalised')
+    if any(_moves(obstacle) for obstacle in scene.obstacles):
+        said.append('same number: same moment')
+    note(ax, '; '.join(said))
     ax.set_title(f'Vehicle trajectories{scale}')
 
 
@@ -86,7 +91,12 @@ def _vehicle(ax, run):
         box = _box(run, k)
         ax.add_patch(
             Polygon(
-                box, facecolor=(run.colour, 0.10), edgecolor=(run.colour, 0.65), lw=0.8, zorder=3
+                box,
+                facecolor=(run.colour, 0.06),
+                edgecolor=run.colour,
+                ls=run.line['linestyle'],
+                lw=CAR_WIDTH * run.look.width,
+                zorder=3,
             )
         )
 
@@ -108,15 +118,27 @@ def _box(run, k):
 def _time_labels(ax, run):
     """Label some outlines of the first car with their times."""
     motion = run.drive.motion
-    for k in _shown(run)[::TIME_EVERY]:
-        _time_label(
-            ax, (motion.x[k], _box(run, k)[:, 1].max()), run.series.t[k], run.colour, 'bottom'
-        )
+    for k in _timed(run):
+        place = motion.x[k], _box(run, k)[:, 1].max()
+        _time_label(ax, place, run.series.t[k], run.colour, 'bottom')
+
+
+def _timed(run):
+    """Return the samples of a car whose time is said, where obstacles move."""
+    return _shown(run)[::TIME_EVERY]
 
 
 def _time_label(ax, place, t, colour, side):
-    look = {'fontsize': 7.0, 'color': colour, 'ha': 'center', 'va': side}
-    ax.text(*place, f'{t:.1f} s', zorder=5, clip_on=True, **look)
+    look = {'fontsize': 7.0, 'color': colour, 'ha': 'center', 'va': side, 'gid': style.TIME_LABEL}
+    ax.annotate(
+        f'{t:.1f} s',
+        place,
+        (0, LABEL_ASIDE if side == 'bottom' else -LABEL_ASIDE),
+        textcoords='offset points',
+        zorder=5,
+        annotation_clip=True,
+        **look,
+    )
 
 
 def _moves(obstacle):
@@ -124,24 +146,21 @@ def _moves(obstacle):
 
 
 def _obstacle(ax, obstacle, runs):
-    """Draw an obstacle with the area that the centre of gravity must avoid; a trail if moving."""
-    seen = np.flatnonzero(np.isfinite(obstacle.x))
-    moves = _moves(obstacle)
-    drive = runs[0].drive
-    for k in _apart(obstacle, seen) if moves else seen[:1]:
-        _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, drive.facts, pale=moves)
-        if moves:
-            t = (drive.scene.obstacle_stamp_ns[k] - drive.motion.stamp_ns[0]) / NS_PER_S
-            _time_label(ax, (obstacle.x[k], obstacle.y[k] - obstacle.radius), t, style.INK, 'top')
-    if moves:
-        ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, ls=':', zorder=2)
-
-
-def _apart(obstacle, seen):
-    """Return those of the messages `seen` that are TRAIL_RADII apart."""
-    steps = np.hypot(np.diff(obstacle.x[seen]), np.diff(obstacle.y[seen]))
-    laps = np.concatenate([[0.0], np.cumsum(steps)]) // (TRAIL_RADII * obstacle.radius)
-    return seen[np.flatnonzero(np.diff(laps, prepend=-1.0) > 0.0)]
+    """Draw an obstacle with its safety distance; a moving one at the labelled times of the car."""
+    run = runs[0]
+    facts, scene = run.drive.facts, run.drive.scene
+    if not _moves(obstacle):
+        first = np.flatnonzero(np.isfinite(obstacle.x))[0]
+        _discs(ax, (obstacle.x[first], obstacle.y[first]), obstacle.radius, facts, pale=False)
+        return
+    timed = np.array(_timed(run))
+    x, y = obstacle_position(obstacle, scene, run.drive.motion.stamp_ns[timed])
+    for k, *centre in zip(timed, x, y):
+        if np.isfinite(centre).all():
+            _discs(ax, centre, obstacle.radius, facts, pale=True)
+            place = centre[0], centre[1] - obstacle.radius
+            _time_label(ax, place, run.series.t[k], style.INK, 'top')
+    ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
 
 
 def _discs(ax, centre, radius, facts, pale):
@@ -159,13 +178,22 @@ def _discs(ax, centre, radius, facts, pale):
     )
 
 
-MIDDLE_ROW = (panels.draw_v2e, panels.draw_v2o, panels.draw_velocity)
-LAST_ROW = (panels.draw_sideslip, panels.draw_steer, panels.draw_force, panels.draw_gg)
-WITH_AREAS = {draw_trajectories, panels.draw_v2e, panels.draw_v2o}
+# of the sheet, below the trajectories: panels and their relative widths
+ROWS = (
+    {
+        panels.draw_v2o: 15,
+        panels.draw_v2e_left: 11,
+        panels.draw_v2e_right: 11,
+        panels.draw_velocity: 11,
+    },
+    {panels.draw_sideslip: 12, panels.draw_steer: 12, panels.draw_force: 12, panels.draw_gg: 12},
+)
+WITH_AREAS = {draw_trajectories, panels.draw_v2o, panels.draw_v2e_left, panels.draw_v2e_right}
 NAMES = {
     draw_trajectories: 'trajectories',
-    panels.draw_v2e: 'v2e',
     panels.draw_v2o: 'v2o',
+    panels.draw_v2e_left: 'v2e_left',
+    panels.draw_v2e_right: 'v2e_right',
     panels.draw_velocity: 'velocity',
     panels.draw_sideslip: 'sideslip',
     panels.draw_steer: 'road_wheel_angle',
@@ -176,6 +204,7 @@ NAMES = {
 
 SHEET = 'comparison'
 ALL = (SHEET, *NAMES.values())
+KEYS_BESIDE = 6  # of a legend in one row above a single panel
 COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 
 
@@ -198,14 +227,14 @@ def draw_figure(name, runs, title):
 def _sheet(runs, title):
     top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
     figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
-    grid = figure.add_gridspec(3, 12, height_ratios=[top, 3.3, 3.3])
-    draw_trajectories(figure.add_subplot(grid[0, :]), runs)
-    for row, drawn in ((1, MIDDLE_ROW), (2, LAST_ROW)):
-        width = 12 // len(drawn)
-        for k, panel in enumerate(drawn):
-            panel(figure.add_subplot(grid[row, k * width : (k + 1) * width]), runs)
+    grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
+    draw_trajectories(figure.add_subplot(grid[0]), runs)
+    for row, widths in enumerate(ROWS, start=1):
+        cells = grid[row].subgridspec(1, len(widths), width_ratios=list(widths.values()))
+        for cell, panel in zip(cells, widths):
+            panel(figure.add_subplot(cell), runs)
     style.letter_panels(figure)
-    _legend(figure, runs, (draw_trajectories, panels.draw_v2e))
+    _legend(figure, runs, WITH_AREAS)
     return figure
 
 
@@ -221,11 +250,15 @@ def _single(panel, runs):
 
 def _legend(figure, runs, drawn):
     """Put a legend of the runs, and of the marks in the panels, above them."""
-    keys = [Line2D([], [], label=run.name, lw=2.4, **run.line) for run in runs]
+    keys = [Line2D([], [], label=run.name, **run.line) for run in runs]
     if draw_trajectories in drawn:
-        look = {'color': style.REFERENCE, 'lw': 1.0, 'ls': (0, (6, 3))}
-        keys.append(Line2D([], [], label='coarse path', **look))
+        keys.append(Line2D([], [], label='coarse path', **style.coarse_path_line()))
     if not WITH_AREAS.isdisjoint(drawn):
-        for colour, label in ((style.UNSAFE, 'unsafe area'), (style.COLLISION, 'collision')):
+        for colour, label in style.AREAS.items():
             keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
-    figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
+    look = {'loc': 'outside upper right', 'handlelength': 3.4}
+    if figure.get_suptitle() or len(keys) <= KEYS_BESIDE:
+        look['ncols'] = len(keys)
+    else:
+        look['ncols'] = -(-len(keys) // 2)
+    figure.legend(handles=keys, **look)

@@ -23,6 +23,7 @@ FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
 MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
 SIZE = (15.0, 9.2)  # inch
 STEM = 'distances'
+OUTSIDE = (0, (5, 1.5))  # the colours stand for frames: the dash for the side of the path
 CURVE_GAPS_M = {10.0: '#009E73', 20.0: '#CC79A7', 30.0: '#000000'}  # of the curves over curvature
 EVERY = 400  # of the recorded poses one in this many is drawn
 SHARE = 1.2  # of the circle's own curvature, how far the curvature axis goes
@@ -32,7 +33,7 @@ FILE = 'distances.json'
 def sketch_cartesian(ax, drive, circle):
     """Sketch the scenario in Cartesian coordinates."""
     angle = np.linspace(0, 2 * np.pi, 241)
-    ax.plot(*_point(circle, angle, 0.0), color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
+    ax.plot(*_point(circle, angle, 0.0), **style.coarse_path_line())
     spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in circle.sides.items()}
     vehicle = _point(circle, _bearing(circle, -MOMENT_M), 0.0)
     _scene(ax, drive, circle, spots, vehicle, 'cartesian')
@@ -42,7 +43,7 @@ def sketch_cartesian(ax, drive, circle):
 
 def sketch_frenet(ax, drive, circle):
     """Sketch the same moment in path coordinates, in which the circle is a straight line."""
-    ax.axhline(0.0, color=style.REFERENCE, lw=1.2, ls=(0, (6, 3)))
+    ax.axhline(0.0, **style.coarse_path_line())
     left = {side: circle.turn * n for side, n in circle.sides.items()}
     spots = {side: (circle.station, e) for side, e in left.items()}
     vehicle = (circle.station - MOMENT_M, 0.0)
@@ -88,7 +89,7 @@ def _point(circle, bearing, inside):
 
 def dash(side):
     """Return the line style that stands for a side."""
-    return '-' if side == 'inside' else style.DASHED
+    return '-' if side == 'inside' else OUTSIDE
 
 
 def write_figure(drive, circle, driven, folder):

@@ -5,12 +5,14 @@ sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under
 the panel of the distances to obstacles the closest approaches are enlarged.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from bags.evaluation.drive import Drive
-from bags.evaluation.series import Series
+from bags.evaluation.series import Series, compute_series
 from bags.figures import style
 
 NEAR_M = 1.2  # distances up to this are enlarged
@@ -23,10 +25,20 @@ BOTTOM, HEIGHT = 0.44, 0.46  # of the panel
 GRAVITY = 9.81  # m/s^2
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
-LEAST_SPAN_MPS = 2.0  # so that 0.1 m/s does not look like braking
+# of a vertical axis, by signal: noise is not to fill it, and 0.1 m/s not to look like braking
+LEAST_SPANS: Mapping[str, float] = MappingProxyType(
+    {
+        'velocity': 5.0,  # m/s
+        'sideslip': 2.0,  # deg
+        'contouring': 0.5,  # m
+        'lateral': 2.0,  # m/s^2
+        'steer': 2.0,  # deg
+        'force': 2.0,  # kN
+    }
+)
+SPARE = 0.05  # of the span of the values, left free above and below them
 LEAST_MARGIN_M = 0.1  # of stations: a car that stands has only one
 KILO = 1e3
-PALE = 0.45  # opacity of the second line of a run
 STATION = 'station along the coarse path [m]'
 
 
@@ -92,26 +104,32 @@ def _inset(ax, runs, number, gap):
 
 
 class Run(NamedTuple):
-    """One drive with its Series and its colour."""
+    """One drive with its Series and how its curves look."""
 
     name: str
     drive: Drive
     series: Series
-    colour: str
+    look: style.Look
 
     @property
-    def line(self):
+    def colour(self) -> str:
+        """The colour of its curves and of its car."""
+        return self.look.colour
+
+    @property
+    def line(self) -> dict:
         """Keyword arguments of the run's curves."""
-        return {'color': self.colour, 'linestyle': style.line_style(self.name)}
+        return self.look.line
 
     def station_at(self, stamp_ns):
         """Return the station (n,) [m] at each stamp."""
         return np.interp(stamp_ns, self.drive.motion.stamp_ns, self.series.station)
 
-    @property
-    def is_dashed(self):
-        """Whether its curves are dashed."""
-        return style.line_style(self.name) == style.DASHED
+
+def evaluate_runs(drives: Mapping[str, Drive]) -> list[Run]:
+    """Return the runs of drives by name, in their order, each with a look of its own."""
+    looks = style.assign_looks(list(drives))
+    return [Run(name, drive, compute_series(drive), looks[name]) for name, drive in drives.items()]
 
 
 # of a run: stamps (n,) [ns] and values (n,)
@@ -125,18 +143,41 @@ SIGNALS = {
 }
 
 
-def draw_v2e(ax, runs):
-    """Draw the distance between the vehicle circle and each road edge (D_V2E)."""
-    for run in runs:
-        for side, shade in (('right', 1.0), ('left', PALE)):
-            gap = run.series.v2e[side]
-            _curve(ax, run, gap, alpha=shade)
+def axis_limits(name: str, columns: Iterable[np.ndarray]) -> tuple[float, float]:
+    """Return the limits of the vertical axis of a signal: its values, or its LEAST_SPANS."""
+    finite = [column[np.isfinite(column)] for column in columns]
+    values = np.concatenate([np.empty(0), *finite])
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    half = max((0.5 + SPARE) * (high - low), LEAST_SPANS[name] / 2)
+    return (low + high) / 2 - half, (low + high) / 2 + half
+
+
+def draw_v2e_left(ax, runs: Sequence[Run]) -> None:
+    """Draw the distance between the vehicle circle and the left road edge (D_V2E)."""
+    _draw_v2e(ax, runs, 'left')
+
+
+def draw_v2e_right(ax, runs: Sequence[Run]) -> None:
+    """Draw the distance between the vehicle circle and the right road edge (D_V2E)."""
+    _draw_v2e(ax, runs, 'right')
+
+
+def _draw_v2e(ax, runs, side):
+    gaps = [run.series.v2e[side] for run in runs]
+    for run, gap in zip(runs, gaps):
+        _curve(ax, run, gap)
+        if np.nanmin(gap) < FAR_M:
             _mark(ax, run, np.nanargmin(gap), gap)
+    if min(np.nanmin(gap) for gap in gaps) > FAR_M:
+        _say_far(ax, f'{side} edge beyond {FAR_M:g} m')
     shade_unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
-    _distance_limits(ax, [gap for run in runs for gap in run.series.v2e.values()])
-    note(ax, 'strong: right edge, pale: left')
+    _distance_limits(ax, gaps)
     _along(ax, runs)
-    ax.set(ylabel='$D_{V2E}$ [m]', title='Vehicle-to-edge distance')
+    ax.set(ylabel='$D_{V2E}$ [m]', title=f'Vehicle-to-edge distance, {side}')
+
+
+def _say_far(ax, text):
+    ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=style.QUIET)
 
 
 def draw_v2o(ax, runs):
@@ -149,8 +190,7 @@ def draw_v2o(ax, runs):
                 _mark(ax, run, np.nanargmin(gap), gap)
                 near = True
     if not near:
-        text = f'no obstacle within {FAR_M:g} m'
-        ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=style.QUIET)
+        _say_far(ax, f'no obstacle within {FAR_M:g} m')
     shade_unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
     _along(ax, runs)
@@ -161,9 +201,6 @@ def draw_v2o(ax, runs):
 def draw_velocity(ax, runs):
     """Draw the longitudinal velocity."""
     _draw_signal(ax, runs, 'velocity', ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
-    low, high = ax.get_ylim()
-    spare = max(0.0, LEAST_SPAN_MPS - (high - low)) / 2
-    ax.set_ylim(low - spare, high + spare)
 
 
 def draw_sideslip(ax, runs):
@@ -192,6 +229,7 @@ def _draw_signal(ax, runs, name, **labels):
         stamp_ns, values = (column[::EVERY] for column in SIGNALS[name](run))
         ax.plot(run.station_at(stamp_ns), values, **run.line)
     _along(ax, runs)
+    ax.set_ylim(axis_limits(name, [SIGNALS[name](run)[1] for run in runs]))
     ax.set(**labels)
 
 
@@ -199,10 +237,10 @@ def draw_gg(ax, runs):
     """Draw the accelerations at the centre of gravity within the friction circle."""
     for run in runs:
         acc = run.drive.accelerations
-        ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 1.0, 'alpha': 0.85})
+        ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 0.6 * run.look.width})
     circle, reach = friction_circle(runs)
-    ax.plot(*circle, color=style.EDGE, lw=1.0, ls=':')
-    note(ax, 'dotted: friction circle')
+    ax.plot(*circle, color=style.EDGE, lw=1.0)
+    note(ax, 'circle: friction limit µg')
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
     # keeps its title level with those of its neighbours

@@ -1,20 +1,38 @@
-"""The style of every figure: colours for colour-blind readers, fonts, grid; saving a figure."""
+"""The style of every figure: colours for colour-blind readers, fonts, grid; saving a figure.
+
+Colour and dash tell the run, in every figure and in the report, and nothing else is dashed;
+dotted is a curve from a CSV file. Curves that coincide stay visible: what is drawn later is
+narrower.
+"""
 
 import string
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 # Okabe and Ito, "Color universal design"; a controller keeps its colour in every figure
 KNOWN = {'mpcc': '#0072B2', 'mpcc_no_ca': '#4D4D4D', 'frenet': '#D55E00'}
-OTHERS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
-DASHED = (0, (5, 1.5))
+OTHERS = ('#009E73', '#CC79A7', '#56B4E9', '#882255', '#000000')
+Dash = tuple[float, ...]  # points: drawn, left out, drawn, ...; empty for a solid line
+SOLID: Dash = ()
+DASHED: Dash = (8.0, 3.0)
+DASH_DOT: Dash = (9.0, 2.5, 2.0, 2.5)
+DOTTED: Dash = (1.5, 2.5)
+KNOWN_DASHES = {'mpcc': SOLID, 'mpcc_no_ca': DASHED, 'frenet': DASH_DOT}
+OTHER_DASHES = (SOLID, (5.0, 2.0), DASH_DOT, (14.0, 3.0), (4.0, 2.0, 1.5, 2.0, 1.5, 2.0))
+WIDTHS = (3.2, 1.6)  # points, of the first run and of the last one
+WIDTH = 1.7  # points, of a single run
+TIME_LABEL = 'time label'  # gid of texts of which one that covers another is hidden
 TUNED = '_tuned'  # suffix of a tuned controller, which is drawn like the untuned one
 
 INK = '#262626'
 QUIET = '#6F6F6F'
 EDGE = '#404040'
 REFERENCE = '#8C8C8C'
+COARSE_PATH = '#C7B5E3'
 UNSAFE = '#E69F00'
 COLLISION = '#CC3311'
+AREAS = {UNSAFE: 'within the safety distance', COLLISION: 'circles overlap'}
 
 RC = {
     'axes.axisbelow': True,
@@ -64,9 +82,61 @@ def assign_colours(names):
     return result
 
 
-def line_style(name):
-    """Return the line style of a controller."""
-    return DASHED if name.removesuffix(TUNED) == 'mpcc_no_ca' else '-'
+class Look(NamedTuple):
+    """How the curves of a run are drawn."""
+
+    colour: str
+    dash: Dash = SOLID
+    width: float = WIDTH  # points
+
+    @property
+    def line(self) -> dict:
+        """Keyword arguments of `Axes.plot`."""
+        return {'color': self.colour, 'linestyle': dash_style(self), 'linewidth': self.width}
+
+
+def dash_style(look: Look) -> str | tuple:
+    """Return the dash as a Matplotlib line style, which counts in widths of the line."""
+    return (0, tuple(part / look.width for part in look.dash)) if look.dash else '-'
+
+
+def assign_looks(names: Sequence[str]) -> dict[str, Look]:
+    """Return {run: Look}; a known controller keeps its colour and dash whoever else is shown.
+
+    The widths fall in the order of `names`, which is the order of drawing.
+    """
+    colours = assign_colours(names)
+    spare = iter(OTHER_DASHES * len(names))
+    first, last = WIDTHS
+    looks = {}
+    for k, name in enumerate(names):
+        known = colours[name] == KNOWN.get(name.removesuffix(TUNED))
+        dash = KNOWN_DASHES[name.removesuffix(TUNED)] if known else next(spare)
+        width = first + (last - first) * k / (len(names) - 1) if len(names) > 1 else WIDTH
+        looks[name] = Look(colours[name], dash, width)
+    return looks
+
+
+def coarse_path_line() -> dict:
+    """Return the keyword arguments that draw the coarse path: a broad band below the curves."""
+    return {'color': COARSE_PATH, 'linewidth': 5.0, 'linestyle': '-', 'zorder': 1}
+
+
+def hide_overlapping(figure, mark: str) -> None:
+    """Hide those texts with the gid `mark` that would cover an earlier one.
+
+    The figure must be laid out: the room that a text takes depends on the size of the axes.
+    """
+    from matplotlib.transforms import Bbox
+
+    for ax in figure.axes:
+        taken: list[Bbox] = []
+        for text in (one for one in ax.texts if one.get_gid() == mark):
+            extent = text.get_window_extent().padded(2.0)
+            if any(extent.overlaps(other) for other in taken):
+                text.set_visible(False)
+            else:
+                taken.append(extent)
 
 
 def new_sheet(size, title):
@@ -101,6 +171,7 @@ def save_figure(figure, stem: Path) -> list[Path]:
     figure.dpi = mpl.rcParams['savefig.dpi']
     figure.get_layout_engine().execute(figure)
     figure.set_layout_engine(None)
+    hide_overlapping(figure, TIME_LABEL)
     paths = figure_paths(stem)
     figure.savefig(paths[0])
     figure.savefig(paths[1], metadata={'Date': None})

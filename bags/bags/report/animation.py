@@ -30,6 +30,7 @@ from msgs_yaml.conversions import NS_PER_S
 FRAME_NS = 20_000_000
 STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn
 HEIGHTS = (240, 620)  # CSS pixels
+FLAG_HEIGHT = 18  # CSS pixels of a row above the road, one per run, for the name of its car
 WIDTH = 1100  # CSS pixels, of the page on a desktop
 
 
@@ -37,6 +38,22 @@ def frame_times(runs: Sequence[Run]) -> np.ndarray:
     """Return the times of the frames [s], from 0 to the end of the longest run."""
     longest = max(int(np.ptp(run.drive.motion.stamp_ns)) for run in runs)
     return np.arange(0, longest + FRAME_NS, FRAME_NS) / NS_PER_S
+
+
+def opening_time(runs: Sequence[Run]) -> float:
+    """Return the time [s] that the film shows first: of the closest approach to an obstacle.
+
+    Without obstacles, of the largest distance from the coarse path. Both are moments at which the
+    runs differ; at the start all cars are in one place.
+    """
+    moments = []
+    for run in runs:
+        nearest = np.fmin.reduce([np.full(len(run.series.t), np.inf), *run.series.v2o.values()])
+        if not np.isfinite(nearest).any():
+            nearest = -np.abs(run.series.contouring)
+        k = int(np.nanargmin(nearest))
+        moments.append((float(nearest[k]), float(run.series.t[k])))
+    return min(moments)[1]
 
 
 def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
@@ -118,13 +135,15 @@ def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> To
     Everything that moves is drawn from sources that the page updates for every frame.
     """
     low, high = comparison_figures.road_limits(runs)
-    height = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
+    road = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
+    height = road + FLAG_HEIGHT * len(runs)
+    top = low[1] + (high[1] - low[1]) * height / road
     plot = new_figure(
         'film',
         'X [m]',
         'Y [m]',
         x_range=Range1d(low[0], high[0]),
-        y_range=Range1d(low[1], high[1]),
+        y_range=Range1d(low[1], top),
         height=round(height),
         tools='pan,wheel_zoom,reset,save',
         active_drag='pan',
@@ -157,7 +176,7 @@ def _draw_road(plot, scene, facts):
         strip = np.concatenate([edge, geometry.offset_polyline(edge, inside * keep_off)[::-1]])
         plot.patch(*strip.T, fill_color=style.UNSAFE, fill_alpha=0.18, line_color=None)
         plot.line(*edge.T, line_color=style.EDGE, line_width=2)
-    plot.line(*scene.reference.T, line_color=style.REFERENCE, line_dash='dashed')
+    plot.line(*scene.reference.T, line_color=style.COARSE_PATH, line_width=6)
 
 
 def _draw_obstacles(plot, scene, facts, still):
@@ -198,17 +217,25 @@ def _trajectory(plot, run):
 
 
 def _moving(plot, run):
-    horizon, body, candidates = (ColumnDataSource({'x': [], 'y': []}) for _ in range(3))
+    horizon, body, candidates, pole = (ColumnDataSource({'x': [], 'y': []}) for _ in range(4))
     circles = ColumnDataSource({'x': [], 'y': [], 'width': []})
+    flag = ColumnDataSource({'x': [], 'y': [], 'text': []})
     ink = {'line_color': run.colour}
-    filled = {**ink, 'fill_color': run.colour, 'fill_alpha': 0.45}
-    hollow = {**ink, 'fill_color': None, 'line_dash': 'dotted'}
+    filled = {'fill_color': run.colour, 'fill_alpha': 0.12}
+    look = line_look(run)
+    thin = {'line_alpha': 0.5, **ink}
+    text = {'text_color': run.colour, 'text_font_size': '13px', 'text_font_style': 'bold'}
     for drawn in (
-        plot.line('x', 'y', source=candidates, line_alpha=0.5, line_dash='dashed', **ink),
-        plot.line('x', 'y', source=horizon, **ink),
-        plot.scatter('x', 'y', source=horizon, size=4, **filled),
-        plot.patch('x', 'y', source=body, **filled),
-        plot.ellipse('x', 'y', 'width', 'width', source=circles, **hollow),
+        plot.line('x', 'y', source=candidates, line_alpha=0.35, line_width=1.5, **ink),
+        plot.line('x', 'y', source=horizon, line_alpha=0.6, **ink),
+        plot.scatter('x', 'y', source=horizon, size=4, line_color=None, fill_color=run.colour),
+        plot.patch('x', 'y', source=body, **filled, **look),
+        plot.ellipse('x', 'y', 'width', 'width', source=circles, fill_color=None, **thin),
+        plot.line('x', 'y', source=pole, **thin),
+        plot.text(
+            'x', 'y', 'text', source=flag, text_align='center', text_baseline='middle', **text
+        ),
     ):
         tag_run(run, drawn)
-    return {'horizon': horizon, 'body': body, 'circles': circles, 'candidates': candidates}
+    sources = {'horizon': horizon, 'body': body, 'circles': circles, 'candidates': candidates}
+    return {**sources, 'pole': pole, 'flag': flag}

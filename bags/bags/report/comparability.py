@@ -24,6 +24,7 @@ NOT_PHYSICAL = (
 LISTED = 3  # differences that an error lists before it counts the rest
 FORCE = 'their numbers are not comparable; --force compares them anyway'
 ABSENT = '–'
+HASH_DIGITS = 10  # of commits and files; comparison.json and the bag have all
 # paths of the recorder, which differ between any two runs
 PER_RUN = ('out', 'run_info')
 
@@ -81,15 +82,21 @@ def origin_rows(infos: Sequence[Mapping[str, str]]) -> list[ProvenanceRow]:
     for info in infos:
         facts = {
             'mode': info.get('mode'),
-            'commit': info.get('git_commit') or None,
+            'commit': _short(info.get('git_commit', '')),
             'scenario': info.get('scenario'),
-            'scenario SHA-256': info.get('scenario_sha256', '')[:12] or None,
+            'scenario SHA-256': _short(info.get('scenario_sha256', '')),
         }
         for group in ('versions', 'machine'):
             entries = json.loads(info.get(group, '{}'))
             facts |= {name.replace('_', ' '): value for name, value in entries.items()}
         origins.append(facts)
     return _rows(origins)
+
+
+def _short(digest):
+    """Return the first digits of a hash, with the marks behind it; None without one."""
+    digits, dash, mark = digest.partition('-')
+    return f'{digits[:HASH_DIGITS]}{dash}{mark}' or None
 
 
 def parameter_rows(infos: Sequence[Mapping[str, str]]) -> dict[str, list[ProvenanceRow]]:

@@ -14,7 +14,6 @@ from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog, read_controller_log
 from bags.evaluation.drive import Drive, drive_from_bag, drop_nonfinite
-from bags.evaluation.series import compute_series
 from bags.figures import comparison_figures, panels, style
 from bags.report import metrics_table, page
 from bags.report.comparability import check_comparable
@@ -108,8 +107,7 @@ def compare_drives(
     """
     drives = {name: drop_nonfinite(drive) for name, drive in drives.items()}
     scenario = next(iter(drives.values())).facts.scenario
-    colours = style.assign_colours(list(drives))
-    runs = [panels.Run(n, d, compute_series(d), colours[n]) for n, d in drives.items()]
+    runs = panels.evaluate_runs(drives)
     by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': by_run}
     values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}

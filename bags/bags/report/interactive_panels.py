@@ -3,14 +3,13 @@
 Signals of 1 kHz are decimated so that every extreme stays visible.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh.models import (
     BoxAnnotation,
     ColumnDataSource,
-    DataRange1d,
     GlyphRenderer,
     HoverTool,
     Range1d,
@@ -21,7 +20,7 @@ from bokeh.plotting import figure
 from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Facts
 from bags.figures import style
-from bags.figures.panels import FAR_M, PALE, SIGNALS, Run, friction_circle
+from bags.figures.panels import FAR_M, LEAST_SPANS, SIGNALS, Run, axis_limits, friction_circle
 
 BINS = 600  # a panel is at most about that many pixels wide
 HEIGHT = 260  # CSS pixels
@@ -59,12 +58,10 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
 
 
 class Curve(NamedTuple):
-    """One line of a panel."""
+    """The line of a run in a panel."""
 
     stamp_ns: np.ndarray  # (n,)
     values: np.ndarray  # (n,)
-    label: str = ''  # among the lines of the same run; '' for a single line
-    pale: bool = False
 
 
 class Panel(NamedTuple):
@@ -74,52 +71,69 @@ class Panel(NamedTuple):
     title: str
     axis: str  # label of the vertical axis, with its unit
     # None: the signal of this name in SIGNALS
-    lines: Callable[[Run, ControllerLog], Iterable[Curve]] | None = None
+    line: Callable[[Run, ControllerLog], Curve | None] | None = None
     # the safety distance of a run; None where that has no meaning
     unsafe: Callable[[Facts], float] | None = None
+    least_top: float = 0.0  # of an axis that begins at 0
 
-    def curves(self, run: Run, log: ControllerLog) -> Iterable[Curve]:
-        """Return the lines of a run."""
-        return self.lines(run, log) if self.lines else [Curve(*SIGNALS[self.name](run))]
+    def curve(self, run: Run, log: ControllerLog) -> Curve | None:
+        """Return the line of a run; None where it has none."""
+        return self.line(run, log) if self.line else Curve(*SIGNALS[self.name](run))
+
+    def limits(self, columns: Sequence[np.ndarray]) -> tuple[float, float]:
+        """Return the limits of the vertical axis for the values that it shows."""
+        if self.name in LEAST_SPANS:
+            return axis_limits(self.name, columns)
+        return 0.0, max(self.least_top, *(1.05 * float(np.nanmax(column)) for column in columns))
 
 
 def _v2o(run, _):
-    """Yield the distance to the nearest obstacle: more lines would not be readable."""
+    """Return the distance to the nearest obstacle: more lines would not be readable."""
     gaps = list(run.series.v2o.values())
-    if gaps:
-        nearest = np.fmin.reduce(gaps)
-        near = np.where(nearest < FAR_M, nearest, np.nan)
-        yield Curve(run.drive.motion.stamp_ns, near)
+    if not gaps:
+        return None
+    nearest = np.fmin.reduce(gaps)
+    return Curve(run.drive.motion.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan))
 
 
-def _v2e(run, _):
-    for side in ('left', 'right'):
-        yield Curve(run.drive.motion.stamp_ns, run.series.v2e[side], side, pale=side == 'left')
+def _v2e(side):
+    return lambda run, _: Curve(run.drive.motion.stamp_ns, run.series.v2e[side])
 
 
-def _friction_use(_, log):
-    for axle in ('front', 'rear') if log.numbers else ():
-        yield Curve(log.report_ns, log.numbers[f'friction.{axle}'], axle, pale=axle == 'rear')
+def _reported(name):
+    return lambda _, log: Curve(log.report_ns, log.numbers[name]) if log.numbers else None
 
 
-def _solve_time(_, log):
-    if log.numbers:
-        yield Curve(log.report_ns, log.numbers['time.solve_ms'])
-
-
+FRICTION = 'F / µF_z'  # share of the friction of an axle that the controller's model uses
 PANELS = (
     Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', _v2o, lambda r: r.safe_obstacle),
     Panel(
-        'v2e', 'Distance to the road edges (left: pale)', 'D_V2E [m]', _v2e, lambda r: r.safe_edge
+        'v2e_left', 'Distance to the left edge', 'D_V2E [m]', _v2e('left'), lambda r: r.safe_edge
+    ),
+    Panel(
+        'v2e_right', 'Distance to the right edge', 'D_V2E [m]', _v2e('right'), lambda r: r.safe_edge
     ),
     Panel('contouring', 'Distance from the coarse path', 'left positive [m]'),
     Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]'),
     Panel('sideslip', 'Sideslip angle', 'β [deg]'),
     Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
     Panel('steer', 'Road-wheel angle', 'δ [deg]'),
-    Panel('force', 'Longitudinal force', 'F_x [kN]'),
-    Panel('friction', 'Friction use in the controller (rear: pale)', 'F / µF_z', _friction_use),
-    Panel('solve', 'Solve time per tick', '[ms]', _solve_time),
+    Panel('force', 'Longitudinal force, braking negative', 'F_x [kN]'),
+    Panel(
+        'friction_front',
+        'Friction use in the controller, front axle',
+        FRICTION,
+        _reported('friction.front'),
+        least_top=1.05,
+    ),
+    Panel(
+        'friction_rear',
+        'Friction use in the controller, rear axle',
+        FRICTION,
+        _reported('friction.rear'),
+        least_top=1.05,
+    ),
+    Panel('solve', 'Solve time per tick', '[ms]', _reported('time.solve_ms'), least_top=20.0),
 )
 
 
@@ -127,17 +141,16 @@ def plot_panel(
     panel: Panel, runs: Sequence[Run], logs: Mapping[str, ControllerLog], time_axis: Range1d
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
-    drawn = [
-        (run, curve)
-        for run in runs
-        for curve in panel.curves(run, logs[run.name])
-        if np.isfinite(curve.values).any()
-    ]
+    curves = [(run, panel.curve(run, logs[run.name])) for run in runs]
+    drawn = [(run, one) for run, one in curves if one and np.isfinite(one.values).any()]
     if not drawn:
         return None
     plot = new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
+    values = [curve.values for _, curve in drawn]
     if panel.unsafe:
-        _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), drawn)
+        _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), values)
+    else:
+        plot.y_range = Range1d(*panel.limits(values))
     lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
@@ -155,7 +168,7 @@ def plot_gg(runs: Sequence[Run]) -> figure:
     labels = ('a_y [m/s²], left positive', 'a_x [m/s²]')
     plot = new_figure('gg', *labels, title='G-G diagram', **ranges)
     plot.sizing_mode, plot.width, plot.height = 'fixed', SQUARE, SQUARE
-    plot.line(*circle, line_color=style.EDGE, line_dash='dotted')
+    plot.line(*circle, line_color=style.EDGE)
     for run in runs:
         acc = run.drive.accelerations
         chosen = np.union1d(decimate(acc.ax, BINS), decimate(acc.ay, BINS))
@@ -176,8 +189,9 @@ def tag_run(run: Run, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
 
 def line_look(run: Run) -> dict:
     """Return colour, width and dash of the lines of a run."""
-    dash = 'dashed' if run.is_dashed else 'solid'
-    return {'line_color': run.colour, 'line_width': 2, 'line_dash': dash}
+    look = run.look
+    dash = [round(part) for part in look.dash]
+    return {'line_color': look.colour, 'line_width': look.width, 'line_dash': dash}
 
 
 def new_figure(name: str, x_label: str, y_label: str, **options: Any) -> figure:
@@ -212,15 +226,14 @@ def _plot_curve(plot, run, curve):
     stamp_ns = curve.stamp_ns[chosen]
     time, station = _since(run, stamp_ns), run.station_at(stamp_ns)
     source = ColumnDataSource(float32(time=time, station=station, value=curve.values[chosen]))
-    label = f'{run.name}, {curve.label}' if curve.label else run.name
-    look = line_look(run) | ({'line_alpha': PALE} if curve.pale else {})
-    return tag_run(run, plot.line('time', 'value', source=source, name=label, **look), CURVE)
+    line = plot.line('time', 'value', source=source, name=run.name, **line_look(run))
+    return tag_run(run, line, CURVE)
 
 
-def _shade(plot, safe, drawn):
-    """Shade the unsafe distances, darker where circles overlap; limit the axis to small ones."""
-    low = min([0.0, *(np.nanmin(curve.values) for _, curve in drawn)])
-    plot.y_range = DataRange1d(start=float(low) - safe, end=FAR_M)
+def _shade(plot, safe, columns):
+    """Shade the unsafe distances, red where circles overlap; limit the axis to small ones."""
+    low = min([0.0, *(np.nanmin(column) for column in columns)])
+    plot.y_range = Range1d(float(low) - safe, FAR_M)
     areas = ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION))
     for bottom, top, colour in areas:
         shade = {'fill_color': colour, 'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}

@@ -14,10 +14,13 @@ from bokeh.models import CustomJS, Range1d
 from bokeh.resources import Resources
 
 from bags.errors import BagError
+from bags.evaluation import metrics
 from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
+from bags.figures import style
 from bags.figures.panels import Run
 from bags.report import animation, interactive_panels, metrics_table
 from bags.report.comparability import origin_rows, parameter_rows
+from bags.report.descriptions import describe_runs
 from bags.report.interactive_panels import PANELS
 from bags.storage.invalid_messages import KEY
 
@@ -103,14 +106,21 @@ def report_html(data: ReportData) -> str:
     time_axis = Range1d(0.0, duration)
     panels = [interactive_panels.plot_panel(panel, runs, logs, time_axis) for panel in PANELS]
     panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
+    shaded = {panel.name for panel in PANELS if panel.unsafe}
     script, divs = _embedded(view, panels)
     return _template().render(
         scenario=data.values['scenario'],
-        runs=[(run.name, run.colour, run.is_dashed) for run in runs],
+        runs=[(run.name, run.look) for run in runs],
+        about=describe_runs([run.name for run in runs], infos),
+        areas=style.AREAS,
+        shaded=shaded,
+        coarse_path=style.COARSE_PATH,
+        glossary=metrics.METRICS.values(),
         damage=data.values.get('damage', {}),
         invalid=data.values.get(KEY, {}),
         verdicts={name: run['verdict'] for name, run in data.values['runs'].items()},
         duration=duration,
+        opening=animation.opening_time(runs),
         film=divs.pop('film'),
         gg=divs.pop('gg'),
         panels=divs,

@@ -16,6 +16,7 @@ import yaml
 from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.vehicle_shape import circles_of, outline_of
+from bags.report.descriptions import CONTROLLER_TEXT, leading_comment
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
@@ -254,13 +255,14 @@ def write_run_info(
 ) -> None:
     """Write the run information, which the recorder stores in the bag and `bags compare` needs.
 
-    It holds scenario, versions, machine, the parameters of every node (`collect_parameters`), and
-    the lateral acceleration that the plant holds.
+    It holds scenario, versions, machine, the parameters of every node (`collect_parameters`), the
+    comment at the top of the controller's file, and the lateral acceleration that the plant holds.
     """
     values = collect_parameters(nodes, loaded.file_values)
     run_info = provenance.describe_run(facts.name, facts.text, controller.name, mode, values)
     if controller.label:
         run_info[provenance.LABEL] = controller.label
+    run_info[CONTROLLER_TEXT] = leading_comment(controller.config.read_text())
     if loaded.lateral_limit is not None:
         run_info[LATERAL_LIMIT] = repr(loaded.lateral_limit)
     path.write_text(json.dumps(run_info, indent=2))

@@ -18,7 +18,8 @@ MARGIN_M = 3.0
 CIRCLE_EVERY = 5  # stages
 FAR_M = 5.0  # distances beyond this are not drawn
 KILO = 1e3
-CHANGED = {'color': style.KNOWN['frenet'], 'linestyle': style.DASHED}
+SOLVED = style.Look(style.KNOWN['mpcc'], width=style.WIDTHS[0]).line
+CHANGED = style.Look(style.KNOWN['frenet'], style.DASHED).line
 
 
 class Curves(NamedTuple):
@@ -51,7 +52,7 @@ PANELS = (
 def write(answer: Answer, stem):
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    looks = ({'color': style.KNOWN['mpcc'], 'linestyle': '-'}, CHANGED)
+    looks = (SOLVED, CHANGED)
     drawn = [Curves(*curves) for curves in zip(('solved again', 'changed'), answer.both, looks)]
     with mpl.rc_context(style.RC):
         return style.save_figure(_sheet(answer, drawn), stem)
@@ -72,7 +73,7 @@ def _sheet(answer, drawn):
     tick = answer.tick
     title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.status}'
     figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
-    keys = [Line2D([], [], label=curves.label, lw=2.2, **curves.look) for curves in drawn]
+    keys = [Line2D([], [], label=curves.label, **curves.look) for curves in drawn]
     keys.append(Line2D([], [], label='recorded plan', color=style.INK, lw=0, marker='.'))
     keys.append(Line2D([], [], label='limit', color=style.COLLISION, lw=0.9, ls=':'))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
@@ -97,7 +98,7 @@ def _from_above(ax, answer, drawn, low, high):
     for edge in (inputs.edges.left, inputs.edges.right):
         ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
     path = inputs.reference
-    ax.plot(path.X, path.Y, color=style.REFERENCE, lw=1.0, ls=(0, (6, 3)), zorder=2)
+    ax.plot(path.X, path.Y, **style.coarse_path_line())
     _unsafe(ax, drawn[0].solved)
     for curves in drawn:
         _plan(ax, curves)
@@ -106,7 +107,7 @@ def _from_above(ax, answer, drawn, low, high):
         ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=style.INK, zorder=6)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
     ax.set_aspect('equal')
-    ax.set_title('From above: vehicle circles, and where their centres must not be')
+    ax.set_title('From above: vehicle circles, and the safety distances of their centres')
 
 
 def _plan(ax, curves):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bags.evaluation.drive import Obstacle
-from bags.evaluation.series import compute_series
 from bags.figures import comparison_figures, panels, style
 
 
@@ -21,7 +21,7 @@ def enlarged(make_drive):
         scene = make_drive().scene._replace(obstacles=obstacles)
         item = make_drive(scene=scene)
         ax = comparison_figures.Figure().add_subplot()
-        panels.draw_v2o(ax, [panels.Run('mpcc', item, compute_series(item), '#0072B2')])
+        panels.draw_v2o(ax, panels.evaluate_runs({'mpcc': item}))
         return ax.child_axes
 
     return of
@@ -60,4 +60,79 @@ def test_a_tuned_controller_looks_like_the_untuned_one_unless_both_are_shown():
     assert alone == {'mpcc_tuned': style.KNOWN['mpcc'], 'frenet': style.KNOWN['frenet']}
     both = style.assign_colours(['mpcc', 'mpcc_tuned'])
     assert both['mpcc'] == style.KNOWN['mpcc'] != both['mpcc_tuned']
-    assert style.line_style('mpcc_no_ca_tuned') == style.line_style('mpcc_no_ca') == style.DASHED
+    tuned, plain = (style.assign_looks([name]) for name in ('mpcc_no_ca_tuned', 'mpcc_no_ca'))
+    assert tuned['mpcc_no_ca_tuned'].dash == plain['mpcc_no_ca'].dash == style.DASHED
+
+
+def test_curves_that_coincide_stay_visible_and_every_run_has_a_dash_of_its_own():
+    looks = style.assign_looks(['mpcc', 'mpcc_no_ca', 'frenet', 'own', 'another'])
+    widths = [look.width for look in looks.values()]
+    assert widths == sorted(widths, reverse=True)
+    assert len(set(widths)) == len(widths)
+    assert len({(look.colour, look.dash) for look in looks.values()}) == len(looks)
+    assert len({looks[name].dash for name in style.KNOWN}) == len(style.KNOWN)
+    assert len({look.dash for look in looks.values()}) > 3
+    # what is drawn over a solid line has gaps that show it
+    assert looks['mpcc'].dash == style.SOLID
+    assert looks['frenet'].dash != style.SOLID
+
+
+def simulate_colour_blindness(colour, matrix):
+    """Return the linear RGB that a dichromat sees (Machado et al. 2009, severity 1)."""
+    rgb = np.array([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return np.clip(np.array(matrix) @ linear, 0.0, 1.0)
+
+
+def lab(linear):
+    """Return CIELAB of linear sRGB, white D65."""
+    xyz = (
+        np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+        @ linear
+        / np.array([0.9505, 1.0, 1.089])
+    )
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize(
+    'matrix',
+    [
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [  # protanopia
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ],
+        [  # deuteranopia
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ],
+    ],
+)
+def test_the_colours_of_the_known_controllers_differ_for_colour_blind_readers(matrix):
+    seen = [lab(simulate_colour_blindness(colour, matrix)) for colour in style.KNOWN.values()]
+    for k, one in enumerate(seen):
+        for other in seen[k + 1 :]:
+            assert np.linalg.norm(one - other) > 20.0
+
+
+def test_an_axis_is_not_filled_by_noise_and_holds_every_value():
+    noise = 20.0 + 0.01 * np.sin(np.arange(100.0))
+    low, high = panels.axis_limits('velocity', [noise])
+    assert high - low == pytest.approx(panels.LEAST_SPANS['velocity'])
+    low, high = panels.axis_limits('velocity', [noise, np.array([3.0, np.nan, 31.0])])
+    assert low < 3.0 < 31.0 < high
+    low, high = panels.axis_limits('sideslip', [np.full(3, np.nan)])
+    assert (low, high) == (-1.0, 1.0)
+
+
+def test_of_labels_that_cover_each_other_the_first_stays():
+    figure = comparison_figures.Figure(figsize=(4, 2))
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    texts = [ax.text(x, 0.5, '1.2 s', gid=style.TIME_LABEL) for x in (0.1, 0.12, 0.6)]
+    other = ax.text(0.1, 0.5, 'no time')
+    style.hide_overlapping(figure, style.TIME_LABEL)
+    assert [text.get_visible() for text in (*texts, other)] == [True, False, True, True]

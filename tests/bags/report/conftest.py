@@ -15,8 +15,7 @@ from tornado.websocket import websocket_connect
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Obstacle
-from bags.evaluation.series import compute_series
-from bags.figures import panels, style
+from bags.figures import panels
 from bags.report import page
 from bags.report.page import Claim
 from msgs_yaml.types import Prediction
@@ -82,12 +81,7 @@ def _controller_log(one, name):
 @pytest.fixture(scope='session')
 def make_runs():
     """Return make_runs(drives): what the figures draw."""
-
-    def make(drives):
-        colours = style.assign_colours(list(drives))
-        return [panels.Run(n, one, compute_series(one), colours[n]) for n, one in drives.items()]
-
-    return make
+    return panels.evaluate_runs
 
 
 @pytest.fixture(scope='session')

@@ -11,7 +11,6 @@ from bags import cli
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import METRICS
-from bags.evaluation.series import compute_series
 from bags.figures import comparison_figures, panels, style
 from bags.report import comparison as comparison_module
 from bags.report import metrics_table
@@ -74,8 +73,11 @@ def test_a_figure_shows_every_run_in_its_own_colour(runs):
 @pytest.mark.parametrize(
     ('panel', 'marks'),
     [
-        (comparison_figures.draw_trajectories, ['coarse path', 'unsafe area', 'collision']),
-        (panels.draw_v2o, ['unsafe area', 'collision']),
+        (
+            comparison_figures.draw_trajectories,
+            ['coarse path', 'within the safety distance', 'circles overlap'],
+        ),
+        (panels.draw_v2o, ['within the safety distance', 'circles overlap']),
         (panels.draw_sideslip, []),
     ],
 )
@@ -97,16 +99,14 @@ def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_dri
     assert {'0.0 s', '1.2 s', '2.4 s'} <= times
     still = comparison_figures.Figure().add_subplot()
     item = make_drive()
-    comparison_figures.draw_trajectories(
-        still, [panels.Run('mpcc', item, compute_series(item), 'C0')]
-    )
-    assert [text.get_text() for text in still.texts] == []
+    comparison_figures.draw_trajectories(still, panels.evaluate_runs({'mpcc': item}))
+    assert not [text for text in still.texts if text.get_gid() == style.TIME_LABEL]
 
 
 def test_a_panel_of_obstacles_without_any_says_so(make_drive):
     item = make_drive()
     axes = comparison_figures.Figure().add_subplot()
-    panels.draw_v2o(axes, [panels.Run('mpcc', item, compute_series(item), 'C0')])
+    panels.draw_v2o(axes, panels.evaluate_runs({'mpcc': item}))
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
@@ -115,7 +115,7 @@ def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs
     motion = runs[0].drive.motion
     wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
     panels.draw_velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
-    assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPAN_MPS)
+    assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPANS['velocity'])
     panels.draw_gg(gg, runs)
     assert gg.get_xlim() == gg.get_ylim()
     assert gg.get_aspect() == 1.0

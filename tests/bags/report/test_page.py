@@ -4,12 +4,15 @@ import json
 import re
 import time
 
+import markupsafe
 import numpy as np
 import pytest
 
 from bags.errors import BagError
+from bags.evaluation import metrics
 from bags.report import animation, interactive_panels, page
-from bags.report.comparability import parameter_rows
+from bags.report.comparability import origin_rows, parameter_rows
+from bags.report.descriptions import UNKNOWN, describe_runs, leading_comment
 
 LIMIT_BYTES = 5_000_000
 
@@ -59,7 +62,7 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material):
     assert 'id="claims"' not in text
     assert 'data-panel="v2o"' in text
     # nothing was said of friction use
-    assert 'data-panel="friction"' not in text
+    assert 'data-panel="friction_front"' not in text
 
 
 def test_the_film_is_where_the_drive_was(runs, logs):
@@ -79,10 +82,56 @@ def test_the_film_is_where_the_drive_was(runs, logs):
 
 def test_panels_carry_their_units(runs, logs):
     for panel in interactive_panels.PANELS:
-        assert '[' in panel.axis or panel.name == 'friction'
+        assert '[' in panel.axis or panel.axis == interactive_panels.FRICTION
         for run in runs:
-            for curve in panel.curves(run, logs[run.name]):
-                assert len(curve.stamp_ns) == len(curve.values), panel.name
+            curve = panel.curve(run, logs[run.name])
+            assert len(curve.stamp_ns) == len(curve.values), panel.name
+
+
+def test_every_plot_has_a_key_with_every_run(runs, report):
+    text = report.read_text()
+    figures = text.split('<figure>')[1:]
+    assert len(figures) == len(interactive_panels.PANELS) + 1
+    for figure in figures:
+        key = figure.partition('</figure>')[0]
+        for run in runs:
+            assert f'data-key="{run.name}"' in key
+            assert f'stroke="{run.colour}"' in key
+        if re.search('data-panel="v2[oe]', figure):
+            assert 'within the safety distance' in key
+
+
+def test_every_metric_and_its_meaning_stand_in_the_glossary(report):
+    glossary = report.read_text().partition('id="glossary"')[2].partition('</details>')[0]
+    for name, metric in metrics.METRICS.items():
+        assert f'<code>{name}</code>' in glossary
+        assert str(markupsafe.escape(metric.meaning)) in glossary
+
+
+def test_scenario_and_controllers_are_described_where_the_bag_does(material):
+    info = {
+        'scenario_text': 'name: s\ndescription: Two cars < one road.\n',
+        'controller_description': leading_comment('# A first line\n# and a second.\nbase: x\n'),
+    }
+    logs = {name: log._replace(run_info=info) for name, log in material.logs.items()}
+    text = page.report_html(material._replace(logs=logs))
+    assert '<p class="lead">Two cars &lt; one road.</p>' in text
+    assert text.count('<dd>A first line and a second.</dd>') == len(material.runs)
+    for broken in ('a: [', 'no mapping', ''):
+        assert describe_runs(['mpcc'], [{'scenario_text': broken}]).scenario == UNKNOWN
+
+
+def test_a_hash_is_short_in_the_page(material):
+    commit = '0123456789abcdef0123456789abcdef01234567-dirty'
+    rows = {row.name: row.values for row in origin_rows([{'git_commit': commit}, {}])}
+    assert rows['commit'] == ['0123456789-dirty', '–']
+
+
+def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):
+    nearest = {run.name: np.fmin.reduce(list(run.series.v2o.values())) for run in runs}
+    first = min(runs, key=lambda run: np.nanmin(nearest[run.name]))
+    wanted = first.series.t[np.nanargmin(nearest[first.name])]
+    assert animation.opening_time(runs) == wanted > 0.0
 
 
 def test_what_stands_behind_a_verdict_is_said_once_below_the_claims(material):

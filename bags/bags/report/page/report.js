@@ -9,7 +9,7 @@ function startReport(film, panels) {
   const runs = Array.from(get(film, 'runs'), (run) => ({
     name: get(run, 'name'), car: get(run, 'car'), plan: get(run, 'plan'), body: get(run, 'body'),
     circles: get(run, 'circles'), horizon: get(run, 'horizon'), others: get(run, 'others'),
-    candidates: get(run, 'candidates'),
+    candidates: get(run, 'candidates'), flag: get(run, 'flag'), pole: get(run, 'pole'),
   }));
   const plot = get(film, 'plot'), obstacles = get(film, 'obstacles'), places = get(film, 'places');
   const plots = [plot, ...panels];
@@ -61,6 +61,35 @@ function startReport(film, panels) {
       `${at.speed.toFixed(1)} m/s${ended}`;
   }
 
+  // The name of each car in a row of its own at the top, and a line from there to the car: so cars
+  // in one place are told apart.
+  const FLAG_PX = 18;
+  function drawFlags(t) {
+    const { x_range, y_range } = plot;
+    const perPixelX = (x_range.end - x_range.start) / (plot.inner_width || 1000);
+    const perPixelY = (y_range.end - y_range.start) / (plot.inner_height || 200);
+    runs.forEach((run, k) => {
+      const at = pose(run.car, t), half = get(run.car, 'width') / 2;
+      const room = (4 * run.name.length + 8) * perPixelX;
+      const x = Math.min(Math.max(at.x, x_range.start + room), x_range.end - room);
+      const y = y_range.end - (k + 0.5) * FLAG_PX * perPixelY;
+      run.flag.data = { x: [x], y: [y], text: [run.name] };
+      run.pole.data = { x: [x, at.x], y: [y - 0.4 * FLAG_PX * perPixelY, at.y + half] };
+    });
+  }
+
+  // How much larger Y is drawn than X: it depends on the screen.
+  const stretchText = element('stretch');
+  function sayStretch() {
+    const { x_range, y_range, inner_width, inner_height } = plot;
+    if (!inner_width || !inner_height) return;
+    const ratio = (inner_height / (y_range.end - y_range.start)) / (inner_width / (x_range.end - x_range.start));
+    const text = Math.abs(ratio - 1) < 0.03 ? 'X and Y have equal scales.'
+      : ratio > 1 ? `Y is drawn ${ratio.toFixed(1)} times larger than X.`
+        : `X is drawn ${(1 / ratio).toFixed(1)} times larger than Y.`;
+    if (stretchText.textContent !== text) stretchText.textContent = text;
+  }
+
   // The plan that is driven, and those that were compared with it.
   function drawPlans(run, t) {
     drawRow(run.plan, run.horizon, t);
@@ -87,23 +116,27 @@ function startReport(film, panels) {
 
   // Views of the film: the whole road, or a window around one car with equal scales.
   const whole = { x: [plot.x_range.start, plot.x_range.end], y: [plot.y_range.start, plot.y_range.end] };
-  const WINDOW_M = 70, BEHIND = 0.3;
+  const NARROW_PX = 700; // of a screen on which the whole road would be far out of proportion
+  const WINDOW_M = innerWidth < NARROW_PX ? 30 : 70, BEHIND = 0.3;
   let followed = null;
   function look(t) {
     if (!followed) return;
     const at = pose(followed.car, t);
     const size = document.querySelector('.film').getBoundingClientRect();
-    const height = WINDOW_M * size.height / size.width;
+    const width = plot.inner_width || size.width, drawn = plot.inner_height || size.height;
+    const height = WINDOW_M * drawn / width;
+    // the names of the cars are above the road
+    const low = at.y - (height - runs.length * FLAG_PX * height / drawn) / 2;
     plot.x_range.setv({ start: at.x - BEHIND * WINDOW_M, end: at.x + (1 - BEHIND) * WINDOW_M });
-    plot.y_range.setv({ start: at.y - height / 2, end: at.y + height / 2 });
+    plot.y_range.setv({ start: low, end: low + height });
   }
   element('view').addEventListener('change', (event) => {
     followed = runs.find((run) => run.name === event.target.value) || null;
-    if (followed) look(now);
-    else {
+    if (!followed) {
       plot.x_range.setv({ start: whole.x[0], end: whole.x[1] });
       plot.y_range.setv({ start: whole.y[0], end: whole.y[1] });
     }
+    show(now);
   });
 
   let now = 0, playing = false, last = null, cursorDrawn = -Infinity;
@@ -126,6 +159,8 @@ function startReport(film, panels) {
     }
     drawObstacles(now);
     look(now);
+    drawFlags(now);
+    sayStretch();
     drawCursors(force);
     slider.value = now;
     clock.textContent = `${now.toFixed(2)} s`;
@@ -145,8 +180,10 @@ function startReport(film, panels) {
     play.setAttribute('aria-pressed', 'false');
     show(now);
   }
+  let untouched = true; // the film opens at a telling moment, and plays from the start
   function start() {
-    if (now >= duration) show(0);
+    if (untouched || now >= duration) show(0);
+    untouched = false;
     playing = true;
     last = null;
     play.textContent = 'Pause';
@@ -154,14 +191,19 @@ function startReport(film, panels) {
     requestAnimationFrame(frame);
   }
   play.addEventListener('click', () => (playing ? pause() : start()));
-  slider.addEventListener('input', () => show(Number(slider.value)));
+  slider.addEventListener('input', () => {
+    untouched = false;
+    show(Number(slider.value));
+  });
   document.addEventListener('keydown', (event) => {
     const busy = event.target.closest('button, input, select, summary, a, [tabindex]');
     if (busy || event.ctrlKey || event.metaKey || event.altKey) return;
     const steps = { ArrowLeft: -0.05, ArrowRight: 0.05 };
     if (event.key === ' ') play.click();
-    else if (event.key in steps) show(now + steps[event.key]);
-    else return;
+    else if (event.key in steps) {
+      untouched = false;
+      show(now + steps[event.key]);
+    } else return;
     event.preventDefault();
   });
 
@@ -170,6 +212,9 @@ function startReport(film, panels) {
     box.addEventListener('change', () => {
       for (const one of plots.flatMap((each) => each.renderers)) {
         if (one.tags.includes(`run:${box.dataset.run}`)) one.visible = box.checked;
+      }
+      for (const item of document.querySelectorAll(`[data-key="${CSS.escape(box.dataset.run)}"]`)) {
+        item.hidden = !box.checked;
       }
     });
   }
@@ -196,6 +241,14 @@ function startReport(film, panels) {
         .forEach((tool) => { tool.active = false; });
     }
   }
-  show(0);
+  if (innerWidth < NARROW_PX) {
+    element('view').value = runs[0].name;
+    followed = runs[0];
+  }
+  show(Number(slider.value));
+  for (const name of ['inner_width', 'inner_height']) {
+    plot.properties[name].change.connect(() => show(now));
+  }
+  plot.x_range.properties.start.change.connect(() => sayStretch());
   document.documentElement.dataset.ready = 'yes';
 }

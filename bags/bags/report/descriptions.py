@@ -1,0 +1,44 @@
+"""What was driven and by whom, in words: from the recorded scenario and controller files."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import yaml
+
+SCENARIO_TEXT = 'scenario_text'
+CONTROLLER_TEXT = 'controller_description'  # the comment at the top of the parameter file
+UNKNOWN = 'the recording holds no description'
+
+
+class Descriptions(NamedTuple):
+    """What the report says of scenario and controllers."""
+
+    scenario: str
+    scenario_file: str  # '' where the recording does not hold it
+    controllers: Mapping[str, str]  # by run
+
+
+def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> Descriptions:
+    """Return the descriptions of runs by their names; `infos` are their metadata records `run`."""
+    text = infos[0].get(SCENARIO_TEXT, '')
+    controllers = {name: info.get(CONTROLLER_TEXT) or UNKNOWN for name, info in zip(names, infos)}
+    return Descriptions(_scenario(text), text, controllers)
+
+
+def _scenario(text):
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return UNKNOWN
+    described = content.get('description') if isinstance(content, dict) else None
+    return str(described) if described else UNKNOWN
+
+
+def leading_comment(text: str) -> str:
+    """Return the comment at the top of a YAML file, without the `#`, as one paragraph."""
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith('#'):
+            break
+        lines.append(line.lstrip('#').strip())
+    return ' '.join(line for line in lines if line)
