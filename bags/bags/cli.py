@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from bags import command_line
 
-COMMANDS = ('play', 'view', 'compare', 'distances', 'info', 'timing', 'repair')
+COMMANDS = ('play', 'view', 'compare', 'overview', 'film', 'distances', 'info', 'timing', 'repair')
 # until version 0.1; now commands of `experiments`
 MOVED = ('run', 'replay-check', 'resolve', 'golden', 'tune', 'study', 'paper')
 USAGE_ERROR = 2  # exit code of argparse

@@ -77,6 +77,9 @@ CAPABILITIES = {
         lambda: chromium() is not None, 'no Chromium is installed: the report is not looked at'
     ),
     'compiler': Capability(has_compiler, 'no C compiler is installed'),
+    'ffmpeg': Capability(
+        lambda: shutil.which('ffmpeg') is not None, 'no ffmpeg is installed: no video is written'
+    ),
     'ipv6': Capability(has_ipv6, 'the IPv6 loopback address ::1 is not configured'),
     'mounts': Capability(
         lambda: runs('unshare', '--mount', 'mount', '-t', 'tmpfs', 'tmpfs', '/mnt'),

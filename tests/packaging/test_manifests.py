@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
     'mcap': None,
     'numpy': 'python3-numpy',
     'optuna': None,
+    'PIL': 'python3-pil',
     'pandas': 'python3-pandas',
     'pyarrow': None,
     'SALib': None,
@@ -31,6 +32,7 @@ ROSDEP_KEYS = {
 }
 # where the name differs
 DISTRIBUTIONS = {
+    'PIL': 'pillow',
     'SALib': 'salib',
     'foxglove': 'foxglove-sdk',
     'sklearn': 'scikit-learn',

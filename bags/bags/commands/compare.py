@@ -22,6 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--force', action='store_true', help='compare runs of different scenarios or plants anyway'
     )
     parser.add_argument(
+        '--overlay',
+        type=Path,
+        action='append',
+        default=[],
+        metavar='CSV',
+        help='draw the curves of this file, too: docs/report.md has its columns (may be repeated)',
+    )
+    parser.add_argument(
         '--claims',
         type=Path,
         metavar='FILE',
@@ -44,5 +52,5 @@ def run(args: argparse.Namespace) -> int:
     from bags.report.comparison import compare_bags, show_comparison
 
     out = args.out or Path(os.path.abspath(args.bags[0])).parent
-    show_comparison(compare_bags(args.bags, out, args.force, args.claims), Console())
+    show_comparison(compare_bags(args.bags, out, args.force, args.claims, args.overlay), Console())
     return 0

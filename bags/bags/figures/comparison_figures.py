@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Polygon
 
 from bags.evaluation import geometry
 from bags.evaluation.series import obstacle_position
-from bags.figures import panels, style
+from bags.figures import overlay, panels, style
 from bags.figures.panels import EVERY, note
 
 SHEET_WIDTH = 15.0  # inch
@@ -150,8 +150,8 @@ def _obstacle(ax, obstacle, runs):
     run = runs[0]
     facts, scene = run.drive.facts, run.drive.scene
     if not _moves(obstacle):
-        first = np.flatnonzero(np.isfinite(obstacle.x))[0]
-        _discs(ax, (obstacle.x[first], obstacle.y[first]), obstacle.radius, facts, pale=False)
+        for first in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
+            _discs(ax, (obstacle.x[first], obstacle.y[first]), obstacle.radius, facts, pale=False)
         return
     timed = np.array(_timed(run))
     x, y = obstacle_position(obstacle, scene, run.drive.motion.stamp_ns[timed])
@@ -202,55 +202,97 @@ NAMES = {
 }
 
 
+# the signal of each panel against the station
+SIGNALS = {
+    panels.draw_v2o: 'v2o',
+    panels.draw_v2e_left: 'v2e_left',
+    panels.draw_v2e_right: 'v2e_right',
+    panels.draw_velocity: 'velocity',
+    panels.draw_sideslip: 'sideslip',
+    panels.draw_steer: 'steer',
+    panels.draw_force: 'force',
+}
 SHEET = 'comparison'
 ALL = (SHEET, *NAMES.values())
 KEYS_BESIDE = 6  # of a legend in one row above a single panel
 COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 
 
-def write_figures(runs, title, folder, names=ALL):
+def write_figures(runs, title, folder, names=ALL, overlays=()):
     """Write figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
     with mpl.rc_context(style.RC):
         for name in ALL:
             if name in names:
-                style.save_figure(draw_figure(name, runs, title), folder / name)
+                style.save_figure(draw_figure(name, runs, title, overlays), folder / name)
 
 
-def draw_figure(name, runs, title):
-    """Return a figure of ALL: the sheet under a title, or a panel."""
+def draw_figure(name, runs, title, overlays=()):
+    """Return a figure of ALL, with the overlays: the sheet under a title, or a panel."""
     with mpl.rc_context(style.RC):
         if name == SHEET:
-            return _sheet(runs, title)
-        return _single(next(panel for panel, known in NAMES.items() if known == name), runs)
+            return _sheet(runs, title, overlays)
+        panel = next(panel for panel, known in NAMES.items() if known == name)
+        return _single(panel, runs, overlays)
 
 
-def _sheet(runs, title):
+def _sheet(runs, title, overlays):
     top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
     figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
     grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
-    draw_trajectories(figure.add_subplot(grid[0]), runs)
+    _draw(draw_trajectories, figure.add_subplot(grid[0]), runs, overlays)
     for row, widths in enumerate(ROWS, start=1):
         cells = grid[row].subgridspec(1, len(widths), width_ratios=list(widths.values()))
         for cell, panel in zip(cells, widths):
-            panel(figure.add_subplot(cell), runs)
+            _draw(panel, figure.add_subplot(cell), runs, overlays)
     style.letter_panels(figure)
-    _legend(figure, runs, WITH_AREAS)
+    _legend(figure, runs, WITH_AREAS, overlays)
     return figure
 
 
-def _single(panel, runs):
+def _draw(panel, ax, runs, overlays):
+    """Draw a panel and what the overlays have for it; return those that have something."""
+    panel(ax, runs)
+    return [one for one in overlays if _draw_overlay(panel, ax, one)]
+
+
+def _draw_overlay(panel, ax, one):
+    curve = _overlay_curve(panel, one)
+    if curve is None or not np.isfinite(curve).all(axis=1).any():
+        return False
+    limits = ax.get_xlim(), ax.get_ylim()
+    ax.plot(*curve.T, zorder=4.5, **one.look.line)
+    ax.set(xlim=limits[0], ylim=limits[1])
+    if panel in SIGNALS and panel not in WITH_AREAS:
+        low, high = limits[1]
+        ax.set_ylim(min(low, np.nanmin(curve[:, 1])), max(high, np.nanmax(curve[:, 1])))
+    return True
+
+
+def _overlay_curve(panel, one):
+    """Return the points (n, 2) of an overlay in a panel; None where it has none."""
+    if panel is draw_trajectories:
+        return one.path()
+    if panel is panels.draw_gg:
+        known = 'lateral' in one.signals and 'gg_x' in one.signals
+        return np.column_stack([one.signals['lateral'], one.signals['gg_x']]) if known else None
+    station, values = one.along(overlay.STATION), one.signals.get(SIGNALS[panel])
+    return None if station is None or values is None else np.column_stack([station, values])
+
+
+def _single(panel, runs, overlays):
     size = PANEL_SIZE
     if panel is draw_trajectories:
         size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
     figure = Figure(figsize=size, layout='constrained')
-    panel(figure.add_subplot(), runs)
-    _legend(figure, runs, (panel,))
+    shown = _draw(panel, figure.add_subplot(), runs, overlays)
+    _legend(figure, runs, (panel,), shown)
     return figure
 
 
-def _legend(figure, runs, drawn):
+def _legend(figure, runs, drawn, overlays):
     """Put a legend of the runs, and of the marks in the panels, above them."""
     keys = [Line2D([], [], label=run.name, **run.line) for run in runs]
+    keys += [Line2D([], [], label=one.name, **one.look.line) for one in overlays]
     if draw_trajectories in drawn:
         keys.append(Line2D([], [], label='coarse path', **style.coarse_path_line()))
     if not WITH_AREAS.isdisjoint(drawn):

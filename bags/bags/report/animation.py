@@ -16,6 +16,7 @@ from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Scene
 from bags.evaluation.series import obstacle_position
 from bags.figures import comparison_figures, style
+from bags.figures.overlay import Overlay
 from bags.figures.panels import Run
 from bags.report.interactive_panels import (
     BINS,
@@ -129,7 +130,9 @@ class TopView(NamedTuple):
     runs: list[dict[str, Any]]  # of each: name and numbers of car and plans; what is drawn
 
 
-def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> TopView:
+def build_top_view(
+    runs: Sequence[Run], logs: Mapping[str, ControllerLog], overlays: Sequence[Overlay] = ()
+) -> TopView:
     """Return the road from above, with the scene of the first run.
 
     Everything that moves is drawn from sources that the page updates for every frame.
@@ -155,6 +158,11 @@ def build_top_view(runs: Sequence[Run], logs: Mapping[str, ControllerLog]) -> To
     places = _draw_obstacles(plot, scene, facts, still)
     for run in runs:
         _trajectory(plot, run)
+    for one in overlays:
+        path = one.path()
+        if path is not None:
+            source = ColumnDataSource(float32(x=path[:, 0], y=path[:, 1]))
+            tag_run(one, plot.line('x', 'y', source=source, **line_look(one)))
     moving = [
         {
             'name': run.name,

@@ -15,6 +15,7 @@ from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog, read_controller_log
 from bags.evaluation.drive import Drive, drive_from_bag, drop_nonfinite
 from bags.figures import comparison_figures, panels, style
+from bags.figures.overlay import Overlay, read_overlays
 from bags.report import metrics_table, page
 from bags.report.comparability import check_comparable
 from bags.report.page import Claim
@@ -43,11 +44,13 @@ def compare_bags(
     out: Path,
     force: bool = False,
     claims_file: Path | None = None,
+    overlay_files: Sequence[Path] = (),
 ) -> Comparison:
     """Compare the bags at `paths` and write the results into the folder `out`.
 
     They are comparison.json, comparison.csv, figures/ and report.html. The report also shows the
-    claims in `claims_file`, by default a claims.json in `out` where there is one. Runs of one
+    claims in `claims_file`, by default a claims.json in `out` where there is one. The curves of the
+    CSV files `overlay_files` (`figures.overlay`) are drawn beside those of the runs. Runs of one
     controller are called after their folders. Raises BagError for bags that cannot be evaluated,
     for one that is given twice, and for runs of different scenarios or plants (`force` compares
     them anyway, on the road of the first).
@@ -70,7 +73,8 @@ def compare_bags(
         'damage': {name: bag.damage for name, bag in by_name.items() if bag.damage},
         KEY: {name: counts[KEY] for name, counts in invalid.items() if counts},
     }
-    return compare_drives(drives, out, faults, logs, claimed)
+    overlays = read_overlays(overlay_files, names, driven[0].scene) if overlay_files else ()
+    return compare_drives(drives, out, faults, logs, claimed, overlays)
 
 
 def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]:
@@ -98,6 +102,7 @@ def compare_drives(
     faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
     logs: Mapping[str, ControllerLog] = NO_LOGS,
     claimed: Sequence[Claim] = (),
+    overlays: Sequence[Overlay] = (),
 ) -> Comparison:
     """Evaluate drives by controller name and write the results into the folder `out`.
 
@@ -110,6 +115,8 @@ def compare_drives(
     runs = panels.evaluate_runs(drives)
     by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': by_run}
+    if overlays:
+        values['overlays'] = {one.name: [*one.axes, *one.signals] for one in overlays}
     values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
@@ -120,9 +127,9 @@ def compare_drives(
     folder.mkdir(exist_ok=True)
     costly = comparison_figures.COSTLY
     others = [name for name in comparison_figures.ALL if name not in costly]
-    with concurrently(comparison_figures.write_figures, runs, scenario, folder, costly):
-        comparison_figures.write_figures(runs, scenario, folder, others)
-        data = page.ReportData(values, runs, logs, claimed)
+    with concurrently(comparison_figures.write_figures, runs, scenario, folder, costly, overlays):
+        comparison_figures.write_figures(runs, scenario, folder, others, overlays)
+        data = page.ReportData(values, runs, logs, claimed, overlays)
         report = page.write_report(data, out / page.REPORT_FILE)
     drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report)

@@ -20,6 +20,7 @@ from bokeh.plotting import figure
 from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Facts
 from bags.figures import style
+from bags.figures.overlay import STATION, TIME, Overlay
 from bags.figures.panels import FAR_M, LEAST_SPANS, SIGNALS, Run, axis_limits, friction_circle
 
 BINS = 600  # a panel is at most about that many pixels wide
@@ -138,7 +139,11 @@ PANELS = (
 
 
 def plot_panel(
-    panel: Panel, runs: Sequence[Run], logs: Mapping[str, ControllerLog], time_axis: Range1d
+    panel: Panel,
+    runs: Sequence[Run],
+    logs: Mapping[str, ControllerLog],
+    time_axis: Range1d,
+    overlays: Sequence[Overlay] = (),
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
     curves = [(run, panel.curve(run, logs[run.name])) for run in runs]
@@ -146,12 +151,14 @@ def plot_panel(
     if not drawn:
         return None
     plot = new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
-    values = [curve.values for _, curve in drawn]
+    laid = [one for one in overlays if np.isfinite(one.signals.get(panel.name, np.nan)).any()]
+    values = [curve.values for _, curve in drawn] + [one.signals[panel.name] for one in laid]
     if panel.unsafe:
         _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), values)
     else:
         plot.y_range = Range1d(*panel.limits(values))
     lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
+    lines += [_plot_overlay(plot, one, one.signals[panel.name]) for one in laid]
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
@@ -181,16 +188,16 @@ def plot_gg(runs: Sequence[Run]) -> figure:
     return plot
 
 
-def tag_run(run: Run, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
+def tag_run(run: Run | Overlay, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
     """Tag a glyph with its run, so that the page can hide it; return it."""
     drawn.tags = [f'run:{run.name}', *tags]
     return drawn
 
 
-def line_look(run: Run) -> dict:
+def line_look(run: Run | Overlay) -> dict:
     """Return colour, width and dash of the lines of a run."""
     look = run.look
-    dash = [round(part) for part in look.dash]
+    dash = [max(1, round(part)) for part in look.dash]
     return {'line_color': look.colour, 'line_width': look.width, 'line_dash': dash}
 
 
@@ -228,6 +235,16 @@ def _plot_curve(plot, run, curve):
     source = ColumnDataSource(float32(time=time, station=station, value=curve.values[chosen]))
     line = plot.line('time', 'value', source=source, name=run.name, **line_look(run))
     return tag_run(run, line, CURVE)
+
+
+def _plot_overlay(plot, one, values):
+    unknown = np.full(len(values), np.nan)
+    time, station = (
+        unknown if one.along(axis) is None else one.along(axis) for axis in (TIME, STATION)
+    )
+    source = ColumnDataSource(float32(time=time, station=station, value=values))
+    line = plot.line('time', 'value', source=source, name=one.name, **line_look(one))
+    return tag_run(one, line, CURVE)
 
 
 def _shade(plot, safe, columns):

@@ -48,16 +48,17 @@ def _lines(metric, runs) -> Iterator[Line]:
     if metric.optional and all(value is None for value in values):
         return
     if not any(isinstance(value, Mapping) for value in values):
-        cells = [_cell(metric, run[metric.name], run) for run in runs.values()]
+        cells = [cell(metric, run[metric.name], run) for run in runs.values()]
         yield Line(metric.title, metric.unit, cells, '')
         return
     for key in dict.fromkeys(key for value in values for key in value):
         paper = f'{metric.paper[key]:.{metric.decimals}f}' if key in metric.paper else ''
-        cells = [_cell(metric, run[metric.name].get(key), run) for run in runs.values()]
+        cells = [cell(metric, run[metric.name].get(key), run) for run in runs.values()]
         yield Line(metric.title.format(metric.labels.get(key, key)), metric.unit, cells, paper)
 
 
-def _cell(metric: Metric, value, run) -> Cell:
+def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
+    """Return the single value of a metric as text; `run` are all metrics of its run."""
     if value is None:
         return Cell(ABSENT)
     if isinstance(value, bool):
@@ -116,11 +117,12 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     writer = csv.writer(out, lineterminator='\n')
     writer.writerow(['metric', *columns])
     for row in rows:
-        writer.writerow([row, *(_csv_cell(column.get(row)) for column in columns.values())])
+        writer.writerow([row, *(csv_cell(column.get(row)) for column in columns.values())])
     return out.getvalue()
 
 
-def _csv_cell(value):
+def csv_cell(value: Any) -> str:
+    """Return a value for a CSV file: every digit, nothing where there is none."""
     if value is None:
         return ''
     return str(value).lower() if isinstance(value, bool) else repr(value)

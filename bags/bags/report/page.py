@@ -17,6 +17,7 @@ from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
 from bags.figures import style
+from bags.figures.overlay import Overlay
 from bags.figures.panels import Run
 from bags.report import animation, interactive_panels, metrics_table
 from bags.report.comparability import origin_rows, parameter_rows
@@ -88,6 +89,7 @@ class ReportData(NamedTuple):
     runs: Sequence[Run]
     logs: Mapping[str, ControllerLog]  # by run; a run may lack one
     claims: Sequence[Claim] = ()
+    overlays: Sequence[Overlay] = ()
 
 
 def write_report(data: ReportData, file: Path) -> Path:
@@ -101,10 +103,13 @@ def report_html(data: ReportData) -> str:
     runs = data.runs
     logs = {run.name: data.logs.get(run.name, EMPTY_LOG) for run in runs}
     infos = [logs[run.name].run_info for run in runs]
-    view = animation.build_top_view(runs, logs)
+    view = animation.build_top_view(runs, logs, data.overlays)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [interactive_panels.plot_panel(panel, runs, logs, time_axis) for panel in PANELS]
+    overlays = data.overlays
+    panels = [
+        interactive_panels.plot_panel(panel, runs, logs, time_axis, overlays) for panel in PANELS
+    ]
     panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
     shaded = {panel.name for panel in PANELS if panel.unsafe}
     script, divs = _embedded(view, panels)
@@ -112,6 +117,7 @@ def report_html(data: ReportData) -> str:
         scenario=data.values['scenario'],
         runs=[(run.name, run.look) for run in runs],
         about=describe_runs([run.name for run in runs], infos),
+        overlays=[(one.name, one.look, sorted(one.signals)) for one in data.overlays],
         areas=style.AREAS,
         shaded=shaded,
         coarse_path=style.COARSE_PATH,

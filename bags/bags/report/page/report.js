@@ -227,7 +227,9 @@ function startReport(film, panels) {
       if (mine.length) panel.below[0].axis_label = name === 'time' ? 'time [s]' : 'station [m]';
       curves.push(...mine);
     }
-    const ends = curves.flatMap((one) => [one.data_source.data[name]].map((v) => [v[0], v[v.length - 1]]));
+    // an overlay may not know its station, or its time
+    const ends = curves.map((one) => one.data_source.data[name])
+      .map((v) => [v[0], v[v.length - 1]]).filter((e) => e.every(Number.isFinite));
     const linked = panels[0].x_range;
     const bounds = { start: Math.min(...ends.map((e) => e[0])), end: Math.max(...ends.map((e) => e[1])) };
     linked.setv({ ...bounds, reset_start: bounds.start, reset_end: bounds.end });

@@ -1,0 +1,169 @@
+"""Curves from a CSV file beside those of the runs: measured elsewhere, or read off a publication.
+
+The first row names the columns, in any order:
+
+    time_s, station_m   since the first state of the runs, along the coarse path
+    x_m, y_m            in the frame map; they also give the station where it is missing
+    any column of SIGNALS
+
+At least one of time_s, station_m, or both x_m and y_m; and anything to draw. An empty cell is a
+gap; lines that begin with # are comments.
+"""
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bags.errors import BagError
+from bags.evaluation import geometry
+from bags.evaluation.drive import Scene
+from bags.figures import style
+from msgs_yaml.strict_yaml import closest
+
+TIME, STATION, X, Y = AXES = ('time_s', 'station_m', 'x_m', 'y_m')
+DEGREES = math.degrees(1.0)
+KILO = 1e-3
+
+
+class Column(NamedTuple):
+    """What a column is drawn as."""
+
+    signal: str  # the panel
+    factor: float = 1.0  # from the unit of the column to that of the panel
+
+
+SIGNALS: Mapping[str, Column] = {
+    'v2o_m': Column('v2o'),
+    'v2e_left_m': Column('v2e_left'),
+    'v2e_right_m': Column('v2e_right'),
+    'contouring_m': Column('contouring'),
+    'vx_mps': Column('velocity'),
+    'sideslip_rad': Column('sideslip', DEGREES),
+    'sideslip_deg': Column('sideslip'),
+    'ax_mps2': Column('gg_x'),
+    'ay_mps2': Column('lateral'),
+    'steer_rad': Column('steer', DEGREES),
+    'steer_deg': Column('steer'),
+    'force_x_n': Column('force', KILO),
+    'force_x_kn': Column('force'),
+    'friction_front': Column('friction_front'),
+    'friction_rear': Column('friction_rear'),
+    'solve_ms': Column('solve'),
+}
+
+
+class Overlay(NamedTuple):
+    """The columns of a file, each (n,), not-a-number where a cell is empty."""
+
+    name: str  # of the file, without its ending
+    look: style.Look
+    axes: Mapping[str, np.ndarray]  # by name in AXES, those that are known
+    signals: Mapping[str, np.ndarray]  # by panel, in its unit
+
+    def along(self, axis: str) -> np.ndarray | None:
+        """Return time_s or station_m (n,); None where it is unknown."""
+        return self.axes.get(axis)
+
+    def path(self) -> np.ndarray | None:
+        """Return the positions (n, 2) [m]; None where they are unknown."""
+        if X in self.axes and Y in self.axes:
+            return np.column_stack([self.axes[X], self.axes[Y]])
+        return None
+
+
+def read_overlays(files: Sequence[Path], runs: Sequence[str], scene: Scene) -> list[Overlay]:
+    """Return the overlays in CSV files, with colours that the runs do not have.
+
+    The scene gives stations to positions. Raises BagError, which names file and line.
+    """
+    names = [Path(file).stem for file in files]
+    for k, (file, name) in enumerate(zip(files, names)):
+        if name in runs or name in names[:k]:
+            raise BagError(f'{file}: something else is called {name!r}; give the file another name')
+    colours = style.assign_colours([*runs, *names])
+    return [
+        _overlay(Path(file), style.Look(colours[name], style.DOTTED, style.WIDTHS[1] + 0.6), scene)
+        for file, name in zip(files, names)
+    ]
+
+
+def _overlay(file, look, scene):
+    columns = _read(file)
+    axes = {name: columns[name] for name in AXES if name in columns}
+    signals = {}
+    for name in columns.keys() - axes.keys():
+        known = SIGNALS[name]
+        if known.signal in signals:
+            raise BagError(f'{file}: two columns of {known.signal}, one of them {name}')
+        signals[known.signal] = columns[name] * known.factor
+    if X in axes and Y in axes:
+        points = np.column_stack([axes[X], axes[Y]])
+        if not np.isfinite(points).all():
+            raise BagError(f'{file}: x_m and y_m must have a number in every row')
+        along = geometry.project_drive(points, scene.reference, np.inf)
+        axes.setdefault(STATION, along.distance)
+        signals.setdefault('contouring', along.offset)
+    if TIME not in axes and STATION not in axes:
+        raise BagError(
+            f'{file}: needs time_s, station_m, or x_m and y_m; it has {", ".join(columns)}'
+        )
+    if not signals:
+        raise BagError(
+            f'{file}: nothing to draw; besides {", ".join(AXES)} there may be {_known()}'
+        )
+    return Overlay(file.stem, look, axes, signals)
+
+
+def _read(file) -> dict[str, np.ndarray]:
+    try:
+        text = file.read_text(encoding='utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        raise BagError(f'{file}: cannot be read as CSV: {error}') from None
+    rows = _rows(text)
+    try:
+        _, header = next(rows)
+    except StopIteration:
+        raise BagError(f'{file}: is empty; the first row must name the columns') from None
+    names = [cell.strip() for cell in header]
+    for k, name in enumerate(names):
+        if name not in AXES and name not in SIGNALS:
+            near = closest(name, (*AXES, *SIGNALS))
+            raise BagError(f'{file}: no column {name!r} is known{near}; allowed are {_known(AXES)}')
+        if name in names[:k]:
+            raise BagError(f'{file}: two columns are called {name}')
+    values = [_numbers(file, line, names, row) for line, row in rows]
+    if not values:
+        raise BagError(f'{file}: has no row below the names of its columns')
+    return dict(zip(names, np.array(values).T))
+
+
+def _rows(text) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of the rows that are neither empty nor a comment."""
+    reader = csv.reader(text.splitlines())
+    for row in reader:
+        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith('#'):
+            yield reader.line_num, row
+
+
+def _numbers(file, line, names, row):
+    if len(row) != len(names):
+        raise BagError(f'{file}: line {line} has {len(row)} cells, the first row {len(names)}')
+    return [_number(file, line, name, cell.strip()) for name, cell in zip(names, row)]
+
+
+def _number(file, line, name, cell):
+    try:
+        value = float(cell) if cell else math.nan
+    except ValueError:
+        raise BagError(f'{file}: line {line}: {name} is {cell!r}, which is no number') from None
+    if math.isinf(value):
+        raise BagError(f'{file}: line {line}: {name} is not finite')
+    return value
+
+
+def _known(names=()):
+    return ', '.join((*names, *SIGNALS))
