@@ -279,7 +279,7 @@ def _overlay_curve(panel, one):
     return None if station is None or values is None else np.column_stack([station, values])
 
 
-def _single(panel, runs, overlays):
+def _single(panel, runs, overlays=()):
     size = PANEL_SIZE
     if panel is draw_trajectories:
         size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
