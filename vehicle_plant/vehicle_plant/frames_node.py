@@ -52,12 +52,12 @@ class FramesPublisher:
 
     def publish(self, trajectory: Trajectory) -> None:
         """Publish the frames at the rows of a trajectory that are due, if anyone listens."""
-        if self.tf_pub is None or not self.tf_pub.get_subscription_count():
-            return
         stamps = trajectory.stamp_ns
-        if stamps[-1] < self._due_ns:
+        if self.tf_pub is None or stamps[-1] < self._due_ns:
             return
         due = trajectory.where(np.array(self._are_due(stamps.tolist())))
+        if not self.tf_pub.get_subscription_count():
+            return
         moving = [frame for frame in self._car_frames if frame.is_steered]
         for state, actuators in zip(due.states(), due.actuators()):
             wheels = [_mounted(frame, state.stamp_ns, actuators.delta) for frame in moving]
