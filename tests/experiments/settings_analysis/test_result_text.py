@@ -27,7 +27,7 @@ def test_the_text_has_the_numbers_and_verdicts_of_the_confirmatory_baseline(deci
     text = result_text.build(decided, None)
     assert '120 settings were drawn' in text
     assert 'in 120 of them its own preconditions hold' in text
-    row = 'slides with at least 6 deg and the MPCC with at most 4 deg | 120 of 120 | '
+    row = (
         '| the baseline slides with at least 6 deg and the MPCC with at most 4 deg | 120 of 120 | '
     )
     assert row in text
