@@ -44,11 +44,18 @@ class _Common:
     realtime: scheduling.SchedulingOptions
 
 
+@dataclass(frozen=True)
+class _Managed:
+    """Of managed nodes."""
+
+    autostart: bool  # whether the node configures and activates itself when it starts
+
+
 COMMON = parameters.leaves(_Common)
-MANAGED = {**COMMON, AUTOSTART: Leaf(bool, False, None)}
+MANAGED = COMMON | parameters.leaves(_Managed)
 _DEFAULTS = parameters.flatten(_Common(contract.MODES[0], 0, '', scheduling.DEFAULTS))
-_DEFAULTS |= {AUTOSTART: True}
-_MEANINGS = {AUTOSTART: 'whether the node configures and activates itself when it starts'}
+_DEFAULTS |= parameters.flatten(_Managed(autostart=True))
+_MEANINGS = parameter_docs.field_comments(_Managed)
 _SOURCE = 'command line or parameter file'
 NO_SOURCES: Mapping[str, str] = {}
 # what rclpy declares for every node
@@ -110,9 +117,9 @@ def resolve(
 
 
 def describe_common() -> tuple[GroupDoc, ...]:
-    """Return what `parameter_docs.describe` says of the parameters of COMMON."""
+    """Return what `parameter_docs.describe` says of the parameters of COMMON and MANAGED."""
     file = parameters.ParameterFile(_DEFAULTS, {}, {}, None)
-    return parameter_docs.describe(_Common, file)
+    return tuple(g for cls in (_Common, _Managed) for g in parameter_docs.describe(cls, file))
 
 
 def describe_defaults(cls: type, given: Mapping[str, Any], defaults: Path) -> str:

@@ -40,9 +40,15 @@ def test_every_parameter_has_a_meaning_or_says_its_range():
             assert len(row.strip('| ').split(' | ')) >= 3, row
 
 
+def test_the_page_tells_which_parameters_may_be_set_while_driving():
+    page = pages()['parameters_controller']
+    assert re.search(r'\| `priorities.obstacle` \|.*\| yes \|', page)
+    assert not re.search(r'\| `model.horizon` \|.*\| yes \|', page)
+
+
 def test_parameters_of_every_node_have_a_page():
     page = pages()[parameter_pages.EVERY_NODE]
-    assert all(f'`{name}`' in page for name in node_parameters.COMMON)
+    assert all(f'`{name}`' in page for name in node_parameters.MANAGED)
 
 
 def test_the_page_of_controllers_tells_what_a_file_changes():

@@ -1,12 +1,13 @@
 """Pages about parameters: what each node and file takes, and what each controller sets."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from bags.player_node import PlayerParams
 from bags.storage.message_filing import RecorderParams
 from bags.viewers.marker_scene import ShapeParams
+from mpcc_controller import run_time_parameters
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import share
 from node_runtime import node_parameters, parameter_docs, parameters
@@ -124,23 +125,27 @@ def pages() -> dict[str, str]:
 def _kind_page(kind):
     path = share.path(kind.package, 'config', kind.defaults)
     described = parameter_docs.describe(kind.cls, parameters.read_file(path, path.parent))
+    changeable: Collection[str] = ()
+    if kind.cls is ControllerParams:
+        changeable = run_time_parameters.names(parameters.load(ControllerParams, path))
     return (
         f'# {kind.title}\n\n{kind.about} The defaults are those of '
-        f'`{kind.package}/config/{kind.defaults}`.\n\n{groups(described)}'
+        f'`{kind.package}/config/{kind.defaults}`.\n\n{groups(described, changeable)}'
     )
 
 
-def groups(described: Sequence[GroupDoc]) -> str:
-    """Return a table per group."""
+def groups(described: Sequence[GroupDoc], changeable: Collection[str] = ()) -> str:
+    """Return a table per group; `changeable` are parameters that may be set while driving."""
     parts = []
     for group in described:
-        heads = ('parameter', 'unit', 'allowed', 'default', 'meaning')
+        heads = ('parameter', 'unit', 'allowed', 'default', 'set while driving', 'meaning')
         rows = [
             (
                 code(row.name),
                 text(row.unit) if row.unit != '-' else '',
                 text(row.allowed),
                 text(row.default_text),
+                'yes' if row.name in changeable else '',
                 text(row.meaning),
             )
             for row in group.parameters
