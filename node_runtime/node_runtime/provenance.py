@@ -83,6 +83,11 @@ def digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def digest_file(path: Path) -> str:
+    """Return the SHA-256 of a file as hex digits; raises OSError."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def versions() -> dict[str, str]:
     """Return the version of everything that may change the numbers of a run.
 

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments run`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
-    text = 'a name in mpcc_controller/config, or a YAML file'
+    text = 'a name in mpcc_controller/config, a YAML file, or a program that is a node'
     add_list(parser, '--controller', text, 'mpcc', metavar='C')
     parser.add_argument(
         '--mode',

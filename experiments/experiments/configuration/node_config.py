@@ -2,7 +2,9 @@
 
 import contextlib
 import json
+import os
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -36,6 +38,8 @@ PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another
 LABEL_FORM = re.compile(r'(?!\d+$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}')
 LABEL_ALLOWED = '1 to 40 of a-z, A-Z, 0-9, _ and -, not a number, the first no _ or -'
 BAG_FOLDER, RUN_INFO_FILE = 'bag', 'run_info.json'
+# what a run of a program of the user is judged by, of the controller's parameters
+JUDGED_BY = re.compile(r'body\..+|safety\..+|tyre\..+|model\.step_s')
 # the scenario key that sets a parameter, or the parameters below a name; for error messages
 SCENARIO_KEYS = {
     'controller': {'model.friction': 'friction'},
@@ -67,10 +71,15 @@ class ScenarioFacts(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """A controller: its name in runs and its parameter file."""
+    """A controller: its name in runs and its parameter file.
+
+    One of the user's may be a program, which is started as its node; `config` is then the file by
+    whose circles and safety distances its runs are judged.
+    """
 
     name: str
     config: Path
+    program: tuple[str, ...] = ()  # the command, without arguments of ROS
     label: str = ''  # of its runs, to tell them from others of the same controller
 
     @property
@@ -94,14 +103,22 @@ class Node(NamedTuple):
     files: tuple[Path, ...]  # parameter files, the later ones win
     parameters: dict[str, Any]  # dotted; they win over the files
     origins: Mapping[str, str] = NO_SOURCES  # the source of some `parameters`, for errors
+    program: tuple[str, ...] = ()  # what is started in place of the executable
 
 
-def find_controller(name_or_path: str) -> Controller:
+def find_controller(name_or_path: str, programs: bool = False) -> Controller:
     """Return the controller of a name in mpcc_controller/config, or of a YAML file.
 
-    Raises BagError, which lists the known names, when there is none.
+    With `programs` also that of a path to a Python file or an executable, which is a node. Raises
+    BagError, which lists the known names, when there is none.
     """
     path = Path(name_or_path)
+    if program := _program(name_or_path):
+        if not programs:
+            raise BagError(
+                f'the controller {name_or_path!r} is a program: only `experiments run` drives it'
+            )
+        return Controller(path.stem, _known_controllers()['mpcc'].absolute(), program)
     if path.suffix not in ('.yaml', '.yml'):
         known = _known_controllers()
         if name_or_path not in known:
@@ -115,6 +132,18 @@ def find_controller(name_or_path: str) -> Controller:
     return Controller(path.stem, path.absolute())
 
 
+def _program(name_or_path):
+    """Return the command of a path to a program, () for any other text."""
+    path = Path(name_or_path).absolute()
+    if os.sep not in name_or_path and path.suffix != '.py':
+        return ()
+    if not path.is_file() or path.suffix in ('.yaml', '.yml'):
+        return ()
+    if path.suffix == '.py':
+        return (sys.executable, str(path))
+    return (str(path),) if os.access(path, os.X_OK) else ()
+
+
 def _reject_baseline_by_name(path):
     """Raise BagError for a file that is the baseline by its name only, as older ones were."""
     if path.stem.startswith('frenet'):
@@ -126,15 +155,17 @@ def _reject_baseline_by_name(path):
                 )
 
 
-def find_controllers(names_or_paths: Sequence[str], label: str = '') -> list[Controller]:
+def find_controllers(
+    names_or_paths: Sequence[str], label: str = '', programs: bool = False
+) -> list[Controller]:
     """Return the controllers without repetition, with a label for their runs.
 
-    Raises BagError for what `find_controller` refuses, two files of one name, and a label that is
-    none.
+    `programs` as in `find_controller`. Raises BagError for what that refuses, two files of one
+    name, and a label that is none.
     """
     if label and not LABEL_FORM.fullmatch(label):
         raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
-    found = dict.fromkeys(find_controller(name) for name in names_or_paths)
+    found = dict.fromkeys(find_controller(name, programs) for name in names_or_paths)
     controllers = [controller._replace(label=label) for controller in found]
     names = [controller.name for controller in controllers]
     for name in names:
@@ -186,11 +217,19 @@ def build_nodes(
         given = overrides.get(role, {})
         # the run starts when the recorder listens; the recorder does not wait for itself
         values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
-        files = (controller.config,) if role == 'controller' else ()
+        is_controller = role == 'controller'
+        files = (controller.config,) if is_controller and not controller.program else ()
+        program = controller.program if is_controller else ()
+        if program and given:
+            raise BagError(
+                f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
+                'program, which has its parameters from elsewhere'
+            )
         sources = _scenario_origins(role, own, facts)
         sources |= {name: f'--set {role}.{name}' for name in given}
         sources |= origins.get(role, {})
-        nodes.append(Node(role, DEFAULTS[role][0], f'{role}_node', files, values, sources))
+        executable = Path(program[-1]).name if program else f'{role}_node'
+        nodes.append(Node(role, DEFAULTS[role][0], executable, files, values, sources, program))
     return nodes
 
 
@@ -235,7 +274,15 @@ def collect_parameters(
     `file_values` are the dotted parameters in the files that a node's parameters name (car, tyre),
     by role, from `inputs.file_values`: only the package of a node can read every form of them.
     """
-    return {node.role: {**file_values.get(node.role, {}), **_all_values(node)} for node in nodes}
+    recorded = {}
+    for node in nodes:
+        values = {**file_values.get(node.role, {}), **_all_values(node)}
+        if node.program:
+            values = {name: value for name, value in values.items() if JUDGED_BY.fullmatch(name)}
+            values['program'] = ' '.join(node.program)
+            values['program_sha256'] = provenance.digest_file(Path(node.program[-1]))
+        recorded[node.role] = values
+    return recorded
 
 
 class LoadedFacts(NamedTuple):

@@ -135,6 +135,7 @@ def _drive(nodes, settings, staging, interrupt, progress, reader):
                 staging.logs,
                 environment,
                 name=node.executable,
+                program=node.program,
                 cores=cores.get(node.role),
                 nice=NICE.get(node.role, 0) if cores else 0,
             )

@@ -31,7 +31,7 @@ class Request(NamedTuple):
     """The arguments of `experiments run`."""
 
     scenario: str  # a name, or the path of a file
-    controllers: Sequence[str]  # names in mpcc_controller/config, or paths
+    controllers: Sequence[str]  # names in mpcc_controller/config, or paths of files and programs
     mode: str
     out: Path
     settings: Sequence[str]  # NODE.parameter=value
@@ -53,7 +53,7 @@ def run(request: Request, console: Console) -> int:
     any case.
     """
     # refused before a scenario loads SciPy
-    node_config.find_controllers(request.controllers, request.label)
+    node_config.find_controllers(request.controllers, request.label, programs=True)
     scn = inputs.load_scenario(request.scenario)
     expect = _check_expectations(scn.expect, request.scenario)
     others = earlier_runs.find(request.beside, request.out / scn.name, scn)
@@ -134,7 +134,7 @@ def _show_disagreement(outcomes, runs, console):
 
 def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunOutcome]]:
     """Run the controllers as `run`; return the folder of the scenario and outcomes."""
-    controllers = node_config.find_controllers(request.controllers, request.label)
+    controllers = node_config.find_controllers(request.controllers, request.label, programs=True)
     overrides = set_option.parse_overrides(request.settings)
     scn = inputs.load_scenario(request.scenario)
     facts = inputs.scenario_facts(scn, request.scenario)

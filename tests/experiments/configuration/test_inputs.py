@@ -118,11 +118,42 @@ def test_a_setting_in_another_form_is_refused(text):
 def test_a_controller_may_be_a_file_of_its_own(tmp_path):
     own = tmp_path / 'brave.yaml'
     own.write_text('')
-    assert node_config.find_controller(str(own)) == ('brave', own)
+    assert node_config.find_controller(str(own)) == ('brave', own, (), '')
     assert node_config.find_controller('mpcc_no_ca').config.name == 'mpcc_no_ca.yaml'
     for wrong in ('timid', str(tmp_path / 'timid.yaml')):
         with pytest.raises(BagError, match='timid'):
             node_config.find_controller(wrong)
+
+
+def test_a_controller_of_experiments_run_may_be_a_program(tmp_path, facts):
+    python, shell = tmp_path / 'steer.py', tmp_path / 'steer'
+    python.write_text('')
+    shell.write_text('#!/bin/sh\n')
+    shell.chmod(0o755)
+    for program, command in ((python, (sys.executable, str(python))), (shell, (str(shell),))):
+        with pytest.raises(BagError, match='only `experiments run` drives it'):
+            node_config.find_controller(str(program))
+        found = node_config.find_controller(str(program), programs=True)
+        assert (found.name, found.program) == ('steer', command)
+    places = (tmp_path / 'bag', tmp_path / 'notes')
+    nodes = node_config.build_nodes(facts, found, 'lockstep', *places, {})
+    (node,) = (node for node in nodes if node.role == 'controller')
+    assert node.program == (str(shell),)
+    recorded = recorded_parameters(nodes)['controller']
+    assert recorded['program'] == str(shell)
+    assert recorded['safety.obstacle_m'] == 0.5
+    assert not [name for name in recorded if name.startswith(('solver', 'tolerances'))]
+    with pytest.raises(BagError, match=r'--set controller.x: the controller steer is a program'):
+        node_config.build_nodes(facts, found, 'lockstep', *places, {'controller': {'x': 1}})
+
+
+@pytest.mark.parametrize('wrong', ['steer', 'sub/steer', './steer.py'])
+def test_a_program_that_does_not_exist_or_may_not_run_is_refused(wrong, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'sub').mkdir()
+    (tmp_path / 'sub/steer').touch()  # nobody may execute it
+    with pytest.raises(BagError, match='no controller'):
+        node_config.find_controller(wrong, programs=True)
 
 
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
