@@ -35,6 +35,7 @@ class ScenarioNode(ManagedNode):
         self.path = ros.serialize(encode.reference(scn.reference))
         self.edges = ros.serialize(encode.road_edges(scn.edges))
         self.pending_ns = None  # simulated instant that is not answered yet
+        self.listeners = {'/scenario/obstacles': 1}  # that the first answer waits for
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
             self.polling = ros.steady_timer(self, POLL_S, self.answer)
@@ -55,17 +56,23 @@ class ScenarioNode(ManagedNode):
     def on_clock(self, msg):
         """Answer an instant of simulated time under the same stamp."""
         try:
-            self.pending_ns = decode.clock(msg)
+            stamp_ns = decode.clock(msg)
         except decode.DecodeError as error:
             self.log_rejected('/clock', error)
-        else:
+            return
+        self.answer()
+        if self.is_active and self.pending_ns is not None and stamp_ns > self.pending_ns:
+            # time goes on without obstacles: this controller does not subscribe to them
+            self.listeners = {}
             self.answer()
+        self.pending_ns = stamp_ns
+        self.answer()
 
     def answer(self):
         """Answer the pending instant once all subscribers are matched."""
         if self.pending_ns is None or not self.is_active:
             return
-        if ros.missing_subscriptions(self, {'/scenario/obstacles': 1}):
+        if ros.missing_subscriptions(self, self.listeners):
             return
         self.polling.cancel()
         self.publish(self.pending_ns)

@@ -151,6 +151,16 @@ def test_path_and_edges_are_repeated_unchanged_every_250_ms(listener, node):
         assert all(same(value[1:], values[0][1:]) for value in values)
 
 
+@runs('double_lane_change')
+def test_time_that_goes_on_without_a_listener_of_obstacles_is_answered(listener, node):
+    clock, edges = listener.speak('/clock'), listener.hear('/scenario/road_edges')
+    listener.wait_until(lambda: edges and clock.get_subscription_count())
+    for k in range(6):  # of a controller that takes no notice of obstacles
+        clock.publish(encode.clock(START_NS + k * TICK_NS))
+    listener.wait_until(lambda: len(edges) > 1)
+    assert decode.road_edges(edges[1]).stamp_ns == START_NS + 5 * TICK_NS
+
+
 @runs('straight')
 def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
     clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
