@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import recipe_steps
 from installation import PACKAGES
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs/extending.md').read_text()
 STEP = re.compile(r'<!-- (?P<step>.+?) -->\n```\w*\n(?P<text>.*?)```\n', re.DOTALL)
-PLACE = re.compile(r'in (?P<file>\S+), (?P<how>before|after|replace): (?P<anchor>.+)')
-NEW_FILE = 'new file: '
 CHECK = 'check'
 
 
@@ -44,31 +43,6 @@ def copy(tmp_path):
     return tmp_path
 
 
-def edit(file, how, anchor, text):
-    lines = file.read_text().splitlines(keepends=True)
-    at = [k for k, line in enumerate(lines) if anchor in line]
-    assert at, f'{file.name} has no line with {anchor!r}'
-    first = at[0]
-    if how == 'replace':
-        lines[first] = lines[first].replace(anchor, text.strip())
-    else:
-        lines.insert(first + (how == 'after'), text)
-    file.write_text(''.join(lines))
-
-
-def apply(step, text, folder):
-    """Apply a step to the copy; return the source of the check if it is one."""
-    if step == CHECK:
-        return text
-    if step.startswith(NEW_FILE):
-        (folder / step.removeprefix(NEW_FILE)).write_text(text)
-        return ''
-    place = PLACE.fullmatch(step)
-    assert place, f'no step of a recipe: {step}'
-    edit(folder / place['file'], place['how'], place['anchor'], text)
-    return ''
-
-
 def test_every_section_is_a_recipe_with_a_check():
     titles = [recipe.title for recipe in recipes()]
     assert titles == [
@@ -86,10 +60,11 @@ def test_every_section_is_a_recipe_with_a_check():
 
 @pytest.mark.parametrize('recipe', recipes(), ids=lambda recipe: recipe.title.replace(' ', '_'))
 def test_a_recipe_does_what_the_page_says(recipe, copy):
-    checks = [apply(step, text, copy) for step, text in recipe.steps]
+    for step, text in recipe.steps[:-1]:
+        recipe_steps.apply(step, text, copy)
     paths = os.pathsep.join(str(copy / package) for package in PACKAGES)
     done = subprocess.run(
-        [sys.executable, '-c', ''.join(checks)],
+        [sys.executable, '-c', recipe.steps[-1][1]],
         cwd=copy,
         env=os.environ | {'PYTHONPATH': paths},
         capture_output=True,

@@ -1,0 +1,112 @@
+"""Every command, file and snippet of the quickstart, the tutorials and the how-to pages works.
+
+A page runs from its text, in order, in a folder that looks like a clone to the reader
+(`tutorial_page`).
+"""
+
+import os
+import re
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import tutorial_page
+from installation import PACKAGES
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / 'docs'
+# pages whose commands something else runs: tests/docs/test_readme_commands.py, `make check`, `make
+# wheels_test`, tests/docs/test_python_examples.py; and the table of contents
+ELSEWHERE = {
+    *('commands.md', 'ubuntu.md', 'documentation.md', 'packages.md', 'python.md', 'index.md'),
+}
+PAGES = [
+    DOCS / 'quickstart.md',
+    *(p for p in sorted(DOCS.glob('tutorials/*.md')) if p.name not in ELSEWHERE),
+    *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
+]
+# In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
+# starts nodes of ROS; `driven` has the runs of `make demo`; `quick` runs in `make test`.
+ABOUT = re.compile(r'<!-- page: (.+?) -->')
+# why a block is not run, and in how many blocks
+ONLY_THE_READER = {
+    'sets up the clone, as the tests do before they begin': 1,
+    'needs two terminals that end each other': 1,
+    'needs an installation of ROS 2': 4,
+    'the first tutorial runs it': 1,
+    'changes the system of the reader': 1,
+    'needs a second machine': 3,
+}
+# what pip does after a change, PYTHONPATH does here
+PRELUDE = """
+make() {
+    if [ "$*" = setup ]; then grep -q '^setup:' Makefile; else command make "$@"; fi
+}
+"""
+
+
+def about(page: Path) -> set[str]:
+    found = ABOUT.search(page.read_text())
+    return set(found[1].split()) if found else set()
+
+
+def marks(page):
+    words = about(page)
+    if 'nodes' in words:
+        yield pytest.mark.ros
+    elif 'quick' not in words:
+        yield pytest.mark.slow
+
+
+def parameters():
+    for page in PAGES:
+        name = page.relative_to(DOCS).with_suffix('').as_posix()
+        yield pytest.param(page, id=name, marks=list(marks(page)))
+
+
+@pytest.fixture
+def home(tmp_path):
+    """Return a folder with what a reader finds in a clone."""
+    for name in ('Makefile', 'requirements.txt'):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / '.venv').symlink_to(sys.prefix)
+    for name in ('bags/reference', 'experiments/config'):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+def copy_packages(folder):
+    """Give a folder copies of the packages, and return where Python finds them."""
+    ignored = shutil.ignore_patterns('__pycache__', 'runs', 'build', '*.egg-info')
+    for package in PACKAGES:
+        shutil.rmtree(folder / package, ignore_errors=True)
+        shutil.copytree(ROOT / package, folder / package, ignore=ignored)
+    return os.pathsep.join(str(folder / package) for package in PACKAGES)
+
+
+@pytest.mark.timeout(900, func_only=True)
+@pytest.mark.parametrize('page', parameters())
+def test_a_page_does_what_it_says(page, home, request):
+    words = about(page)
+    paths = os.pathsep.join((str(Path(sys.prefix, 'bin')), os.environ['PATH']))
+    environment = os.environ | {'PATH': paths, 'COLUMNS': '120', 'MPLBACKEND': 'agg'}
+    if 'clone' in words:
+        environment['PYTHONPATH'] = copy_packages(home)
+    if 'driven' in words:
+        runs = request.getfixturevalue('recorded_runs')
+        shutil.copytree(runs.out / runs.scenario, home / 'bags/runs' / runs.scenario)
+    with tutorial_page.Session(home, environment, PRELUDE) as reader:
+        for block in tutorial_page.find_blocks(page.read_text()):
+            try:
+                reader.do(block)
+            except AssertionError as error:
+                raise AssertionError(f'{page.name}:{block.line}: {error}') from None
+
+
+def test_blocks_that_only_the_reader_can_run_are_counted():
+    blocks = [b for page in PAGES for b in tutorial_page.find_blocks(page.read_text())]
+    assert Counter(b.value for b in blocks if b.kind == 'not run') == ONLY_THE_READER
+    assert sum(b.kind in ('run', 'run as', 'terminal') for b in blocks) > 40
