@@ -17,10 +17,15 @@ from installation import PACKAGES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / 'docs'
-# pages whose commands something else runs: tests/docs/test_readme_commands.py, `make check`, `make
-# wheels_test`, tests/docs/test_python_examples.py; and the table of contents
+# pages whose commands something else runs
 ELSEWHERE = {
-    *('commands.md', 'ubuntu.md', 'documentation.md', 'packages.md', 'python.md', 'index.md'),
+    'commands.md': 'tests/docs/test_readme_commands.py',
+    'documentation.md': '`make check`',
+    'index.md': 'a table of contents',
+    'managed_nodes.md': 'tests/ros/test_life_cycle.py',
+    'packages.md': '`make wheels_test`',
+    'python.md': 'tests/docs/test_python_examples.py',
+    'ubuntu.md': 'tests/docs/test_readme_commands.py',
 }
 PAGES = [
     DOCS / 'quickstart.md',
