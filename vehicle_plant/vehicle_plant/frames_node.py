@@ -55,9 +55,9 @@ class FramesPublisher:
         stamps = trajectory.stamp_ns
         if self.tf_pub is None or stamps[-1] < self._due_ns:
             return
-        due = trajectory.where(np.array(self._are_due(stamps.tolist())))
         if not self.tf_pub.get_subscription_count():
-            return
+            return  # they stay due: a car that is held at its start is shown to whoever comes
+        due = trajectory.where(np.array(self._are_due(stamps.tolist())))
         moving = [frame for frame in self._car_frames if frame.is_steered]
         for state, actuators in zip(due.states(), due.actuators()):
             wheels = [_mounted(frame, state.stamp_ns, actuators.delta) for frame in moving]
