@@ -13,13 +13,14 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from wait_until import wait_until
 
 from bags.storage import read
 from experiments.configuration import inputs, node_config
 from experiments.replay import check, recorded_ticks
 from experiments.run import processes
-from msgs_yaml import share
-from node_runtime import provenance, spin_node
+from msgs_yaml import decode, share
+from node_runtime import provenance, ros, spin_node
 
 pytestmark = pytest.mark.usefixtures('domain')
 PATIENCE_S = 60.0
@@ -41,6 +42,7 @@ class Manager:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node('manager', context=self.context)
+        self.node.declare_parameter('mode', 'lockstep')
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
 
@@ -71,11 +73,27 @@ class Manager:
         results = self.call(SetParameters, f'/{role}/set_parameters', request).results
         return '; '.join(result.reason for result in results if not result.successful)
 
+    def wait_for_messages(self, topic, enough, seconds=PATIENCE_S):
+        """Subscribe to a topic until `enough(decoded messages)` is true."""
+        messages, read_one = [], getattr(decode, topic.rpartition('/')[2])
+        subscription = ros.subscribe(
+            self.node, topic, lambda message: messages.append(read_one(message))
+        )
+        try:
+            wait_until(
+                lambda: enough(messages),
+                seconds,
+                lambda: f'{len(messages)} messages of {topic} are not enough',
+                pause=lambda: self.executor.spin_once(timeout_sec=0.02),
+            )
+        finally:
+            self.node.destroy_subscription(subscription)
+
     def close(self):
         spin_node.shut_down(self.node, context=self.context)
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def manager(domain):
     made = Manager(domain)
     yield made
@@ -109,19 +127,21 @@ def test_a_pause_and_changes_in_a_drive_are_recorded_and_replayed_exactly(
         note_run(graph, long_road)
         for role in ROLES:
             graph.start(role)
-        graph.wait_for_messages(WHY, lambda found: len(found) > 10)
+        manager.wait_for_messages(WHY, lambda found: len(found) > 10)
         assert manager.set('controller', tolerances__contouring_m=0.2) == ''
         assert 'allowed 0.001 to 1000 m' in manager.set('controller', tolerances__lag_m=0.0)
         assert 'read-only' in manager.set('controller', car_file='car.yaml')
-        graph.wait_for_messages(WHY, lambda found: found and found[-1].values['weight.con'] > 24.0)
+        manager.wait_for_messages(
+            WHY, lambda found: found and found[-1].values['weight.con'] > 24.0
+        )
 
         assert manager.request('controller', 'deactivate')
         assert manager.state('controller') == 'inactive'
         with pytest.raises(AssertionError, match='are not enough'):
-            graph.wait_for_messages(COMMAND, bool, 3.0)
+            manager.wait_for_messages(COMMAND, bool, 3.0)
         assert manager.set('controller', limits__friction_use=0.9) == ''
         assert manager.request('controller', 'activate')
-        graph.wait_for_messages(WHY, lambda found: len(found) > 10)
+        manager.wait_for_messages(WHY, lambda found: len(found) > 10)
         assert graph.log('controller').count('started from the actuators') == 2
         processes.stop([graph.running['controller']])
         processes.stop([graph.running[role] for role in ('plant', 'scenario')])
