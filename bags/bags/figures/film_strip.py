@@ -31,6 +31,7 @@ FAR_M = 5.0  # distances to obstacles beyond this are not said
 KPH = 3.6
 FULL = 1.0  # friction use at the friction limit
 FONT = 10.0  # points
+NAME_LENGTH = 17  # characters of the name of a run that fit; a longer one is written smaller
 WARN = 0.9  # friction use from which the bar is orange
 WHEEL_ICON_PX = (34.0, 11.0)
 BAR_PX = (84.0, 11.0)
@@ -133,7 +134,9 @@ class Strip:
         rows = [height * share for share in (0.84, 0.60, 0.38, 0.16)]
         text = {'fontsize': FONT, 'va': 'center', 'color': style.INK}
         ax.set_axis_off()
-        ax.text(6, rows[0], self.run.name, **text | {'color': self.run.colour, 'weight': 'bold'})
+        name = {'color': self.run.colour, 'weight': 'bold'}
+        name['fontsize'] = FONT * min(1.0, NAME_LENGTH / len(self.run.name))
+        ax.text(6, rows[0], self.run.name, **text | name)
         self.speed = ax.text(6, rows[1], '', **text)
         self.distance = ax.text(78, rows[1], '', **text)
         ax.text(6, rows[2], 'friction', **text)

@@ -106,12 +106,13 @@ def assign_looks(names: Sequence[str]) -> dict[str, Look]:
     The widths fall in the order of `names`, which is the order of drawing.
     """
     colours = assign_colours(names)
-    spare = iter(OTHER_DASHES * len(names))
+    plain = {name: name.removesuffix(TUNED) for name in names}
+    dashes = {n: KNOWN_DASHES[p] for n, p in plain.items() if colours[n] == KNOWN.get(p)}
+    spare = iter([dash for dash in OTHER_DASHES if dash not in dashes.values()] * len(names))
     first, last = WIDTHS
     looks = {}
     for k, name in enumerate(names):
-        known = colours[name] == KNOWN.get(name.removesuffix(TUNED))
-        dash = KNOWN_DASHES[name.removesuffix(TUNED)] if known else next(spare)
+        dash = dashes[name] if name in dashes else next(spare)
         width = first + (last - first) * k / (len(names) - 1) if len(names) > 1 else WIDTH
         looks[name] = Look(colours[name], dash, width)
     return looks

@@ -72,6 +72,7 @@ def test_curves_that_coincide_stay_visible_and_every_run_has_a_dash_of_its_own()
     assert len({(look.colour, look.dash) for look in looks.values()}) == len(looks)
     assert len({looks[name].dash for name in style.KNOWN}) == len(style.KNOWN)
     assert len({look.dash for look in looks.values()}) > 3
+    assert looks['own'].dash != looks['another'].dash not in {looks[n].dash for n in style.KNOWN}
     # what is drawn over a solid line has gaps that show it
     assert looks['mpcc'].dash == style.SOLID
     assert looks['frenet'].dash != style.SOLID
