@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bags.errors import BagError
+from msgs_yaml.strict_yaml import closest
 from node_runtime import source_tree
 from node_runtime.parameters import ParameterError
 
@@ -130,9 +131,34 @@ def _message(error):
     return str(error)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Suggests the closest command, choice or option for a misspelt one."""
+
+    def _check_value(self, action, value):
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += closest(str(value), map(str, action.choices))
+            raise
+
+    def error(self, message):
+        """Print the usage and the message, with a suggestion for an unknown option; exit 2."""
+        words = message.partition('unrecognized arguments: ')[2].split()
+        unknown = [word.partition('=')[0] for word in words if word.startswith('--')]
+        super().error(message + (closest(unknown[0], self._options()) if unknown else ''))
+
+    def _options(self):
+        """Return every option of the program and its commands."""
+        groups = [action.choices for action in self._actions if action.dest == 'COMMAND']
+        commands = [parser for group in groups for parser in group.values()]
+        return {name for parser in (self, *commands) for name in parser._option_string_actions}
+
+
 def _parser(program, description, commands):
-    parser = argparse.ArgumentParser(prog=program, description=description)
-    subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
+    parser = _Parser(prog=program, description=description)
+    subparsers = parser.add_subparsers(
+        title='commands', required=True, metavar='COMMAND', dest='COMMAND'
+    )
     for name in commands:
         module = import_module(f'{program}.commands.{name.replace("-", "_")}')
         example = f'example: {module.EXAMPLE}' if hasattr(module, 'EXAMPLE') else None

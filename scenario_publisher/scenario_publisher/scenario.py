@@ -23,6 +23,7 @@ from scenario_publisher.scenario_file import KeyedError, ScenarioError
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
 SUFFIX = '.yaml'
+SUFFIXES = (SUFFIX, '.yml')  # of a path
 # ROS reads stamp 0 as "no time", so every run begins one second later
 START_NS = 1_000_000_000
 
@@ -119,7 +120,7 @@ def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
 
 
 def _find(name_or_path):
-    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(SUFFIX)
+    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(SUFFIXES)
     if is_path:
         # not Path.expanduser, which raises for an unknown user
         path = Path(os.path.expanduser(name_or_path))
@@ -129,6 +130,10 @@ def _find(name_or_path):
         return share.path(PACKAGE, FOLDER, name_or_path + SUFFIX)
     what = 'no file' if is_path else 'no scenario'
     hint = closest(Path(name_or_path).stem, available())
+    if is_path and not hint:
+        folder = Path(os.path.expanduser(name_or_path)).parent
+        beside = [str(file) for suffix in SUFFIXES for file in folder.glob(f'*{suffix}')]
+        hint = closest(os.path.normpath(name_or_path), beside)
     raise ScenarioError(f'{what} {name_or_path!r}; available: {", ".join(available())}{hint}')
 
 

@@ -16,3 +16,43 @@ def test_every_command_has_a_help_text(capsys):
         assert ended.value.code == 0
         assert f'experiments {command}' in capsys.readouterr().out
     assert Path('bags', 'runs') == run.RUNS
+
+
+@pytest.mark.parametrize(
+    ('words', 'meant'),
+    [
+        ('rnu straight', 'run'),
+        ('run straight --contoller mpcc', '--controller'),
+        ('study settngs', 'settings'),
+        ('resolve bag --at closst', 'closest'),
+        ('library --difficulty hrd', 'hard'),
+    ],
+)
+def test_a_misspelt_command_option_or_choice_is_answered_with_the_closest_one(capsys, words, meant):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words.split())
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.endswith(f"; did you mean '{meant}'?\n")
+
+
+@pytest.mark.parametrize(
+    ('words', 'meant'),
+    [
+        ('run strait', 'straight'),
+        ('run straight --controller mpc', 'mpcc'),
+        ('run straight --controller frenet.yaml', 'frenet'),
+        ('run ./raod.yml', 'road.yaml'),
+        ('run straight --controller ./raod.yaml', 'road.yaml'),
+        ('run straight --set controller.tolerances.contorting_m=1', 'tolerances.contouring_m'),
+        ('library --family popup --out x', 'pop_up'),
+        ('parameters contoring', 'contouring_m'),
+    ],
+)
+def test_a_misspelt_name_is_answered_with_the_closest_one(
+    tmp_path, monkeypatch, capsys, words, meant
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'road.yaml').touch()
+    assert cli.main(words.split()) == 1
+    assert f"did you mean '{meant}'" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['road.yaml']

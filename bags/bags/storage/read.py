@@ -25,6 +25,7 @@ from bags.storage.decoding import (
 from bags.storage.mcap_reader import mcap_files, missing_before, read_mcap
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.strict_yaml import closest
 
 STATE = '/vehicle/odometry'
 LOCKSTEP = 'lockstep'  # the mode of a run in simulated time
@@ -149,7 +150,8 @@ def recording(bag: Bag, topic: str) -> Recording:
         raise BagError(f'{bag.path}: no valid message of {topic} among {count}; {first}')
     if not has_messages(bag, topic):
         present = ', '.join(name for name in bag.recordings if has_messages(bag, name))
-        raise BagError(f'{bag.path}: no message of {topic}; it has {present}')
+        hint = closest(topic, bag.recordings)
+        raise BagError(f'{bag.path}: no message of {topic}; it has {present}{hint}')
     return bag.recordings[topic]
 
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from bags.command_line import add_out, print_text
 from bags.errors import BagError
 from experiments.commands import add_dask, add_jobs, add_list, add_time_limit, positive_count
+from msgs_yaml.strict_yaml import closest
 
 HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many settings'
 EXAMPLE = 'experiments study distributions --quick --runs 10'
@@ -207,5 +208,6 @@ def _select_rows(names, variants):
     known = {variant.name: variant for variant in variants}
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise BagError(f'no row {unknown[0]!r}; there are {", ".join(known)}')
+        hint = closest(unknown[0], known)
+        raise BagError(f'no row {unknown[0]!r}; there are {", ".join(known)}{hint}')
     return [known[name] for name in dict.fromkeys(names)]

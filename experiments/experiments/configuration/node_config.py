@@ -19,7 +19,7 @@ from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.vehicle_shape import circles_of, outline_of
 from bags.report.descriptions import CONTROLLER_TEXT, leading_comment
-from msgs_yaml import share
+from msgs_yaml import share, strict_yaml
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.provenance import LABEL_SIGN
@@ -122,12 +122,14 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
     if path.suffix not in ('.yaml', '.yml'):
         known = _known_controllers()
         if name_or_path not in known:
+            hint = strict_yaml.closest(name_or_path, known)
             raise BagError(
-                f'no controller {name_or_path!r}; there are {", ".join(known)}, or give a YAML file'
+                f'no controller {name_or_path!r}; there are {", ".join(known)}, or give a '
+                f'YAML file, as ./{path.name}.yaml{hint}'
             )
         path = known[name_or_path]
     if not path.is_file():
-        raise BagError(f'no controller {name_or_path!r}: there is no such file')
+        raise BagError(f'no controller {name_or_path!r}: {_missing_file(path)}')
     _reject_baseline_by_name(path)
     return Controller(path.stem, path.absolute())
 
@@ -142,6 +144,15 @@ def _program(name_or_path):
     if path.suffix == '.py':
         return (sys.executable, str(path))
     return (str(path),) if os.access(path, os.X_OK) else ()
+
+
+def _missing_file(path):
+    """Return that a file is missing, and the one that may have been meant."""
+    shipped = _known_controllers()
+    if path.name == str(path) and path.stem in shipped:
+        return f'there is no such file; did you mean {path.stem!r}, which comes with the package?'
+    beside = [str(file.with_name(file.name)) for file in path.parent.glob('*.y*ml')]
+    return f'there is no such file (seen from {Path.cwd()}){strict_yaml.closest(str(path), beside)}'
 
 
 def _reject_baseline_by_name(path):

@@ -14,6 +14,7 @@ import pandas
 from bags.errors import BagError
 from experiments.results.drive_table import CONTROLLER, REPEAT, DriveTable, is_truth
 from experiments.study import run_statistics
+from msgs_yaml.strict_yaml import closest
 
 LEVELS = 12  # distinct numbers of a column; more are put into bins
 BINS = 5
@@ -107,8 +108,10 @@ def compare(
     for name in pair:
         rows = grouped.rows[grouped.rows[CONTROLLER] == name]
         if rows.empty:
-            known = ', '.join(map(str, table.rows[CONTROLLER].unique()))
-            raise BagError(f'--pair: no drive of {name!r}; there are {known}')
+            known = [str(controller) for controller in table.rows[CONTROLLER].unique()]
+            raise BagError(
+                f'--pair: no drive of {name!r}; there are {", ".join(known)}{closest(name, known)}'
+            )
         sides.append(rows[[*same, '_value']])
     paired = (
         sides[0]

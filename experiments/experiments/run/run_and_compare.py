@@ -143,7 +143,7 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
-        if not request.any_car:
+        if not (request.any_car or controller.program):
             inputs.check_car_fits(checked)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
         params, _ = checked['controller']

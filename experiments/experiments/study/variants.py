@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from bags.errors import BagError
 from experiments import simulation
 from msgs_yaml import share
+from msgs_yaml.strict_yaml import closest
 
 SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -64,7 +65,8 @@ def role_variants(roles: Mapping[str, str] = ROLES) -> list[Variant]:
     """Return the compared controllers, named by their roles. Raises BagError."""
     unknown = sorted(set(roles) - set(CONTROLLERS))
     if unknown:
-        raise BagError(f'no role {unknown[0]!r}; there are {", ".join(CONTROLLERS)}')
+        hint = closest(unknown[0], CONTROLLERS)
+        raise BagError(f'no role {unknown[0]!r}; there are {", ".join(CONTROLLERS)}{hint}')
     return [Variant(role, file) for role, file in {**ROLES, **roles}.items()]
 
 

@@ -19,6 +19,7 @@ from experiments.survivable.regret import DrawKey, Pairs, Regret
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
 from experiments.wilson import wilson_interval
 from experiments.worker_pool import WorkerPool
+from msgs_yaml.strict_yaml import closest
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives
 COLUMNS = (
@@ -42,8 +43,9 @@ def run(request: Request, console: Console) -> int:
     """Show regret, losses and paired comparisons; 0 when no search failed. Raises BagError."""
     rows = [row for folder in request.folders for row in read_rows(folder)]
     if request.base not in {row['controller'] for row in rows}:
-        known = ', '.join(dict.fromkeys(row['controller'] for row in rows))
-        raise BagError(f'--base: no drives by {request.base!r}; there are {known}')
+        known = dict.fromkeys(row['controller'] for row in rows)
+        hint = closest(request.base, known)
+        raise BagError(f'--base: no drives by {request.base!r}; there are {", ".join(known)}{hint}')
     failures: list[str] = []
     answers = dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
     if request.budget:
