@@ -14,6 +14,7 @@
 # make golden    the recordings that replay-check holds every change against
 # make coverage  is every line of gates, ladder, watchdogs and braking run by its tests?
 # make coverage_whole  how many lines of all packages are run by all tests? (half an hour)
+# make notebooks  execute docs/notebooks and keep their output in them
 # make docs      the documentation site, into build/docs/html: open index.html there
 # make identify  the controller's tyre parameters from circular driving of the plant
 # make wheels    a wheel of each package, into dist/
@@ -22,7 +23,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup editable \
+.PHONY: help demo test check docs notebooks coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup editable \
   requirements wheels wheels_test version clean
 
 PYTHON ?= python3
@@ -92,6 +93,11 @@ $(VENV)/.docs: docs/requirements.txt $(VENV)/.requirements
 docs: setup $(VENV)/.docs
 	$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs build/docs/html
 	@echo "build/docs/html/index.html"
+
+notebooks: setup $(VENV)/.docs
+	test -d bags/runs/double_lane_change/frenet || $(BIN)/experiments run double_lane_change \
+	  --controller mpcc --controller frenet
+	$(BIN)/python docs/notebooks/execute.py
 
 demo: setup
 	@$(BIN)/experiments run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet

@@ -13,7 +13,7 @@ release = importlib.metadata.version('mpcc_controller')
 html_title = 'MPCC for obstacle avoidance'
 
 extensions = [
-    'myst_parser',
+    'myst_nb',
     'sphinx.ext.autodoc',
     'sphinx.ext.mathjax',
     'sphinx.ext.viewcode',
@@ -26,7 +26,7 @@ extensions = [
     'reference_pages',
     'python_links',
 ]
-source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
+source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext', '.ipynb': 'myst-nb'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']
 html_theme = 'furo'
 html_static_path = ['_static']
@@ -37,6 +37,8 @@ pygments_style = 'friendly'
 pygments_dark_style = 'monokai'
 copybutton_exclude = '.linenos, .gp, .go'
 
+# their output is in them (`make notebooks`)
+nb_execution_mode = 'off'
 myst_enable_extensions = ['attrs_block', 'colon_fence', 'deflist', 'dollarmath']
 myst_heading_anchors = 4
 myst_dmath_double_inline = True

@@ -32,6 +32,7 @@ from bags.storage.invalid_messages import count_invalid, describe_invalid, drop_
 from bags.storage.read import STATE
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.strict_yaml import closest
+from node_runtime import provenance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,13 +85,16 @@ class Origin(NamedTuple):
     source: str  # the file of a recording, or what was simulated; it begins errors
     run_info: Mapping[str, str]  # the metadata record `run`, as a recorder writes it
     settings: Mapping[str, Any] = NO_SETTINGS  # what was changed for it, by dotted name
+    path: Path | None = None  # of a recording
     faults: tuple[str, ...] = ()  # of a recording: what was left out of it, and why
 
 
 class Run:
     """One run by one controller. Units and axes are those of `bags.storage.columns`.
 
-    label      what it is called in tables and figures; by default the controller
+    label      what it is called in tables and figures; by default the controller, and the label
+               of the recording
+    path       of a recording, None of a simulation
     tables     by topic, numpy columns
     settings   what was changed for this run, by dotted name; {} of a recording
     faults     what was left out of a damaged recording, one sentence each
@@ -98,9 +102,10 @@ class Run:
 
     def __init__(self, tables: TopicTables, origin: Origin, label: str = ''):
         self.tables, self.settings = tables, dict(origin.settings)
-        self.source, self.faults = origin.source, origin.faults
+        self.source, self.path, self.faults = origin.source, origin.path, origin.faults
         self._run_info = origin.run_info
-        self.label = label or self.controller or Path(self.source).stem
+        named = provenance.run_name(self._run_info) if self.controller else Path(self.source).stem
+        self.label = label or named
 
     @property
     def scenario(self) -> str:
@@ -229,7 +234,7 @@ def load(path: str | os.PathLike[str], label: str = '') -> Run:
     present = (topic for topic in bag.recordings if read.has_messages(bag, topic))
     tables = TopicTables(str(bag.path), present, lambda topic: read.columns(bag, [topic])[topic])
     faults = tuple(filter(None, (bag.damage, *invalid)))
-    return Run(tables, Origin(str(bag.path), bag.run_info, faults=faults), label)
+    return Run(tables, Origin(str(bag.path), bag.run_info, path=bag.path, faults=faults), label)
 
 
 def from_tables(tables: Mapping[str, Columns], origin: Origin, label: str = '') -> Run:

@@ -8,6 +8,7 @@ runs.report('out')                 # report.html, comparison.json and .csv, figu
 """
 
 import io
+import itertools
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -26,19 +27,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TABLE_RUNS = 6  # up to so many are printed as a table
+MCAP = '.mcap'
 WIDTH = 240  # characters of that table at most
 
 
 class RunSet(Sequence[Run]):
     """Runs in their order, by number, label or slice.
 
-    Labels are unique: a second `mpcc` is `mpcc (2)`.
+    Labels are unique: of two recordings of `mpcc` the second is called after its folder, `mpcc@1`;
+    of two simulations it is `mpcc (2)`.
     """
 
     def __init__(self, runs: Iterable[Run]):
         self.by_label: dict[str, Run] = {}
         for run in runs:
-            self.by_label[_unique(run.label, self.by_label)] = run
+            self.by_label[_unique(run, self.by_label)] = run
 
     @overload
     def __getitem__(self, which: int | str) -> Run: ...
@@ -116,7 +119,9 @@ class RunSet(Sequence[Run]):
         scenarios = ', '.join(dict.fromkeys(run.scenario for run in self))
         values = {'scenario': scenarios, 'runs': {n: r.metrics for n, r in self.by_label.items()}}
         out = io.StringIO()
-        Console(file=out, width=WIDTH).print(metrics_table.build_table(values))
+        # plain text, also where rich would know a notebook or a terminal
+        console = Console(file=out, width=WIDTH, color_system=None, force_jupyter=False)
+        console.print(metrics_table.build_table(values))
         return '\n'.join(line.rstrip() for line in out.getvalue().splitlines())
 
 
@@ -134,11 +139,10 @@ def compare(*runs: Run) -> RunSet:
     return RunSet(runs)
 
 
-def _unique(label, taken):
-    """Return a label that is not taken: the label, or with a number."""
-    if label not in taken:
-        return label
-    number = 2
-    while f'{label} ({number})' in taken:
-        number += 1
-    return f'{label} ({number})'
+def _unique(run, taken):
+    """Return a label that is not taken: the label, the folder, or the label with a number."""
+    names = [run.label]
+    if run.path:
+        names.append((run.path.parent if run.path.suffix == MCAP else run.path).name)
+    numbered = (f'{run.label} ({number})' for number in itertools.count(2))
+    return next(name for name in itertools.chain(names, numbered) if name not in taken)
