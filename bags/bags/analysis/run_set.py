@@ -1,10 +1,15 @@
 """Several runs, recorded or simulated: one table, one figure, one report.
 
-runs = bags.compare(bags.load('runs/double_lane_change/mpcc'), own_run)
-runs                               # prints the table
-runs.frame()[['controller', 'min_v2o_m', 'rms_contouring_m']]
-runs.figure('v2o')
-runs.report('out')                 # report.html, comparison.json and .csv, figures
+    import bags
+
+    folder = 'bags/runs/double_lane_change'
+    runs = bags.compare(bags.load(f'{folder}/mpcc'), bags.load(f'{folder}/frenet'))
+    print(runs)  # the table of `bags compare`
+    runs.frame()[['controller', 'min_v2o_m', 'rms_contouring_m']]
+    runs.figure('v2o')
+    runs.report('out')  # report.html, comparison.json and .csv, figures
+
+`experiments.drive_many` returns the same for a sweep.
 """
 
 import io
