@@ -26,7 +26,7 @@ extensions = [
     'reference_pages',
     'python_links',
 ]
-source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext', '.ipynb': 'myst-nb'}
+source_suffix = {'.md': 'myst-nb', '.ipynb': 'myst-nb', '.rst': 'restructuredtext'}
 exclude_patterns = ['_extensions', '**/.ipynb_checkpoints']
 html_theme = 'furo'
 html_static_path = ['_static']
