@@ -113,14 +113,22 @@ def test_a_run_that_cannot_be_evaluated_still_has_frames(second):
     assert len(second.frame('/vehicle/imu')) == 100
 
 
+def without(samples):
+    return type(samples)(*(column[:0] for column in samples))
+
+
 def test_what_a_recording_lacks_is_named(make_drive, write_bag):
     drive = make_drive(metres=20.0)
-    empty = drive.accelerations._replace(
-        **{n: v[:0] for n, v in drive.accelerations._asdict().items()}
-    )
-    run = bags.load(write_bag(drive._replace(accelerations=empty)))
-    with pytest.raises(BagError, match=r'no message of.*/vehicle/imu'):
+    run = bags.load(write_bag(drive._replace(inputs=without(drive.inputs))))
+    with pytest.raises(BagError, match=r'no message of.*/vehicle/actuators'):
         run.signals  # noqa: B018
+
+
+def test_without_an_inertial_unit_its_signals_are_absent(make_drive, write_bag):
+    drive = make_drive(metres=20.0)
+    run = bags.load(write_bag(drive._replace(accelerations=without(drive.accelerations))))
+    assert not {'ax_mps2', 'ay_mps2', 'friction_use'} & set(run.signals)
+    assert 'sideslip_rad' in run.signals
 
 
 def test_unknown_names_have_a_suggestion(second, run):
