@@ -24,6 +24,7 @@ BEHIND = 0.28  # share of the window behind the car
 HALF_WIDTHS_M = (4.0, 14.0)  # of the road, that the camera shows
 MARGIN_M = 1.2  # beyond the edges
 CHORD_M = (-10.0, 35.0)  # of the edge, from the car: its direction is that of the camera
+TRAIL_S = 0.02  # between two points of the line that the car has driven
 POST_M = 10.0  # between two posts at an edge, which show that the car moves
 POST_LENGTH_M = 0.7
 WHEEL_M = (0.65, 0.24)  # length and width, as drawn
@@ -55,6 +56,8 @@ class Strip:
         self.use = friction_use(EvaluatedRun(run.drive, run.series, {}))
         self.steer = _steer(run)
         self.nearest = _nearest(run)
+        step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else TRAIL_S
+        self.every = max(1, round(TRAIL_S / step))
         self.view = Affine2D()
         self._draw_road(road)
         self._draw_movers(road)
@@ -192,7 +195,8 @@ class Strip:
         motion = self.run.drive.motion
         now_ns = motion.stamp_ns[0] + round(t * NS_PER_S)
         past = np.searchsorted(motion.stamp_ns, now_ns, side='right')
-        self.driven.set_data(motion.x[:past:20], motion.y[:past:20])
+        shown = slice(0, past, self.every)
+        self.driven.set_data(motion.x[shown], motion.y[shown])
         plans = [plan for plan in self.log.predictions if plan.stamp_ns <= now_ns]
         X, Y = (plans[-1].X[::2], plans[-1].Y[::2]) if plans else ([], [])
         self.plan.set_data(X, Y)
