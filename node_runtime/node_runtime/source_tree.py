@@ -31,8 +31,8 @@ def describe_stale(here: Path) -> str:
         shown = ', '.join(str(file.relative_to(tree)) for file in files[:SHOWN])
         more = f' and {len(files) - SHOWN} more' if len(files) > SHOWN else ''
         lines.append(
-            f'edits in {tree} have no effect: {shown}{more} differ from what is installed in '
-            f'{os.path.dirname(_installed_in())}; `make setup` there installs them, '
+            f'edits in {tree} have no effect: {shown}{more}; what runs is installed in '
+            f'{os.path.dirname(_installed_in())}. `make setup` there installs the edits, '
             '`make editable` makes every edit count'
         )
     return '; '.join(lines)

@@ -48,7 +48,7 @@ def test_an_edit_that_is_not_installed_is_named_with_what_to_do(tree):
 def test_a_new_file_counts_and_many_are_counted(tree):
     for name in ('a.py', 'b.py', 'c.py'):
         edit(tree, name)
-    assert ' and 1 more differ' in source_tree.describe_stale(tree)
+    assert ' and 1 more; what runs is installed in ' in source_tree.describe_stale(tree)
 
 
 def test_a_file_that_was_touched_but_not_changed_is_silent(tree):
