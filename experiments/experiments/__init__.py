@@ -27,6 +27,7 @@ Common
     plant_limit        the lateral acceleration that the plant reaches
     wilson             the interval of a share
     multiple_tests     the correction of the p-values of several tests
+    page_block         the generated blocks of a page
 
 In Python:
 

@@ -8,6 +8,8 @@ study_tables        the tables of a study as data frames
 decide              all of that for one study
 decision_figures    its figures
 decision_report     its files
+result_text         its claims in a few sentences, for a page
+sensitivity         what else the tables say, which enters no verdict
 picture             the paper's picture as numbers, and the distance from it
 picture_search      the search for the setting that is nearest to it
 pictures_of_study   where that search begins

@@ -7,7 +7,7 @@ import pytest
 
 from bags import markers_node
 from bags.viewers import marker_scene
-from msgs_yaml import conformance
+from msgs_yaml import conformance, encode
 from msgs_yaml.types import VehicleState, Why
 
 from .conftest import PARAMS, PLAN
@@ -106,7 +106,7 @@ def test_what_is_not_known_yet_is_not_drawn():
 
 def test_the_transform_is_the_pose_of_the_car():
     state = VehicleState(3 * S + 5, 1.5, -2.5, 0.4, 20.0, 0.0, 0.0)
-    message = markers_node.transform(state)
+    message = encode.transform(state)
     assert (message.header.frame_id, message.child_frame_id) == ('map', 'base_link')
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 5)
     moved = message.transform
