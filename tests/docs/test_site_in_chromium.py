@@ -8,6 +8,7 @@ import pytest
 from capabilities import SITE, chromium
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs('chromium'), pytest.mark.needs('site')]
+EQUATION = 'class="math notranslate'
 FLAGS = (
     *('--headless', '--no-sandbox', '--disable-gpu', '--no-first-run'),
     *('--disable-background-networking', '--host-resolver-rules=MAP * ~NOTFOUND'),
@@ -33,7 +34,7 @@ def dom(tmp_path_factory):
 
 def pages_with_equations():
     pages = SITE.parent.rglob('*.html')
-    return sorted(p for p in pages if 'class="math' in p.read_text())
+    return sorted(p for p in pages if EQUATION in p.read_text())
 
 
 def test_every_equation_is_drawn(dom):
@@ -41,7 +42,7 @@ def test_every_equation_is_drawn(dom):
     assert 'explanation/theory.html' in pages
     for page in pages:
         drawn = dom(page)
-        assert drawn.count('<mjx-container') == drawn.count('class="math'), page
+        assert drawn.count('<mjx-container') == drawn.count(EQUATION), page
         assert 'data-mjx-error' not in drawn, page
 
 
