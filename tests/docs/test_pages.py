@@ -39,6 +39,7 @@ ABOUT = re.compile(r'<!-- page: (.+?) -->')
 ONLY_THE_READER = {
     'sets up the clone, as the tests do before they begin': 1,
     'needs two terminals that end each other': 1,
+    'downloads a program': 1,
     'needs an installation of ROS 2': 4,
     'the first tutorial runs it': 1,
     'changes the system of the reader': 1,
