@@ -149,16 +149,15 @@ class _Parser(argparse.ArgumentParser):
 
     def _options(self):
         """Return every option of the program and its commands."""
-        groups = [action.choices for action in self._actions if action.dest == 'COMMAND']
-        commands = [parser for group in groups for parser in group.values()]
+        groups = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
+        commands = [parser for group in groups for parser in group.choices.values()]
         return {name for parser in (self, *commands) for name in parser._option_string_actions}
 
 
 def _parser(program, description, commands):
     parser = _Parser(prog=program, description=description)
-    subparsers = parser.add_subparsers(
-        title='commands', required=True, metavar='COMMAND', dest='COMMAND'
-    )
+    # without `dest`: `bags play` takes every attribute of the options as a parameter
+    subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
     for name in commands:
         module = import_module(f'{program}.commands.{name.replace("-", "_")}')
         example = f'example: {module.EXAMPLE}' if hasattr(module, 'EXAMPLE') else None

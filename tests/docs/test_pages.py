@@ -45,8 +45,12 @@ ONLY_THE_READER = {
     'changes the system of the reader': 1,
     'needs a second machine': 3,
 }
-# what pip does after a change, PYTHONPATH does here
+# what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
+# of a reader, where that of the other terminals is not set
 PRELUDE = """
+experiments() {
+    env -u ROS_DOMAIN_ID experiments "$@"
+}
 make() {
     if [ "$*" = setup ]; then grep -q '^setup:' Makefile; else command make "$@"; fi
 }
