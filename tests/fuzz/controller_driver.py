@@ -125,10 +125,10 @@ class Driver:
         else:
             self.stamp_ns -= BACK_NS
 
-    def on_reset(self, actuators) -> None:
+    def on_reset(self, actuators, resumed=False) -> None:
         """Reset the controller; its next command begins where the actuators are."""
         self.last = None
-        self.reset(actuators)
+        self.reset(actuators, resumed)
 
     def send(self, topic: str, message) -> None:
         """Call the callback of a topic with a message or its bytes."""

@@ -71,7 +71,7 @@ class NodeBench:
     def renew(self) -> None:
         """Replace the node by a new one of the same kind."""
         self.node.destroy_node()
-        self.node = NODES[self.name]()
+        self.node = _started(self.name)
 
     def subscriptions(self) -> list:
         """Return the subscriptions of the node to topics of the contract."""
@@ -103,12 +103,18 @@ def _create(name, mode):
     listener.declare_parameter(node_parameters.MODE, mode)
     topics = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
     outputs = [ros.subscribe(listener, topics[name], print)] if name in topics else []
-    bench = NodeBench(name, mode, NODES[name](), listener, outputs)
+    bench = NodeBench(name, mode, _started(name), listener, outputs)
     if name == 'controller':
         bench.node.inputs.newest_actuators = Inbox(bench.node)
     yield bench
     bench.node.destroy_node()
     listener.destroy_node()
+
+
+def _started(name):
+    node = NODES[name]()
+    node.start()
+    return node
 
 
 def subscriptions(node: Node) -> list:

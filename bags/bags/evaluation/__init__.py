@@ -7,6 +7,7 @@ series           distances and angles of a drive, sample by sample
 metrics          the numbers by which runs are compared, and how to add one
 signals          derived signals on the time base of the odometry, and how to add one
 flattening       nested values by dotted name
+descriptions     what was driven and by whom, in words
 tick_timing      latency, parts of a tick, deadline misses
 controller_log   reports, predictions and answered states of the controller
 candidate_lines  the plans that a controller compared in a tick, as lines

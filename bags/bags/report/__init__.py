@@ -2,7 +2,6 @@
 
 comparison          compare bags, or drives, and write all results
 comparability       refuse runs of different scenarios or plants; provenance of each run
-descriptions        what was driven and by whom, in words
 metrics_table       the metrics as a table and as CSV
 film                a film of recorded runs
 overview            runs of several scenarios side by side

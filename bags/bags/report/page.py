@@ -16,12 +16,12 @@ from bokeh.resources import Resources
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
+from bags.evaluation.descriptions import describe_runs
 from bags.figures import style
 from bags.figures.overlay import Overlay
 from bags.figures.panels import Run
 from bags.report import animation, interactive_panels, metrics_table
 from bags.report.comparability import origin_rows, parameter_rows
-from bags.report.descriptions import describe_runs
 from bags.report.interactive_panels import PANELS
 from bags.storage.invalid_messages import KEY
 

@@ -16,9 +16,9 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
+from bags.evaluation.descriptions import CONTROLLER_TEXT, leading_comment
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.vehicle_shape import circles_of, outline_of
-from bags.report.descriptions import CONTROLLER_TEXT, leading_comment
 from msgs_yaml import share, strict_yaml
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES

@@ -63,12 +63,21 @@ def modules(roots: tuple[str, ...] = ROOTS) -> dict[str, Path]:
 
 
 def _imported(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in _walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             yield node.module
             yield from (f'{node.module}.{alias.name}' for alias in node.names)
+
+
+def _walk(node):
+    """Yield every node of a module but what only a type checker reads."""
+    yield node
+    for inner in ast.iter_child_nodes(node):
+        is_typing = isinstance(inner, ast.If) and getattr(inner.test, 'id', '') == 'TYPE_CHECKING'
+        if not is_typing:
+            yield from _walk(inner)
 
 
 def _file(name):

@@ -10,9 +10,9 @@ import pytest
 
 from bags.errors import BagError
 from bags.evaluation import metrics
+from bags.evaluation.descriptions import UNKNOWN, describe_runs, leading_comment
 from bags.report import animation, interactive_panels, page
 from bags.report.comparability import origin_rows, parameter_rows
-from bags.report.descriptions import UNKNOWN, describe_runs, leading_comment
 
 LIMIT_BYTES = 5_000_000
 
