@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from experiments import multiple_tests
 from experiments.settings.preregistration import LEVELS, Preregistration
 from experiments.settings.primaries import CLAIMS
 from experiments.settings_analysis import (
@@ -55,7 +54,9 @@ class Judged(NamedTuple):
     decision: Decision
     p_adjusted: float
     verdict: str
-    table: pd.DataFrame  # by setting: holds, difference, undetermined, unknown
+    strict: Decision  # where a spread above the margin leaves a setting undetermined, too
+    strict_verdict: str
+    table: pd.DataFrame  # by setting, see `verdicts.summarise`
 
     @property
     def unknown(self) -> float | None:
@@ -127,11 +128,11 @@ def level_counts(study: Study) -> list[dict[str, Any]]:
 
 
 def _judge(study, baseline):
-    """Yield every claim at every level of the study; the correction is that of `_adjusted`."""
+    """Yield every claim at every level of the study; the correction is that of `_family`."""
     own = study.outcomes[study.outcomes['baseline'] == baseline]
     plan, rule = study.plan, rule_of(study.plan)
     for least in (LEVELS[0], ANY_S):
-        tables, decisions = {}, {}
+        tables, decisions, strict = {}, {}, {}
         for level in study.levels:
             reached = study_tables.reaching(own, level, least)
             for claim in CLAIMS:
@@ -140,9 +141,13 @@ def _judge(study, baseline):
                 margin = study_tables.margin(plan, claim)
                 table = verdicts.summarise(study_tables.pairs(reached, claim, level), margin)
                 tables[claim, level] = table
-                decisions[claim, level] = verdicts.decide(verdicts.outcomes(table), margin, rule)
+                for made, is_strict in ((decisions, False), (strict, True)):
+                    given = verdicts.outcomes(table, is_strict)
+                    made[claim, level] = verdicts.decide(given, margin, rule)
         for (claim, level), decision in decisions.items():
-            p_adjusted = _adjusted(plan, decisions, claim, level)
+            family = _family(plan, decisions, claim, level)
+            p_adjusted, verdict = verdicts.judge(family, rule)[claim]
+            strictly = verdicts.judge(_family(plan, strict, claim, level), rule)[claim]
             yield Judged(
                 claim,
                 baseline,
@@ -152,16 +157,17 @@ def _judge(study, baseline):
                 and level == study_tables.level(plan, claim),
                 decision=decision,
                 p_adjusted=p_adjusted,
-                verdict=verdicts.verdict(decision, p_adjusted, rule),
+                verdict=verdict,
+                strict=strict[claim, level],
+                strict_verdict=strictly[1],
                 table=tables[claim, level],
             )
 
 
-def _adjusted(plan, decisions, claim, level):
-    """Return the p-value of a claim at a level, corrected for the others at their own levels."""
+def _family(plan, decisions, claim, level):
+    """Return the decisions on a claim at a level, and on the others at their own levels."""
     levels = {other: study_tables.level(plan, other) for other in CLAIMS} | {claim: level}
-    family = {other: decisions[other, at].p_value for other, at in levels.items()}
-    return multiple_tests.holm(family)[claim]
+    return {other: decisions[other, at] for other, at in levels.items()}
 
 
 def _effects(study):
@@ -251,6 +257,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'interval_undetermined_hold': one.decision.most,
                 'undetermined': one.decision.undetermined,
                 'undetermined_by_unknown_starts': one.unknown,
+                'undetermined_strictly': one.strict.undetermined,
                 'p_adjusted': one.p_adjusted,
                 'margin': study_tables.margin(study.plan, one.claim),
                 'unit': UNITS.get(one.claim),
@@ -258,6 +265,7 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'median_interval': one.decision.median_interval,
                 'relation': one.decision.relation,
                 'verdict': one.verdict,
+                'verdict_strictly': one.strict_verdict,
                 'holds_by_stratum_of_S': by_stratum(study, one),
                 'causes': cause_names(results.effects.get(one.claim, [])),
                 'drivers': driver_names(results.drivers.get((one.baseline, one.claim))),

@@ -89,12 +89,14 @@ def _verdict_rows(study, results):
             **_ends('undetermined_hold', one.decision.most),
             'undetermined': one.decision.undetermined,
             'undetermined_by_unknown_starts': one.unknown,
+            'undetermined_strictly': one.strict.undetermined,
             'p_adjusted': one.p_adjusted,
             'median_difference': one.decision.median,
             **_ends('median', one.decision.median_interval),
             'margin': study_tables.margin(study.plan, one.claim),
             'relation': one.decision.relation,
             'verdict': one.verdict,
+            'verdict_strictly': one.strict_verdict,
         }
         for one in results.judged
     ]
@@ -215,6 +217,7 @@ def _count(value):
 
 def _verdict_table(judged):
     header = ['claim', 'level', 'holds', 'share', 'undetermined', 'difference', 'verdict']
+    header += ['undetermined, strictly', 'verdict, strictly']
     return tables.markdown_table(header, [_verdict_row(one) for one in judged])
 
 
@@ -231,6 +234,8 @@ def _verdict_row(one):
         '–' if made.undetermined is None else f'{made.undetermined:.0%}',
         difference,
         one.verdict,
+        '–' if made.undetermined is None else f'{one.strict.undetermined:.0%}',
+        one.strict_verdict,
     ]
 
 

@@ -1,11 +1,11 @@
 """The verdict on a claim: its share among the settings that satisfy a precondition level.
 
 A setting is driven several times with tiny perturbations. It *holds* when the claim holds in most
-of them, and is *undetermined* when the paired difference spreads by more than the equivalence
-margin, or, for a claim without one, when the perturbations disagree, and wherever a start does
-not tell: its drives failed, a car did not brake, or it left the preconditions. What is undetermined
-might go either way, so that a verdict needs both bounds of the share: the one that counts
-undetermined settings as failures, and the one that counts them as successes.
+of them, and is *undetermined* when the perturbations disagree on that, or one of them does not
+tell: its drives failed, a car did not brake, or it left the preconditions. *Strictly*, it is also
+undetermined when the paired difference spreads by more than the equivalence margin. What is
+undetermined might go either way, so that a verdict needs both bounds of the share: the one that
+counts undetermined settings as failures, and the one that counts them as successes.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,9 @@ class Decision(NamedTuple):
 
 
 def summarise(pairs: pd.DataFrame, margin: float | None) -> pd.DataFrame:
-    """Return `holds`, `undetermined`, `difference`, `unknown` by setting of one claim.
+    """Return the judgement of each setting on one claim.
+
+    Its columns are `holds`, `difference`, `unknown`, `undetermined`, `undetermined_strictly`.
 
     `pairs` has a row per setting and perturbation with the columns `setting`, `holds` (1 or 0; NaN
     where the start does not tell) and `difference` (NaN where one of the cars has no such value).
@@ -69,29 +71,31 @@ def summarise(pairs: pd.DataFrame, margin: float | None) -> pd.DataFrame:
     """
     grouped = pairs.groupby('setting', sort=True)
     share, known = grouped['holds'].mean(), grouped['holds'].count()
+    unknown = known < grouped.size()
+    undetermined = (share > 0.0) & (share < 1.0) | unknown
+    strictly = undetermined
+    if margin is not None:
+        # a value that only some of the perturbations have is no agreement either
+        numbers = grouped['difference'].count()
+        spread = grouped['difference'].max() - grouped['difference'].min()
+        strictly = strictly | (spread > margin) | (numbers > 0) & (numbers < grouped.size())
     by_setting = pd.DataFrame(
         {
             'holds': share > 0.5,
             'difference': grouped['difference'].median(),
-            'unknown': known < grouped.size(),
+            'unknown': unknown,
+            'undetermined': undetermined,
+            'undetermined_strictly': strictly,
         }
     )
-    if margin is None:
-        disagree = (share > 0.0) & (share < 1.0)
-    else:
-        disagree = grouped['difference'].max() - grouped['difference'].min() > margin
-        # a value that only some of the perturbations have is no agreement either
-        numbers = grouped['difference'].count()
-        disagree |= (numbers > 0) & (numbers < grouped.size())
-    by_setting['undetermined'] = disagree | by_setting['unknown']
     return by_setting[known > 0]
 
 
-def outcomes(by_setting: pd.DataFrame) -> Outcomes:
-    """Return the Outcomes of a table of `summarise`."""
+def outcomes(by_setting: pd.DataFrame, is_strict: bool = False) -> Outcomes:
+    """Return the Outcomes of a table of `summarise`, by either meaning of undetermined."""
     return Outcomes(
         by_setting['holds'].to_numpy(bool),
-        by_setting['undetermined'].to_numpy(bool),
+        by_setting['undetermined_strictly' if is_strict else 'undetermined'].to_numpy(bool),
         by_setting['difference'].to_numpy(float),
     )
 
@@ -156,16 +160,10 @@ def verdict(decision: Decision, p_adjusted: float, rule: Rule) -> str:
     return OPEN
 
 
-def decide_all(
-    claims: Mapping[str, tuple[Outcomes, float | None]], rule: Rule
-) -> dict[str, tuple[Decision, float, str]]:
-    """Return {claim: (decision, p-value adjusted over all claims, verdict)}.
-
-    `claims` gives the outcomes and the equivalence margin of each.
-    """
-    decisions = {key: decide(given, margin, rule) for key, (given, margin) in claims.items()}
-    adjusted = multiple_tests.holm({key: made.p_value for key, made in decisions.items()})
+def judge(decisions: Mapping[str, Decision], rule: Rule) -> dict[str, tuple[float, str]]:
+    """Return {claim: (p-value after Holm's correction, verdict)} of a family of decisions."""
+    adjusted = multiple_tests.holm({claim: made.p_value for claim, made in decisions.items()})
     return {
-        key: (made, adjusted[key], verdict(made, adjusted[key], rule))
-        for key, made in decisions.items()
+        claim: (adjusted[claim], verdict(made, adjusted[claim], rule))
+        for claim, made in decisions.items()
     }

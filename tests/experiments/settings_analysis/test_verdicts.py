@@ -17,8 +17,17 @@ def make_outcomes(n, holds, undetermined=0, difference=1.0):
     return Outcomes(order < holds, order >= n - undetermined, np.full(n, difference))
 
 
+def decide_all(claims):
+    """Return {claim: (decision, adjusted p-value, verdict)} of {claim: (outcomes, margin)}."""
+    decisions = {
+        key: verdicts.decide(given, margin, RULE) for key, (given, margin) in claims.items()
+    }
+    judged = verdicts.judge(decisions, RULE)
+    return {key: (made, *judged[key]) for key, made in decisions.items()}
+
+
 def decide_one(given, margin=MARGIN):
-    (result,) = verdicts.decide_all({'claim': (given, margin)}, RULE).values()
+    (result,) = decide_all({'claim': (given, margin)}).values()
     return result
 
 
@@ -37,10 +46,14 @@ def make_pairs(differences, threshold=1.0):
     return pd.DataFrame(rows)
 
 
-def test_a_setting_is_undetermined_beyond_the_margin_alone():
+def test_a_setting_is_undetermined_where_its_starts_disagree_and_strictly_beyond_the_margin():
     pairs = make_pairs({1: [2.0, 2.4], 2: [2.0, 2.6], 3: [0.9, 1.1], 4: [3.0, None]})
     table = verdicts.summarise(pairs, MARGIN)
-    assert table['undetermined'].to_dict() == {1: False, 2: True, 3: False, 4: True}
+    assert table['undetermined'].to_dict() == {1: False, 2: False, 3: True, 4: True}
+    assert table['undetermined_strictly'].to_dict() == {1: False, 2: True, 3: True, 4: True}
+    assert verdicts.outcomes(table).undetermined.tolist() == [False, False, True, True]
+    strictly = verdicts.outcomes(table, is_strict=True)
+    assert strictly.undetermined.tolist() == [False, True, True, True]
     assert table['difference'].to_dict() == pytest.approx({1: 2.2, 2: 2.3, 3: 1.0, 4: 3.0})
 
 
@@ -102,7 +115,7 @@ def test_a_family_of_claims_needs_more_evidence():
     """What decides a claim alone may be open among five."""
     given = make_outcomes(100, 61)
     alone = decide_one(given)
-    five = verdicts.decide_all(dict.fromkeys('abcde', (given, MARGIN)), RULE)
+    five = decide_all(dict.fromkeys('abcde', (given, MARGIN)))
     assert alone[2] == REPRODUCED
     assert {verdict for _, _, verdict in five.values()} == {OPEN}
     assert [p_value for _, p_value, _ in five.values()] == pytest.approx([5 * alone[1]] * 5)
@@ -117,6 +130,6 @@ def test_a_share_at_a_threshold_is_rarely_decided():
         for key in 'abcde':
             holds = rng.random(150) < RULE.holds_from
             claims[key] = Outcomes(holds, np.zeros(150, bool), np.where(holds, 1.0, 0.0)), None
-        verdicts_ = [made[2] for made in verdicts.decide_all(claims, RULE).values()]
+        verdicts_ = [made[2] for made in decide_all(claims).values()]
         wrong += REPRODUCED in verdicts_
     assert wrong <= 4  # 0.75 expected; more than 4 in 1 of 1,000 repeats of this test
