@@ -109,14 +109,14 @@ def pairs(outcomes: pd.DataFrame, claim: str, level: str) -> pd.DataFrame:
     """Return `setting`, `perturbation`, `holds`, `difference` of the starts of settings at a level.
 
     `holds` is 1 or 0, and NaN like the difference where a start does not tell of the claim: it has
-    no meaning in it, its drives did not end, or they do not meet the conditions from P2 up to the
-    level. Below P3 only the unperturbed start counts: of those settings some alone were driven
+    no meaning in it, its drives did not end, or they do not meet P2. (Where a start slips below
+    P3 or P4 the claim has a value all the same, and preconditions are those of the undisturbed
+    start.) Below P3 only the unperturbed start counts: of those settings some alone were driven
     from the others, by what another version of the baseline does in them.
     """
     if LEVELS.index(level) < LEVELS.index(ACCEPTED):
         outcomes = outcomes[outcomes['perturbation'] == 0]
-    asked = [f'start.{name}' for name in OF_A_START if name <= level]
-    meets = outcomes[asked].astype(bool).all(axis=1)
+    meets = outcomes[f'start.{OF_A_START[0]}'].astype(bool)
     columns = {
         name: outcomes.get(f'{claim}.{name}', pd.Series(np.nan, outcomes.index, float))
         for name in ('holds', 'difference')

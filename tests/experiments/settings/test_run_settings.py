@@ -166,8 +166,8 @@ def test_the_command_refuses_what_it_cannot_use(arguments, message, capsys):
 @pytest.mark.parametrize(
     ('name', 'numbers'),
     [
-        ('confirmatory', (20261123, 18_000, True)),
-        ('repetition', (20261124, 18_000, True)),
+        ('confirmatory', (20261123, 12_000, True)),
+        ('repetition', (20261124, 12_000, True)),
         ('levels', (20261125, 3_000, False)),
     ],
 )

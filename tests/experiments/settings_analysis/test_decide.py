@@ -116,6 +116,19 @@ def test_with_another_first_condition_the_verdicts_are_those_at_this_one(study):
     assert {one.least for one in decide.decide(near, explained=[]).judged if one.primary} == {'P0'}
 
 
+def test_a_start_just_below_the_limit_tells_of_the_claim_all_the_same(study):
+    """Preconditions are those of the undisturbed start."""
+    rows = study.drives.to_dict('records')
+    for row in rows:
+        if row['setting'] == 5 and row['perturbation'] == 2 and row['arm'] == arms.MATCHED:
+            row['limit_share'] = 0.948
+    built = pd.DataFrame(list(outcomes.build(study.plan, rows)))
+    own = built[(built['baseline'] == arms.MATCHED) & (built['setting'] == 5)]
+    assert own['start.P3'].tolist() == [True, True, False, True, True]
+    pairs = study_tables.pairs(own, 'sideslip', 'P3')
+    assert pairs['holds'].notna().all()
+
+
 @pytest.mark.parametrize(
     ('change', 'at_P3'),
     [
@@ -124,7 +137,7 @@ def test_with_another_first_condition_the_verdicts_are_those_at_this_one(study):
         ({'error': 'its process was ended'}, True),
     ],
 )
-def test_a_start_that_leaves_the_conditions_makes_its_setting_undetermined(study, change, at_P3):
+def test_a_start_that_does_not_tell_makes_its_setting_undetermined(study, change, at_P3):
     """From the rows of the drives to the settings of a verdict."""
     rows = study.drives.to_dict('records')
     (changed,) = (
