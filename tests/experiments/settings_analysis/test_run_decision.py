@@ -1,5 +1,6 @@
 """The commands on many settings, with real drives."""
 
+import dataclasses
 import json
 
 import pandas as pd
@@ -76,7 +77,11 @@ def test_a_search_goes_on_where_it_stopped(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_search_writes_the_nearest_setting(tmp_path):
+def test_the_search_writes_the_nearest_setting(tmp_path, monkeypatch):
+    picture = pictures.load()
+    few = dataclasses.replace(picture.hold_out, perturbations=3, neighbours=3)
+    small = dataclasses.replace(picture, hold_out=few)
+    monkeypatch.setattr(pictures, 'load', lambda: small)
     run_decision.run(request('exists', tmp_path, trials=2), Console(quiet=True))
     result = json.loads((tmp_path / 'existence.json').read_text())
     assert result['trials'] == 2
