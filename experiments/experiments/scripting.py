@@ -37,6 +37,7 @@ from experiments.batch.study_file import SCENARIO_SETTINGS
 from experiments.configuration import inputs, node_config, set_option
 from experiments.simulation import Setup
 from experiments.worker_pool import WorkerPool
+from msgs_yaml import share
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario as scenarios
 from scenario_publisher.scenario import Scenario
@@ -118,8 +119,14 @@ class _Task:
     def __init__(self, scenario, controller, settings):
         self.settings = {name: _plain(value) for name, value in settings.items()}
         changes, by_role = _split(self.settings)
+        origins = {
+            role: {name: _written(f'{role}.{name}') for name in values}
+            for role, values in by_role.items()
+        }
         scn, source = _load(scenario, changes)
-        self.setup = simulation.prepare_scenario(scn, os.fspath(controller), by_role, source)
+        self.setup = simulation.prepare_scenario(
+            scn, os.fspath(controller), by_role, source, origins
+        )
         for reason in inputs.car_mismatches(*self.setup[2:5]):
             file = self.setup.params.car_file
             warnings.warn(f"the controller's car, {file}, is not the plant: {reason}", stacklevel=4)
@@ -199,14 +206,27 @@ def _in_range(name, value):
     kind, rule = get_args(SCENARIO_SETTINGS[name])
     fault = rule.fault(kind, value)
     if fault:
-        raise BagError(f'settings: {name} {fault} {value!r}; allowed {rule.allowed}')
+        raise BagError(f'{_written(name)}: {fault} {value!r}; allowed {rule.allowed}')
     return float(value)
+
+
+def _written(name: str) -> str:
+    """Return how a script writes a setting, for errors."""
+    return 'plant=' if name == PLANT_FILE else f'settings[{name!r}]'
 
 
 def _with_plant(settings, plant) -> dict[str, Any]:
     if not isinstance(settings, Mapping):
         raise BagError(f'settings: must be a mapping of names to values, is {settings!r}')
-    return {**settings} if plant is None else {**settings, PLANT_FILE: os.fspath(plant)}
+    return {**settings} if plant is None else {**settings, PLANT_FILE: _plant_file(plant)}
+
+
+def _plant_file(plant) -> str:
+    """Return a path, or the file in vehicle_plant/config of a name without an ending."""
+    given = os.fspath(plant)
+    shipped = share.path('vehicle_plant', 'config')
+    is_name = os.sep not in given and (shipped / f'{given}.yaml').is_file()
+    return f'{given}.yaml' if is_name else given
 
 
 def _combinations(settings) -> list[Mapping[str, Any]]:

@@ -81,17 +81,20 @@ def prepare_scenario(
     controller: str,
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     source: str = '',
+    origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
 ) -> Setup:
-    """Return the setup of a loaded scenario, as `prepare`; `source` is its file, for errors."""
+    """Return the setup of a loaded scenario, as `prepare`.
+
+    For errors: `source` is the file of the scenario, `origins` say by role and name how the caller
+    wrote a setting; without one it is `--set`.
+    """
     for name in settings.get('plant', ()):
         if name not in PLANT_SETTINGS and not name.startswith(PLANT_SETTING_GROUP):
             allowed = f'{", ".join(PLANT_SETTINGS)} and {PLANT_SETTING_GROUP}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
-    unused = Path()
-    nodes = node_config.build_nodes(
-        inputs.scenario_facts(scn, source or scn.name), chosen, 'lockstep', unused, unused, settings
-    )
+    facts, unused = inputs.scenario_facts(scn, source or scn.name), Path()
+    nodes = node_config.build_nodes(facts, chosen, 'lockstep', unused, unused, settings, origins)
     checked = inputs.check_parameters(nodes)
     params, vehicle = checked['controller']
     node, plant = checked['plant']

@@ -49,6 +49,12 @@ ARGUMENTS = tuple(
             'by blanks; they win over params_file',
             None,
         ),
+        (
+            'any_car',
+            'false',
+            'true: drive also with a car file of the controller that is not that of the plant',
+            SWITCH,
+        ),
         ('use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH),
         ('log_level', 'info', 'least severity that the nodes log', LEVELS),
         (
@@ -101,7 +107,8 @@ def start_nodes(context):
     given = {
         argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS
     }
-    facts = inputs.load_facts(given['scenario'])
+    scn = inputs.load_scenario(given['scenario'])
+    facts = inputs.scenario_facts(scn, given['scenario'])
     controller = node_config.find_controller(given['controller'])
     record, mode = given['record'] == 'true', given['mode']
     folder = Path(launch_config.log_dir)
@@ -112,11 +119,13 @@ def start_nodes(context):
         facts, controller, mode, bag, run_info, overrides, origins, record
     )
     checked = inputs.check_parameters(nodes)
+    if given['any_car'] == 'false':
+        inputs.check_car_fits(checked, 'set:=', 'any_car:=true')
     loaded = inputs.loaded_facts(checked)
     node_config.write_run_info(facts, controller, mode, nodes, run_info, loaded)
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
-    monitor, warnings = RunMonitor(), inputs.find_warnings(facts, checked)
+    monitor, warnings = RunMonitor(), inputs.find_warnings(scn, facts, checked)
     return [
         *(actions.LogInfo(msg=f'warning, {controller.name}: {text}') for text in warnings),
         *(_start(node, folder, monitor, given) for node in nodes),
@@ -136,7 +145,7 @@ def _new_bag(out, facts, controller):
 def _overrides(given):
     """Return the parameters of `params_file` and `set` by role, and their sources."""
     files = ros_parameter_file.read_files(shlex.split(given['params_file']), given['namespace'])
-    settings = set_option.parse_overrides(shlex.split(given['set']))
+    settings = set_option.parse_overrides(shlex.split(given['set']), 'set:=')
     values, sources = files.values, files.sources
     for role, own in settings.items():
         values[role] = values.get(role, {}) | own

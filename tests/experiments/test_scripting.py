@@ -80,7 +80,8 @@ def test_speed_and_friction_of_the_scenario(run):
 
 
 def test_another_car(run):
-    other = drive(ROAD, plant='bmw_320i.yaml', label='smaller')
+    with pytest.warns(UserWarning, match='is not the plant: mass'):
+        other = drive(ROAD, plant='bmw_320i', label='smaller')
     assert other.label == 'smaller'
     masses = [one.parameters['plant.car.body.mass_kg'] for one in (run, other)]
     assert masses[0] != masses[1]
@@ -121,9 +122,12 @@ def test_processes_give_the_same_runs_and_need_no_main_guard(tmp_path):
         ((ROAD, 'mpcc', ['x']), 'must be a mapping'),
         ((ROAD, 'mpcc', {'tolerances.contouring_m': 1.0}), f"did you mean '{TOLERANCE}'"),
         ((ROAD, 'mpcc', {f'{TOLERANCE}m': 1.0}), "did you mean 'tolerances.contouring_m'"),
-        ((ROAD, 'mpcc', {TOLERANCE: -1.0}), 'out of range with -1'),
+        (
+            (ROAD, 'mpcc', {TOLERANCE: -1.0}),
+            f"settings['{TOLERANCE}']: tolerances.contouring_m: is ",
+        ),
         ((ROAD, 'mpcc', {'scenario.speed': 20.0}), f"did you mean '{SPEED}'"),
-        ((ROAD, 'mpcc', {SPEED: 'fast'}), 'scenario.speed_mps must be a number'),
+        ((ROAD, 'mpcc', {SPEED: 'fast'}), "settings['scenario.speed_mps']: must be a number"),
         ((ROAD, 'mpcc', {SPEED: 1000.0}), '1 to 100 m/s'),
         ((ROAD, 'mpcc', {SPEED: float('nan')}), 'must be finite'),
         ((ROAD, 'mpcc', {'plant.mode': 'realtime'}), 'has no effect in process'),
@@ -134,6 +138,12 @@ def test_a_mistake_is_named_with_what_is_allowed(arguments, message):
     with pytest.raises(BagError) as caught:
         drive(*arguments)
     assert message in str(caught.value)
+    assert '--set' not in str(caught.value)
+
+
+def test_a_plant_that_does_not_exist_is_named_by_its_argument():
+    with pytest.raises(BagError, match=r'plant=: .* no file config/vw_gtx; it has bmw_320i'):
+        drive(ROAD, plant='vw_gtx')
 
 
 @pytest.mark.parametrize(
@@ -141,7 +151,10 @@ def test_a_mistake_is_named_with_what_is_allowed(arguments, message):
     [
         ({'controller': []}, 'controller: is an empty list'),
         ({'settings': {SPEED: []}}, 'settings: scenario.speed_mps: is an empty list'),
-        ({'settings': [{SPEED: 15}, {SPEED: -1}]}, 'scenario.speed_mps is out of range with -1'),
+        (
+            {'settings': [{SPEED: 15}, {SPEED: -1}]},
+            "['scenario.speed_mps']: is out of range with -1",
+        ),
         ({'jobs': 0}, 'jobs: is 0; allowed a whole number from 1'),
     ],
 )

@@ -41,12 +41,17 @@ def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, s
             ours, theirs = (run.get('scenario', '?') for run in (infos[0], info))
             differ = f'{ours!r} and {theirs!r}' if ours != theirs else f'two versions of {ours!r}'
             raise BagError(f'{both} drove different scenarios ({differ}): {FORCE}, {OVERVIEW}')
-        differing = plant_differences([infos[0], info])
+        differing = describe_plants(infos[0], info)
         if differing:
-            first = list(differing.items())[:LISTED]
-            listed = [f'{name} {_both(values)}' for name, values in first]
-            more = [f'and {len(differing) - LISTED} more'] if len(differing) > LISTED else []
-            raise BagError(f'{both} drove different plants ({", ".join(listed + more)}): {FORCE}')
+            raise BagError(f'{both} drove different plants ({differing}): {FORCE}')
+
+
+def describe_plants(info: Mapping[str, str], other: Mapping[str, str]) -> str:
+    """Return the first physical parameters of the plant that differ, with both values, or ''."""
+    differing = plant_differences([info, other])
+    listed = [f'{name} {_both(values)}' for name, values in list(differing.items())[:LISTED]]
+    more = [f'and {len(differing) - LISTED} more'] if len(differing) > LISTED else []
+    return ', '.join(listed + more)
 
 
 def _both(values):

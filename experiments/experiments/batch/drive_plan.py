@@ -149,7 +149,8 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
         else:
             settings.setdefault(role, {})[parameter] = value
     scn = _load(road, **changes) if isinstance(road, str) else _change(one, changes)
-    setup = simulation.prepare_scenario(scn, combination.controller, settings, source)
+    origins = {role: {name: f'{role}.{name}' for name in own} for role, own in settings.items()}
+    setup = simulation.prepare_scenario(scn, combination.controller, settings, source, origins)
     # a limit takes as long to find as a run, and that of a drawn car serves no other drive
     draws_car = any(name.startswith(CAR) for name, _ in draw.values)
     return setup._replace(knows_limit=not draws_car)

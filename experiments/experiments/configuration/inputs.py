@@ -17,7 +17,7 @@ from experiments.configuration.node_config import LoadedFacts, Node, ScenarioFac
 from mpcc_controller import car_file, minimum_speed
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
-from scenario_publisher import scenario
+from scenario_publisher import advice, scenario
 from scenario_publisher.scenario import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
@@ -173,10 +173,13 @@ def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
     return LoadedFacts(file_values(checked), limit)
 
 
-def check_car_fits(checked: Mapping[str, tuple[Any, Any]]) -> None:
+def check_car_fits(
+    checked: Mapping[str, tuple[Any, Any]], setting: str = '--set ', any_car: str = '--any-car'
+) -> None:
     """Raise BagError when the controller's car file is that of another car than the plant is.
 
-    `checked` is from `check_parameters`.
+    `checked` is from `check_parameters`. The message says how to mend it: `setting` comes before a
+    parameter and its value, `any_car` is what allows such a run.
     """
     (params, vehicle), (_, plant) = checked['controller'], checked['plant']
     reasons = car_mismatches(params, vehicle, plant)
@@ -184,7 +187,7 @@ def check_car_fits(checked: Mapping[str, tuple[Any, Any]]) -> None:
         raise BagError(
             f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}. Write one '
             'that does: identify --car PLANT.yaml --out my_car.yaml, then '
-            '--set controller.car_file=./my_car.yaml (or drive as it is, with --any-car)'
+            f'{setting}controller.car_file=./my_car.yaml (or drive as it is, with {any_car})'
         )
 
 
@@ -222,11 +225,13 @@ def car_mismatches(
     return tuple(reasons)
 
 
-def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) -> list[str]:
-    """Return one line for each mismatch of scenario, controller and plant; [] without any.
+def find_warnings(
+    scn: Scenario, facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]
+) -> list[str]:
+    """Return one line for what is rarely meant in a scenario and for each mismatch, [] without.
 
-    A mismatch is allowed, since it may be the subject of the experiment. `checked` is from
-    `check_parameters`.
+    Mismatches are those of scenario, controller and plant. All of it is allowed, since it may be
+    the subject of the experiment. `facts` are those of `scn`, `checked` is from `check_parameters`.
     """
     (params, vehicle), (node, plant) = checked['controller'], checked['plant']
     start_mps = node.start.speed_mps
@@ -239,6 +244,7 @@ def find_warnings(facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]) 
     start_words = ('the car starts at', 'does not pull away', 'may not pull away')
     desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
     return [
+        *advice.find_advice(scn, params.model.horizon * params.model.step_s),
         *_slow_speed(start, least, minimum_speed.START_MARGIN_MPS, *start_words),
         *_slow_speed(desired, least, minimum_speed.DESIRED_MARGIN_MPS, *desired_words),
         *_drive_layout(params, vehicle, plant),

@@ -27,22 +27,25 @@ class Changes(NamedTuple):
     weight_factors: Mapping[str, float]  # by the name of the cost term
 
 
-def parse_value(setting: str, text: str) -> Any:
+def parse_value(setting: str, text: str, option: str = '--set ') -> Any:
     """Return the value of a setting as ROS reads it: 1e-1 is a number.
 
-    Raises BagError for text that is no YAML value.
+    Raises BagError, which names the setting after `option`, for text that is no YAML value.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
-        return None if node is None else strict_yaml.Item(Path('--set'), setting, node).value()
+        return (
+            None if node is None else strict_yaml.Item(Path(option.strip()), setting, node).value()
+        )
     except (yaml.YAMLError, strict_yaml.YamlError):
-        raise BagError(f'--set {setting}: {text!r} is no value') from None
+        raise BagError(f'{option}{setting}: {text!r} is no value') from None
 
 
-def parse_overrides(settings: Sequence[str]) -> dict[str, dict[str, Any]]:
+def parse_overrides(settings: Sequence[str], option: str = '--set ') -> dict[str, dict[str, Any]]:
     """Return {role: {parameter: value}} of `ROLE.parameter=value` texts.
 
-    Raises BagError for text of another form; `inputs.check_parameters` checks names and values.
+    `option` comes before each in errors. Raises BagError for text of another form;
+    `inputs.check_parameters` checks names and values.
     """
     overrides = {}
     for setting in settings:
@@ -50,10 +53,10 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, dict[str, Any]]:
         role, _, name = target.partition('.')
         if not equals or not name or role not in node_config.ROLES:
             raise BagError(
-                f'--set {setting}: must be NODE.parameter=value, NODE one of '
+                f'{option}{setting}: must be NODE.parameter=value, NODE one of '
                 f'{", ".join(node_config.ROLES)}{closest_setting(target)}'
             )
-        overrides.setdefault(role, {})[name] = parse_value(setting, text)
+        overrides.setdefault(role, {})[name] = parse_value(setting, text, option)
     return overrides
 
 

@@ -36,6 +36,22 @@ def _find(name, folder, scn):
     return path
 
 
+def describe_other_plants(paths: Sequence[Path]) -> list[str]:
+    """Return a line for each run that drove another plant than the first, and what differs."""
+    # imported late: pages and figures take a second to load
+    from bags.report.comparability import describe_plants
+
+    first, *others = paths
+    reference = read.run_info(first)
+    differing = {path: describe_plants(reference, read.run_info(path)) for path in others}
+    return [
+        f'{path.name} drove another plant than {first.name}: {what}; what differs between them is '
+        'not of the controllers alone'
+        for path, what in differing.items()
+        if what
+    ]
+
+
 def with_new_ones(others: Sequence[Path], outcomes: Sequence[RunOutcome]) -> list[Path]:
     """Return the folders of new runs and of those to compare with, which may have got a number.
 

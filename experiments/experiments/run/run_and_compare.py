@@ -17,7 +17,6 @@ from experiments.progress import RunProgress
 from experiments.run import domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
-from scenario_publisher import advice
 from stage_solver import compile_cache
 
 NO_COMPILER = (
@@ -76,6 +75,9 @@ def run(request: Request, console: Console) -> int:
             kept = ' '.join(os.path.relpath(bag) for bag in bags)
             raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
         show_comparison(compared, console)
+        for text in earlier_runs.describe_other_plants(paths):
+            console.print('[yellow]warning:[/] ', end='')
+            print_text(console, text)
         runs = compared.values['runs']
         _show_disagreement(outcomes, runs, console)
         if expect:
@@ -146,9 +148,7 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
         if not (request.any_car or controller.program):
             inputs.check_car_fits(checked)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
-        params, _ = checked['controller']
-        advised = advice.find_advice(scn, params.model.horizon * params.model.step_s)
-        for text in (*advised, *inputs.find_warnings(facts, checked)):
+        for text in inputs.find_warnings(scn, facts, checked):
             console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):

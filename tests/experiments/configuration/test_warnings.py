@@ -16,12 +16,13 @@ def find_warnings(tmp_path):
     def find_warnings(changes, settings=None):
         document = yaml.safe_load(scenario.load('straight').text) | changes
         (tmp_path / 'own.yaml').write_text(yaml.safe_dump(document))
-        facts = inputs.load_facts(str(tmp_path / 'own.yaml'))
+        scn = inputs.load_scenario(str(tmp_path / 'own.yaml'))
+        facts = inputs.scenario_facts(scn, str(tmp_path / 'own.yaml'))
         chosen = node_config.find_controller('mpcc')
         nodes = node_config.build_nodes(
             facts, chosen, 'lockstep', tmp_path, tmp_path, settings or {}
         )
-        return inputs.find_warnings(facts, inputs.check_parameters(nodes))
+        return inputs.find_warnings(scn, facts, inputs.check_parameters(nodes))
 
     return find_warnings
 

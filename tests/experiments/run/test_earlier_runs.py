@@ -40,6 +40,22 @@ def test_a_run_of_another_scenario_is_refused(recorded):
         earlier_runs.find(['mpcc'], GOLDEN, other)
 
 
+def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
+    paths = [GOLDEN / name for name in ('mpcc', 'mpcc_no_ca', 'frenet')]
+    assert earlier_runs.describe_other_plants(paths) == []
+    recorded = earlier_runs.read.run_info
+
+    def on_ice(path):
+        info = recorded(path)
+        if path.name == 'frenet':
+            info['parameters'] = info['parameters'].replace('"friction": 1.0', '"friction": 0.2')
+        return info
+
+    monkeypatch.setattr(earlier_runs.read, 'run_info', on_ice)
+    (line,) = earlier_runs.describe_other_plants(paths)
+    assert line.startswith('frenet drove another plant than mpcc: friction 1.0 and 0.2; ')
+
+
 def test_a_run_that_got_a_number_is_compared_under_it(tmp_path):
     new, older, other = (tmp_path / name for name in ('mpcc', 'mpcc@1', 'frenet'))
     moved = RunOutcome('mpcc', True, '', new, older)

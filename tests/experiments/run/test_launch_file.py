@@ -185,7 +185,11 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
         ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
         ({'set': 'plant.frictoin=0.6'}, "frictoin: this node has no such .* mean 'friction'"),
-        ({'set': 'friction=0.6'}, 'must be NODE.parameter=value'),
+        ({'set': 'friction=0.6'}, 'set:=friction=0.6: must be NODE.parameter=value'),
+        (
+            {'set': 'plant.plant_params=vw_gti.yaml'},
+            'car_file car.yaml does not fit the plant: wheelbase .*with any_car:=true',
+        ),
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml'),
     ],
 )
@@ -203,6 +207,22 @@ def test_a_mismatch_of_scenario_and_controller_gives_a_warning(tmp_path, shell, 
     (tmp_path / 'slow.yaml').write_text(slow)
     assert launched(scenario=tmp_path / 'slow.yaml').wait(PATIENCE_S) == 0, output(tmp_path)
     assert re.search('warning, mpcc: the scenario asks for 1 m/s', output(tmp_path))
+
+
+def test_another_car_that_is_allowed_and_advice_on_the_scenario_are_warnings(
+    tmp_path, shell, launched
+):
+    short = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
+    short, changed = re.subn('length_m: 120.0', 'length_m: 90.0', short)
+    assert changed == 1
+    (tmp_path / 'short.yaml').write_text(short)
+    given = {'set': 'plant.plant_params=vw_gti.yaml', 'any_car': 'true'}
+    launch = launched(scenario=tmp_path / 'short.yaml', **given)
+    assert launch.wait(PATIENCE_S) == 0, output(tmp_path)
+    assert re.search('warning, mpcc: the path ends ', output(tmp_path))
+    assert re.search(
+        'warning, mpcc: the controller believes that 0% of the drive', output(tmp_path)
+    )
 
 
 def test_an_older_recording_is_not_touched(tmp_path, shell, launched):
