@@ -8,7 +8,6 @@ import sys
 import time
 import traceback
 import warnings
-from dataclasses import dataclass
 from importlib import import_module
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -26,7 +25,7 @@ from bags.storage.rosbag2_metadata import parse_qos
 from msgs_yaml import share
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import ros, spin_node
-from node_runtime.parameters import ParameterError, Range
+from node_runtime.parameters import ParameterError, Range, Struct
 
 DEPTH = 10  # of a publisher whose history is not in the bag
 PAUSE, STEP, QUIT = ' ', 's', 'q'
@@ -34,8 +33,7 @@ HELP = 'space: pause and resume, s: step, q: quit'
 NS_PER_MS = 1e6
 
 
-@dataclass(frozen=True)
-class PlayerParams:
+class PlayerParams(Struct):
     """Parameters of the player, see config/player.yaml."""
 
     bag: str

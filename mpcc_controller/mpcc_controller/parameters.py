@@ -1,10 +1,9 @@
 """Every number of the controller, with its unit and its allowed range; values live in config/."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from node_runtime import parameters
-from node_runtime.parameters import Choice, Range
+from node_runtime.parameters import Choice, Range, Struct
 
 # the class of each formulation; a text, so that parameters are checked before a model is loaded
 PROBLEMS = 'mpcc_controller.problem'
@@ -18,8 +17,7 @@ FREE, FIXED = 'free', 'fixed'  # of formulation.brake_split
 FROZEN, REFRESHED = 'frozen', 'refreshed'  # of surroundings.arcs
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(Struct):
     """Prediction horizon, and how the model treats the limits of its validity."""
 
     horizon: Annotated[int, Range(5, 200, 'steps')]
@@ -40,8 +38,7 @@ class Model:
     theta: Annotated[str, Choice(PROJECTED, INTEGRATED)] | None
 
 
-@dataclass(frozen=True)
-class Formulation:
+class Formulation(Struct):
     """Which problem is solved: its functions, and which weights are 0."""
 
     name: Annotated[str, Choice(*FORMULATIONS)]
@@ -55,8 +52,7 @@ class Formulation:
     brake_front_share: Annotated[float, Range(0.0, 1.0, '- of the braking force')] | None
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(Struct):
     """The circles that stand for the vehicle."""
 
     circle_radius_m: Annotated[float, Range(0.1, 5.0, 'm')]  # of each circle
@@ -67,8 +63,7 @@ class Body:
     edge_radius_m: Annotated[float, Range(0.1, 5.0, 'm')] | None
 
 
-@dataclass(frozen=True)
-class Tolerances:
+class Tolerances(Struct):
     """The error that costs 1: a weight is 1 / tolerance^2."""
 
     contouring_m: Annotated[float, Range(1e-3, 1e3, 'm')]  # distance from the path, across
@@ -90,8 +85,7 @@ class Tolerances:
     yaw_rate_excess_radps: Annotated[float, Range(1e-4, 1e3, 'rad/s')] | None
 
 
-@dataclass(frozen=True)
-class Envelope:
+class Envelope(Struct):
     """Where the soft limits of stable handling begin, as shares; 1 where left out.
 
     A limit is in the problem where `Tolerances` has its tolerance.
@@ -104,16 +98,14 @@ class Envelope:
     )
 
 
-@dataclass(frozen=True)
-class Priorities:
+class Priorities(Struct):
     """The largest weights P_k of the distances to obstacles and road edges."""
 
     obstacle: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of obstacles; 0: they are not avoided
     edge: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of road edges; 0: they are not avoided
 
 
-@dataclass(frozen=True)
-class SafetyDistances:
+class SafetyDistances(Struct):
     """D_sft: nearer than this costs."""
 
     # between a circle of the car and an obstacle
@@ -126,8 +118,7 @@ class SafetyDistances:
     fit_edges: bool | None
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(Struct):
     """The largest values that the controller commands; `car_file` cuts them to those of the car."""
 
     steer_rad: Annotated[float, Range(0.01, 1.0, 'rad at the road wheel, either way')]
@@ -143,8 +134,7 @@ class Limits:
     speed_hysteresis_mps: Annotated[float, Range(0.0, 10.0, 'm/s')]
 
 
-@dataclass(frozen=True)
-class Surroundings:
+class Surroundings(Struct):
     """How much of the world enters the problem."""
 
     max_obstacles: Annotated[int, Range(1, 32, 'obstacles at a time')]
@@ -162,8 +152,7 @@ class Surroundings:
     memory_s: Annotated[float, Range(0.0, 5.0, 's after an obstacle was last seen')] | None
 
 
-@dataclass(frozen=True)
-class Solver:
+class Solver(Struct):
     """How the problem is solved."""
 
     name: Annotated[str, Choice('fatrop', 'ipopt', 'riccati')]
@@ -180,8 +169,7 @@ class Solver:
     fallback_limit_s: Annotated[float, Range(1e-3, 10.0, 's, both solvers together, realtime only')]
 
 
-@dataclass(frozen=True)
-class Delay:
+class Delay(Struct):
     """From a state to the effect of its command; all but `command_s` realtime only."""
 
     computing_s: Annotated[float, Range(0.0, 0.05, 's, expected until it has been measured')]
@@ -191,8 +179,7 @@ class Delay:
     command_s: Annotated[float, Range(0.0, 0.2, 's, from the actuators to the effect')] | None
 
 
-@dataclass(frozen=True)
-class FrictionEstimate:
+class FrictionEstimate(Struct):
     """How the friction of the road is estimated from the motion; off: `model.friction` holds."""
 
     on: bool | None  # left out: off, and the others may be left out
@@ -211,8 +198,7 @@ class FrictionEstimate:
     actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
 
 
-@dataclass(frozen=True)
-class MeasurementErrors:
+class MeasurementErrors(Struct):
     """Errors that the controller adds to what it receives, a test option; left out: none."""
 
     seed: Annotated[int, Range(0, 2**31 - 1, '-, of noise and dropouts; left out: 0')] | None
@@ -233,8 +219,7 @@ class MeasurementErrors:
     obstacle_dropout_s: Annotated[float, Range(0.01, 10.0, 's, each; left out: 0.05')] | None
 
 
-@dataclass(frozen=True)
-class Ages:
+class Ages(Struct):
     """How old an input may be, realtime only; from half of it on there is a warning."""
 
     state_s: Annotated[float, Range(0.01, 10.0, 's, then the car brakes blindly')]
@@ -242,15 +227,13 @@ class Ages:
     obstacles_s: Annotated[float, Range(0.05, 10.0, 's')]
 
 
-@dataclass(frozen=True)
-class Warming:
+class Warming(Struct):
     """What happens before the first command, realtime only."""
 
     steps: Annotated[int, Range(0, 1000, 'steps without a command, until memory and times settle')]
 
 
-@dataclass(frozen=True)
-class Fallback:
+class Fallback(Struct):
     """When a plan is good enough, and what happens when there is none."""
 
     acceptable_residual: Annotated[float, Range(1e-9, 1.0, 'primal, in the units of the solver')]
@@ -262,8 +245,7 @@ class Fallback:
     recovery: bool | None
 
 
-@dataclass(frozen=True)
-class Braking:
+class Braking(Struct):
     """How the car steers while it brakes without a plan."""
 
     preview_s: Annotated[float, Range(0.1, 5.0, 's of driving to the point that is steered to')]
@@ -271,8 +253,7 @@ class Braking:
     lateral_use: Annotated[float, Range(0.0, 1.0, 'share of the usable friction, at most')]
 
 
-@dataclass(frozen=True)
-class Candidates:
+class Candidates(Struct):
     """How many plans a tick compares, and when it changes from one to another.
 
     Recordings made before hold none of them: one plan, the paper's controller.
@@ -290,8 +271,7 @@ class Candidates:
     regain_speed: bool | None
 
 
-@dataclass(frozen=True)
-class ControllerParams:
+class ControllerParams(Struct):
     """One controller, one file."""
 
     car_file: str  # in config/, or a path
@@ -315,8 +295,7 @@ class ControllerParams:
     braking: Braking
 
 
-@dataclass(frozen=True)
-class CarBody:
+class CarBody(Struct):
     """Masses and lengths of the car."""
 
     mass_kg: Annotated[float, Range(100.0, 1e5, 'kg')]  # with driver
@@ -329,8 +308,7 @@ class CarBody:
     rolling_n: Annotated[float, Range(0.0, 1e4, 'N')]  # rolling resistance
 
 
-@dataclass(frozen=True)
-class Tyre:
+class Tyre(Struct):
     """Fiala tyres of both axles, identified on the plant."""
 
     # cornering stiffness of the axle
@@ -341,8 +319,7 @@ class Tyre:
     rear_friction: Annotated[float, Range(0.05, 3.0, '-')]  # lateral force over load when sliding
 
 
-@dataclass(frozen=True)
-class CarActuators:
+class CarActuators(Struct):
     """How the car is driven, and the most that its actuators do."""
 
     drive_front_share: Annotated[float, Range(0.0, 1.0, '-, 0 = rear-wheel drive')]
@@ -357,8 +334,7 @@ class CarActuators:
     force_lag_s: Annotated[float, Range(0.0, 1.0, 's')] | None
 
 
-@dataclass(frozen=True)
-class CarOutline:
+class CarOutline(Struct):
     """The rectangle of the car seen from above; older files do not have it."""
 
     front_m: Annotated[float, Range(0.1, 20.0, 'm, CoG to the front end')] | None
@@ -366,8 +342,7 @@ class CarOutline:
     width_m: Annotated[float, Range(0.1, 5.0, 'm')] | None  # of the body
 
 
-@dataclass(frozen=True)
-class CarParams:
+class CarParams(Struct):
     """The car as the controller sees it; `identify` of vehicle_plant writes the file."""
 
     car: CarBody

@@ -14,7 +14,6 @@ A managed node (`managed_node`) takes those of MANAGED:
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -22,7 +21,7 @@ from msgs_yaml import contract, share
 from msgs_yaml.strict_yaml import closest
 from node_runtime import parameter_docs, parameters, scheduling
 from node_runtime.parameter_docs import GroupDoc
-from node_runtime.parameters import BASE, Choice, Leaf, ParameterError, Range
+from node_runtime.parameters import BASE, Choice, Leaf, ParameterError, Range, Struct
 
 MODE = 'mode'
 RECORDERS = 'recorders'
@@ -35,8 +34,7 @@ READ_ONLY = (
 )
 
 
-@dataclass(frozen=True)
-class _Common:
+class _Common(Struct):
     # simulated time that waits for every answer, or the wall clock
     mode: Annotated[str, Choice(*contract.MODES)]
     recorders: Annotated[int, Range(0, 10, 'recorders that must be listening before it starts')]
@@ -44,8 +42,7 @@ class _Common:
     realtime: scheduling.SchedulingOptions
 
 
-@dataclass(frozen=True)
-class _Managed:
+class _Managed(Struct):
     """Of managed nodes."""
 
     autostart: bool  # whether the node configures and activates itself when it starts

@@ -1,7 +1,6 @@
 """Parameters as frozen dataclasses whose every field states its allowed range and unit.
 
-    @dataclass(frozen=True)
-    class Brakes:
+    class Brakes(Struct):
         max_force_n: Annotated[float, Range(0.0, 30000.0, 'N')]
         kind: Annotated[str, Choice('disc', 'drum')]
         front_share: Annotated[float, Range(0.0, 1.0, '-')] | None
@@ -28,10 +27,19 @@ import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 from node_runtime import named_vector
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform  # of the checker; in typing from 3.11
+else:
+
+    def dataclass_transform(**_):
+        """Return a decorator that only type checkers heed."""
+        return lambda cls: cls
+
 
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
@@ -44,6 +52,15 @@ _UNIONS = (typing.Union, types.UnionType)
 
 class ParameterError(ValueError):
     """A parameter is unknown, missing, of the wrong type or out of range."""
+
+
+@dataclass_transform(frozen_default=True)
+class Struct:
+    """Base of parameter groups and of blocks of YAML files: a subclass is a frozen dataclass."""
+
+    def __init_subclass__(cls, **options: Any):
+        super().__init_subclass__(**options)
+        dataclass(frozen=True)(cls)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,10 @@ system are logged, and the node runs without.
 import ctypes
 import gc
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 
 # linux/mman.h: lock what is mapped now and later, each page once it is in use
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
@@ -19,8 +18,7 @@ THREADS = Path('/proc/self/task')
 ANY = -1
 
 
-@dataclass(frozen=True)
-class SchedulingOptions:
+class SchedulingOptions(Struct):
     """Parameters `realtime.*` of every node; used in mode realtime only."""
 
     priority: Annotated[int, Range(0, 99, 'of SCHED_FIFO for every thread of the node, 0: none')]

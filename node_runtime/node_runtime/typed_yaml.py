@@ -1,7 +1,6 @@
 """YAML nodes as typed values of a schema: frozen dataclasses, read strictly.
 
-    @dataclass(frozen=True)
-    class Square:
+    class Square(Struct):
         side_m: Annotated[float, Range(0.0, 10.0, 'm')]
         colour: Annotated[str, Pattern('[a-z]+', 'small letters')] = 'red'
 

@@ -1,7 +1,6 @@
 """Scenarios: path, edges, friction, obstacles, start and end of a run from a name or a file."""
 
 import os
-from dataclasses import dataclass
 from math import remainder, tau
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +11,7 @@ from msgs_yaml import share
 from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import typed_yaml
+from node_runtime.parameters import Struct
 from scenario_publisher import actors, lines, plausibility, road_geometry, scenario_file, schema
 from scenario_publisher.actors import Actor
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
@@ -28,8 +28,7 @@ SUFFIXES = (SUFFIX, '.yml')  # of a path
 START_NS = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class NodeParams:
+class NodeParams(Struct):
     """Parameters of scenario_node besides `mode`."""
 
     scenario: str

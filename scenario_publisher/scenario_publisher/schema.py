@@ -3,14 +3,14 @@
 docs/scenarios.md gives the meaning of each key; a test keeps both equal.
 """
 
-from dataclasses import dataclass, make_dataclass
+from dataclasses import make_dataclass
 from functools import reduce
 from math import inf
 from operator import or_
 from typing import Annotated, Literal
 
 from node_runtime import parameters
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from node_runtime.typed_yaml import Pattern
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 
@@ -37,8 +37,7 @@ Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, t
 Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(Struct):
     """Position and heading in the frame map."""
 
     x_m: Coordinate
@@ -46,23 +45,20 @@ class Pose:
     yaw_rad: Yaw
 
 
-@dataclass(frozen=True)
-class Straight:
+class Straight(Struct):
     """A straight."""
 
     length_m: Length
 
 
-@dataclass(frozen=True)
-class Arc:
+class Arc(Struct):
     """Constant curvature."""
 
     length_m: Length
     curvature_1pm: Curvature
 
 
-@dataclass(frozen=True)
-class Clothoid:
+class Clothoid(Struct):
     """Curvature that changes linearly with the distance."""
 
     length_m: Length
@@ -70,8 +66,7 @@ class Clothoid:
     end_curvature_1pm: Curvature
 
 
-@dataclass(frozen=True)
-class LaneChange:
+class LaneChange(Struct):
     """S-shaped lateral shift; length measured along the initial heading."""
 
     length_m: Length
@@ -88,16 +83,14 @@ def _one_of(**kinds: type):
 Segment = _one_of(straight=Straight, arc=Arc, clothoid=Clothoid, lane_change=LaneChange)
 
 
-@dataclass(frozen=True)
-class SegmentLine:
+class SegmentLine(Struct):
     """A line of curvature over distance, with its initial pose."""
 
     segments: tuple[Segment, ...]
     start: Pose
 
 
-@dataclass(frozen=True)
-class PointLine:
+class PointLine(Struct):
     """A smooth line through points."""
 
     points_m: tuple[tuple[Coordinate, Coordinate], ...]
@@ -106,23 +99,20 @@ class PointLine:
 Line = SegmentLine | PointLine
 
 
-@dataclass(frozen=True)
-class ConstantOffset:
+class ConstantOffset(Struct):
     """An edge at a constant distance from the centre line."""
 
     offset_m: Offset
 
 
-@dataclass(frozen=True)
-class OffsetTable:
+class OffsetTable(Struct):
     """An edge whose distance from the centre line changes linearly between stations."""
 
     stations_m: tuple[Station, ...]
     offsets_m: tuple[Offset, ...]
 
 
-@dataclass(frozen=True)
-class PointEdge:
+class PointEdge(Struct):
     """An edge as a polyline."""
 
     points_m: tuple[tuple[Coordinate, Coordinate], ...]
@@ -131,39 +121,34 @@ class PointEdge:
 Edge = ConstantOffset | OffsetTable | PointEdge
 
 
-@dataclass(frozen=True)
-class Edges:
+class Edges(Struct):
     """Both edges of the road."""
 
     left: Edge
     right: Edge
 
 
-@dataclass(frozen=True)
-class Road:
+class Road(Struct):
     """The drivable road."""
 
     centre_line: Line
     edges: Edges
 
 
-@dataclass(frozen=True)
-class ConstantSpeed:
+class ConstantSpeed(Struct):
     """A constant desired speed."""
 
     constant_mps: Speed
 
 
-@dataclass(frozen=True)
-class SpeedTable:
+class SpeedTable(Struct):
     """Desired speed over the station of the path, linear between stations."""
 
     stations_m: tuple[Station, ...]
     speeds_mps: tuple[Speed, ...]
 
 
-@dataclass(frozen=True)
-class FrictionPatch:
+class FrictionPatch(Struct):
     """A stripe along the road with another friction."""
 
     from_m: Station
@@ -173,8 +158,7 @@ class FrictionPatch:
     friction: Friction
 
 
-@dataclass(frozen=True)
-class MapObstacle:
+class MapObstacle(Struct):
     """A round obstacle placed in the map."""
 
     x_m: Coordinate
@@ -186,8 +170,7 @@ class MapObstacle:
     disappears_at_s: Time = inf
 
 
-@dataclass(frozen=True)
-class RoadObstacle:
+class RoadObstacle(Struct):
     """A round obstacle placed along the centre line of the road."""
 
     station_m: Station
@@ -200,8 +183,7 @@ class RoadObstacle:
     disappears_at_s: Time = inf
 
 
-@dataclass(frozen=True)
-class Waypoint:
+class Waypoint(Struct):
     """A place on the road, the speed there, and how long to wait there."""
 
     station_m: Station
@@ -210,8 +192,7 @@ class Waypoint:
     wait_s: Time = 0.0
 
 
-@dataclass(frozen=True)
-class WaypointObstacle:
+class WaypointObstacle(Struct):
     """A round obstacle that follows way-points."""
 
     waypoints: tuple[Waypoint, ...]
@@ -220,8 +201,7 @@ class WaypointObstacle:
     disappears_at_s: Time = inf
 
 
-@dataclass(frozen=True)
-class StartOnPath:
+class StartOnPath(Struct):
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
     progress_m: Station
@@ -230,8 +210,7 @@ class StartOnPath:
     yaw_rate_radps: YawRate = 0.0
 
 
-@dataclass(frozen=True)
-class StartPose:
+class StartPose(Struct):
     """A start anywhere on the road."""
 
     x_m: Coordinate
@@ -242,8 +221,7 @@ class StartPose:
     yaw_rate_radps: YawRate = 0.0
 
 
-@dataclass(frozen=True)
-class Stop:
+class Stop(Struct):
     """End of the run: finish line, time limit or standstill, whichever comes first."""
 
     progress_m: Annotated[float, Range(1.0, 20000.0, 'm')]
@@ -251,16 +229,14 @@ class Stop:
     standstill_s: Annotated[float, parameters.RUN_TIME] = None
 
 
-@dataclass(frozen=True)
-class Sampling:
+class Sampling(Struct):
     """Greatest distance between neighbouring points of the published lines."""
 
     path_m: Spacing = 0.5
     edges_m: Spacing = 1.0
 
 
-@dataclass(frozen=True)
-class File:
+class File(Struct):
     """A complete scenario file."""
 
     schema: Literal[1]

@@ -17,11 +17,10 @@ from typing import Annotated
 from rclpy.node import Node
 from msgs_yaml import encode
 from node_runtime import ros, spin_node
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from msgs_yaml.types import Imu
 
-@dataclass(frozen=True)
-class Params:
+class Params(Struct):
     gain: Annotated[float, Range(0.0, 9.0, 'N')]
 
 class TestNode(Node):

@@ -2,24 +2,21 @@
 
 import math
 import re
-from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
 from package_config import write_config
 
 from node_runtime import node_parameters
-from node_runtime.parameters import Choice, ParameterError, Range
+from node_runtime.parameters import Choice, ParameterError, Range, Struct
 
 
-@dataclass(frozen=True)
-class Params:
+class Params(Struct):
     gain: Annotated[float, Range(0.0, 9.0, 'N')]
     widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
 
 
-@dataclass(frozen=True)
-class WithMode:
+class WithMode(Struct):
     mode: Annotated[str, Choice('lockstep', 'realtime')]
     gain: Annotated[float, Range(0.0, 9.0, 'N')]
 

@@ -1,23 +1,20 @@
 """A parameter file holds what differs from its base; errors name file, line and key."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
 import yaml
 
 from node_runtime import node_parameters, parameters
-from node_runtime.parameters import ParameterError, Range
+from node_runtime.parameters import ParameterError, Range, Struct
 
 
-@dataclass(frozen=True)
-class Wheel:
+class Wheel(Struct):
     radius_m: Annotated[float, Range(0.1, 1.0, 'm')]
     width_m: Annotated[float, Range(0.1, 1.0, 'm')] | None
 
 
-@dataclass(frozen=True)
-class Car:
+class Car(Struct):
     mass_kg: Annotated[float, Range(100.0, 5000.0, 'kg')]
     wheel: Wheel
     gears: Annotated[tuple[int, ...], Range(1, 9, '-')]

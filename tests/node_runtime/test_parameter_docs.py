@@ -1,14 +1,12 @@
-from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
 
 from node_runtime import parameter_docs, parameters
-from node_runtime.parameters import Choice, Range
+from node_runtime.parameters import Choice, Range, Struct
 
 
-@dataclass(frozen=True)
-class Axle:
+class Axle(Struct):
     """Brakes of an axle.
 
     Not shown.
@@ -20,8 +18,7 @@ class Axle:
     delay_ms: Annotated[int, Range(0, 200, 'ms')] | None  # after a command
 
 
-@dataclass(frozen=True)
-class Brakes:
+class Brakes(Struct):
     """All brakes."""
 
     kind: Annotated[str, Choice('disc', 'drum')]

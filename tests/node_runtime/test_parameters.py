@@ -1,7 +1,7 @@
 """Parameters become a dataclass, or the error names file, line, key and allowed range."""
 
+import dataclasses
 import math
-from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
@@ -9,17 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from node_runtime import parameters
-from node_runtime.parameters import Choice, ParameterError, Range
+from node_runtime.parameters import Choice, ParameterError, Range, Struct
 
 
-@dataclass(frozen=True)
-class Axle:
+class Axle(Struct):
     stiffness: Annotated[float, Range(1.0, 5.0, 'N/rad')]
     driven: bool
 
 
-@dataclass(frozen=True)
-class Car:
+class Car(Struct):
     mass_kg: Annotated[float, Range(100.0, 5000.0, 'kg')]
     gears: Annotated[int, Range(1, 8, '-')]
     kind: Annotated[str, Choice('saloon', 'estate')]
@@ -62,6 +60,17 @@ def write(tmp_path, text):
 
 def without(key):
     return {name: value for name, value in VALUES.items() if name != key}
+
+
+def test_a_struct_is_a_frozen_dataclass_and_its_subclass_extends_it():
+    class DrivenAxle(Axle):
+        torque_nm: Annotated[float, Range(0.0, 1e3, 'N m')]
+
+    axle = DrivenAxle(2.0, True, torque_nm=300.0)
+    assert [field.name for field in dataclasses.fields(axle)] == [*vars(axle)]
+    assert axle == DrivenAxle(2.0, True, 300.0)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        axle.driven = False
 
 
 def test_a_mapping_becomes_the_dataclass_with_whole_numbers_as_floats():
@@ -150,18 +159,15 @@ def test_every_number_in_the_range_is_unchanged(mass_kg):
     assert parameters.build(Car, {**VALUES, 'mass_kg': mass_kg}, 'here').mass_kg == mass_kg
 
 
-@dataclass(frozen=True)
-class NoRange:
+class NoRange(Struct):
     speed: float
 
 
-@dataclass(frozen=True)
-class WrongRule:
+class WrongRule(Struct):
     kind: Annotated[str, Range(0, 1, '-')]
 
 
-@dataclass(frozen=True)
-class OddType:
+class OddType(Struct):
     table: dict
 
 
@@ -191,8 +197,7 @@ def test_text_that_is_no_yaml_value_is_rejected_with_its_line(tmp_path, value):
         parameters.load(Axle, path)
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(Struct):
     share: Annotated[float, Range(0.0, 1.0, '-')] | None
     name: str
 
@@ -207,14 +212,12 @@ def test_an_optional_parameter_may_be_left_out_and_is_checked_when_it_is_not():
         parameters.build(Drive, {'share': 1.0}, 'here')
 
 
-@dataclass(frozen=True)
-class Split:
+class Split(Struct):
     share_min: Annotated[float, Range(0.0, 1.0, '-')]
     share_max: Annotated[float, Range(0.0, 1.0, '-')] | None
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(Struct):
     front: Split
     share_max: Annotated[float, Range(0.0, 1.0, '-')]  # of another group
 

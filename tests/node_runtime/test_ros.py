@@ -1,7 +1,6 @@
 """Nodes that use the contract exchange every topic over real Fast DDS."""
 
 from array import array
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -17,7 +16,7 @@ from wait_until import wait_until
 
 from msgs_yaml import cdr_templates, contract, decode, encode, flat_fields, types
 from node_runtime import ros, spin_node
-from node_runtime.parameters import ParameterError, Range
+from node_runtime.parameters import ParameterError, Range, Struct
 from node_runtime.subscriptions_node import LatestMessage
 
 pytestmark = pytest.mark.usefixtures('domain')
@@ -43,15 +42,13 @@ VALUES = {
 }
 
 
-@dataclass(frozen=True)
-class Params:
+class Params(Struct):
     gain: Annotated[float, Range(0.0, 9.0, 'N')]
     count: Annotated[int, Range(0, 9, '-')]
     widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
     loud: bool
 
 
-@dataclass(frozen=True)
 class Optional(Params):
     share: Annotated[float, Range(0.0, 1.0, '-')] | None
 

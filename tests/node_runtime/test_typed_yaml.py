@@ -1,4 +1,3 @@
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import pytest
@@ -7,25 +6,22 @@ from hypothesis import strategies as st
 
 from msgs_yaml.strict_yaml import YamlError
 from node_runtime import typed_yaml
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from scenario_publisher import scenario_file
 
 Metres = Annotated[float, Range(0.0, 10.0, 'm')]
 
 
-@dataclass(frozen=True)
-class Square:
+class Square(Struct):
     side_m: Metres
 
 
-@dataclass(frozen=True)
-class Disc:
+class Disc(Struct):
     radius_m: Metres
     count: Annotated[int, Range(1, 3, '-')] = 1
 
 
-@dataclass(frozen=True)
-class Drawing:
+class Drawing(Struct):
     version: Literal[2]
     word: Annotated[str, typed_yaml.Pattern('[a-z]+', 'small letters')]
     shape: Square | Disc

@@ -3,10 +3,10 @@
 `actuator_limits` is the summary of the actuators for a controller.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, NamedTuple
 
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from vehicle_plant.tyre_coefficients import TyreCoefficients, TyreScaling
 
 Ratio = Annotated[float, Range(0.0, 1.0, '-')]
@@ -15,8 +15,7 @@ LiftArea = Annotated[float, Range(-3.0, 3.0, 'm^2')]
 DelayMs = Annotated[int, Range(0, 200, 'ms')]
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(Struct):
     """Masses and lengths. Inertias are those of the whole car about its CoG."""
 
     mass_kg: Annotated[float, Range(500.0, 5000.0, 'kg')]
@@ -34,8 +33,7 @@ class Body:
     gravity_mps2: Annotated[float, Range(1.0, 20.0, 'm/s^2')]  # of the axle loads
 
 
-@dataclass(frozen=True)
-class Outline:
+class Outline(Struct):
     """Outline for collisions; without effect on the motion."""
 
     front_overhang_m: Annotated[float, Range(0.0, 3.0, 'm')]
@@ -43,8 +41,7 @@ class Outline:
     width_m: Annotated[float, Range(0.5, 3.0, 'm')]  # of the body
 
 
-@dataclass(frozen=True)
-class Axle:
+class Axle(Struct):
     """Suspension of one axle; rates are per wheel, at the wheel."""
 
     track_m: Annotated[float, Range(0.5, 3.0, 'm')]  # between the wheel centres
@@ -61,16 +58,14 @@ class Axle:
     compliance_steer_radpn: Annotated[float, Range(-1e-5, 1e-5, 'rad/N')]
 
 
-@dataclass(frozen=True)
-class Suspension:
+class Suspension(Struct):
     """Suspension of both axles."""
 
     front: Axle
     rear: Axle
 
 
-@dataclass(frozen=True)
-class Wheel:
+class Wheel(Struct):
     """A wheel with the carcass of its tyre; all four are equal."""
 
     radius_m: Annotated[float, Range(0.1, 1.0, 'm')]  # from the axis to the road
@@ -92,16 +87,14 @@ class Wheel:
     standstill_damping_nspm: Annotated[float, Range(0.0, 10e3, 'N s/m')]
 
 
-@dataclass(frozen=True)
-class BrakeLining:
+class BrakeLining(Struct):
     """Elastic wind-up and damping of a brake lining before it slips."""
 
     windup_rad: Annotated[float, Range(0.005, 0.2, 'rad')]
     damping_s: Annotated[float, Range(0.0, 0.02, 's')]  # damping of the wind-up over its stiffness
 
 
-@dataclass(frozen=True)
-class Steering:
+class Steering(Struct):
     """Second-order servo of the road-wheel angle."""
 
     natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]  # of the servo
@@ -111,8 +104,7 @@ class Steering:
     delay_ms: DelayMs
 
 
-@dataclass(frozen=True)
-class AxleForce:
+class AxleForce(Struct):
     """Second-order servo of one axle's brake and drive force at the contact patches."""
 
     natural_frequency_radps: Annotated[float, Range(1.0, 300.0, 'rad/s')]  # of the servo
@@ -124,24 +116,21 @@ class AxleForce:
     delay_ms: DelayMs  # pure delay before the servo
 
 
-@dataclass(frozen=True)
-class AxleForces:
+class AxleForces(Struct):
     """Force servos of both axles."""
 
     front: AxleForce
     rear: AxleForce
 
 
-@dataclass(frozen=True)
-class AxleScaling:
+class AxleScaling(Struct):
     """Scaling of the tyre coefficients per axle."""
 
     front: TyreScaling
     rear: TyreScaling
 
 
-@dataclass(frozen=True)
-class GateLimits:
+class GateLimits(Struct):
     """Limits of a plausible command, relative to those of the actuators."""
 
     steer_tolerance_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
@@ -151,16 +140,14 @@ class GateLimits:
     friction_use: Annotated[float, Range(0.5, 10.0, 'of the friction of an axle')]
 
 
-@dataclass(frozen=True)
-class SafeStop:
+class SafeStop(Struct):
     """Brake forces when the controller is gone, at friction 1."""
 
     front_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]  # of the front axle
     rear_brake_n: Annotated[float, Range(0.0, 50e3, 'N')]  # of the rear axle
 
 
-@dataclass(frozen=True)
-class Car:
+class Car(Struct):
     """All parameters of the car except the coefficients of its tyre."""
 
     body: Body
@@ -175,8 +162,7 @@ class Car:
     safe_stop: SafeStop
 
 
-@dataclass(frozen=True)
-class PlantParams:
+class PlantParams(Struct):
     """The car and its tyre."""
 
     car: Car

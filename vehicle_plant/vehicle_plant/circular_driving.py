@@ -1,20 +1,18 @@
 """Quasi-steady circular driving (ISO 4138): the manoeuvre, and slip and forces of each axle."""
 
-from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from msgs_yaml.types import Command
-from node_runtime.parameters import Choice, Range
+from node_runtime.parameters import Choice, Range, Struct
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
 
 
-@dataclass(frozen=True)
-class CircleParams:
+class CircleParams(Struct):
     """Both manoeuvres of ISO 4138 to the left until the front axle slides: config/identify.yaml."""
 
     manoeuvre: Annotated[str, Choice('constant_speed', 'constant_radius')]

@@ -2,14 +2,13 @@
 
 import importlib.util
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
-from node_runtime.parameters import Choice, ParameterError, Range
+from node_runtime.parameters import Choice, ParameterError, Range, Struct
 from vehicle_plant import tyre_property_file
 from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
 from vehicle_plant.tyre_coefficients import TyreCoefficients
@@ -27,8 +26,7 @@ _WITH_EVERY_MODEL = (
 START_FROM = Choice('reference', 'parameters')  # of start.from; the first is the default
 
 
-@dataclass(frozen=True)
-class StartParams:
+class StartParams(Struct):
     """Initial pose and velocity of the car, and whether it slides sideways or turns."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # of the CoG in the map
@@ -41,8 +39,7 @@ class StartParams:
     yaw_rate_radps: Annotated[float, parameters.YAW_RATE] | None  # left out: 0
 
 
-@dataclass(frozen=True)
-class StopParams:
+class StopParams(Struct):
     """End of a run: finish line, crossed in the direction yaw_rad, or time limit."""
 
     x_m: Annotated[float, Range(-1e4, 1e4, 'm')]  # a point of the finish line
@@ -54,16 +51,14 @@ class StopParams:
     standstill_s: Annotated[float, parameters.RUN_TIME] | None
 
 
-@dataclass(frozen=True)
-class FrictionPatchParams:
+class FrictionPatchParams(Struct):
     """Areas of another friction, see `road_friction`."""
 
     corners_m: Annotated[tuple[float, ...], Range(-1e5, 1e5, 'm')]
     friction: Annotated[tuple[float, ...], parameters.ROAD_FRICTION]
 
 
-@dataclass(frozen=True)
-class NodeParams:
+class NodeParams(Struct):
     """Parameters of plant_node: config/bmw_545i.yaml."""
 
     # left out: double_track

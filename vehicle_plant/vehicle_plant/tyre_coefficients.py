@@ -6,10 +6,10 @@ negative. PHY3 is of Magic Formula 5.2 and PAC2002; 6.1 puts PKY6 and PKY7 in it
 vertical shift with camber: SHY3, a name of ours, is 1 for 6.1 and 0 for 5.2.
 """
 
-from dataclasses import dataclass, make_dataclass
+from dataclasses import make_dataclass
 from typing import Annotated
 
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 
 _NUMBER = Range(-1e4, 1e4, '-')
 _FACTOR = Range(0.1, 10.0, '-')
@@ -67,8 +67,7 @@ TyreScaling = _group(
 )
 
 
-@dataclass(frozen=True)
-class TyreCoefficients:
+class TyreCoefficients(Struct):
     """The coefficients of one tyre, mounted on the left."""
 
     reference: Reference

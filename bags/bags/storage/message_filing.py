@@ -7,7 +7,6 @@ the log time is the time of arrival.
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -20,7 +19,7 @@ from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from msgs_yaml.contract import Contract
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 
 # how far a stamp may be ahead of /clock: the plant sends the states of 50 ms before /clock
 AHEAD_NS = 1_000_000_000
@@ -34,8 +33,7 @@ CLOCK = '/clock'  # simulated time, in lockstep
 SLACK_NS = 100_000_000
 
 
-@dataclass(frozen=True)
-class RecorderParams:
+class RecorderParams(Struct):
     """Parameters of the recorder, see config/recorder.yaml; checked before a run starts."""
 
     out: str

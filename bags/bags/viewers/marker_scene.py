@@ -5,7 +5,6 @@ independent of ROS and Foxglove: markers_node and foxglove_server turn them into
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
 from bags.evaluation.controller_log import report_number
 from bags.figures import style
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 
 BOX, DISC, LINE, TEXT = 'box', 'disc', 'line', 'text'
 AXLES = ('front', 'rear')
@@ -48,8 +47,7 @@ class Shape(NamedTuple):
     text: str = ''
 
 
-@dataclass(frozen=True)
-class OutlineParams:
+class OutlineParams(Struct):
     """The car's outline, seen from its centre of gravity."""
 
     front_m: Overhang
@@ -57,8 +55,7 @@ class OutlineParams:
     width_m: Annotated[float, Range(0.5, 5.0, 'm')]
 
 
-@dataclass(frozen=True)
-class SafetyParams:
+class SafetyParams(Struct):
     """The circles of the car, and the distances it has to keep."""
 
     circle_offsets_m: Annotated[tuple[float, ...], Range(-10.0, 10.0, 'm')]
@@ -67,8 +64,7 @@ class SafetyParams:
     edge_m: Distance
 
 
-@dataclass(frozen=True)
-class ShapeParams:
+class ShapeParams(Struct):
     """The parameters of a run that its topics do not carry."""
 
     outline: OutlineParams

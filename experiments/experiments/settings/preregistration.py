@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from experiments.batch import distributions
 from experiments.batch.distributions import Distribution
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import Item, YamlError, read
-from node_runtime.parameters import SPEED, Range
+from node_runtime.parameters import SPEED, Range, Struct
 from node_runtime.typed_yaml import parse_value
 
 FILE = ('config', 'settings_study.yaml')
@@ -47,8 +46,7 @@ NAMES = (
 )
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(Struct):
     """The settings of one run."""
 
     seed: Annotated[int, Range(0, 2**31 - 1, '-')]
@@ -56,8 +54,7 @@ class Run:
     screened: Literal[False, True]
 
 
-@dataclass(frozen=True)
-class Runs:
+class Runs(Struct):
     """The planned runs, each of settings of its own."""
 
     confirmatory: Run
@@ -65,15 +62,13 @@ class Runs:
     levels: Run
 
 
-@dataclass(frozen=True)
-class Strata:
+class Strata(Struct):
     """The limits of the strata, ascending."""
 
     S: tuple[Positive, ...]
 
 
-@dataclass(frozen=True)
-class Course:
+class Course(Struct):
     """What of the double lane change is not drawn."""
 
     least_entry_m: Metres
@@ -86,24 +81,21 @@ class Course:
     time_factor: Annotated[float, Range(1.0, 10.0, '-')]
 
 
-@dataclass(frozen=True)
-class Admissible:
+class Admissible(Struct):
     """The speeds of a setting."""
 
     least_speed_mps: Annotated[float, SPEED]
     greatest_speed_mps: Annotated[float, SPEED]
 
 
-@dataclass(frozen=True)
-class Circles:
+class Circles(Struct):
     """The vehicle circles of a setting with one or two; three cover the outline."""
 
     radius_m: Annotated[float, Range(0.1, 5.0, 'm')]
     apart_m: Annotated[float, Range(0.1, 5.0, 'm')]
 
 
-@dataclass(frozen=True)
-class Lineage:
+class Lineage(Struct):
     """What the baseline's lineage published."""
 
     contouring_m: Positive
@@ -115,8 +107,7 @@ class Lineage:
     brake_split: Literal['free', 'fixed']
 
 
-@dataclass(frozen=True)
-class Arms:
+class Arms(Struct):
     """What the controllers have that is not drawn."""
 
     fixed_brake_front_share: Share
@@ -125,44 +116,38 @@ class Arms:
     factorial_settings: Annotated[int, Range(0, 100_000, 'settings')]
 
 
-@dataclass(frozen=True)
-class Perturbation:
+class Perturbation(Struct):
     """Differences of the start from the setting."""
 
     speed_mps: Annotated[float, Range(-1.0, 1.0, 'm/s')]
     y_m: Annotated[float, Range(-1.0, 1.0, 'm')]
 
 
-@dataclass(frozen=True)
-class DemandCondition:
+class DemandCondition(Struct):
     """P0: the task is near the limit."""
 
     least_S: Annotated[float, Range(0.0, 10.0, '-')]
 
 
-@dataclass(frozen=True)
-class ContactCondition:
+class ContactCondition(Struct):
     """P1 and P2: which shape of the car touches."""
 
     by: Literal['circle', 'outline']
 
 
-@dataclass(frozen=True)
-class LimitCondition:
+class LimitCondition(Struct):
     """P3: lateral acceleration over the plant's limit."""
 
     least_limit_share: Share
 
 
-@dataclass(frozen=True)
-class BrakeCondition:
+class BrakeCondition(Struct):
     """P4: braking with a converged plan before obstacle 2."""
 
     brake_n: Annotated[float, Range(-1e5, 0.0, 'N')]
 
 
-@dataclass(frozen=True)
-class Preconditions:
+class Preconditions(Struct):
     """The nested conditions on a setting."""
 
     P0: DemandCondition
@@ -172,8 +157,7 @@ class Preconditions:
     P4: BrakeCondition
 
 
-@dataclass(frozen=True)
-class UnsafeArea:
+class UnsafeArea(Struct):
     """The baseline enters an unsafe area, the MPCC does not."""
 
     level: Level
@@ -181,8 +165,7 @@ class UnsafeArea:
     slack_m: Metres
 
 
-@dataclass(frozen=True)
-class Sideslip:
+class Sideslip(Struct):
     """The baseline's sideslip peak is large, that of the MPCC small."""
 
     level: Level
@@ -191,8 +174,7 @@ class Sideslip:
     mpcc_deg: Positive
 
 
-@dataclass(frozen=True)
-class BrakeOnset:
+class BrakeOnset(Struct):
     """The MPCC brakes earlier."""
 
     level: Level
@@ -201,8 +183,7 @@ class BrakeOnset:
     censored_s: Annotated[float, Range(0.0, 10.0, 's')]
 
 
-@dataclass(frozen=True)
-class MinSpeed:
+class MinSpeed(Struct):
     """The MPCC keeps a higher least speed."""
 
     level: Level
@@ -210,15 +191,13 @@ class MinSpeed:
     higher_mps: Positive
 
 
-@dataclass(frozen=True)
-class Conjunction:
+class Conjunction(Struct):
     """All of the others."""
 
     level: Level
 
 
-@dataclass(frozen=True)
-class Primaries:
+class Primaries(Struct):
     """The claims, with what counts as equal and the level at which they are judged."""
 
     unsafe_area: UnsafeArea
@@ -228,8 +207,7 @@ class Primaries:
     conjunction: Conjunction
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(Struct):
     """How the shares of settings become verdicts."""
 
     confidence: Share
@@ -243,8 +221,7 @@ class Decision:
     least_settings: Annotated[int, Range(1, 1_000_000, 'settings')]
 
 
-@dataclass(frozen=True)
-class Preregistration:
+class Preregistration(Struct):
     """The whole file."""
 
     schema: Literal[1]

@@ -5,7 +5,6 @@ The file that fixes it is config/paper_picture.yaml.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +12,7 @@ from bags.errors import BagError
 from experiments.settings import arms
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import Item, YamlError, read
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from node_runtime.typed_yaml import parse_value
 
 FILE = ('config', 'paper_picture.yaml')
@@ -34,8 +33,7 @@ ITEMS = (
 OVERSHOOTS = 'overshoots_at_m'  # beside the columns of the study's table
 
 
-@dataclass(frozen=True)
-class Bound:
+class Bound(Struct):
     """The values of an item that belong to the picture, and what counts as one off it."""
 
     scale: Positive
@@ -59,8 +57,7 @@ class Items(dict[str, Bound]):
         return cls((name, parse_value(Bound, member)) for name, member in members.items())
 
 
-@dataclass(frozen=True)
-class Stations:
+class Stations(Struct):
     """Where the paper sees what, as stations of the coarse path."""
 
     overshoot_near_m: Metres
@@ -68,8 +65,7 @@ class Stations:
     sideslip_m: Metres
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(Struct):
     """The size of the search."""
 
     baseline: Literal['frenet_matched', 'frenet_lineage', 'frenet_tuned']
@@ -80,8 +76,7 @@ class Search:
     starts: Annotated[int, Range(0, 10_000, '')]
 
 
-@dataclass(frozen=True)
-class HoldOut:
+class HoldOut(Struct):
     """The drives by which what was found is judged."""
 
     seed: Seed
@@ -93,16 +88,14 @@ class HoldOut:
     ratio: Annotated[float, Range(0.0, 0.5, '-')]
 
 
-@dataclass(frozen=True)
-class Demo:
+class Demo(Struct):
     """Which of the judged settings becomes the demo."""
 
     near: Positive
     accept: Positive
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(Struct):
     """The whole file."""
 
     schema: Literal[1]

@@ -1,10 +1,9 @@
 """Settings of the manoeuvres: config/manoeuvres.yaml."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from node_runtime import parameters
-from node_runtime.parameters import Range
+from node_runtime.parameters import Range, Struct
 from vehicle_plant.parameters import config_file
 
 Speed = Annotated[float, Range(3.0, 60.0, 'm/s')]
@@ -13,14 +12,12 @@ Duration = Annotated[float, Range(0.05, 60.0, 's')]
 Share = Annotated[float, Range(0.0, 1.0, '-')]
 
 
-@dataclass(frozen=True)
-class FromSpeed:
+class FromSpeed(Struct):
     """A manoeuvre that begins at a constant speed, straight ahead."""
 
     speed_mps: Speed
 
 
-@dataclass(frozen=True)
 class SteadyCircle(FromSpeed):
     """Constant speed, slowly increasing steer."""
 
@@ -30,7 +27,6 @@ class SteadyCircle(FromSpeed):
     fit_to_mps2: Acceleration
 
 
-@dataclass(frozen=True)
 class StepSteer(FromSpeed):
     """Steer in one step, drive force held."""
 
@@ -40,7 +36,6 @@ class StepSteer(FromSpeed):
     steady_from_s: Duration
 
 
-@dataclass(frozen=True)
 class SineSweep(FromSpeed):
     """Sines of small amplitude, one after the other."""
 
@@ -51,7 +46,6 @@ class SineSweep(FromSpeed):
     rigid_up_to_hz: Annotated[float, Range(0.02, 8.0, 'Hz')]
 
 
-@dataclass(frozen=True)
 class StraightBraking(FromSpeed):
     """Constant brake forces to standstill."""
 
@@ -60,8 +54,7 @@ class StraightBraking(FromSpeed):
     seconds: Duration
 
 
-@dataclass(frozen=True)
-class TurnBraking:
+class TurnBraking(Struct):
     """Brakes on a circle, steering held."""
 
     radius_m: Annotated[float, Range(10.0, 1000.0, 'm')]
@@ -74,7 +67,6 @@ class TurnBraking:
     judged_s: Duration
 
 
-@dataclass(frozen=True)
 class SineWithDwell(FromSpeed):
     """One sine that rests at its second peak; coasting."""
 
@@ -92,8 +84,7 @@ class SineWithDwell(FromSpeed):
     late_ratio: Share
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(Struct):
     """Settings of all manoeuvres."""
 
     settle_s: Duration
