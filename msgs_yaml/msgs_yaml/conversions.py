@@ -5,6 +5,7 @@ Stamps are whole nanoseconds. A heading psi [rad] is the rotation about z by the
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ NS_PER_S = 1_000_000_000
 _BOOLEANS = {'True': True, 'False': False}
 
 
-def stamp_to_ns(stamp) -> int:
+def stamp_to_ns(stamp: Any) -> int:
     """Return the nanoseconds of a builtin_interfaces/Time of any library."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 

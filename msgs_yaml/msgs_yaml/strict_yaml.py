@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,7 +149,7 @@ def _compose(text):
     return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
-def closest(name: str, known) -> str:
+def closest(name: str, known: Iterable[str]) -> str:
     """Return '; did you mean ...?' for the known name closest to a misspelt one, or ''."""
     match = difflib.get_close_matches(name, list(known), n=1)
     return f'; did you mean {match[0]!r}?' if match else ''

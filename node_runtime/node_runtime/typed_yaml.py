@@ -18,6 +18,7 @@ import re
 import types
 import typing
 from dataclasses import dataclass
+from typing import Any
 
 import yaml
 
@@ -50,7 +51,7 @@ def defaults(schema: type) -> dict[str, typing.Any]:
     return {f.name: f.default for f in fields if f.default is not dataclasses.MISSING}
 
 
-def describe_allowed(hint) -> str:
+def describe_allowed(hint: Any) -> str:
     """Return the allowed values of a single value as text; '' for blocks and lists."""
     if typing.get_origin(hint) is typing.Literal:
         return ' or '.join(map(repr, typing.get_args(hint)))
@@ -59,7 +60,7 @@ def describe_allowed(hint) -> str:
     return typing.get_args(hint)[1].allowed
 
 
-def parse_value(hint, item: Item):
+def parse_value(hint: Any, item: Item) -> Any:
     """Return the value of a node as the type hint describes it. Raises YamlError."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if dataclasses.is_dataclass(hint):

@@ -5,6 +5,7 @@ share one reciprocal, and nodes that depend on parameters alone are marked: they
 per solve instead of once per iteration.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import casadi as ca
@@ -45,7 +46,7 @@ class ExpressionGraph:
         """Return whether a node depends on constants and the once-inputs alone."""
         return self._once[node]
 
-    def reachable(self, roots) -> list[int]:
+    def reachable(self, roots: Iterable[int]) -> list[int]:
         """Return `roots` and all nodes that they depend on, every node after its operands."""
         visited, queue = set(), list(roots)
         while queue:

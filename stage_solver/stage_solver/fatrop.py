@@ -18,6 +18,8 @@ After the last two a new memory of the same nlpsol starts with a new fatrop that
 
 import math
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -56,7 +58,7 @@ class Deadline(ca.Callback):
         self._at_s = at_s
         self.passed = False  # it has returned NaN since then
 
-    def eval(self, arg):
+    def eval(self, arg: Sequence[Any]) -> list[float]:
         """Return [0] or [NaN]; called by CasADi."""
         self.passed = self.passed or time.perf_counter() > self._at_s
         return [math.nan if self.passed else 0.0]

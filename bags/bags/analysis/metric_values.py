@@ -1,6 +1,6 @@
 """The metrics of a run by name, with their units and meanings, as a read-only mapping."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bags.analysis import frames
@@ -74,7 +74,7 @@ class MetricValues(Mapping[str, Any]):
 class UnknownMetricError(BagError, KeyError):
     """No metric has this name; the message suggests one."""
 
-    def __init__(self, name: str, known):
+    def __init__(self, name: str, known: Iterable[str]):
         super().__init__(f'no metric {name!r}{closest(name, known)}')
 
     def __str__(self) -> str:

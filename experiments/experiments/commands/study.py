@@ -9,6 +9,7 @@ picture of the paper, the tuned version of the baseline, and the result in a few
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -165,7 +166,7 @@ def _parse_role(text):
     return role, controller
 
 
-def run_part(options: argparse.Namespace, runner, roles: Mapping[str, str]) -> list[Path]:
+def run_part(options: argparse.Namespace, runner: Any, roles: Mapping[str, str]) -> list[Path]:
     """Run one part with a Runner and return its files. Raises BagError."""
     from experiments.study import (
         ablation,

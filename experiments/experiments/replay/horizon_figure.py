@@ -1,5 +1,6 @@
 """The figure of one tick's plan: from above; states, inputs and distances over the horizon."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -49,7 +50,7 @@ PANELS = (
 )
 
 
-def write(answer: Answer, stem):
+def write(answer: Answer, stem: Path) -> list[Path]:
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     looks = (SOLVED, CHANGED)

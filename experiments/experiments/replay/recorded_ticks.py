@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -119,11 +119,11 @@ class RecordedTopic:
                 self._decoded[payload] = None
         return self._decoded[payload]
 
-    def value(self, i: int):
+    def value(self, i: int) -> Any:
         """Return the value of message `i`; None when it breaks the contract."""
         return self._decode(self.payloads[i])
 
-    def at_stamp(self, stamp_ns: int):
+    def at_stamp(self, stamp_ns: int) -> Any:
         """Return the value of a stamp, None when it breaks the contract.
 
         Raises BagError when it was not recorded, and for two different valid ones.
@@ -151,11 +151,11 @@ class RecordedTopic:
         """Return whether there is a message with a stamp strictly between two others."""
         return bool(np.any((self.stamp_ns > after_ns) & (self.stamp_ns < before_ns)))
 
-    def find(self, stamp_ns: int):
+    def find(self, stamp_ns: int) -> Any:
         """Return the value of a stamp; None when it was not recorded."""
         return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
 
-    def newest(self, count: int):
+    def newest(self, count: int) -> Any:
         """Return the newest valid value of the first `count` messages, at least of the first."""
         values = (self.value(i) for i in reversed(range(max(count, 1))))
         return next((value for value in values if value is not None), None)

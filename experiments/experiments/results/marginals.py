@@ -7,6 +7,7 @@ scenarios and settings with the same draw count once.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas
@@ -32,14 +33,14 @@ def levels(values: pandas.Series, bins: int) -> pandas.Series:
     return pandas.qcut(values, bins, duplicates='drop')
 
 
-def level_text(level) -> str:
+def level_text(level: Any) -> str:
     """Return a group as text."""
     if isinstance(level, pandas.Interval):
         return f'{level.left:.4g} to {level.right:.4g}'
     return f'{level:.4g}' if isinstance(level, float) else str(level)
 
 
-def level_middle(level) -> float:
+def level_middle(level: Any) -> float:
     """Return the number that stands for a group on an axis."""
     return float(level.mid if isinstance(level, pandas.Interval) else level)
 

@@ -4,7 +4,7 @@ import fcntl
 import os
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,7 +17,7 @@ PORTS_PER_PARTICIPANT, PARTICIPANTS = 2, 10  # so many ports are probed
 
 
 @contextmanager
-def reserved(environment) -> Iterator[int]:
+def reserved(environment: Mapping[str, str]) -> Iterator[int]:
     """Yield the ROS_DOMAIN_ID of `environment`, or a free one, reserved while in use.
 
     Free means that no participant listens on its discovery ports and no other run holds its lock

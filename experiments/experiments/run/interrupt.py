@@ -52,12 +52,12 @@ class Interrupt:
     def _set_flag(self, number, frame):
         self._number = self._number or number
 
-    def check(self):
+    def check(self) -> None:
         """Raise Interrupted when a signal has come."""
         if self._number is not None:
             raise Interrupted(self._number)
 
-    def sleep(self):
+    def sleep(self) -> None:
         """Wait POLL_S, then check."""
         time.sleep(POLL_S)
         self.check()

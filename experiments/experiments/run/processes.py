@@ -41,7 +41,7 @@ class Process(NamedTuple):
     log: Path
 
     @property
-    def code(self):
+    def code(self) -> int | None:
         """The exit code: None while it runs, negative for a signal."""
         return self.popen.poll()
 

@@ -156,7 +156,7 @@ class StagingDirectory:
         self.discard()
         return target
 
-    def discard(self):
+    def discard(self) -> None:
         """Remove the folder and release its lock."""
         shutil.rmtree(self.root, ignore_errors=True)
         if self._lock is not None:

@@ -34,7 +34,7 @@ class RoadCoordinates:
         self.left = self._edge_offset(edges.left)
         self.right = self._edge_offset(edges.right)
 
-    def project(self, X, Y) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return station and offset [m] of points, arrays of any one shape."""
         X, Y = np.asarray(X, float), np.asarray(Y, float)
         _, i = self._tree.query(np.stack([X, Y], axis=-1))
@@ -42,15 +42,15 @@ class RoadCoordinates:
         cos, sin = np.cos(self.psi[i]), np.sin(self.psi[i])
         return self.s[i] + dx * cos + dy * sin, dy * cos - dx * sin
 
-    def speed(self, s) -> np.ndarray:
+    def speed(self, s: np.ndarray) -> np.ndarray:
         """Return the desired speed [m/s] at stations."""
         return np.interp(s, (self.s[1:] + self.s[:-1]) / 2, np.diff(self.s) / np.diff(self.t))
 
-    def room(self, s) -> tuple[np.ndarray, np.ndarray]:
+    def room(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the offsets [m] of the right and the left edge at stations."""
         return np.interp(s, self.s, self.right), np.interp(s, self.s, self.left)
 
-    def beyond_edge(self, X, Y) -> np.ndarray:
+    def beyond_edge(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """Return how far points are beyond the nearer edge [m]; negative on the road."""
         s, n = self.project(X, Y)
         right, left = self.room(s)

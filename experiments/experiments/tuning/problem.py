@@ -22,6 +22,7 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.evaluation import metrics
+from bags.evaluation.drive import Drive
 from experiments import simulation
 from experiments.configuration.inputs import KPH
 from mpcc_controller.problem import formulation
@@ -102,7 +103,7 @@ def simulate(controller: str, weights: Mapping[str, Any], condition: Condition) 
     return score(simulation.drive(simulation.prepare(SCENARIO, controller, settings, speed)), speed)
 
 
-def score(drive, speed_mps: float) -> Score:
+def score(drive: Drive, speed_mps: float) -> Score:
     """Return the Score of a Drive with a constant desired speed."""
     values, facts = metrics.compute_metrics(drive), drive.facts
     return Score(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +19,7 @@ CELL = (3.5, 2.5)  # inch
 HISTORY_HEIGHT = 3.4  # inch
 
 
-def write(controller: str, trials: Sequence, best, folder: Path) -> list[Path]:
+def write(controller: str, trials: Sequence, best: Any, folder: Path) -> list[Path]:
     """Write the figure into `folder` as PNG and SVG; return the paths.
 
     `trials` are those of `experiments.tuning.weight_search` in order, the first is the untuned one;
