@@ -269,6 +269,8 @@ class Candidates(Struct):
     retry_ticks: Annotated[int, Range(0, 100, 'ticks until a useless guess is tried again')] | None
     # whether the speed that a plan lacks at its end counts in the choice; left out: false
     regain_speed: bool | None
+    # whether new guesses are solved after the command where the followed plan is good; likewise
+    explore_after_command: bool | None
 
 
 class ControllerParams(Struct):

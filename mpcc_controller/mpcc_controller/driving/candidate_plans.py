@@ -36,7 +36,8 @@ BRAKING_SHARE = 0.25  # of the cost of the braking guess, what a gentler one cos
 MUCH_SLOWER = 0.5
 THROUGH_M = 0.5  # overlap of such a plan
 MOST_DOUBLINGS = 2
-OPTIONAL = ('regain_speed',)  # parameters of `candidates` that recordings may not have
+# parameters of `candidates` that recordings may not have
+OPTIONAL = ('regain_speed', 'explore_after_command')
 # a plan that costs so many times as much as the driven one is solved in every third tick only
 DEAR, RESTS = 1.5, 2
 NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores others would wait
@@ -59,6 +60,10 @@ class CandidatePlans:
     around the obstacles is the guess of the next tick. A new guess that led nowhere new is tried
     again after `candidates.retry_ticks`, twice as many after each further attempt (at most
     MOST_DOUBLINGS times), or at once when the followed plan becomes useless.
+
+    With `candidates.explore_after_command` a tick whose followed plan is good compares kept plans
+    only. Its new guesses, which take the most iterations, are solved when the command is sent
+    (`take_postponed`, `keep_explored`), and compete at the next tick.
     """
 
     def __init__(self, params: ControllerParams, car: Car, step: Callable):
@@ -79,6 +84,7 @@ class CandidatePlans:
         self.around: RoadAhead | None = None
         self._scene: Scene | None = None
         self._kept: list[Kept] = []
+        self._postponed: list[Candidate] = []
         self._forget_waits()
         self._cost = np.inf  # of the followed plan in the last tick
         self._gap = np.inf  # m, its least V2O
@@ -88,6 +94,8 @@ class CandidatePlans:
 
         There are none without danger.
         """
+        self._postponed = []
+        is_urgent = guess.multipliers is None or self._cost == np.inf or self._gap < CONTACT_M
         kept = [k._replace(plan=self._shift(k.plan, x0)) for k in self._kept]
         lines = [guess.X, *(k.plan.X for k in kept)]
         around = candidates.road_ahead(scene, x0, lines, self.car, self.params)
@@ -108,7 +116,20 @@ class CandidatePlans:
         followed = self.sides_of(guess)
         beside = self._around_sides(around, x0, followed, kept)
         brake = self._braking(around, x0, guess, kept)
-        return _few_new(beside[: room - len(brake)] + brake)
+        found = _few_new(beside[: room - len(brake)] + brake)
+        if is_urgent or now < CONTACT_M or not self.params.candidates.explore_after_command:
+            return found
+        self._postponed = [c for c in found if _is_new(c)]
+        return [c for c in found if not _is_new(c)]
+
+    def take_postponed(self) -> list[Candidate]:
+        """Return the new guesses of the last tick that were not compared in it, once."""
+        postponed, self._postponed = self._postponed, []
+        return postponed
+
+    def keep_explored(self, driven: Outcome, explored: list[Outcome]) -> None:
+        """Keep the plans of ways for which there is none, after the command of the tick."""
+        self._kept = self._with_new_ways(self._kept, driven, explored)
 
     def sides_of(self, plan: Plan) -> Sides:
         """Return the sides on which a plan passes the dangerous obstacles."""
@@ -217,11 +238,23 @@ class CandidatePlans:
 
         Plans that rested in this tick are kept where there is none of their way.
         """
-        driven, kept, resting = choice.outcome, [], self._kept
+        driven, resting = choice.outcome, self._kept
+        kept = self._with_new_ways([], driven, choice.outcomes)
+        for other in resting:
+            if not any(is_same_way(other.sides, one.sides) for one in (driven, *kept)):
+                kept.append(other if driven.is_clean else other._replace(rests=0))
+        self._kept = kept
+        if not driven.is_clean:
+            self._forget_waits()
+
+    def _with_new_ways(self, kept, driven, outcomes) -> list[Kept]:
+        """Return kept plans and those of the outcomes that go another way, the cheapest first.
+
+        The names of the other outcomes wait.
+        """
+        kept = list(kept)
         dear = DEAR * driven.whole_cost
-        usable_first = sorted(
-            choice.outcomes, key=lambda o: o.whole_cost if o.is_usable else np.inf
-        )
+        usable_first = sorted(outcomes, key=lambda o: o.whole_cost if o.is_usable else np.inf)
         for outcome in usable_first:
             is_driven = outcome is driven
             is_new = outcome.is_usable and not any(
@@ -233,12 +266,7 @@ class CandidatePlans:
                 kept.append(Kept(name, outcome.sides, outcome.solution.plan, rests))
             elif not is_driven and outcome.name != FOLLOWED:
                 self._wait(outcome.name)
-        for other in resting:
-            if not any(is_same_way(other.sides, one.sides) for one in (driven, *kept)):
-                kept.append(other if driven.is_clean else other._replace(rests=0))
-        self._kept = kept
-        if not driven.is_clean:
-            self._forget_waits()
+        return kept
 
 
 def _few_new(found: list[Candidate]) -> list[Candidate]:
@@ -246,10 +274,15 @@ def _few_new(found: list[Candidate]) -> list[Candidate]:
 
     Those wait for the next tick. The plan that brakes stays.
     """
-    new = [c for c in found if c.guess.multipliers is None]
+    new = [c for c in found if _is_new(c)]
     ways = [c for c in new if c.name != BRAKE]
     late = ways[max(NEW_GUESSES - (len(new) - len(ways)), 0) :]
     return [c for c in found if not any(c is other for other in late)]
+
+
+def _is_new(candidate: Candidate) -> bool:
+    """Return whether a guess is none of a solved plan."""
+    return candidate.guess.multipliers is None
 
 
 def _agrees(sides: Sides, wanted: Sides) -> bool:

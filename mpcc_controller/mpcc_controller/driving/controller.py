@@ -223,15 +223,19 @@ class Controller:
         return self.reporter.prediction(record), self.reporter.why(record)
 
     def prepare(self) -> float:
-        """Solve the problem expected next, if `solver.prepare` is set; optional, between steps.
+        """Use the time between steps: to be called when the command of a step is sent.
 
-        Returns the computing time [s], 0 if nothing is prepared.
+        Solves new guesses, if `candidates.explore_after_command` is set, and the problem expected
+        next, if `solver.prepare` is. Returns the computing time [s], 0 if nothing is prepared.
         """
-        if not self.params.solver.prepare or self.missing():
+        prepares = self.params.solver.prepare
+        if not (prepares or self.params.candidates.explore_after_command) or self.missing():
             return 0.0
         began = self.clock()
-        next_ns = conversions.add_seconds(self.active_ramp.begin_ns, self.params.model.step_s)
-        self.planner.prepare(self._scene_at(next_ns, next_ns))
+        self.planner.explore()
+        if prepares:
+            next_ns = conversions.add_seconds(self.active_ramp.begin_ns, self.params.model.step_s)
+            self.planner.prepare(self._scene_at(next_ns, next_ns))
         self._prepared_s = self.clock() - began
         return self._prepared_s
 

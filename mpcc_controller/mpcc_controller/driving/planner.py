@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,6 +121,7 @@ class Planner:
         self._stage_ns = 0  # when stage 0 of the last plan was
         self.last_problem: TickProblem | None = None
         self.prepared: Plan | None = None  # solution of the problem expected next
+        self._solved_last: Outcome | Solution | None = None  # what the last tick chose
         self._forget_alternatives()
 
     def warm_up(self) -> None:
@@ -252,6 +253,7 @@ class Planner:
         if self.alternatives:
             usable = not fallback.rejection_reason(first, self.params.fallback)
             self.alternatives.follow(first.plan if usable else None, first.cost)
+            self._solved_last = comparison.choice.outcome if comparison else first
 
         def objection(plan: Plan) -> str:
             checks = self.alternatives and not sliding
@@ -440,17 +442,23 @@ class Planner:
         solving = self.clock()
         began = solving if began is None else began
         guess = self._take_guess(followed)
-        jobs = [partial(self._solve_candidate, problem, began) for problem in others.values()]
-        first, solved = self.parallel.run(lambda: self._solve_first(followed, guess, began), jobs)
+        first, outcomes = self._solve_candidates(
+            others, began, lambda: self._solve_first(followed, guess, began)
+        )
         solve_s = self.clock() - solving
-        solutions = [
-            self._finish(solution, problem) for solution, problem in zip(solved, others.values())
-        ]
-        names, problems = (FOLLOWED, *others), (followed, *others.values())
-        outcomes = [
-            self._judge(*rest) for rest in zip(names, problems, (first, *solutions), strict=True)
-        ]
+        outcomes = [self._judge(FOLLOWED, followed, first), *outcomes]
         return Comparison(self.alternatives.choose(outcomes), solve_s)
+
+    def _solve_candidates(
+        self, problems: dict[str, TickProblem], began: float, own: Callable
+    ) -> tuple[Any, list[Outcome]]:
+        """Return the result of `own`, and the outcomes of candidates that are solved meanwhile."""
+        jobs = [partial(self._solve_candidate, problem, began) for problem in problems.values()]
+        result, solved = self.parallel.run(own, jobs)
+        return result, [
+            self._judge(name, problem, self._finish(solution, problem))
+            for (name, problem), solution in zip(problems.items(), solved, strict=True)
+        ]
 
     def prepare(self, scene: Scene) -> Solution | None:
         """Solve the problem expected at the next tick; its plan becomes the guess there.
@@ -470,6 +478,24 @@ class Planner:
         if not fallback.rejection_reason(solution, self.params.fallback):
             self.prepared = solution.plan
         return solution
+
+    def explore(self) -> list[Outcome]:
+        """Solve the new guesses that the last tick put off until its command was sent.
+
+        From the state and scene of that tick; usable plans compete at the next one. Returns what
+        came of them.
+        """
+        postponed = self.alternatives.take_postponed() if self.alternatives else []
+        if not postponed:
+            return []
+        last, began = self.last_problem, self.clock()
+        problems = self._build_others(last.x0, last.scene, postponed, began)
+        outcomes = self._solve_candidates(problems, began, lambda: None)[1]
+        driven = self._solved_last
+        if isinstance(driven, Solution):
+            driven = self._judge(FOLLOWED, last, driven)
+        self.alternatives.keep_explored(driven, outcomes)
+        return outcomes
 
     def brake(self, reason: str, sliding: bool = False) -> Decision:
         """Return the decision to brake, or to recover a sliding car, without solving."""

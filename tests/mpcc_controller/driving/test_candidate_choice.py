@@ -19,6 +19,7 @@ RULES = Candidates(
     max_iterations=40,
     retry_ticks=5,
     regain_speed=None,
+    explore_after_command=None,
 )
 PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
 LEFT_OF_1, RIGHT_OF_1, BEHIND_1 = {1: LEFT}, {1: RIGHT}, {1: BEHIND}

@@ -33,6 +33,27 @@ def pop_up(controller, *obstacles):
     controller.set_obstacles(Obstacles(0, obstacles or (POP_UP,)))
 
 
+@pytest.fixture(scope='module')
+def exploring(world):
+    return Controller(*world.load(candidates__most=4, candidates__explore_after_command=True))
+
+
+FAR = Obstacle(2, 500.0, 30.0, 1.0, 0.0, 0.0)
+BESIDE = Obstacle(1, 40.0, 2.3, 1.0, 0.0, 0.0)  # the path passes it, inside the safety distance
+
+
+def roll(controller, world, ticks, prepares=True):
+    """Drive straight on for some ticks; return the reports."""
+    whys = []
+    for _ in range(ticks):
+        stamp_ns = controller.last_command.stamp_ns + 50_000_000
+        x = world.rolling(stamp_ns=stamp_ns, X=20.0 * stamp_ns / 1e9)
+        whys.append(world.tick(controller, x)[2])
+        if prepares:
+            controller.prepare()
+    return whys
+
+
 def names(why):
     count = why.values.get('candidates.count', 0)
     return [why.values[f'candidates.{number}.name'] for number in range(count)]
@@ -282,3 +303,83 @@ def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():
     assert _few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
     assert _few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
     assert _few_new([kept, brake]) == [kept, brake]
+
+
+def explorer_at_20_mps(exploring, world):
+    controller = world.set_inputs(exploring, world.straight(left=6.0, right=-2.5))
+    controller.set_last_command(controller.last_command._replace(stamp_ns=0))
+    pop_up(controller, FAR)
+    roll(controller, world, 3)
+    return controller
+
+
+def test_after_the_first_tick_new_guesses_are_solved_after_the_command(exploring, world):
+    """An obstacle in the lane is compared at once; later ticks compare solved plans only."""
+    controller = explorer_at_20_mps(exploring, world)
+    pop_up(controller, Obstacle(1, 40.0, 1.0, 1.0, 0.0, 0.0), FAR)
+    plans, explored, compared = controller.planner.alternatives, [], []
+    roll(controller, world, 1)
+    propose = plans.propose
+
+    def recorded(*arguments):
+        found = propose(*arguments)
+        compared.extend(candidate.guess.multipliers is not None for candidate in found)
+        return found
+
+    plans.propose = recorded
+    try:
+        for _ in range(8):
+            roll(controller, world, 1, prepares=False)
+            explored += [outcome.name for outcome in controller.planner.explore()]
+    finally:
+        del plans.propose
+    assert compared
+    assert all(compared)
+    assert 'brake' in explored
+
+
+def outcome_of(side, cost):
+    plan = Plan(np.zeros((3, 9)), np.zeros((2, 4)), None)
+    solution = Solution(plan, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
+    return Outcome('way', None, solution, '', {1: side}, 0.3, 0.0)
+
+
+def test_of_what_was_explored_ways_without_a_plan_are_kept(exploring):
+    plans = exploring.planner.alternatives
+    plans.reset()
+    driven, same, other = outcome_of(LEFT, 9.0), outcome_of(LEFT, 5.0), outcome_of(RIGHT, 10.0)
+    plans.keep_explored(driven, [same, other])
+    (kept,) = plans._kept
+    assert kept.plan is other.solution.plan
+    plans.keep_explored(driven, [outcome_of(RIGHT, 8.0)])  # there is one of this way already
+    assert plans._kept == [kept]
+    plans.reset()
+
+
+def test_guesses_that_were_put_off_are_dropped_with_their_tick(exploring, world):
+    controller = explorer_at_20_mps(exploring, world)
+    pop_up(controller, BESIDE, FAR)
+    roll(controller, world, 1, prepares=False)
+    controller.planner.brake('test')
+    assert controller.planner.explore() == []
+
+
+def test_a_tick_whose_followed_plan_touches_does_not_wait(exploring, world):
+    controller = explorer_at_20_mps(exploring, world)
+    pop_up(controller, POP_UP, FAR)
+    (why,) = roll(controller, world, 1)
+    assert names(why) == ['followed', 'left of 1', 'brake']
+
+
+def test_a_solver_that_fails_after_the_command_costs_the_guess_only(exploring, world, monkeypatch):
+    controller = explorer_at_20_mps(exploring, world)
+    pop_up(controller, BESIDE, FAR)
+    planner = controller.planner
+
+    def explode(solution):
+        raise RuntimeError('no memory')
+
+    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.parallel.solvers]
+    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    assert [why.values['rung'] for why in roll(controller, world, 2)] == [SOLVED, SOLVED]
+    assert planner.alternatives._kept == []
