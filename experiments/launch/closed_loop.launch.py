@@ -21,51 +21,18 @@ from launch_ros.actions import Node
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config, ros_parameter_file, set_option
 from experiments.run import node_graph, processes, staging
+from experiments.run.launch_arguments import ARGUMENTS
 from launch import LaunchDescription, actions
 
-MODES, SWITCH = ['lockstep', 'realtime'], ['true', 'false']
-LEVELS = ['debug', 'info', 'warn', 'error', 'fatal']
-ARGUMENTS = tuple(
-    actions.DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
-    for name, default, text, choices in (
-        ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file', None),
-        ('controller', 'mpcc', 'name of a file in mpcc_controller/config, or path of one', None),
-        ('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
-        ('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet', None),
-        ('record', 'true', 'whether recorder_node records the run', SWITCH),
-        ('markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH),
-        ('namespace', '', 'of every node and topic, such as /car1; empty: the root', None),
-        (
-            'params_file',
-            '',
-            'ROS parameter files, with sections for scenario, controller, plant and recorder; '
-            'several are separated by blanks, and the last one counts',
-            None,
-        ),
-        (
-            'set',
-            '',
-            'parameters as NODE.parameter=value, such as plant.friction=0.6; several are separated '
-            'by blanks; they win over params_file',
-            None,
-        ),
-        (
-            'any_car',
-            'false',
-            'true: drive also with a car file of the controller that is not that of the plant',
-            SWITCH,
-        ),
-        ('use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH),
-        ('log_level', 'info', 'least severity that the nodes log', LEVELS),
-        (
-            'autostart',
-            'true',
-            'false: the nodes wait, unconfigured, for the transitions of their life cycle '
-            '(ros2 lifecycle set)',
-            SWITCH,
-        ),
+DECLARED = [
+    actions.DeclareLaunchArgument(
+        argument.name,
+        default_value=argument.default,
+        description=argument.meaning,
+        choices=argument.choices and list(argument.choices),
     )
-)
+    for argument in ARGUMENTS
+]
 # seconds from SIGINT until launch sends SIGTERM
 SHUTDOWN_S = {'recorder': node_graph.RECORDER_S}
 
@@ -179,7 +146,7 @@ def generate_launch_description():
     environment = {**defaults, **os.environ, **fixed}
     return LaunchDescription(
         [
-            *ARGUMENTS,
+            *DECLARED,
             *(
                 actions.SetEnvironmentVariable(name, environment[name])
                 for name in (*defaults, *fixed)

@@ -15,6 +15,8 @@ import pytest
 import tutorial_page
 from installation import PACKAGES
 
+from msgs_yaml import share
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / 'docs'
 # pages whose commands something else runs
@@ -33,18 +35,23 @@ PAGES = [
     *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
 ]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
-# starts nodes of ROS; `driven` has the runs of `make demo`; `quick` runs in `make test`.
+# starts nodes of ROS; `driven` has the runs of `make demo`; `quick` runs in `make test`;
+# `launch` has `ros2 launch experiments FILE` and a ROS domain for the whole page.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
     'sets up the clone, as the tests do before they begin': 1,
     'needs two terminals that end each other': 1,
     'downloads a program': 1,
-    'needs an installation of ROS 2': 4,
-    'the first tutorial runs it': 1,
+    'needs an installation of ROS 2': 1,
     'changes the system of the reader': 1,
     'needs a second machine': 3,
 }
+# as the command does it where `launch` is installed, and with its stand-in elsewhere
+ROS2_LAUNCH = """#!/bin/sh
+test "$1 $2" = 'launch experiments' && file={launch_files}/$3 && shift 3 &&
+exec {python} {runner} $file "$@"
+"""
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
 # of a reader, where that of the other terminals is not set
 PRELUDE = """
@@ -97,6 +104,19 @@ def copy_packages(folder):
     return os.pathsep.join(str(folder / package) for package in PACKAGES)
 
 
+def give_launch(folder):
+    """Write the program `ros2` of a page; return its folder."""
+    (folder / 'bin').mkdir()
+    ros2 = folder / 'bin/ros2'
+    runner = ROOT / 'tests/experiments/run/run_launch_file.py'
+    launch_files = share.path('experiments', 'launch')
+    ros2.write_text(
+        ROS2_LAUNCH.format(launch_files=launch_files, python=sys.executable, runner=runner)
+    )
+    ros2.chmod(0o755)
+    return ros2.parent
+
+
 @pytest.mark.timeout(900, func_only=True)
 @pytest.mark.parametrize('page', parameters())
 def test_a_page_does_what_it_says(page, home, request):
@@ -105,6 +125,9 @@ def test_a_page_does_what_it_says(page, home, request):
     environment = os.environ | {'PATH': paths, 'COLUMNS': '120', 'MPLBACKEND': 'agg'}
     if 'clone' in words:
         environment['PYTHONPATH'] = copy_packages(home)
+    if 'launch' in words:
+        environment['PATH'] = f'{give_launch(home)}{os.pathsep}{paths}'
+        environment['ROS_DOMAIN_ID'] = str(request.getfixturevalue('domain'))
     if 'driven' in words:
         runs = request.getfixturevalue('recorded_runs')
         shutil.copytree(runs.out / runs.scenario, home / 'bags/runs' / runs.scenario)

@@ -2,11 +2,13 @@
 
 import re
 from functools import cache
+from pathlib import Path
 
 import pytest
 import reference_pages
 from reference_pages import (
     command_pages,
+    launch_table,
     markdown,
     metric_page,
     parameter_pages,
@@ -17,9 +19,13 @@ from reference_pages import (
 import bags.cli
 import experiments.cli
 from bags.evaluation.metrics.registry import Metric
+from experiments import page_block
+from experiments.run import launch_arguments
 from msgs_yaml import contract, share
 from node_runtime import node_parameters, parameters, typed_yaml
 from scenario_publisher import schema
+
+ROOT = Path(__file__).parents[2]
 
 
 @cache
@@ -124,6 +130,13 @@ def test_exit_codes_are_those_of_the_source():
     assert '| 78 | a wrong parameter' in page
     assert '| 130 | SIGINT' in page
     assert re.search(r'\| `experiments run` \| 1 \| ', page)
+
+
+def test_the_page_about_launch_has_every_argument_as_it_is():
+    _, block, _ = page_block.split(ROOT / launch_arguments.PAGE, launch_arguments.BLOCK)
+    write = 'write it with: PYTHONPATH=docs/_extensions python -m reference_pages.launch_table'
+    assert block == launch_table.block(), write
+    assert block.count('\n| `') == len(launch_arguments.ARGUMENTS)
 
 
 def test_a_table_leaves_out_empty_columns_and_escapes_bars():

@@ -5,6 +5,7 @@ topic_page        topics of the contract
 metric_page       metrics of a comparison
 scenario_page     keys of a scenario file
 command_pages     help of every command, exit codes
+launch_table      arguments of the launch file, a block of the page about it
 markdown          tables and headings
 """
 

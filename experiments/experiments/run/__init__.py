@@ -1,12 +1,13 @@
 """Runs of the node graph.
 
-run_and_compare  `experiments run`: several controllers, then the comparison
-node_graph       one run: start, watch, stop, keep the bag
-processes        programs and nodes as processes
-staging          hidden folders in which runs are recorded
-repetition       whether a run repeats an older one, which it then replaces
-earlier_runs     earlier runs that new ones are compared with
-live_position    position of the car in a growing bag
-domain           reservation of a ROS domain
-interrupt        signals as flags
+run_and_compare   `experiments run`: several controllers, then the comparison
+node_graph        one run: start, watch, stop, keep the bag
+processes         programs and nodes as processes
+staging           hidden folders in which runs are recorded
+repetition        whether a run repeats an older one, which it then replaces
+earlier_runs      earlier runs that new ones are compared with
+live_position     position of the car in a growing bag
+domain            reservation of a ROS domain
+interrupt         signals as flags
+launch_arguments  arguments of the launch file
 """

@@ -1,0 +1,69 @@
+"""The arguments of closed_loop.launch.py, for the launch file and for its page.
+
+They are here and not in the launch file, which only an installation of ROS 2 can load.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+MODES, SWITCH = ('lockstep', 'realtime'), ('true', 'false')
+LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
+# the page with the table of the arguments, and the block of it that holds the table
+PAGE, BLOCK = 'docs/howto/launch.md', 'arguments'
+
+
+class LaunchArgument(NamedTuple):
+    """An argument of the launch file."""
+
+    name: str
+    default: str
+    meaning: str
+    choices: Sequence[str] | None = None  # None: any text
+
+
+ARGUMENTS = (
+    LaunchArgument(
+        'scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'
+    ),
+    LaunchArgument(
+        'controller', 'mpcc', 'name of a file in mpcc_controller/config, or path of one'
+    ),
+    LaunchArgument('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
+    LaunchArgument(
+        'out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet'
+    ),
+    LaunchArgument('record', 'true', 'whether recorder_node records the run', SWITCH),
+    LaunchArgument(
+        'markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH
+    ),
+    LaunchArgument('namespace', '', 'of every node and topic, such as /car1; empty: the root'),
+    LaunchArgument(
+        'params_file',
+        '',
+        'ROS parameter files, with sections for scenario, controller, plant and recorder; several '
+        'are separated by blanks, and the last one counts',
+    ),
+    LaunchArgument(
+        'set',
+        '',
+        'parameters as NODE.parameter=value, such as plant.friction=0.6; several are separated by '
+        'blanks; they win over params_file',
+    ),
+    LaunchArgument(
+        'any_car',
+        'false',
+        'whether to drive also with a car file of the controller that is not that of the plant',
+        SWITCH,
+    ),
+    LaunchArgument(
+        'use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH
+    ),
+    LaunchArgument('log_level', 'info', 'least severity that the nodes log', LEVELS),
+    LaunchArgument(
+        'autostart',
+        'true',
+        'false: the nodes wait, unconfigured, for the transitions of their life cycle '
+        '(ros2 lifecycle set)',
+        SWITCH,
+    ),
+)
