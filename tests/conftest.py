@@ -7,7 +7,7 @@ import sys
 import capabilities
 import pytest
 import straight_drive
-from recorded_runs import load_runs, run_experiment
+from recorded_runs import DEMO, load_runs, run_experiment
 from session_cache import build_once
 
 from experiments.run.domain import reserved
@@ -81,8 +81,19 @@ def make_drive():
 @pytest.fixture(scope='session')
 def recorded_runs(dds, tmp_path_factory):
     """Return the double lane change, driven over Fast DDS by every controller of the paper."""
-    scenario, controllers = 'double_lane_change', ('mpcc', 'mpcc_no_ca', 'frenet')
-    out = build_once(
-        tmp_path_factory, 'recorded_runs', lambda out: run_experiment(out, scenario, *controllers)
+    folder = build_once(
+        tmp_path_factory, 'recorded_runs', lambda folder: run_experiment(folder, *DEMO)
     )
-    return load_runs(out, scenario)
+    return load_runs(folder, DEMO[0])
+
+
+@pytest.fixture(scope='session')
+def recorded_circle(dds, tmp_path_factory):
+    """Return the circle, driven over Fast DDS by the MPCC without collision avoidance."""
+    scenario, controller = 'circle_20m', 'mpcc_no_ca'
+    folder = build_once(
+        tmp_path_factory,
+        'recorded_circle',
+        lambda folder: run_experiment(folder, scenario, controller),
+    )
+    return load_runs(folder, scenario)

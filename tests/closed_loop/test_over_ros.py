@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recorded_runs import run_experiment
+from recorded_runs import load_runs, run_experiment
 
 from bags.evaluation.drive import drive_from_bag
 from bags.storage import read
@@ -18,11 +18,11 @@ REPEATED = ('/scenario/reference', '/scenario/road_edges')
 @pytest.fixture(scope='module')
 def bags(recorded_runs, tmp_path_factory):
     """Return the bags of the scenarios, driven through the nodes by the MPCC."""
-    out = tmp_path_factory.mktemp('split_mu')
-    run_experiment(out, 'split_mu', 'mpcc')
+    folder = tmp_path_factory.mktemp('split_mu')
+    run_experiment(folder, 'split_mu', 'mpcc')
     return {
         SCENARIO: read.load(recorded_runs.bag('mpcc')),
-        'split_mu': read.load(out / 'split_mu/mpcc'),
+        'split_mu': read.load(load_runs(folder, 'split_mu').bag('mpcc')),
     }
 
 

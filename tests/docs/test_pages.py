@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import tutorial_page
 from installation import PACKAGES
+from recorded_runs import DEMO, PRINTED, RUNS, run_arguments
 
 from msgs_yaml import share
 
@@ -35,8 +36,8 @@ PAGES = [
     *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
 ]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
-# starts nodes of ROS; `driven` has the runs of `make demo`; `quick` runs in `make test`;
-# `launch` has `ros2 launch experiments FILE` and a ROS domain for the whole page.
+# starts nodes of ROS; `driven` has the runs of `make demo`; `demo` calls it; `quick` runs in `make
+# test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the whole page.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
@@ -53,14 +54,25 @@ test "$1 $2" = 'launch experiments' && file={launch_files}/$3 && shift 3 &&
 exec {python} {runner} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
-# of a reader, where that of the other terminals is not set
-PRELUDE = """
-experiments() {
+# of a reader, where that of the other terminals is not set; what `make demo` drives and prints, the
+# command in its recipe has driven and printed for all tests
+RECIPE = ' '.join(('.venv/bin/experiments', *run_arguments(*DEMO)))
+PRELUDE = f"""
+experiments() {{
     env -u ROS_DOMAIN_ID experiments "$@"
-}
-make() {
-    if [ "$*" = setup ]; then grep -q '^setup:' Makefile; else command make "$@"; fi
-}
+}}
+make() {{
+    case "$*" in
+    setup)
+        grep -q '^setup:' Makefile;;
+    demo)
+        command make -n demo | grep -xF '{RECIPE}' > /dev/null
+        cp -r "$DRIVEN/{RUNS}" {RUNS}
+        cat "$DRIVEN/{PRINTED}";;
+    *)
+        command make "$@";;
+    esac
+}}
 """
 
 
@@ -128,8 +140,10 @@ def test_a_page_does_what_it_says(page, home, request):
     if 'launch' in words:
         environment['PATH'] = f'{give_launch(home)}{os.pathsep}{paths}'
         environment['ROS_DOMAIN_ID'] = str(request.getfixturevalue('domain'))
-    if 'driven' in words:
+    if words & {'demo', 'driven'}:
         runs = request.getfixturevalue('recorded_runs')
+        environment['DRIVEN'] = str(runs.folder)
+    if 'driven' in words:
         shutil.copytree(runs.out / runs.scenario, home / 'bags/runs' / runs.scenario)
     with tutorial_page.Session(home, environment, PRELUDE) as reader:
         for block in tutorial_page.find_blocks(page.read_text()):

@@ -8,12 +8,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from markdown_commands import Command, find_commands
+from recorded_runs import DEMO
+from session_cache import build_once
 from tyre_files import property_file
 from wait_until import wait_until
 
@@ -33,8 +36,11 @@ COMMANDS = [
     for command in find_commands((ROOT / page).read_text(), OURS | NODES | SHELL)
 ]
 SECONDS = 600.0  # of wall time for one command
-# what only the reader can run, and where the same is tested
+TUTORIAL = 'docs/tutorials/01_first_run.md'
+FIRST_RUN = 'experiments run double_lane_change --controller mpcc'
+# what only the reader can run or another test runs, and where the same is tested
 ELSEWHERE = {
+    f'{FIRST_RUN}$': f'tests/docs/test_pages.py runs it in {TUTORIAL}',
     r'source (\.venv|venv)/bin/activate': 'every command here runs in the virtual environment',
     r'source (/opt/ros|install)/': 'tests/packaging sources what colcon installs',
     r'(sudo|pip|git|cd|export) ': 'needs a network or changes the shell of the reader',
@@ -46,10 +52,14 @@ RUN = re.compile(r'^bags/runs/([^/]+)/([^/]+)/?$')
 
 
 class Home:
-    """A folder in which the commands of the pages find what they speak of."""
+    """A folder in which the commands of the pages find what they speak of.
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    `once(name, make)` returns a folder that `make(folder)` fills for the homes of all workers.
+    """
+
+    def __init__(self, folder: Path, recordings: list[Path], once: Callable):
+        self.folder, self.once = folder, once
+        self._recordings = {(path.parent.name, path.name): path for path in recordings}
         (folder / 'bags').mkdir()
         (folder / 'tmp').mkdir()
         (folder / 'experiments').mkdir()
@@ -87,20 +97,38 @@ class Home:
         return [str(BIN / first), *others]
 
     def driven(self, scenario: str, controller: str) -> Path:
-        """Return a recording of the pages, driven where it is not there yet."""
+        """Return a recording of the pages: a copy of the one that the tests share."""
         folder = self.folder / 'bags/runs' / scenario / controller
         if not folder.exists() and controller != 'by_hand':
-            self.run('experiments', 'run', scenario, '--controller', controller)
+            shutil.copytree(self._recordings[scenario, controller], folder)
+        return folder
+
+    def batch(self) -> Path:
+        """Return the folder of the batch of the pages, driven once for all homes."""
+        words, folder = BATCH.words, self.folder / 'tmp/batch'
+        out = words.index('--out') + 1
+        assert words[out] == '/tmp/batch'
+
+        def drive(shared):
+            self.run(*words[:out], os.path.relpath(shared, self.folder), *words[out + 1 :])
+
+        if not folder.exists():
+            shutil.copytree(self.once('batch_of_the_pages', drive), folder)
         return folder
 
 
 @pytest.fixture(scope='module')
-def home(tmp_path_factory):
+def home(recorded_runs, recorded_circle, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv('ROS_DOMAIN_ID', raising=False)
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         patch.setenv('COLUMNS', '200')
-        yield Home(tmp_path_factory.mktemp('readme'))
+        recordings = [
+            *(recorded_runs.bag(controller) for controller in DEMO[1:]),
+            recorded_circle.bag('mpcc_no_ca'),
+        ]
+        once = partial(build_once, tmp_path_factory)
+        yield Home(tmp_path_factory.mktemp('readme'), recordings, once)
 
 
 def drives(home, words):
@@ -200,11 +228,14 @@ def drives_emergencies(home, words):
     assert list((home.folder / 'tmp').rglob('results.parquet'))
 
 
+def drives_a_batch(home, words):
+    assert words == BATCH.words
+    assert (home.batch() / 'results.parquet').is_file()
+
+
 def reads_a_batch(home, words):
-    """Read the table that the command above writes, made where it is not there yet."""
-    if not (home.folder / 'tmp/batch/results.parquet').exists():
-        study = 'experiments/config/batch_example.yaml'
-        home.run('experiments', 'batch', study, '--out', '/tmp/batch')
+    """Read the table that the command above writes."""
+    home.batch()
     said = home.run(*words)
     assert re.search(r'min_v2o_m of mpcc minus mpcc_no_ca\n|survived\.png\n', said), said
 
@@ -255,7 +286,7 @@ RULES = [
     Rule(r'bags timing ', says('transport', 'solve')),
     Rule(r'experiments tune ', tunes),
     Rule(r'experiments study distributions', studies),
-    Rule(r'experiments batch .*--out ', writes('--out')),
+    Rule(r'experiments batch .*--out ', drives_a_batch),
     Rule(r'experiments (table|plot) /tmp/batch ', reads_a_batch),
     Rule(r'experiments library ', drives_emergencies),
     Rule(r'bags repair ', repairs),
@@ -268,14 +299,16 @@ RULES = [
 def rule_of(command: Command) -> Rule | None:
     """Return the rule of a command, None where the reader alone can run it."""
     text = ' '.join(command.words)
+    if any(re.match(pattern, text) for pattern in ELSEWHERE):
+        return None
     for rule in RULES:
         if re.match(rule.pattern, text):
             return rule
-    assert any(re.match(pattern, text) for pattern in ELSEWHERE), f'no rule runs {text!r}'
-    return None
+    raise AssertionError(f'no rule runs {text!r}')
 
 
 RECIPE = [c for c in COMMANDS if c.words[0] in NODES]
+(BATCH,) = (c for c in COMMANDS if c.words[:2] == ['experiments', 'batch'])
 RUNNABLE = [c for c in COMMANDS if c not in RECIPE and rule_of(c)]
 
 
@@ -289,6 +322,11 @@ def test_the_pages_have_commands():
         tuple(c.words[:2]) for c in RUNNABLE
     }
     assert len({command.block for command in RECIPE}) == 1
+
+
+def test_what_is_left_to_a_tutorial_is_a_command_of_it():
+    said = (ROOT / TUTORIAL).read_text()
+    assert FIRST_RUN in [command.text for command in find_commands(said, OURS)]
 
 
 def test_a_command_that_no_rule_runs_is_named():

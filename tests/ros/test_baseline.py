@@ -1,6 +1,7 @@
 """The baseline through the node graph, and the paper's first experiment from a recorded drive."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -43,9 +44,11 @@ def test_the_baseline_drives_the_double_lane_change_through_its_own_node(recorde
             assert conformance.check(name, message) == []
 
 
-def test_without_collision_avoidance_the_circle_shows_one_distance_in_two_frames(tmp_path):
-    said_by('experiments', 'run', 'circle_20m', '--controller', 'mpcc_no_ca', '--out', tmp_path)
-    folder = tmp_path / 'circle_20m'
+def test_without_collision_avoidance_the_circle_shows_one_distance_in_two_frames(
+    recorded_circle, tmp_path
+):
+    folder = tmp_path / 'circle_20m'  # the command writes beside the bag
+    shutil.copytree(recorded_circle.bag('mpcc_no_ca'), folder / 'mpcc_no_ca')
     printed = said_by('bags', 'distances', folder / 'mpcc_no_ca')
     assert 'closed form' in printed
     found = json.loads((folder / 'distances.json').read_text())
