@@ -36,6 +36,10 @@ class FailingNode(ControllerNode):
     def __init__(self, first: int, count: int):
         super().__init__()
         self.ticks, self.tick = range(first, first + count), -1
+
+    def configure(self):
+        """Make the controller, and solvers that fail."""
+        super().configure()
         planner = self.controller.planner
         planner.first_solver = NanProblemSolver(planner.first_solver, self.is_failing)
         planner.second_solver = NanProblemSolver(planner.second_solver, self.is_failing)
