@@ -37,6 +37,8 @@ SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*
 # a sourced ROS installation and another virtual environment must not leak into this one
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV PYTHONHOME
+# every process of every test would compile again what it imports
+unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 export MPLBACKEND := Agg
 
@@ -102,11 +104,12 @@ notebooks: setup $(VENV)/.docs
 demo: setup
 	@$(BIN)/experiments run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
 
-# three workers for two cores: tests of nodes wait half of their time; worksteal keeps the tests of a
-# folder, which share what is costly, together
+# three workers for two cores: tests of nodes wait half of their time; loadscope keeps the tests of a
+# module, which share what is costly, in one worker, in the order of tests/conftest.py
 WORKERS ?= $(shell expr \( $$(nproc) \* 3 + 1 \) / 2)
 PYTEST := $(BIN)/python -m pytest
-PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --durations 20
+PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist loadscope \
+  --no-loadscope-reorder --durations 20
 
 # a ring, a restart, and a recording that is played and recorded again
 SMOKE := tests/ros tests/bags/storage
@@ -140,12 +143,14 @@ coverage_whole: setup
 	  $(BIN)/python -m coverage report --fail-under=90 || failed=1; exit $$failed
 
 # Every test in one of three parts: those of the safety modules, traced; those that must have the
-# machine for themselves; all others. Each part runs, whatever failed before it.
+# machine for themselves; all others. Each part runs, whatever failed before it. Of the second part
+# only the files are read that have such a test: to collect all takes as long as some of them.
+ALONE = $(shell grep -rlw --include='test_*.py' 'mark\.alone' tests)
 check: setup lint docs
 	failed=0; \
 	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
 	  { $(COVER_SAFE); } || failed=1; \
-	  $(PYTEST) -m alone --durations 10 || failed=1; \
+	  $(PYTEST) -m alone --durations 10 $(ALONE) || failed=1; \
 	  exit $$failed
 
 bench: setup

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from collections import Counter
 
 import capabilities
 import pytest
@@ -33,6 +34,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if 'dds' in getattr(item, 'fixturenames', ()):
             item.add_marker('ros')
+    # modules of many costly tests first: in parallel, none of them is the last that is waited for
+    costly = Counter(item.path for item in items if is_costly(item))
+    items.sort(key=lambda item: -costly[item.path])
+
+
+def is_costly(item):
+    return any(item.get_closest_marker(name) for name in ('ros', 'slow'))
 
 
 def pytest_runtest_setup(item):
