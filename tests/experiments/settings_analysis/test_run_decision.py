@@ -69,9 +69,11 @@ def test_a_search_goes_on_where_it_stopped(tmp_path):
         def search(trials, folder):
             return picture_search.search(plan, picture, trials, folder, pool, lambda _: None)
 
-        first, longer = search(2, tmp_path / 'a'), search(4, tmp_path / 'a')
-        whole = search(4, tmp_path / 'b')
+        # of these three points the last one is a setting, which is driven
+        first, longer = search(2, tmp_path / 'a'), search(3, tmp_path / 'a')
+        whole = search(3, tmp_path / 'b')
     assert longer[:2] == first
+    assert [one.rejected == '' for one in longer] == [False, False, True]
     assert [one.values for one in longer] == [one.values for one in whole]
     assert [one.distance for one in longer] == [one.distance for one in whole]
 
