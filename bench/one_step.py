@@ -105,14 +105,15 @@ def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> D
         solver_variants.with_mode(params, mode, **settings), scn.friction
     )
     planner = controller.planner
-    timed, costs, prepared_s = Timed(planner.first_solver), [], []
+    timed, costs, prepared_s = Timed(planner.solvers.first), [], []
     iterations, seconds = [], []
-    planner.first_solver = timed
+    planner.solvers.first = timed
     for _ in closed_loops.drive(scn, controller):
         plan, posed = planner.fallback.plan, planner.last_problem
         known = plan is not None
         P = posed.parameters.P[0] if known else None
-        cost = float(planner.problem.stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
+        stage_cost = planner.prediction.problem.stage_cost
+        cost = float(stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
         costs.append(cost)
         iterations += timed.iterations
         seconds += timed.seconds

@@ -91,7 +91,7 @@ def record(
             if pop_up_P is not None:
                 pop_ups.append((len(rows), pop_up_P))
             rows.append({'loop': index, 'tick': number} | row)
-        parameters = controller.planner.problem.parameters
+        parameters = controller.planner.prediction.problem.parameters
     if not pop_ups:
         raise ValueError('these loops have no tick for a pop-up obstacle')
     columns = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
@@ -110,7 +110,7 @@ def record(
 def recorded(controller: Controller, scn, ticks: range, random):
     """Drive and yield (tick, the problem's arrays by name, P with a pop-up obstacle or None)."""
     planner = controller.planner
-    recorder = planner.first_solver = Recorder(planner.first_solver)
+    recorder = planner.solvers.first = Recorder(planner.solvers.first)
     for number, _ in enumerate(closed_loops.drive(scn, controller)):
         if number >= ticks.stop:
             break
@@ -126,7 +126,7 @@ def recorded(controller: Controller, scn, ticks: range, random):
         row = {
             'x0': x0,
             'P': P,
-            'cold_P': planner.formulation.stage_parameters(controller.scene, cold.X).P,
+            'cold_P': planner.prediction.formulation.stage_parameters(controller.scene, cold.X).P,
             'cold_X': cold.X,
             'cold_U': cold.U,
             'driven_X': plan.X,
@@ -152,7 +152,7 @@ def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndar
         vY=0.0,
     )
     scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return controller.planner.formulation.stage_parameters(scene, start.X).P
+    return controller.planner.prediction.formulation.stage_parameters(scene, start.X).P
 
 
 def save(problems: Problems, path: Path) -> None:

@@ -99,8 +99,8 @@ def fails_at(parts):
     """Return a function that drives with solvers that fail for good at a tick."""
     scn, params, vehicle, plant = parts
     controller = Controller(params, vehicle)
-    failing = controller.planner.first_solver = Failing(controller.planner.first_solver)
-    controller.planner.second_solver = None
+    failing = controller.planner.solvers.first = Failing(controller.planner.solvers.first)
+    controller.planner.solvers.second = None
 
     def run(tick):
         return drive(controller, scn, plant, on_tick=lambda k: setattr(failing, 'dead', k >= tick))
@@ -145,8 +145,8 @@ def test_delay_compensation_improves_a_late_controller(parts, late_ms):
         delay = dataclasses.replace(params.delay, longest_s=longest_s)
         changed = dataclasses.replace(params, solver=solver, delay=delay)
         controller = Controller(changed, vehicle, limit_time=True)
-        slow = Slow(controller.planner.first_solver, late_ms / 1e3 - params.delay.transport_s)
-        controller.planner.first_solver = controller.clock = slow
+        slow = Slow(controller.planner.solvers.first, late_ms / 1e3 - params.delay.transport_s)
+        controller.planner.solvers.first = controller.clock = slow
         runs[aware] = drive(controller, scn, plant, late_ms)
         leads = [why.values['time.lead_ms'] for why in runs[aware].whys[1:]]
         assert leads == pytest.approx([late_ms if aware else 0] * len(leads))

@@ -41,8 +41,8 @@ class FailingNode(ControllerNode):
         """Make the controller, and solvers that fail."""
         super().configure()
         planner = self.controller.planner
-        planner.first_solver = NanProblemSolver(planner.first_solver, self.is_failing)
-        planner.second_solver = NanProblemSolver(planner.second_solver, self.is_failing)
+        planner.solvers.first = NanProblemSolver(planner.solvers.first, self.is_failing)
+        planner.solvers.second = NanProblemSolver(planner.solvers.second, self.is_failing)
 
     def is_failing(self):
         """Return whether the solvers must fail now."""

@@ -222,18 +222,18 @@ def baseline_controller():
 def controller(shared_controller, monkeypatch):
     """Return the controller at the start of a lane change, without a second solver."""
     shared_controller.gate.rejections.clear()
-    monkeypatch.setattr(shared_controller.planner, 'second_solver', None)
+    monkeypatch.setattr(shared_controller.planner.solvers, 'second', None)
     return set_inputs(shared_controller, lane_change())
 
 
 @pytest.fixture
 def modify_solver(controller, monkeypatch):
     """Return a function that modifies the first or second solver of the controller."""
-    genuine = controller.planner.first_solver
+    genuine = controller.planner.solvers.first
 
-    def replace(modify=lambda solution: solution, which='first_solver'):
+    def replace(modify=lambda solution: solution, which='first'):
         solver = ModifiedSolver(genuine, modify)
-        monkeypatch.setattr(controller.planner, which, solver)
+        monkeypatch.setattr(controller.planner.solvers, which, solver)
         return solver
 
     return replace
@@ -247,8 +247,8 @@ def realtime():
     )
     clock = Clock()
     controller = set_inputs(Controller(params, vehicle, True, clock), straight())
-    controller.planner.first_solver = ModifiedSolver(
-        controller.planner.first_solver, clock=clock, takes_s=0.015
+    controller.planner.solvers.first = ModifiedSolver(
+        controller.planner.solvers.first, clock=clock, takes_s=0.015
     )
     return controller
 

@@ -10,8 +10,10 @@ from bags.errors import BagError
 from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
 from mpcc_controller.driving import fallback, setpoints
-from mpcc_controller.driving.planner import Planner, TickProblem
+from mpcc_controller.driving.planner import Planner
+from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.problem import stage_parameters
@@ -106,6 +108,11 @@ class Problem:
     stamp_ns: int
 
     @property
+    def prediction(self) -> PredictionModel:
+        """What its plans are made with."""
+        return self.planner.prediction
+
+    @property
     def weights(self) -> dict[str, float]:
         """The weight of every term of the cost."""
         weights = self.tick_problem.parameters.stages.weights._asdict()
@@ -116,7 +123,7 @@ class Problem:
 
         Raises BagError for another horizon: the guess would not fit.
         """
-        model = self.planner.params.model
+        model = self.prediction.params.model
         if (params.model.horizon, params.model.step_s) != (model.horizon, model.step_s):
             raise BagError(
                 'model.horizon and model.step_s cannot be changed in one tick: its first guess is '
@@ -124,15 +131,15 @@ class Problem:
             )
         planner = self._make_planner(params, vehicle)
         guess = self.tick_problem.guess_map
-        if params.formulation.name != self.planner.params.formulation.name:
+        if params.formulation.name != self.prediction.params.formulation.name:
             guess = guess._replace(multipliers=None)  # of other constraints
         before = self.tick_problem
-        problem = planner.build_problem(before.x0, before.scene, guess)
+        problem = planner.prediction.build_problem(before.x0, before.scene, guess, before.sliding)
         return Problem(planner, vehicle, problem, self.stamp_ns)
 
     def with_tolerance(self, tolerance: float) -> 'Problem':
         """Return the same problem with another tolerance of the solver."""
-        params = self.planner.params
+        params = self.prediction.params
         params = replace(params, solver=replace(params.solver, tolerance=tolerance))
         return replace(self, planner=self._make_planner(params, self.vehicle))
 
@@ -166,24 +173,24 @@ class Problem:
     def _make_planner(self, params, vehicle):
         planner = Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
         if params.friction_estimate.on:  # what was believed in this tick
-            planner.believe(min(self.planner.friction, params.model.friction))
+            planner.prediction.believe(min(self.prediction.friction, params.model.friction))
         return planner
 
     def _to_local(self, plan):
-        return self.planner.formulation.to_local(plan, self.tick_problem.scene.path)
+        return self.prediction.formulation.to_local(plan, self.tick_problem.scene.path)
 
     def solve(self) -> Solved:
         """Solve it, with the second solver where the first one fails, and evaluate the plan."""
-        rules = self.planner.params.fallback
-        first, second = self.planner.solve(self.tick_problem)
+        rules = self.prediction.params.fallback
+        first, second = self.planner.solvers.solve(self.tick_problem)
         if second is not None and not fallback.rejection_reason(second, rules):
             return self._evaluate(second, fallback.SECOND_SOLVER)
         return self._evaluate(first, fallback.rejection_reason(first, rules) or first.status)
 
     def _evaluate(self, solution: Solution, level: str) -> Solved:
-        params, plan = self.planner.params, solution.plan
+        params, plan = self.prediction.params, solution.plan
         parameters = self.tick_problem.parameters
-        view = self.planner.evaluator.evaluate(self._to_local(plan), parameters.P)
+        view = self.prediction.evaluator.evaluate(self._to_local(plan), parameters.P)
         return Solved(
             is_feasible=not fallback.rejection_reason(solution, params.fallback),
             status=f'{level}: {solution.message}',
@@ -204,7 +211,11 @@ class Problem:
         )
 
     def _command(self, plan) -> Command:
-        params, car, x0 = self.planner.params, self.planner.car, self.tick_problem.x0
+        params, car, x0 = (
+            self.prediction.params,
+            self.prediction.car,
+            self.tick_problem.x0,
+        )
         target = setpoints.target_of_plan(plan, car, params.limits)
         now = Setpoints(x0.delta, x0.Fx)
         return setpoints.command_to(target, now, car, params.model.step_s, self.stamp_ns)
@@ -221,13 +232,17 @@ class Problem:
 
     def _limits(self):
         """Return the limits of the last stage: those of states and inputs are equal at all."""
-        bounds, state = self.tick_problem.bounds, self.planner.formulation.ocp.state
+        bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
         limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
         limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
         return {name: pair for name, pair in limits.items() if np.any(np.isfinite(pair))}
 
     def _active(self, plan):
-        problem, bounds, m = self.planner.problem, self.tick_problem.bounds, plan.multipliers
+        problem, bounds, m = (
+            self.prediction.problem,
+            self.tick_problem.bounds,
+            plan.multipliers,
+        )
         P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T

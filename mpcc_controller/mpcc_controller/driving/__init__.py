@@ -3,12 +3,18 @@
 controller           `step(TickInputs) -> TickRecord`: the whole tick
 tick                 inputs and record of a tick
 tick_report          explains a record: /controller/why and the predicted poses
-planner              initial guess, stage parameters, bounds and solvers of one plan
+planner              one plan: which guess, which problems, which solution, what fallback
+prediction_model     what plans are made with: parameters, car and formulation
+path_progress        theta of stage 0: where on the path the car is
 tick_problem         the optimal control problem of a tick
-candidates           dangerous obstacles, and initial guesses on their sides
-candidate_plans      which candidates a tick solves, and which plans are kept for the next
-candidate_choice     which of the solved candidates is driven
+tick_solvers         solves the problems of a tick, again after a failure, in parallel
 parallel_solves      several solves at once, in threads
+candidate_plans      which candidates a tick solves, and which plans are kept for the next
+candidate_guesses    initial guesses around hazards, and braking
+candidate_choice     which of the solved candidates is driven
+hazards              dangerous obstacles on the road ahead
+side_profiles        the ways around the hazards, and their lateral offsets
+obstacle_passing     gaps to obstacles, sides of them and contact speeds of a plan
 initial_guess        the last plan shifted by a tick, or the path
 solver_selection     which solvers run, and for how long
 fallback             what to drive when a solve fails

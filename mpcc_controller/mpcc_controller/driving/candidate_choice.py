@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving.candidates import BEHIND, Sides
+from mpcc_controller.driving.obstacle_passing import Sides, are_opposed
 from mpcc_controller.driving.tick_problem import TickProblem
-from mpcc_controller.parameters import Candidates
+from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.parameters import Candidates, ControllerParams
+from mpcc_controller.path import reference_path
+from mpcc_controller.problem.stage_parameters import Scene
 from stage_solver.solution import Solution
 
 CONTACT_M = 0.0  # a plan whose circles come nearer than this touches
@@ -106,12 +109,21 @@ class CandidateChooser:
         return cost * (1 + self.params.path_share) if against else cost
 
 
-def are_opposed(one: Sides, other: Sides) -> bool:
-    """Return whether some obstacle is passed on the left by one and on the right by the other."""
-    return any(one.get(key, BEHIND) * side < 0 for key, side in other.items())
+def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerParams) -> float:
+    """Return what the velocity will cost after planned states (N + 1, 9), until it is desired.
 
+    With the largest driving force from the last speed, the sum of the squared errors is about
 
-def is_same_way(one: Sides, other: Sides) -> bool:
-    """Return whether every obstacle is passed on the same side, or by neither."""
-    keys = one.keys() | other.keys()
-    return all(one.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)
+        integral of (v_ref - v)^2 dt = (v_ref - v_N)^3 / (3 F / m).
+
+    Within the horizon a plan that waits before an obstacle may be as cheap as one that passes it,
+    and cheaper still at the next tick: it has what passing costs yet to pay. A car that cannot
+    drive regains nothing, whatever the plan: 0.
+    """
+    if not params.limits.drive_n:
+        return 0.0
+    end = State(*X[-1])
+    _, v_ref = reference_path.arcs_at(scene.path, np.array([end.theta]))
+    lacking = max(float(v_ref[0]) - end.vx, 0.0)
+    squares = lacking**3 / (3 * params.limits.drive_n / car.m) / params.model.step_s
+    return squares / params.tolerances.velocity_mps**2

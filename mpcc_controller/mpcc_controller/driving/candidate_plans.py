@@ -1,28 +1,24 @@
 """The candidates of successive ticks: guesses of this one, plans kept for the next. SI units."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import candidates, initial_guess
+from mpcc_controller.driving import candidate_guesses, hazards, obstacle_passing, side_profiles
 from mpcc_controller.driving.candidate_choice import (
     CONTACT_M,
     CandidateChooser,
     Choice,
     Outcome,
-    are_opposed,
-    is_same_way,
+    regaining_cost,
 )
-from mpcc_controller.driving.candidates import (
-    BEHIND,
-    BRAKE,
-    FOLLOWED,
-    Candidate,
-    RoadAhead,
-    Sides,
-)
-from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.driving.candidate_guesses import BRAKE, FOLLOWED, Candidate
+from mpcc_controller.driving.hazards import RoadAhead
+from mpcc_controller.driving.obstacle_passing import BEHIND, Sides, are_opposed, is_same_way
+from mpcc_controller.driving.prediction_model import PredictionModel
+from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem.stage_parameters import Scene
 from node_runtime.parameters import ParameterError
@@ -66,17 +62,22 @@ class CandidatePlans:
     (`take_postponed`, `keep_explored`), and compete at the next tick.
     """
 
-    def __init__(self, params: ControllerParams, car: Car, step: Callable):
-        """`step` is that of `single_track.step`: (x, u, car) -> the state one tick later."""
-        for name, value in vars(params.candidates).items():
+    def __init__(self, prediction: PredictionModel):
+        """Raise ParameterError where parameters of `candidates` are missing."""
+        self.prediction = prediction
+        for name, value in vars(self.params.candidates).items():
             if value is None and name not in OPTIONAL:
                 raise ParameterError(
                     f'candidates.{name}: is missing, and candidates.most is above 1; '
                     'allowed to be left out with candidates.most 1'
                 )
-        self.params, self.car, self.step = params, car, step
-        self.chooser = CandidateChooser(params.candidates)
+        self.chooser = CandidateChooser(self.params.candidates)
         self.reset()
+
+    @property
+    def params(self) -> ControllerParams:
+        """The present parameters."""
+        return self.prediction.params
 
     def reset(self) -> None:
         """Forget the plans and switches of earlier ticks."""
@@ -96,16 +97,16 @@ class CandidatePlans:
         """
         self._postponed = []
         is_urgent = guess.multipliers is None or self._cost == np.inf or self._gap < CONTACT_M
-        kept = [k._replace(plan=self._shift(k.plan, x0)) for k in self._kept]
+        kept = [k._replace(plan=self.prediction.shift_to(k.plan, x0)) for k in self._kept]
         lines = [guess.X, *(k.plan.X for k in kept)]
-        around = candidates.road_ahead(scene, x0, lines, self.car, self.params)
+        around = hazards.road_ahead(scene, x0, lines, self.prediction.car, self.params)
         self.around, self._scene = around, scene
         if around is None:
             self._kept = []
             self._forget_waits()
             return []
         # the last stage is new: nothing was planned there
-        now = np.min(candidates.least_gaps(guess.X[:-1], scene, self.params))
+        now = self._least_gap(guess.X[:-1])
         if now < self._gap - SURPRISE_M:
             self._cost = np.inf
             self._forget_waits()
@@ -136,28 +137,28 @@ class CandidatePlans:
         if self.around is None:
             return {}
         obstacles = [hazard.obstacle for hazard in self.around.hazards]
-        return candidates.passed_sides(plan.X, self._scene, obstacles, self.params)
+        return obstacle_passing.passed_sides(plan.X, self._scene, obstacles, self.params)
 
-    def judge(self, name: str, problem, solution: Solution, rejection: str) -> Outcome:
+    def judge(self, name: str, problem: TickProblem, solution: Solution, rejection: str) -> Outcome:
         """Return the outcome of a solved candidate; its solution is in the map."""
         if rejection or self.around is None:
             return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
         plan = solution.plan
-        gap = float(np.min(candidates.least_gaps(plan.X, self._scene, self.params)))
+        gap = self._least_gap(plan.X)
         # the slack serves the least speed as well
         too_slow = np.maximum(self.params.limits.least_speed_mps - plan.X[:-1, 3], 0)
         off_road = float(np.max(plan.U[:, 3] - too_slow))
-        speed = candidates.contact_speed(plan.X, self._scene, self.params) if gap < 0 else 0.0
+        speed = self._contact_speed(plan.X) if gap < 0 else 0.0
         later = 0.0
         if self.params.candidates.regain_speed:
-            later = candidates.regaining_cost(plan.X, self._scene, self.car, self.params)
+            later = regaining_cost(plan.X, self._scene, self.prediction.car, self.params)
         sides = self.sides_of(plan)
         return Outcome(name, problem, solution, '', sides, gap, off_road, speed, later)
 
     def choose(self, outcomes: list[Outcome]) -> Choice:
         """Return which outcome is driven, the first being the followed plan; keep the others."""
-        hazards = self.around.hazards if self.around else ()
-        path_sides = {h.obstacle.id: h.path_side for h in hazards if h.path_side != BEHIND}
+        known = self.around.hazards if self.around else ()
+        path_sides = {h.obstacle.id: h.path_side for h in known if h.path_side != BEHIND}
         choice = self.chooser.choose(outcomes, path_sides)
         self._keep(choice)
         return choice
@@ -166,7 +167,7 @@ class CandidatePlans:
         """Remember what the followed plan costs; None if none is followed."""
         self._cost, self._gap = np.inf, np.inf
         if plan is not None and self._scene.obstacles.items:
-            self._gap = float(np.min(candidates.least_gaps(plan.X, self._scene, self.params)))
+            self._gap = self._least_gap(plan.X)
             self._cost = cost
             if self._gap < CONTACT_M:
                 self._forget_waits()
@@ -179,34 +180,41 @@ class CandidatePlans:
         """
         if self.around is None:
             return False
-        planned = candidates.contact_speed(plan.X, self._scene, self.params)
+        planned = self._contact_speed(plan.X)
         if planned == 0:
             return False
-        stop = candidates.braking_guess(guess.X, x0, self.car, self.params, floor=0.0)
-        braked = candidates.contact_speed(stop.X, self._scene, self.params)
-        overlap = -np.min(candidates.least_gaps(plan.X, self._scene, self.params))
+        stop = candidate_guesses.braking_guess(
+            guess.X, x0, self.prediction.car, self.params, floor=0.0
+        )
+        braked = self._contact_speed(stop.X)
+        overlap = -self._least_gap(plan.X)
         # a plan through an obstacle goes on there: braking is better even at the same speed
         return braked <= (planned if overlap > THROUGH_M else MUCH_SLOWER * planned)
 
-    def _shift(self, plan, x0) -> Plan:
-        return initial_guess.shift_to(plan, self.step, self.car, x0)
+    def _least_gap(self, X: np.ndarray) -> float:
+        return float(np.min(obstacle_passing.least_gaps(X, self._scene, self.params)))
+
+    def _contact_speed(self, X: np.ndarray) -> float:
+        return obstacle_passing.contact_speed(X, self._scene, self.params)
 
     def _around_sides(self, around, x0, followed, kept) -> list[Candidate]:
         """Return candidates for the ways around the hazards that the followed plan does not go."""
         proposed = []
-        for sides, shape in candidates.side_combinations(around, x0, self.params):
+        for sides, shape in side_profiles.side_combinations(around, x0, self.params):
             if shape.least_cost > self._cost:
                 continue
             if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
                 continue
-            name = candidates.name_of(sides)
+            name = obstacle_passing.name_of(sides)
             solved = [k for k in kept if _agrees(k.sides, sides)]
             if solved and not solved[0].rests:
                 proposed.append(Candidate(name, solved[0].plan))
             elif solved:
                 continue
             elif name not in self._waits:
-                guess = candidates.guess_along(around, shape, x0, self.car, self.params)
+                guess = candidate_guesses.guess_along(
+                    around, shape, x0, self.prediction.car, self.params
+                )
                 proposed.append(Candidate(name, guess))
         return proposed
 
@@ -216,9 +224,9 @@ class CandidatePlans:
             return [Candidate(BRAKE, solved[0].plan)] if not solved[0].rests else []
         if BRAKE in self._waits:
             return []
-        plan = candidates.braking_guess(guess.X, x0, self.car, self.params)
+        plan = candidate_guesses.braking_guess(guess.X, x0, self.prediction.car, self.params)
         # the cheapest braking plan brakes less hard
-        if BRAKING_SHARE * candidates.braking_cost(plan, around, self.params) > self._cost:
+        if BRAKING_SHARE * candidate_guesses.braking_cost(plan, around, self.params) > self._cost:
             return []
         return [Candidate(BRAKE, plan)]
 
@@ -247,7 +255,9 @@ class CandidatePlans:
         if not driven.is_clean:
             self._forget_waits()
 
-    def _with_new_ways(self, kept, driven, outcomes) -> list[Kept]:
+    def _with_new_ways(
+        self, kept: list[Kept], driven: Outcome, outcomes: Sequence[Outcome]
+    ) -> list[Kept]:
         """Return kept plans and those of the outcomes that go another way, the cheapest first.
 
         The names of the other outcomes wait.
@@ -261,7 +271,8 @@ class CandidatePlans:
                 is_same_way(outcome.sides, other.sides) for other in (driven, *kept)
             )
             if is_new:
-                name = outcome.name if outcome.name == BRAKE else candidates.name_of(outcome.sides)
+                is_brake = outcome.name == BRAKE
+                name = BRAKE if is_brake else obstacle_passing.name_of(outcome.sides)
                 rests = RESTS if driven.is_clean and outcome.whole_cost > dear else 0
                 kept.append(Kept(name, outcome.sides, outcome.solution.plan, rests))
             elif not is_driven and outcome.name != FOLLOWED:

@@ -78,8 +78,9 @@ class Controller:
         self.clock = clock
         self._given = params
         self.planner = Planner(params, vehicle, limit_time, clock)
-        self.params = params = self.planner.params  # with the limits of the car
-        self.car = self.planner.car
+        self.prediction = self.planner.prediction
+        self.params = params = self.prediction.params  # with the limits of the car
+        self.car = self.prediction.car
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
         )
@@ -89,7 +90,7 @@ class Controller:
         self.friction = friction_estimate.make(params, self.car)
         self.observer = ObstacleObserver(params.surroundings)
         self.memory = ObstacleMemory(params.surroundings)
-        self.reporter = TickReporter(params, self.planner.formulation, self.planner.evaluator)
+        self.reporter = TickReporter(params, self.prediction.formulation, self.prediction.evaluator)
         self.scene = Scene(None, None, None)
         self._true_state = unknown_state(NEVER_NS)  # answered last
         self._prepared_s: float | None = None  # computing time of the last `prepare`
@@ -104,7 +105,7 @@ class Controller:
             return str(error)
         if self.scene.path is None or not reference_path.is_equal(path, self.scene.path):
             self.scene = self.scene._replace(path=path)
-            self.planner.theta = None
+            self.planner.progress.reset()
         return ''
 
     def set_edges(self, edges: RoadEdges) -> str:
@@ -140,15 +141,15 @@ class Controller:
         guess of the next one. `check_change` tells what is refused.
         """
         self._given = params
-        self.planner.change(params)
-        self.params = self.planner.params
+        self.prediction.change(params)
+        self.params = self.prediction.params
         self.gate.limits = self.params.limits
         self.reporter.change(self.params, changes)
 
     def check_change(self, params: ControllerParams) -> None:
         """Raise ParameterError for a change that would have no effect or break off the drive."""
         changed = run_time_parameters.changed_names(self._given, params)
-        self.planner.check_effect(params, changed)
+        self.prediction.check_effect(params, changed)
         now, limits = self.active_ramp.end, params.limits
         present = {
             'limits.steer_rad': (abs(now.delta), limits.steer_rad),
@@ -265,7 +266,7 @@ class Controller:
 
     def _memory(self) -> tuple:
         """Return what steps leave behind, the planner's plans apart."""
-        learnt = (self.friction.memory, self.planner.friction) if self.friction else None
+        learnt = (self.friction.memory, self.prediction.friction) if self.friction else None
         return self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt
 
     def _restore(self, memory: tuple) -> None:
@@ -322,8 +323,8 @@ class Controller:
         return belief
 
     def _believe(self, friction: float) -> None:
-        self.planner.believe(friction)
-        self.car = self.predictor.car = self.planner.car
+        self.prediction.believe(friction)
+        self.car = self.predictor.car = self.prediction.car
 
     def _send(self, command, now, effective_ns):
         due_ns = conversions.add_seconds(command.stamp_ns, self.params.model.step_s)
@@ -389,7 +390,7 @@ class Controller:
         lookahead = self._lookahead_point(x, scene)
         recovers = decision.level == RECOVERY
         law = recovery.recovery_target if recovers else braking.braking_target
-        car = self.car if recovers else self.planner.car_to_brake
+        car = self.car if recovers else self.prediction.car_to_brake
         target = law(x, now, lookahead.point, car, self.params)
         step_s = self.params.model.step_s
         command = setpoints.command_to(target, now, self.car, step_s, stamp_ns)
@@ -398,6 +399,6 @@ class Controller:
     def _lookahead_point(self, x, scene) -> LookaheadPoint:
         theta = None
         if scene.path is not None and np.all(np.isfinite(x)):
-            theta = self.planner.project(x, scene)
+            theta = self.planner.progress.project(x, scene)
         plan = self.planner.guiding_plan
         return braking.lookahead_point(x, plan, scene.path, theta, self.params.braking)

@@ -28,8 +28,10 @@ from mpcc_controller.driving.braking import (
 )
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget, split_within_friction
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car
+from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams, Limits
+from mpcc_controller.path import reference_path
+from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import VehicleState
 
 LEAST_MPS = 3.0  # a slower car does not slide: it is braked
@@ -108,6 +110,16 @@ def recovery_target(
     steer_step = limits.steer_rate_radps * step_s
     delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
     return SetpointTarget(delta, Fx, lambda_b)
+
+
+def target_along_path(
+    x: State, path: ReferencePath, car: Car, params: ControllerParams
+) -> SetpointTarget:
+    """Return the set-points of one step of recovery of a predicted state, towards its path."""
+    preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
+    arcs, _ = reference_path.arcs_at(path, x.theta + preview)
+    ahead = Point(float(arcs.X), float(arcs.Y))
+    return recovery_target(x, Setpoints(x.delta, x.Fx), ahead, car, params)
 
 
 def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:

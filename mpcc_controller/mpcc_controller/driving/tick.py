@@ -5,12 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mpcc_controller.driving.candidate_choice import Choice
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
-from mpcc_controller.driving.planner import Attempt
+from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Command, VehicleState
+from stage_solver.solution import Solution
+from stage_solver.stage_problem import Plan
 
 
 class Arrival(NamedTuple):
@@ -29,6 +32,28 @@ class TickInputs(NamedTuple):
     arrival: Arrival | None = None  # where it is known
     effective_ns: int | None = None  # when the command takes effect, if known (replay)
     publish_s: float | None = None  # publishing time of the command before
+
+
+class Comparison(NamedTuple):
+    """The candidates of one tick. `first` and `problem` of the attempt are those of the chosen."""
+
+    choice: Choice
+    solve_s: float  # s, wall time of all solves
+
+
+class Attempt(NamedTuple):
+    """The solutions of one tick."""
+
+    problem: TickProblem
+    first: Solution
+    second: Solution | None  # None if the second solver did not run
+    plan: Plan | None  # the plan that the fallback logic chose
+    warm: bool  # whether the guess was the last plan
+    prepare_s: float  # s, to build the problem
+    plan_age: int  # ticks
+    failures: int  # of the first solver, in a row
+    candidates: Comparison | None = None  # where several plans were compared
+    refreshes: int | None = None  # solves with arcs taken again; None where that is off
 
 
 class TickRecord(NamedTuple):

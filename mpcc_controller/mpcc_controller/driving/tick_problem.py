@@ -18,6 +18,7 @@ class TickProblem(NamedTuple):
     guess_local: Plan  # the same in the states of the formulation
     parameters: StageParameters
     bounds: Bounds
+    sliding: bool = False  # the car slides and is to be recovered
 
     @property
     def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mpcc_controller.driving import candidates
+from mpcc_controller.driving import obstacle_passing
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
-from mpcc_controller.driving.planner import Attempt, Comparison
-from mpcc_controller.driving.tick import Arrival, TickRecord
+from mpcc_controller.driving.tick import Arrival, Attempt, Comparison, TickRecord
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
@@ -200,7 +199,7 @@ def _candidate(key: str, outcome: Outcome) -> dict:
         f'{key}.iterations': solution.iterations,
         f'{key}.cpu_ms': 1e3 * solution.cpu_s,
         f'{key}.clean': outcome.is_clean,
-        f'{key}.way': candidates.name_of(outcome.sides) or 'none',
+        f'{key}.way': obstacle_passing.name_of(outcome.sides) or 'none',
     }
     if np.isfinite(outcome.least_gap):
         values[f'{key}.v2o_least'] = outcome.least_gap

@@ -108,7 +108,7 @@ def test_the_second_solver_is_used_when_the_first_one_fails(golden, problem):
     other = problem.with_params(
         *replayed_controller.recorded_params(golden('mpcc').run_info, {}, 'mpcc')
     )
-    other.planner.first_solver = Broken()
+    other.planner.solvers.first = Broken()
     found = other.solve()
     assert found.is_feasible
     assert found.status.startswith('second_solver')

@@ -22,7 +22,7 @@ GIVEN = {
 }
 file = share.path('mpcc_controller', 'config', 'mpcc.yaml')
 params, _ = node_parameters.resolve(ControllerParams, file, GIVEN)
-solver = Controller(params, car_file.load(params)).planner.first_solver
+solver = Controller(params, car_file.load(params)).planner.solvers.first
 with np.load(sys.argv[1]) as data:
     bounds = Bounds(*(data[name] for name in Bounds._fields))
     solution = solver.solve(data['x0'], data['P'], bounds, Plan(data['X'], data['U']))

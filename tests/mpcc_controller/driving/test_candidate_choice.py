@@ -1,26 +1,15 @@
 """Which candidate is driven: the cheapest good one, without dithering and without waiting."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from mpcc_controller.driving.candidate_choice import CandidateChooser, Outcome, are_opposed
-from mpcc_controller.driving.candidates import BEHIND, LEFT, RIGHT
-from mpcc_controller.parameters import Candidates
+from mpcc_controller.driving.candidate_choice import CandidateChooser, Outcome
+from mpcc_controller.driving.obstacle_passing import BEHIND, LEFT, RIGHT, are_opposed
 from stage_solver.solution import SOLVED, Solution
 from stage_solver.stage_problem import Plan
 
-RULES = Candidates(
-    most=4,
-    danger_m=1.0,
-    switch_share=0.02,
-    hold_share=0.2,
-    hold_ticks=3,
-    path_share=0.1,
-    max_iterations=40,
-    retry_ticks=5,
-    regain_speed=None,
-    explore_after_command=None,
-)
 PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
 LEFT_OF_1, RIGHT_OF_1, BEHIND_1 = {1: LEFT}, {1: RIGHT}, {1: BEHIND}
 NO_SIDES = {}
@@ -32,8 +21,8 @@ def outcome(cost, sides=LEFT_OF_1, rejection='', gap=0.3, off_road=0.0, later=0.
 
 
 @pytest.fixture
-def chooser():
-    return CandidateChooser(RULES)
+def chooser(params):
+    return CandidateChooser(dataclasses.replace(params.candidates, hold_ticks=3))
 
 
 def test_the_cheapest_plan_is_driven_when_it_is_cheaper_by_the_share(chooser):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
+from mpcc_controller.driving.candidate_guesses import Candidate
 from mpcc_controller.driving.candidate_plans import _few_new
-from mpcc_controller.driving.candidates import LEFT, RIGHT, Candidate
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.obstacle_passing import LEFT, RIGHT
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Obstacle, Obstacles
 from stage_solver.solution import FAILED, SOLVED, Solution
@@ -97,11 +98,10 @@ def test_the_number_of_threads_does_not_change_a_bit(controller, world, monkeypa
         pop_up(controller)
         return world.drive(controller, 25)
 
-    assert len(controller.planner.parallel.solvers) >= 1
+    assert len(controller.planner.solvers.parallel.solvers) >= 1
     parallel = run()
-    monkeypatch.setattr(
-        controller.planner.parallel, 'solvers', controller.planner.parallel.solvers[:1]
-    )
+    solves = controller.planner.solvers.parallel
+    monkeypatch.setattr(solves, 'solvers', solves.solvers[:1])
     alone = run()
     assert parallel.commands == alone.commands
     assert any(names(why) for why in parallel.whys)
@@ -123,11 +123,11 @@ def test_when_the_followed_plan_fails_another_candidate_is_driven(controller, wo
     world.drive(controller, 3)
     pop_up(controller)
     fail = world.ModifiedSolver(
-        controller.planner.first_solver, lambda s: s._replace(status=FAILED, cost=np.nan)
+        controller.planner.solvers.first, lambda s: s._replace(status=FAILED, cost=np.nan)
     )
-    monkeypatch.setattr(controller.planner, 'first_solver', fail)
-    second = world.ModifiedSolver(controller.planner.second_solver)
-    monkeypatch.setattr(controller.planner, 'second_solver', second)
+    monkeypatch.setattr(controller.planner.solvers, 'first', fail)
+    second = world.ModifiedSolver(controller.planner.solvers.second)
+    monkeypatch.setattr(controller.planner.solvers, 'second', second)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
     assert why.values['rung'] == SOLVED
     assert why.values['candidates.chosen'] > 0
@@ -143,11 +143,11 @@ def test_when_all_candidates_fail_the_second_solver_runs(controller, world, monk
         return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
 
     planner = controller.planner
-    second = world.ModifiedSolver(planner.second_solver)
-    monkeypatch.setattr(planner, 'second_solver', second)
-    monkeypatch.setattr(planner, 'first_solver', failing(planner.first_solver))
-    solvers = [failing(solver) for solver in planner.parallel.solvers]
-    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    second = world.ModifiedSolver(planner.solvers.second)
+    monkeypatch.setattr(planner.solvers, 'second', second)
+    monkeypatch.setattr(planner.solvers, 'first', failing(planner.solvers.first))
+    solvers = [failing(solver) for solver in planner.solvers.parallel.solvers]
+    monkeypatch.setattr(planner.solvers.parallel, 'solvers', solvers)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
     assert len(second.guesses) == 1
     assert why.values['rung'] == 'second_solver'
@@ -163,8 +163,8 @@ def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
         raise RuntimeError('no memory')
 
     planner = controller.planner
-    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.parallel.solvers]
-    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.solvers.parallel.solvers]
+    monkeypatch.setattr(planner.solvers.parallel, 'solvers', solvers)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
     assert why.values['candidates.0.status'] == SOLVED
     assert why.values['candidates.chosen'] == 0
@@ -233,14 +233,12 @@ def test_no_level_of_the_fallback_drives_a_plan_that_touches(world, level):
     def failing(solver):
         return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
 
-    planner = controller.planner
-    planner.first_solver = failing(planner.first_solver)
-    planner.parallel.solvers = [failing(solver) for solver in planner.parallel.solvers]
-    planner.second_solver = (failing if level == 'shifted' else world.ModifiedSolver)(
-        planner.second_solver
-    )
+    solvers = controller.planner.solvers
+    solvers.first = failing(solvers.first)
+    solvers.parallel.solvers = [failing(solver) for solver in solvers.parallel.solvers]
+    solvers.second = (failing if level == 'shifted' else world.ModifiedSolver)(solvers.second)
     command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert planner.second_solver.solutions
+    assert solvers.second.solutions
     assert (why.values['rung'], why.values['reason']) == (BRAKING, 'plan_touches')
     assert command.Fxf + command.Fxr < -1000.0
 
@@ -252,7 +250,7 @@ def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(sever
         for _ in range(3):
             plans._wait(f'left of {key}')
     assert len(plans._attempts) <= 64
-    assert plans._waits['left of 999'] == 4 * plans.params.candidates.retry_ticks
+    assert plans._waits['left of 999'] == 4 * plans.prediction.params.candidates.retry_ticks
 
 
 def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, world):
@@ -379,7 +377,8 @@ def test_a_solver_that_fails_after_the_command_costs_the_guess_only(exploring, w
     def explode(solution):
         raise RuntimeError('no memory')
 
-    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.parallel.solvers]
-    monkeypatch.setattr(planner.parallel, 'solvers', solvers)
+    solves = planner.solvers.parallel
+    failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
+    monkeypatch.setattr(solves, 'solvers', failing)
     assert [why.values['rung'] for why in roll(controller, world, 2)] == [SOLVED, SOLVED]
     assert planner.alternatives._kept == []

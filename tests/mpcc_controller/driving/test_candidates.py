@@ -8,8 +8,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import candidates
-from mpcc_controller.driving.candidates import BEHIND, LEFT, RIGHT
+from mpcc_controller.driving import (
+    candidate_choice,
+    candidate_guesses,
+    hazards,
+    obstacle_passing,
+    side_profiles,
+)
+from mpcc_controller.driving.obstacle_passing import BEHIND, LEFT, RIGHT
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import stage_parameters
@@ -52,9 +58,9 @@ def standing(key, X, Y, r_obs=1.0):
 
 def guesses(scene, x0, car, params):
     """Return (sides, profile, guess) of every way around what is dangerous."""
-    around = candidates.road_ahead(scene, x0, (), car, params)
-    ways = candidates.side_combinations(around, x0, params)
-    return [(*way, candidates.guess_along(around, way[1], x0, car, params)) for way in ways]
+    around = hazards.road_ahead(scene, x0, (), car, params)
+    ways = side_profiles.side_combinations(around, x0, params)
+    return [(*way, candidate_guesses.guess_along(around, way[1], x0, car, params)) for way in ways]
 
 
 @quick
@@ -74,11 +80,11 @@ def test_a_guess_passes_the_obstacle_on_its_side_on_the_road_without_contact(
     for sides, shape, guess in found:
         x = State(*guess.X.T)
         assert tuple(guess.X[0]) == x0
-        assert candidates.passed_sides(guess.X, scene, scene.obstacles.items, params) == sides
+        assert obstacle_passing.passed_sides(guess.X, scene, scene.obstacles.items, params) == sides
         assert np.all(np.abs(x.Y) <= 6.0 - R_VEH + 1e-9)
         # a quintic that begins at once: what it does not reach, no guess of this form reaches
         if shape.acceleration < GRAVITY:
-            assert candidates.least_gaps(guess.X, scene, params)[0] > -1e-6
+            assert obstacle_passing.least_gaps(guess.X, scene, params)[0] > -1e-6
 
 
 @quick
@@ -129,7 +135,7 @@ def test_a_mirrored_road_has_mirrored_guesses(world, params, car, v, seconds, Y)
 def test_an_oncoming_car_is_met_where_both_speeds_say(world, params, car, v, oncoming, seconds):
     gap = (v + oncoming) * seconds
     scene = scene_of(world, [Obstacle(1, gap, 0.0, 1.0, -oncoming, 0.0)], v)
-    (hazard,) = candidates.road_ahead(scene, start(v), (), car, params).hazards
+    (hazard,) = hazards.road_ahead(scene, start(v), (), car, params).hazards
     touch = (1.0 + R_VEH) / (v + oncoming)
     assert hazard.enter == pytest.approx(seconds - touch, abs=1.01 * STEP_S)
     assert hazard.leave == pytest.approx(seconds + touch, abs=1.01 * STEP_S)
@@ -138,7 +144,7 @@ def test_an_oncoming_car_is_met_where_both_speeds_say(world, params, car, v, onc
 def test_a_slower_car_is_met_later_than_one_that_stands(world, params, car):
     def enter(vX):
         scene = scene_of(world, [Obstacle(1, 25.0, 0.0, 1.0, vX, 0.0)])
-        return candidates.road_ahead(scene, start(), (), car, params).hazards[0].enter
+        return hazards.road_ahead(scene, start(), (), car, params).hazards[0].enter
 
     assert enter(0.0) == pytest.approx((25 - 2.1) / 20, abs=STEP_S)
     assert enter(8.0) == pytest.approx((25 - 2.1) / 12, abs=STEP_S)
@@ -153,7 +159,7 @@ def test_a_car_behind_a_slow_one_accelerates_in_its_guess_past_it(world, params,
 @pytest.mark.parametrize('Y', [-6.0, 5.0, 40.0])
 def test_an_obstacle_beside_the_way_is_no_danger(world, params, car, Y):
     scene = scene_of(world, [standing(1, 30.0, Y)])
-    assert candidates.road_ahead(scene, start(), (), car, params) is None
+    assert hazards.road_ahead(scene, start(), (), car, params) is None
 
 
 def test_an_obstacle_on_a_plan_is_a_danger_though_it_is_not_on_the_path(world, params, car):
@@ -161,7 +167,7 @@ def test_an_obstacle_on_a_plan_is_a_danger_though_it_is_not_on_the_path(world, p
     plan = np.zeros((51, 9))
     plan[:, 0] = plan[:, 6] = np.arange(51.0)
     plan[:, 1] = 4.0
-    around = candidates.road_ahead(scene, start(), (plan,), car, params)
+    around = hazards.road_ahead(scene, start(), (plan,), car, params)
     assert [h.obstacle.id for h in around.hazards] == [1]
 
 
@@ -196,7 +202,7 @@ def test_the_braking_guess_stops_as_friction_allows(params, car, v):
     line = np.zeros((51, 9))
     line[:, 0] = line[:, 6] = v * STEP_S * np.arange(51)
     line[:, 3] = v
-    x = State(*candidates.braking_guess(line, start(v), car, params).X.T)
+    x = State(*candidate_guesses.braking_guess(line, start(v), car, params).X.T)
     a = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
     floor = params.limits.least_speed_mps
     assert x.vx.min() >= floor - 1e-9
@@ -215,7 +221,7 @@ def test_the_braking_guess_keeps_to_a_bend_and_leaves_it_its_friction(params, ca
     line = np.column_stack([np.zeros((51, 9))])
     line[:, 0], line[:, 1] = np.sin(kappa * s) / kappa, (1 - np.cos(kappa * s)) / kappa
     line[:, 2], line[:, 3], line[:, 5], line[:, 6] = kappa * s, v, v * kappa, s
-    x = State(*candidates.braking_guess(line, start(v), car, params).X.T)
+    x = State(*candidate_guesses.braking_guess(line, start(v), car, params).X.T)
     # chords of a quarter of a metre to 1.5 m beside the arc
     assert np.max(np.abs(np.hypot(x.X, x.Y - 1 / kappa) - 1 / kappa)) < 0.01
     ax = -np.diff(x.vx)[0] / STEP_S
@@ -226,9 +232,10 @@ def test_a_plan_that_stays_behind_passes_on_no_side(world, params):
     scene = scene_of(world, [standing(1, 40.0, 0.5)])
     plan = np.zeros((51, 9))
     plan[:, 0] = plan[:, 6] = np.linspace(0, 30.0, 51)
-    assert candidates.passed_sides(plan, scene, scene.obstacles.items, params) == {1: BEHIND}
+    assert obstacle_passing.passed_sides(plan, scene, scene.obstacles.items, params) == {1: BEHIND}
     assert (
-        candidates.name_of({1: LEFT, 4: RIGHT, 5: BEHIND}) == 'left of 1, right of 4, behind of 5'
+        obstacle_passing.name_of({1: LEFT, 4: RIGHT, 5: BEHIND})
+        == 'left of 1, right of 4, behind of 5'
     )
 
 
@@ -237,7 +244,9 @@ def test_a_plan_that_is_beside_an_obstacle_only_at_its_end_has_not_passed_it(wor
     plan = np.zeros((51, 9))
     for end, side in ((48.5, BEHIND), (50.0, LEFT), (51.5, LEFT)):
         plan[:, 0] = plan[:, 6] = np.linspace(0.0, end, 51)
-        assert candidates.passed_sides(plan, scene, scene.obstacles.items, params) == {1: side}
+        assert obstacle_passing.passed_sides(plan, scene, scene.obstacles.items, params) == {
+            1: side
+        }
 
 
 @pytest.mark.parametrize(('v', 'desired'), [(2.0, 14.0), (0.0, 25.0), (13.0, 14.0), (20.0, 14.0)])
@@ -245,7 +254,7 @@ def test_regaining_the_speed_costs_what_its_errors_sum_up_to(world, params, car,
     """The reference sums the cost of the velocity tick by tick at the largest driving force."""
     plan = np.zeros((51, 9))
     plan[:, 3] = v
-    cost = candidates.regaining_cost(plan, scene_of(world, [], desired), car, params)
+    cost = candidate_choice.regaining_cost(plan, scene_of(world, [], desired), car, params)
     acceleration, expected = params.limits.drive_n / car.m, 0.0
     for t in np.arange(0.5 * STEP_S, 20.0, STEP_S):
         lacking = max(desired - v - acceleration * t, 0.0)
@@ -258,14 +267,14 @@ def test_a_car_that_cannot_drive_regains_nothing_with_any_plan(world, params, ca
     coasting = dataclasses.replace(params, limits=dataclasses.replace(params.limits, drive_n=0.0))
     plan = np.zeros((51, 9))
     plan[:, 3] = v
-    assert candidates.regaining_cost(plan, scene_of(world, [], 14.0), car, coasting) == 0.0
+    assert candidate_choice.regaining_cost(plan, scene_of(world, [], 14.0), car, coasting) == 0.0
 
 
 def test_the_contact_speed_is_that_of_both_cars(world, params):
     def speed_at_contact(obstacle):
         plan = np.zeros((51, 9))
         plan[:, 0], plan[:, 3] = 20.0 * STEP_S * np.arange(51), 20.0
-        return candidates.contact_speed(plan, scene_of(world, [obstacle]), params)
+        return obstacle_passing.contact_speed(plan, scene_of(world, [obstacle]), params)
 
     assert speed_at_contact(standing(1, 30.0, 0.0)) == pytest.approx(20.0)
     assert speed_at_contact(Obstacle(1, 60.0, 0.0, 1.0, -15.0, 0.0)) == pytest.approx(35.0)
@@ -281,7 +290,7 @@ def test_a_plan_to_a_stop_stands_where_its_speed_is_zero(world, params, car, v, 
     line = np.tile(np.array(x0), (params.model.horizon + 1, 1))
     line[:, 0] = np.linspace(0.0, 2.0 * v, len(line))
     line[:, 6] = line[:, 0]
-    stop = State(*candidates.braking_guess(line, x0, car, params, floor=0.0).X.T)
+    stop = State(*candidate_guesses.braking_guess(line, x0, car, params, floor=0.0).X.T)
     moved = np.hypot(np.diff(stop.X), np.diff(stop.Y)) / STEP_S
     mean = (stop.vx[1:] + stop.vx[:-1]) / 2
     assert moved == pytest.approx(mean, abs=0.02 * v)

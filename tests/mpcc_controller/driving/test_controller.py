@@ -119,9 +119,9 @@ def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, wo
 def test_the_same_path_again_keeps_theta(controller, world):
     world.tick(controller, world.rolling(X=30.0))
     assert controller.set_reference(world.straight().reference) == ''
-    assert controller.planner.theta == pytest.approx(30.0)
+    assert controller.planner.progress.theta == pytest.approx(30.0)
     controller.set_reference(world.straight(v=15.0).reference)
-    assert controller.planner.theta is None
+    assert controller.planner.progress.theta is None
 
 
 def test_an_obstacle_that_appears_is_avoided_from_the_next_step_on(controller, world):

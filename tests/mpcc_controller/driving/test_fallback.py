@@ -1,5 +1,7 @@
 """Which fallback level is chosen, when a plan is discarded, and how the logic recovers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -11,18 +13,9 @@ from mpcc_controller.driving.fallback import (
     SHIFTED,
     FallbackLogic,
 )
-from mpcc_controller.parameters import Fallback
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
 
-RULES = Fallback(
-    acceptable_residual=1e-3,
-    max_plan_age=5,
-    failures_to_cold_start=3,
-    max_guide_age=8,
-    max_state_age_s=0.2,
-    recovery=None,
-)
 PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
 OTHER = Plan(np.ones((3, 9)), np.ones((2, 4)))
 
@@ -35,8 +28,8 @@ BAD = outcome(FAILED)
 
 
 @pytest.fixture
-def logic():
-    return FallbackLogic(RULES)
+def logic(params):
+    return FallbackLogic(dataclasses.replace(params.fallback, max_guide_age=8))
 
 
 def state(logic):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import planner, solver_selection
+from mpcc_controller.driving import solver_selection, tick_solvers
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, SECOND_SOLVER, SHIFTED
 from mpcc_controller.driving.tick import TickInputs, unknown_state
@@ -50,7 +50,7 @@ def test_level_2_a_plan_stopped_early_that_is_good_enough(controller, world, mod
 )
 def test_level_3_the_plan_of_the_second_solver(controller, world, modify_solver, modify, reason):
     modify_solver(modify)
-    modify_solver(lambda s: s._replace(solve_s=0.03, cpu_s=0.02, iterations=7), 'second_solver')
+    modify_solver(lambda s: s._replace(solve_s=0.03, cpu_s=0.02, iterations=7), 'second')
     command, _, why = world.tick(controller, world.rolling(X=25.0))
     v = why.values
     assert (v['rung'], v['reason']) == (SECOND_SOLVER, reason)
@@ -58,16 +58,16 @@ def test_level_3_the_plan_of_the_second_solver(controller, world, modify_solver,
     assert v['plan.failures'] == 1
     # its time is part of the solve time and is reported separately
     assert v['time.fallback_ms'] == pytest.approx(30.0)
-    first = controller.planner.first_solver.solutions[-1]
+    first = controller.planner.solvers.first.solutions[-1]
     assert v['time.solve_ms'] == pytest.approx(30.0 + 1e3 * first.solve_s)
     assert v['time.solve_cpu_ms'] == pytest.approx(20.0 + 1e3 * first.cpu_s)
-    plan = controller.planner.second_solver.solutions[-1].plan
+    plan = controller.planner.solvers.second.solutions[-1].plan
     assert command.delta == plan.X[1, 7]
     assert 'cost.total' in v
 
 
 def test_the_second_solver_runs_only_after_a_failure_of_the_first(controller, world, modify_solver):
-    second = modify_solver(lambda s: s, 'second_solver')
+    second = modify_solver(lambda s: s, 'second')
     *_, why = world.tick(controller, world.rolling(X=25.0))
     assert not second.guesses
     assert not any(name.startswith(('fallback.', 'time.fallback')) for name in why.values)
@@ -77,17 +77,17 @@ def test_the_second_solver_differs_from_the_first_or_there_is_none(world):
     params, vehicle = world.load(
         solver__name='fatrop', solver__fallback='fatrop', solver__compiled=False
     )
-    assert Controller(params, vehicle).planner.second_solver is None
+    assert Controller(params, vehicle).planner.solvers.second is None
     params, vehicle = world.load(
         solver__name='ipopt', solver__fallback='fatrop', solver__compiled=False
     )
     controller = world.set_inputs(Controller(params, vehicle), world.lane_change())
-    controller.planner.first_solver = world.ModifiedSolver(controller.planner.first_solver, fail)
+    controller.planner.solvers.first = world.ModifiedSolver(controller.planner.solvers.first, fail)
     assert level_and_reason(controller, world.rolling(X=25.0)) == (SECOND_SOLVER, 'solver_failed')
     params, vehicle = world.load(
         solver__name='ipopt', solver__fallback='none', solver__compiled=False
     )
-    assert Controller(params, vehicle).planner.second_solver is None
+    assert Controller(params, vehicle).planner.solvers.second is None
 
 
 def test_both_solvers_share_the_time_limit_of_the_fallback(world, monkeypatch):
@@ -97,7 +97,7 @@ def test_both_solvers_share_the_time_limit_of_the_fallback(world, monkeypatch):
         solver_options.append(options)
         return options  # has the name of the solver
 
-    for module in (planner, solver_selection):
+    for module in (tick_solvers, solver_selection):
         monkeypatch.setattr(module, 'make_solver', make)
     params, vehicle = world.load(solver__name='ipopt')
     Controller(params, vehicle, limit_time=True)

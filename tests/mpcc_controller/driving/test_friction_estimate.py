@@ -182,7 +182,7 @@ def test_plans_bounds_and_brakes_take_the_believed_friction(world, estimating, n
     assert estimating.car.mu_f == pytest.approx(believed * nominal.mu_f)
     problem = estimating.planner.last_problem
     assert problem.parameters.stages.car == estimating.car
-    names = estimating.planner.problem.parameters
+    names = estimating.planner.prediction.problem.parameters
     assert np.all(problem.parameters.P[:, names.index('car.mu_r')] == estimating.car.mu_r)
     # the last line of defence keeps to what the road may at most have
     assert estimating.gate.car == nominal
@@ -192,8 +192,8 @@ def test_plans_bounds_and_brakes_take_the_believed_friction(world, estimating, n
 def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     estimating, nominal, believed, braked_with
 ):
-    estimating.planner.believe(believed)
-    car = estimating.planner.car_to_brake
+    estimating.planner.prediction.believe(believed)
+    car = estimating.planner.prediction.car_to_brake
     assert (car.mu_f, car.mu_r) == pytest.approx(
         (braked_with * nominal.mu_f, braked_with * nominal.mu_r)
     )

@@ -73,7 +73,7 @@ def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world
 
 
 def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
-    realtime.planner.first_solver.takes_s = 0.15
+    realtime.planner.solvers.first.takes_s = 0.15
     *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)
     assert why.values['gate'] == 'too_old'
 

@@ -7,8 +7,9 @@ import pytest
 
 from mpcc_controller import brake_split
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.planner import LOST_M, MOST_REFRESHES, REFRESH_FROM_M
+from mpcc_controller.driving.path_progress import LOST_M
 from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
 from mpcc_controller.problem import cost_terms
@@ -22,7 +23,7 @@ THETA = State._fields.index('theta')
 def changed(world, situation, name='mpcc', **changes):
     """Return a controller with other parameters on a road, without a second solver."""
     controller = Controller(*world.load(name, **changes))
-    controller.planner.second_solver = None
+    controller.planner.solvers.second = None
     return world.set_inputs(controller, situation)
 
 
@@ -132,9 +133,9 @@ def test_a_refreshed_plan_that_may_not_be_driven_is_dropped(world):
     state, situation = world.rolling(v=24.0, X=30.0), world.lane_change(v=12.0)
     frozen = changed(world, situation)
     controller = changed(world, situation, surroundings__arcs='refreshed')
-    solves = world.ModifiedSolver(controller.planner.first_solver)
+    solves = world.ModifiedSolver(controller.planner.solvers.first)
     solves.modify = lambda s: s._replace(status=FAILED) if len(solves.solutions) == 1 else s
-    controller.planner.first_solver = solves
+    controller.planner.solvers.first = solves
     record = controller.step(TickInputs(state))
     assert record.attempt.refreshes == 1
     assert record.attempt.first.iterations == sum(s.iterations for s in solves.solutions)
@@ -153,11 +154,11 @@ def test_refreshing_ends_with_the_time_of_the_solver(realtime, world):
         controller = Controller(*world.load(**changes), True, realtime.clock)
         world.set_inputs(controller, world.lane_change(v=12.0))
         solver = world.ModifiedSolver(
-            controller.planner.first_solver, clock=realtime.clock, takes_s=0.015
+            controller.planner.solvers.first, clock=realtime.clock, takes_s=0.015
         )
         solver.limits = []
         solver.set_time_limit = solver.limits.append
-        controller.planner.first_solver = solver
+        controller.planner.solvers.first = solver
         controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
         assert min(len(solver.solutions), 2) == solves
         assert solver.limits[-1:] == ([limit_s] if solves > 1 else [])
@@ -181,7 +182,9 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, name, share)
     assert [c.Fxf / (c.Fxf + c.Fxr) for c in braking] == pytest.approx(
         [expected] * len(braking), abs=1e-5
     )
-    assert 'lambda_b' not in {term.name for term in controller.planner.formulation.ocp.terms}
+    assert 'lambda_b' not in {
+        term.name for term in controller.planner.prediction.formulation.ocp.terms
+    }
 
 
 def test_switches_that_are_off_change_no_bit(world):
@@ -195,7 +198,7 @@ def test_switches_that_are_off_change_no_bit(world):
     for changes in ({}, off):
         controller = changed(world, world.lane_change(), **changes)
         commands.append([record.command for record in records(world, controller, 20)])
-        assert controller.planner.formulation.ocp.terms == cost_terms.PAPER
+        assert controller.planner.prediction.formulation.ocp.terms == cost_terms.PAPER
     assert commands[0] == commands[1]
 
 

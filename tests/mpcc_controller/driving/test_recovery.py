@@ -145,14 +145,14 @@ def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
     controller_on_road, v, beta, r, delta
 ):
     planner, scene = controller_on_road.planner, controller_on_road.scene
-    limits, step_s = planner.params.limits, planner.params.model.step_s
+    limits, step_s = planner.prediction.params.limits, planner.prediction.params.model.step_s
     x0 = State(9.0, 1.0, -beta, v * math.cos(beta), v * math.sin(beta), r, 9.0, delta, 0.0)
     plan = planner.guess_from_law(x0, scene)
     assert np.isfinite(plan.X).all()
     assert plan.X[0] == pytest.approx(np.array(x0))
     step = single_track.step(step_s)
     for x, u, after in zip(plan.X, plan.U, plan.X[1:]):
-        assert after == pytest.approx(step(x, u, planner.car).full().ravel(), abs=1e-9)
+        assert after == pytest.approx(step(x, u, planner.prediction.car).full().ravel(), abs=1e-9)
     states, inputs = State(*plan.X.T), Input(*plan.U.T)
     rounding = 1 + 1e-9
     assert abs(states.delta).max() <= limits.steer_rad * rounding
@@ -174,7 +174,7 @@ def test_from_the_guess_of_the_law_most_sliding_cars_get_a_plan(world):
         x0 = planner.initial_state(x, Setpoints(0.0, 0.0), scene)
         cold = guess_from_path(scene.path, x0, controller.car, model.horizon, model.step_s)
         for name, guess in {'law': planner.guess_from_law(x0, scene), 'path': cold}.items():
-            solution, _ = planner.solve(planner.build_problem(x0, scene, guess))
+            solution, _ = planner.solvers.solve(planner.prediction.build_problem(x0, scene, guess))
             usable[name] += not rejection_reason(solution, params.fallback)
     assert usable['law'] > 0.75 * count
     assert usable['law'] >= usable['path']
@@ -198,7 +198,9 @@ def test_every_sliding_car_gets_a_plan_of_the_road_controller(world):
     assert all(plan is not None for plan in plans)
     for plan in plans:  # each is a motion of the model
         for x, u, after in zip(plan.X[:-1:10], plan.U[::10], plan.X[1::10]):
-            assert after == pytest.approx(planner.step(x, u, controller.car), abs=0.02, rel=1e-3)
+            assert after == pytest.approx(
+                planner.prediction.step(x, u, controller.car), abs=0.02, rel=1e-3
+            )
 
 
 class OnlyRelaxed:
@@ -224,17 +226,17 @@ def test_a_plan_of_relaxed_soft_limits_has_its_cost_in_the_true_problem(world):
     x0 = planner.initial_state(world.rolling(v=20.0, vy=3.0, X=10.0), Setpoints(0, 0), scene)
     planner.plan(x0, scene, sliding=True)
     problem = planner.last_problem
-    true = planner.solve(problem)[0]
+    true = planner.solvers.solve(problem)[0]
     P = problem.parameters.P
-    local = planner.formulation.to_local(true.plan, scene.path)
-    assert planner.evaluator.cost(local, P) == pytest.approx(true.cost, rel=1e-6)
+    local = planner.prediction.formulation.to_local(true.plan, scene.path)
+    assert planner.prediction.evaluator.cost(local, P) == pytest.approx(true.cost, rel=1e-6)
 
-    planner.sliding_solver = stuck = OnlyRelaxed(planner.sliding_solver, P)
-    driven = planner.solve(problem)[0]
+    planner.solvers.sliding = stuck = OnlyRelaxed(planner.solvers.sliding, P)
+    driven = planner.solvers.solve(problem)[0]
     (relaxed,) = stuck.relaxed
     assert relaxed.status == SOLVED
     assert driven.status == STOPPED_EARLY
     assert not rejection_reason(driven, params.fallback)
     assert driven.plan.X[:, 0] == pytest.approx(relaxed.plan.X[:, 0], abs=1e-6)
-    assert driven.cost == pytest.approx(planner.evaluator.cost(relaxed.plan, P))
+    assert driven.cost == pytest.approx(planner.prediction.evaluator.cost(relaxed.plan, P))
     assert driven.cost > max(true.cost, 2.0 * relaxed.cost)

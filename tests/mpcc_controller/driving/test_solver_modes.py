@@ -30,7 +30,7 @@ def controllers(world):
 def drive_lane_change(world, controller, ticks=TICKS):
     """Drive through the lane change with the prediction model as the car, preparing each tick."""
     world.set_inputs(controller, world.lane_change())
-    solver = world.ModifiedSolver(controller.planner.first_solver)
+    solver = world.ModifiedSolver(controller.planner.solvers.first)
     answers, step = [], controller.step
 
     def recorded_step(*state):
@@ -45,16 +45,16 @@ def drive_lane_change(world, controller, ticks=TICKS):
         controller.prepare()
         return record
 
-    controller.planner.first_solver, controller.step = solver, recorded_step
+    controller.planner.solvers.first, controller.step = solver, recorded_step
     try:
         return world.drive(controller, ticks), answers
     finally:
-        controller.planner.first_solver, controller.step = solver.inner, step
+        controller.planner.solvers.first, controller.step = solver.inner, step
 
 
 def cost(controller, answers):
     """Return the sum of the costs of the first stages of all plans."""
-    stage_cost = controller.planner.problem.stage_cost
+    stage_cost = controller.planner.prediction.problem.stage_cost
     return sum(
         float(stage_cost(plan.X[0], plan.U[0], posed.parameters.P[0])) for posed, plan, _ in answers
     )
@@ -102,7 +102,9 @@ def test_one_step_keeps_its_own_limits_and_reports_its_reason(drives, controller
 
 
 def test_plans_of_one_step_satisfy_the_prediction_model_exactly(drives, controllers):
-    motion, car = (getattr(controllers['one_step'].planner, name) for name in ('step', 'car'))
+    motion, car = (
+        getattr(controllers['one_step'].planner.prediction, name) for name in ('step', 'car')
+    )
     for _, plan, _ in drives['one_step'][1]:
         predicted = motion(plan.X[0], plan.U[0], car)
         assert plan.X[1] == pytest.approx(predicted, abs=1e-6)
@@ -117,11 +119,11 @@ def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
     assert prepared.planner.fallback.plan is kept
     expected = prepared.planner.prepared
     assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
-    solves = prepared.planner.first_solver = world.ModifiedSolver(prepared.planner.first_solver)
+    solves = prepared.planner.solvers.first = world.ModifiedSolver(prepared.planner.solvers.first)
     try:
         *_, why = world.tick(prepared, world.rolling(X=46.0, stamp_ns=50_000_000))
     finally:
-        prepared.planner.first_solver = solves.inner
+        prepared.planner.solvers.first = solves.inner
     assert np.array_equal(prepared.planner.last_problem.guess_map.U[:-1], kept.U[1:])
     assert np.array_equal(solves.guesses[0].U, expected.U)
     assert why.values['time.ahead_ms'] > 0
@@ -133,16 +135,16 @@ def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controlle
     world.tick(controller, world.rolling(X=25.0))
     controller.prepare()
     assert controller.planner.prepared is not None
-    genuine = controller.planner.first_solver
-    controller.planner.first_solver = world.ModifiedSolver(
+    genuine = controller.planner.solvers.first
+    controller.planner.solvers.first = world.ModifiedSolver(
         genuine, lambda s: s._replace(status=FAILED)
     )
-    controller.planner.second_solver, second = None, controller.planner.second_solver
+    controller.planner.solvers.second, second = None, controller.planner.solvers.second
     try:
         world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))
         controller.prepare()
     finally:
-        controller.planner.first_solver, controller.planner.second_solver = genuine, second
+        controller.planner.solvers.first, controller.planner.solvers.second = genuine, second
     assert controller.planner.prepared is None
 
 
@@ -172,9 +174,9 @@ def test_the_second_solver_gets_the_remaining_time_of_the_first(realtime, world)
         def set_time_limit(self, seconds):
             limits.append(seconds)
 
-    first = realtime.planner.first_solver
+    first = realtime.planner.solvers.first
     first.modify = lambda solution: solution._replace(status=FAILED)
-    realtime.planner.second_solver = Second(first.inner)
+    realtime.planner.solvers.second = Second(first.inner)
     *_, why = world.tick(realtime, world.rolling())
     assert why.values['rung'] == 'second_solver'
     assert limits == [pytest.approx(10.0 - 0.015)]

@@ -84,7 +84,7 @@ def test_the_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime
     stamps = [record.command.stamp_ns for record in realtime.warm_up(x, 5)]
     assert stamps == [(1 + k) * TICK for k in range(1, 6)]
     assert realtime.planner.fallback.plan is None
-    assert realtime.planner.theta is None
+    assert realtime.planner.progress.theta is None
     assert not realtime.gate.rejections
     assert realtime.latency.estimate(0.0) == pytest.approx(0.015 + 0.001)
 
@@ -107,8 +107,8 @@ def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_w
     for controller in controllers:
         world.set_inputs(controller, world.lane_change(18.0))
     warm, cold = controllers
-    solvers = [world.ModifiedSolver(solver) for solver in warm.planner.parallel.solvers]
-    warm.planner.parallel.solvers = solvers
+    solvers = [world.ModifiedSolver(solver) for solver in warm.planner.solvers.parallel.solvers]
+    warm.planner.solvers.parallel.solvers = solvers
     before = warm.scene
     records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
     assert sum(record.attempt.candidates is not None for record in records) >= 3

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpcc_controller.driving.candidates import BRAKE, Candidate
+from mpcc_controller.driving.candidate_guesses import BRAKE, Candidate
 from mpcc_controller.driving.controller import Controller
 from msgs_yaml.types import Obstacle, Obstacles
 
@@ -55,10 +55,9 @@ def controller(world, clock):
         surroundings__max_obstacles=4,
     )  # fmt: skip
     controller = Controller(*settings, True, clock)
-    planner = controller.planner
-    for name in ('first_solver', 'sliding_solver'):
-        setattr(planner, name, TimedSolver(getattr(planner, name)))
-    planner.parallel.solvers = [TimedSolver(solver) for solver in planner.parallel.solvers]
+    solvers = controller.planner.solvers
+    solvers.first, solvers.sliding = TimedSolver(solvers.first), TimedSolver(solvers.sliding)
+    solvers.parallel.solvers = [TimedSolver(solver) for solver in solvers.parallel.solvers]
     world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
     controller.set_obstacles(Obstacles(0, (Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0),)))
     return controller
@@ -68,8 +67,8 @@ def test_the_time_to_build_candidates_is_taken_from_their_solvers(controller, cl
     planner = controller.planner
     planner.alternatives.propose = clock.delay(planner.alternatives.propose, 0.003)
     world.tick(controller, world.rolling())
-    assert planner.first_solver.limits_s == pytest.approx([LIMIT_S - 0.003])
-    others = [limit for solver in planner.parallel.solvers for limit in solver.limits_s]
+    assert planner.solvers.first.limits_s == pytest.approx([LIMIT_S - 0.003])
+    others = [limit for solver in planner.solvers.parallel.solvers for limit in solver.limits_s]
     assert others == pytest.approx([LIMIT_S - 0.003] * 2)
 
 
@@ -79,14 +78,14 @@ def test_the_time_to_guess_what_recovers_a_sliding_car_is_taken_from_its_solver(
     planner = controller.planner
     planner.guess_from_law = clock.delay(planner.guess_from_law, 0.004)
     world.tick(controller, world.rolling(vy=8.0))
-    assert planner.sliding_solver.limits_s == pytest.approx([LIMIT_S - 0.004])
+    assert planner.solvers.sliding.limits_s == pytest.approx([LIMIT_S - 0.004])
 
 
 def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world):
     planner = controller.planner
     planner.alternatives.propose = clock.delay(planner.alternatives.propose, 1.0)
     *_, why = world.tick(controller, world.rolling())
-    assert planner.first_solver.limits_s == [0.0]
+    assert planner.solvers.first.limits_s == [0.0]
     assert 'candidates.count' not in why.values
 
 
@@ -105,7 +104,7 @@ def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brake
     x0 = planner.initial_state(world.rolling(), controller.active_ramp.end, scene)
     guess = planner.guess_from_law(x0, scene)
     others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
-    planner.build_problem = clock.delay(planner.build_problem, build_s)
+    planner.prediction.build_problem = clock.delay(planner.prediction.build_problem, build_s)
     assert list(planner._build_others(x0, scene, others, clock())) == built
     planner.limit_time = False
     assert len(planner._build_others(x0, scene, others, clock())) == 3

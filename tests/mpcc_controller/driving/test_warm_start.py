@@ -55,7 +55,7 @@ def test_the_second_solver_starts_from_the_same_plan_without_multipliers(
     controller, world, modify_solver
 ):
     world.tick(controller, world.rolling(X=25.0))
-    first, second = modify_solver(fail), modify_solver(lambda s: s, 'second_solver')
+    first, second = modify_solver(fail), modify_solver(lambda s: s, 'second')
     world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
     assert second.guesses[-1].multipliers is None
     assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)

@@ -1,0 +1,129 @@
+"""Initial guesses of candidates: around the hazards on chosen sides, and braking. SI units."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving.hazards import RoadAhead, lateral_motion, travelled
+from mpcc_controller.driving.side_profiles import LEAST_TIME_S, QUINTIC_PEAK, Profile
+from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal_split
+from mpcc_controller.parameters import ControllerParams
+from stage_solver.stage_problem import Plan
+
+FOLLOWED, BRAKE = 'followed', 'brake'
+SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
+RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
+THETA = State._fields.index('theta')
+
+
+class Candidate(NamedTuple):
+    """An initial guess, and which way around the obstacles it goes."""
+
+    name: str  # BRAKE, or the sides
+    guess: Plan  # in the map
+
+
+def guess_along(
+    around: RoadAhead, shape: Profile, x0: State, car: Car, params: ControllerParams
+) -> Plan:
+    """Return the guess that takes the offsets of a profile on the way to the desired speed.
+
+    Quintics lead from offset to offset and back to the path. Heading, yaw rate, sideslip and
+    steering angle are those of steady cornering along the line, within the friction.
+    """
+    t = params.model.step_s * np.arange(len(around.left))
+    start, rate = lateral_motion(around, x0)
+    e = np.full(len(t), start)
+    time, here = 0.0, start
+    knots = [*zip(shape.enter, shape.leave, shape.offset)]
+    end = shape.leave[-1]
+    back = math.sqrt(QUINTIC_PEAK * abs(shape.offset[-1]) / (0.4 * GRAVITY))
+    knots.append((end + max(back, RETURN_TIME_S), math.inf, 0.0))
+    for begin, leave, target in knots:
+        T = max(begin - time, LEAST_TIME_S)
+        later = t >= time
+        e[later] = _quintic(np.minimum((t[later] - time) / T, 1.0), here, rate * T, target)
+        time, here, rate = max(leave, time + T), target, 0.0
+    arcs = around.arcs
+    X = arcs.X - e * np.sin(arcs.psi)
+    Y = arcs.Y + e * np.cos(arcs.psi)
+    along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
+    course = arcs.psi + np.arctan2(np.gradient(e, t), along)
+    return _steady_plan(X, Y, course, around.vx, arcs.theta, x0, car, params)
+
+
+def braking_guess(
+    line: np.ndarray, x0: State, car: Car, params: ControllerParams, floor: float | None = None
+) -> Plan:
+    """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
+
+    It brakes with the usable friction that the curvature of the line leaves. Below the floor
+    [m/s], by default `limits.least_speed_mps`, the prediction holds no more.
+    """
+    t = params.model.step_s * np.arange(len(line))
+    available = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
+    lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
+    deceleration = math.sqrt(available**2 - lateral**2)
+    floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
+    vx = np.maximum(x0.vx - deceleration * t, floor)
+    distance = travelled(vx, params.model.step_s)
+    along = line[:, THETA] - line[0, THETA]
+    along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
+    beyond = np.maximum(distance - along[-1], 0)
+    X, Y, psi = (np.interp(distance, along, line[:, i]) for i in range(3))
+    X, Y = X + beyond * np.cos(psi), Y + beyond * np.sin(psi)
+    return _steady_plan(X, Y, psi, vx, x0.theta + distance, x0, car, params)
+
+
+def braking_cost(guess: Plan, around: RoadAhead, params: ControllerParams) -> float:
+    """Return the cost of the speed that a braking guess loses; no braking plan costs much less."""
+    vx = guess.X[:, 3]
+    lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)
+    return float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+
+
+def _quintic(tau, start, slope, end):
+    """Return the quintic of tau in [0, 1] from `start` with `slope` to rest at `end`.
+
+    Both ends have no acceleration.
+    """
+    rise = end - start
+    cubic = 10 * rise - 6 * slope
+    quartic, quintic = 8 * slope - 15 * rise, 6 * rise - 3 * slope
+    return start + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
+
+
+def _steady_plan(X, Y, course, vx, theta, x0, car, params) -> Plan:
+    """Return the plan of steady cornering along a line of positions and courses.
+
+    Where it stands or is slower than SLOW it corners as at that speed.
+    """
+    dt = params.model.step_s
+    Fx = np.clip(car.m * np.gradient(vx, dt), -params.limits.brake_n, params.limits.drive_n)
+    v = np.maximum(vx, SLOW)
+    available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
+    r = np.clip(np.gradient(course, dt), -available / v, available / v)
+    wheelbase, ay = car.l_f + car.l_r, v * r
+    slip_f = car.m * ay * car.l_r / wheelbase / car.C_f
+    slip_r = car.m * ay * car.l_f / wheelbase / car.C_r
+    vy = car.l_r * r - v * slip_r
+    delta = wheelbase * r / v + slip_f - slip_r
+    states = State(
+        X=X,
+        Y=Y,
+        psi=course - vy / v,
+        vx=vx,
+        vy=vy,
+        r=r,
+        theta=theta,
+        delta=np.clip(delta, -params.limits.steer_rad, params.limits.steer_rad),
+        Fx=Fx,
+    )
+    constant = Input(d_delta=0.0, d_Fx=0.0, lambda_b=ideal_split(0.0, car), slack=0.0)
+    U = np.tile(constant, (len(X) - 1, 1))
+    rate, force_rate = params.limits.steer_rate_radps, params.limits.force_rate_nps
+    U[:, 0] = np.clip(np.diff(states.delta) / dt, -rate, rate)
+    U[:, 1] = np.clip(np.diff(Fx) / dt, -force_rate, force_rate)
+    return initial_guess.start_at(Plan(np.column_stack(states), U), x0)

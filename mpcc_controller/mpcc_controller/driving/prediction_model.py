@@ -1,0 +1,95 @@
+"""What plans are made with: parameters, car and formulation, which may change between ticks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mpcc_controller import run_time_parameters
+from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.path import compiled_queries
+from mpcc_controller.problem import bounds, cost_terms, formulation, ocp, stage_parameters
+from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.stage_parameters import Scene
+from stage_solver.buffered_function import BufferedFunction
+from stage_solver.solution import ONE_STEP, Solution
+from stage_solver.stage_problem import Plan
+
+BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
+
+
+class PredictionModel:
+    """The model of the car, the formulation of the problem, and their present parameters.
+
+    Plans are in the map here, whatever the states of the formulation are.
+    """
+
+    def __init__(self, params: ControllerParams, vehicle: CarParams):
+        self._vehicle = vehicle
+        self.params = params = run_time_parameters.in_force(params, vehicle)
+        self.car = self._nominal_car = stage_parameters.car(params, vehicle)
+        self.friction = params.model.friction  # believed, that of `car`
+        self.formulation = formulation.make(params, self.car)
+        compiled_queries.library()  # compiled now, not when the first path is set
+        symbolic = self.formulation.ocp
+        self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
+        self.evaluator = PlanEvaluator(symbolic)
+        self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
+
+    def believe(self, friction: float) -> None:
+        """Plan for a road of another friction than `model.friction` from now on."""
+        self.friction = friction
+        self.car = stage_parameters.with_friction(self._nominal_car, friction, self.params)
+        self.formulation.set_car(self.car)
+
+    def change(self, params: ControllerParams) -> None:
+        """Plan with other weights and limits from now on; see `run_time_parameters`."""
+        self.params = run_time_parameters.in_force(params, self._vehicle)
+        self.formulation.set_params(self.params)
+
+    def check_effect(self, params: ControllerParams, changed: Sequence[str]) -> None:
+        """Raise ParameterError for a changed parameter that would have no effect here."""
+        terms = [t for t in self.formulation.rules.terms if cost_terms.is_on(t, params)]
+        known = [*(t.parameter for t in terms), *(f'envelope.{t.limit}' for t in terms if t.limit)]
+        run_time_parameters.check_effect(params, changed, self._vehicle, known)
+
+    @property
+    def car_to_brake(self) -> Car:
+        """The car on a road of a little more friction than is believed.
+
+        What is believed is cautious, and only forces beyond it tell whether the road has more. A
+        car that brakes without a plan finds it so; where it is not there, the belief falls at once.
+        """
+        friction = min(BRAKING_PROBE * self.friction, self.params.model.friction)
+        return stage_parameters.with_friction(self._nominal_car, friction, self.params)
+
+    def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
+        """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""
+        return self._step(x=x, u=u, car=car)['x_next'].copy()
+
+    def shift_to(self, plan: Plan, x0: State) -> Plan:
+        """Return a plan one tick later, starting at the measured state `x0`."""
+        return initial_guess.shift_to(plan, self.step, self.car, x0)
+
+    def build_problem(
+        self, x0: State, scene: Scene, guess_map: Plan, sliding: bool = False
+    ) -> TickProblem:
+        """Return the problem from `x0`, its stage parameters taken around the guess."""
+        model, form = self.params.model, self.formulation
+        parameters = form.stage_parameters(scene, guess_map.X)
+        limits = bounds.build(
+            self.params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.ocp.state
+        )
+        guess_local = form.to_local(guess_map, scene.path)
+        return TickProblem(x0, scene, guess_map, guess_local, parameters, limits, sliding)
+
+    def to_map(self, solution: Solution, problem: TickProblem) -> Solution:
+        """Return a solution in the states of its problem as one in the map."""
+        plan = self.formulation.to_map(solution.plan, problem.scene.path)
+        if solution.status == ONE_STEP:  # the driven step obeys the dynamics exactly
+            driven = self.step(plan.X[0], plan.U[0], self.car)
+            plan = plan._replace(X=np.vstack([plan.X[:1], driven, plan.X[2:]]))
+        return solution._replace(plan=plan)

@@ -1,0 +1,219 @@
+"""The solvers of a tick and what each is for: a plan, a slide, a failure, other candidates."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from mpcc_controller.driving import fallback, solver_selection
+from mpcc_controller.driving.parallel_solves import ParallelSolves
+from mpcc_controller.driving.prediction_model import PredictionModel
+from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.model.single_track import State
+from mpcc_controller.problem import cost_terms
+from stage_solver.solution import FAILED, STOPPED_EARLY, Solution, StageSolver
+from stage_solver.solver import make_solver
+from stage_solver.stage_problem import Plan
+
+# of theta between a plan and the guess around which its arcs were taken: over less an arc of the
+# double lane change (curvature changing by 0.01 1/m^2) is off by less than a millimetre
+REFRESH_FROM_M = 0.5
+MOST_REFRESHES = 3  # per tick
+RELAXATION = 1e4  # of the weights of soft limits: tolerances 100 times as large
+RELAXED = 'stuck; the plan is that of relaxed soft limits'
+THETA = State._fields.index('theta')
+
+
+class TickSolvers:
+    """Solves the problem of a tick within the time of the tick; solutions are in the map.
+
+    `began` is when the time of the solvers began, by the clock [s].
+    """
+
+    def __init__(self, prediction: PredictionModel, limit_time: bool, clock: Callable[[], float]):
+        """`limit_time` lets the solvers stop at their wall-time limits."""
+        params, problem = prediction.params, prediction.problem
+        self.prediction, self.limit_time, self.clock = prediction, limit_time, clock
+        self.first = make_solver(problem, solver_selection.first_solver_options(params, limit_time))
+        self.second = solver_selection.make_second_solver(params, problem, limit_time, self.first)
+        self.sliding: StageSolver | None = None
+        if params.fallback.recovery:
+            options = solver_selection.sliding_options(params, limit_time)
+            self.sliding = make_solver(problem, options)
+            limits = {f'weights.{name}' for name in cost_terms.SOFT_LIMITS}
+            self._soft_limits = [  # their columns in the stage parameters
+                i for i, name in enumerate(problem.parameters) if name in limits
+            ]
+        self.parallel: ParallelSolves | None = None
+        if (params.candidates.most or 1) > 1:
+            options = solver_selection.candidate_options(params, limit_time)
+            self.parallel = ParallelSolves(
+                lambda: make_solver(problem, options), params.candidates.most - 1
+            )
+
+    def warm_up(self, problem: TickProblem) -> None:
+        """Let all solvers but the first solve a problem once."""
+        candidates = self.parallel.solvers if self.parallel else ()
+        for solver in (self.sliding, self.second, *candidates):
+            if solver is not None:
+                _solve(solver, problem, problem.guess_local._replace(multipliers=None))
+
+    def solve(self, problem: TickProblem) -> tuple[Solution, Solution | None]:
+        """Return the solution of the first solver, and of the second if the first one failed."""
+        began = self.clock()
+        first = self.solve_first(problem, problem.guess_local, began)
+        return first, self.solve_again(problem, first, began)
+
+    def solve_first(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
+        """Return the solution of the first solver; of a car that slides, see `_solve_relaxed`."""
+        chosen = self._chosen(problem)
+        self._limit(chosen, began)
+        first = self._run(chosen, problem, guess)
+        if chosen is not self.sliding or self.is_usable(first):
+            return first
+        return self._solve_relaxed(problem, guess, first, began)
+
+    def _solve_relaxed(
+        self, problem: TickProblem, guess: Plan, first: Solution, began: float
+    ) -> Solution:
+        """Return the solution of a car that slides by way of a relaxed problem.
+
+        A slide breaks every soft limit: road, distances, envelope. What that costs is larger than
+        all else by orders of magnitude, and Newton's method may get stuck, as in `first`. Then the
+        problem in which it costs RELAXATION times less is solved from the same guess, and the true
+        one from its plan; where that gets stuck, too, the relaxed plan may be driven: as an early
+        end of the true problem, with the cost that it has there.
+        """
+        P = problem.parameters.P.copy()
+        P[:, self._soft_limits] /= RELAXATION
+        relaxed = problem._replace(parameters=problem.parameters._replace(P=P))
+        self._limit(self.sliding, began)
+        on_the_way = self._run(self.sliding, relaxed, guess._replace(multipliers=None))
+        self._limit(self.sliding, began)
+        start = self.prediction.formulation.to_local(on_the_way.plan, problem.scene.path)
+        second = self._run(self.sliding, problem, start._replace(multipliers=None))
+        best = first
+        if self.is_usable(second):
+            best = second
+        elif self.is_usable(on_the_way):
+            cost = self.prediction.evaluator.cost(start, problem.parameters.P)
+            best = on_the_way._replace(cost=cost, status=STOPPED_EARLY, message=RELAXED)
+        return _with_effort_of(best, (first, on_the_way, second))
+
+    def solve_again(self, problem: TickProblem, first: Solution, began: float) -> Solution | None:
+        """Return the solution of the second solver; None where `first` may be driven."""
+        if not self.second or self.is_usable(first):
+            return None
+        if self.limit_time:
+            remaining_s = self.prediction.params.solver.fallback_limit_s - (self.clock() - began)
+            self.second.set_time_limit(max(remaining_s, 0.0))
+        return self._run(self.second, problem, problem.guess_local._replace(multipliers=None))
+
+    def solve_beside(
+        self, followed: TickProblem, guess: Plan, others: Sequence[TickProblem], began: float
+    ) -> list[Solution]:
+        """Return the solutions of the followed plan and the other candidates, in parallel.
+
+        All of them within the time limit of the first solver, where there is one.
+        """
+        own = partial(self.solve_first, followed, guess, began)
+        first, solutions = self._solve_in_parallel(own, others, began)
+        return [first, *solutions]
+
+    def solve_candidates(self, problems: Sequence[TickProblem], began: float) -> list[Solution]:
+        """Return the solutions of candidates alone, in parallel; limited as by `solve_beside`."""
+        return self._solve_in_parallel(lambda: None, problems, began)[1]
+
+    def solve_ahead(self, problem: TickProblem) -> Solution:
+        """Return the solution of a problem that is expected later."""
+        self._limit(self.first, self.clock())
+        return self._run(self.first, problem, problem.guess_local)
+
+    def refresh_arcs(
+        self, problem: TickProblem, first: Solution, began: float
+    ) -> tuple[TickProblem, Solution, int]:
+        """Solve again, around the plan, while theta of the plan is far from that of the guess.
+
+        Arcs of the path, edges and slots of obstacles are those around the guess. Returns the last
+        problem, its solution with the time and the iterations of all, and the number of further
+        solves: at most MOST_REFRESHES, none where theta moved by up to REFRESH_FROM_M. A further
+        solution that may not be driven is dropped.
+        """
+        chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
+        refreshes = 0
+        while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
+            remaining_s = limit_s - (self.clock() - began)
+            if self.limit_time and remaining_s <= 0:
+                break
+            if self.limit_time:
+                chosen.set_time_limit(remaining_s)
+            again = self.prediction.build_problem(
+                problem.x0, problem.scene, first.plan, problem.sliding
+            )
+            solution = self._run(chosen, again, again.guess_local)
+            refreshes += 1
+            if not self.is_usable(solution):
+                first = _with_effort_of(first, (first, solution))
+                break
+            problem, first = again, _with_effort_of(solution, (first, solution))
+        if self.limit_time and refreshes:
+            chosen.set_time_limit(limit_s)
+        return problem, first, refreshes
+
+    def is_usable(self, solution: Solution) -> bool:
+        """Return whether a solution may be driven."""
+        return not fallback.rejection_reason(solution, self.prediction.params.fallback)
+
+    def _has_left_arcs(self, problem: TickProblem, solution: Solution) -> bool:
+        """Return whether a plan that may be driven is far from where its arcs were taken."""
+        if not self.is_usable(solution):
+            return False
+        moved = np.abs(solution.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
+        return bool(np.max(moved) > REFRESH_FROM_M)
+
+    def _chosen(self, problem: TickProblem) -> StageSolver:
+        """Return the first solver; of a car that slides, the one that iterates longer."""
+        return self.sliding if problem.sliding and self.sliding else self.first
+
+    def _limit(self, solver: StageSolver, began: float) -> None:
+        """Let a solver stop where the time of its tick ends.
+
+        The paper's controller does not share that time: its first solver has all of it.
+        """
+        if self.limit_time and (self.parallel or self.sliding):
+            remaining_s = self.prediction.params.solver.time_limit_s - (self.clock() - began)
+            solver.set_time_limit(max(remaining_s, 0.0))
+
+    def _run(self, solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
+        return self.prediction.to_map(_solve(solver, problem, guess), problem)
+
+    def _solve_in_parallel(
+        self, own: Callable[[], Any], problems: Sequence[TickProblem], began: float
+    ) -> tuple[Any, list[Solution]]:
+        """Return the result of `own`, and the solutions of candidates."""
+        jobs = [partial(self._solve_candidate, problem, began) for problem in problems]
+        result, solved = self.parallel.run(own, jobs)
+        return result, [*map(self.prediction.to_map, solved, problems)]
+
+    def _solve_candidate(self, problem, began, solver: StageSolver) -> Solution:
+        """Return the solution in the states of the problem; called in any thread."""
+        self._limit(solver, began)
+        return _solve(solver, problem, problem.guess_local)
+
+
+def _solve(solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
+    """Return the solution; a solver that raises has failed: the car needs a command anyway."""
+    try:
+        return solver.solve(*problem.solver_arguments, guess)
+    except Exception as error:
+        return Solution(guess, np.nan, FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
+
+
+def _with_effort_of(solution: Solution, solves: Sequence[Solution]) -> Solution:
+    """Return a solution with the iterations and times of all solves that led to it."""
+    return solution._replace(
+        iterations=sum(s.iterations for s in solves),
+        solve_s=sum(s.solve_s for s in solves),
+        cpu_s=sum(s.cpu_s for s in solves),
+    )
