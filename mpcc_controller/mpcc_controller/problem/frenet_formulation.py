@@ -28,7 +28,7 @@ from mpcc_controller.problem.ocp import (
     SymbolicOcp,
     VehicleCircles,
 )
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import ConstantParameters, Scene, StageParameters
 from stage_solver.stage_problem import Plan
 
 LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
@@ -158,7 +158,7 @@ def plan_to_map(plan: Plan, path: ReferencePath) -> Plan:
     return plan._replace(X=np.column_stack(states))
 
 
-class FrenetFormulation:
+class FrenetFormulation(ConstantParameters):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
@@ -168,25 +168,11 @@ class FrenetFormulation:
     has_track_centre = False
 
     def __init__(self, params: ControllerParams, car: Car):
-        self.params, self.car = params, car
         priority = priorities.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(cost_terms.FRENET, params)
         body = stage_parameters.body_type(params)
-        self.rules = Rules(FRENET, priority, terms, type(car), body)
-        self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
-        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
+        super().__init__(params, car, Rules(FRENET, priority, terms, type(car), body))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
-
-    def set_params(self, params: ControllerParams) -> None:
-        """Take other weights and limits into the parameters of the stages."""
-        self.params = params
-        self.constants = stage_parameters.constant_parameters(params, self.car, self.rules.terms)
-        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
-
-    def set_car(self, car: Car) -> None:
-        """Take another car into the parameters of the stages."""
-        self.car = self.constants['car'] = car
-        self.constant_numbers = stage_parameters.with_car(self.constant_numbers, car)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""

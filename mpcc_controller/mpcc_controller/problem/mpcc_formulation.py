@@ -26,7 +26,7 @@ from mpcc_controller.problem.ocp import (
     SymbolicOcp,
     VehicleCircles,
 )
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import ConstantParameters, Scene, StageParameters
 from stage_solver.stage_problem import Plan
 
 # The solver's units: forces in kN, everything else in SI
@@ -113,7 +113,7 @@ def symbolic_ocp(
     )
 
 
-class MpccFormulation:
+class MpccFormulation(ConstantParameters):
     """The paper's MPCC; see `formulation.Formulation`."""
 
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
@@ -125,30 +125,17 @@ class MpccFormulation:
     quantities = staticmethod(quantities)
 
     def __init__(self, params: ControllerParams, car: Car):
-        self.params, self.car = params, car
         options = params.formulation
-        self.rules = Rules(
+        rules = Rules(
             FRAMES[options.distance],
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
             type(car),
             stage_parameters.body_type(params),
         )
-        self.constants = stage_parameters.constant_parameters(params, car, self.rules.terms)
-        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
+        super().__init__(params, car, rules)
         size = stage_parameters.size(params)
-        self.ocp = symbolic_ocp(*size, self.rules, options.name, self.quantities)
-
-    def set_params(self, params: ControllerParams) -> None:
-        """Take other weights and limits into the parameters of the stages."""
-        self.params = params
-        self.constants = stage_parameters.constant_parameters(params, self.car, self.rules.terms)
-        self.constant_numbers = stage_parameters.constant_numbers(tuple(self.constants.values()))
-
-    def set_car(self, car: Car) -> None:
-        """Take another car into the parameters of the stages."""
-        self.car = self.constants['car'] = car
-        self.constant_numbers = stage_parameters.with_car(self.constant_numbers, car)
+        self.ocp = symbolic_ocp(*size, rules, options.name, self.quantities)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""

@@ -27,7 +27,7 @@ from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.obstacle_motion import moved, position
-from mpcc_controller.problem.ocp import NarrowCircles, SafetyDistance, VehicleCircles
+from mpcc_controller.problem.ocp import NarrowCircles, Rules, SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
@@ -153,6 +153,28 @@ def with_car(numbers: np.ndarray, car: Car) -> np.ndarray:
 def size(params: ControllerParams) -> tuple[int, int]:
     """Return the numbers of vehicle circles and of obstacles in the problem."""
     return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+
+
+class ConstantParameters:
+    """Base of the formulations: the stage parameters that are equal at all stages.
+
+    They may change between two ticks. `constants` are those of `constant_parameters`.
+    """
+
+    def __init__(self, params: ControllerParams, car: Car, rules: Rules):
+        self.car, self.rules = car, rules
+        self.set_params(params)
+
+    def set_params(self, params: ControllerParams) -> None:
+        """Take other weights and limits into the parameters of the stages."""
+        self.params = params
+        self.constants = constant_parameters(params, self.car, self.rules.terms)
+        self.constant_numbers = constant_numbers(tuple(self.constants.values()))
+
+    def set_car(self, car: Car) -> None:
+        """Take another car into the parameters of the stages."""
+        self.car = self.constants['car'] = car
+        self.constant_numbers = with_car(self.constant_numbers, car)
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
