@@ -23,7 +23,7 @@ COLUMN = {name: i for i, name in enumerate(named_vector.names(State))}
 def response(params, steps, target):
     x = rolling_state(params, Start(0.0, 0.0, 0.0, 15.0))
     set_points = np.tile(target, (steps + 1, 1))
-    rows = integrator.advance(x, set_points, integrator.parameter_vector(params, 1.0))
+    rows = integrator.advance(x, set_points, integrator.parameter_vector(params, 1.0))[1]
     return {name: rows[:, i] for name, i in COLUMN.items()}
 
 

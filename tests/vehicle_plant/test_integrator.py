@@ -25,7 +25,7 @@ def settled(params, speed):
     """A state on which the braked car rolls steadily: nothing sticks, no servo starts."""
     x = rolling_state(params, Start(0.0, 0.0, 0.0, speed))
     held = np.tile([0.02, -3000.0, -1500.0], (501, 1))
-    return integrator.advance(x, held, integrator.parameter_vector(params, 1.0))[-1, :N]
+    return integrator.advance(x, held, integrator.parameter_vector(params, 1.0))[1][-1, :N]
 
 
 def test_error_falls_with_the_fourth_power_of_the_step(params):
@@ -36,7 +36,7 @@ def test_error_falls_with_the_fourth_power_of_the_step(params):
         t = np.linspace(0.0, 1.0, steps + 1)
         # straight lines, which every step size samples exactly
         set_points = np.column_stack([0.02 + 0.02 * t, -3000 + 0 * t, -1500 + 0 * t])
-        return integrator.advance(x, set_points, p, 0.2 / steps)[-1, :N]
+        return integrator.advance(x, set_points, p, 0.2 / steps)[1][-1, :N]
 
     exact = end(3200)
     errors = [np.linalg.norm((end(steps) - exact)[PLACE]) for steps in (100, 200, 400)]
@@ -48,8 +48,8 @@ def test_a_millisecond_is_converged_at_the_limit(params):
     """A swerve that uses all grip, 3 s: a quarter of the step changes the end by under 1 mm."""
     p = integrator.parameter_vector(params, 1.0)
     x = rolling_state(params, Start(0.0, 0.0, 0.0, 25.0))
-    coarse = integrator.advance(x, swerve(3000, 1e-3), p, 1e-3)[-1, PLACE]
-    fine = integrator.advance(x, swerve(12000, 2.5e-4), p, 2.5e-4)[-1, PLACE]
+    coarse = integrator.advance(x, swerve(3000, 1e-3), p, 1e-3)[1][-1, PLACE]
+    fine = integrator.advance(x, swerve(12000, 2.5e-4), p, 2.5e-4)[1][-1, PLACE]
     assert np.hypot(*(coarse - fine)[:2]) < 1e-3
     assert np.abs(coarse - fine)[2:].max() < 1e-3
 
@@ -59,7 +59,7 @@ def test_interpreted_equals_compiled(params, rng):
     p = integrator.parameter_vector(params, 0.8)
     x = rolling_state(params, Start(1.0, 2.0, 0.5, 22.0))
     set_points = np.cumsum(rng.normal(size=(301, 3)) * [0.005, 300, 300], axis=0)
-    fast = integrator.advance(x, set_points, p)
+    fast = integrator.advance(x, set_points, p)[1]
     slow = integrator.advance_interpreted(x, set_points, p)
     assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
 
@@ -72,7 +72,7 @@ def test_without_a_compiler_it_runs_interpreted_and_warns(params, monkeypatch):
         p = integrator.parameter_vector(params, 1.0)
         x = rolling_state(params, Start(0.0, 0.0, 0.0, 20.0))
         with pytest.warns(compile_cache.NoCompilerWarning, match='interpreted'):
-            rows = integrator.advance(x, np.zeros((4, 3)), p)
+            rows = integrator.advance(x, np.zeros((4, 3)), p)[1]
         assert rows[-1, PLACE[0]] == pytest.approx(0.06, rel=1e-3)
     finally:
         integrator.library.cache_clear()

@@ -233,25 +233,13 @@ def advance(
     p: np.ndarray,
     h: float = STEP_S,
     patches: np.ndarray | None = None,
-) -> np.ndarray:
-    """Advance the double track by n steps of h [s]; return the rows (n, state + outputs).
+    model: Model = DOUBLE_TRACK,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Advance a model by n steps of h [s]; return its last state and the rows of the steps.
 
     x: (n_x,) before; set_points: (n + 1, n_u) at the ends of the steps; p: that of
     `parameter_vector`; patches: (k, 13) of `road_friction.patch_array`. The inputs stay as they
-    are.
-    """
-    return advance_state(x, set_points, p, h, patches)[1]
-
-
-def advance_state(
-    x: np.ndarray,
-    set_points: np.ndarray,
-    p: np.ndarray,
-    h: float = STEP_S,
-    patches: np.ndarray | None = None,
-    model: Model = DOUBLE_TRACK,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Advance a model as `advance`; return the state after the last step, too.
+    are. Rows are (n, state + outputs), or (n, outputs), see `Model`.
 
     A model that needs shorter steps at its present state gets them; rows are those of h.
     """

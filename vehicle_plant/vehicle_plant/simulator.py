@@ -105,7 +105,7 @@ class Simulator:
         if command is not None:
             self.command(command)
         set_points = self._delays.shift(self._ramp.advance(steps))
-        x, rows = integrator.advance_state(
+        x, rows = integrator.advance(
             self._x, set_points, self._p, patches=self._patches, model=self._model
         )
         stamps = self._stamp_ns + STEP_NS * np.arange(1, steps + 1, dtype=np.int64)

@@ -108,7 +108,7 @@ def test_compiled_steps_are_the_interpreted_ones(plant):
     x = MULTI_BODY.start(plant, Start(1.0, 2.0, 0.3, SPEED))
     set_points = np.linspace([0.0, 0.0, 0.0], [0.05, -2000.0, -1000.0], 21)
     patches = road_friction.patch_array([0, -50, 50, -50, 50, 50, 0, 50], [0.6])
-    state, rows = integrator.advance_state(x, set_points, p, patches=patches, model=MULTI_BODY)
+    state, rows = integrator.advance(x, set_points, p, patches=patches, model=MULTI_BODY)
     again, slow = integrator._interpret(x, set_points, p, 1e-3, patches, MULTI_BODY)
     np.testing.assert_allclose(rows, slow, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(state, again, rtol=1e-9, atol=1e-9)

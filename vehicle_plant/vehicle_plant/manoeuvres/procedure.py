@@ -76,7 +76,7 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
         target = run.law(tick * TICK_S, vx)
         due = np.array([side * target.delta, target.Fxf, target.Fxr])
         path = np.where(done < 1, now + (due - now) * done, due)
-        x, burst = integrator.advance_state(x, line.shift(path), p, step_s, model=model)
+        x, burst = integrator.advance(x, line.shift(path), p, step_s, model=model)
         now = due
         rows.append(burst[stride - 1 :: stride])
         vx = Trajectory(np.empty(0), rows[-1]).column('planar.vx')[-1]
