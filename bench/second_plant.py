@@ -26,22 +26,32 @@ from vehicle_plant.multi_body import equations
 PLANTS = {'double track': 'bmw_320i.yaml', 'multi-body': 'commonroad_320i.yaml'}
 CAR_FILE = 'car_commonroad_320i.yaml'
 KPH = 3.6  # km/h per m/s
-# manoeuvre, its number, what to call it, decimals
-NUMBERS = (
-    ('steady_circle', 'understeer_gradient', 'understeer gradient [rad/(m/s²)]', 5),
-    ('steady_circle', 'greatest_ay', 'greatest lateral acceleration [m/s²]', 2),
-    ('steady_circle', 'roll_gradient', 'roll gradient [rad/(m/s²)]', 4),
-    ('step_steer', 'yaw_rate_gain', 'yaw rate over steer [1/s]', 2),
-    ('step_steer', 'yaw_rate_response_time', 'step: yaw-rate response [s]', 3),
-    ('step_steer', 'ay_response_time', 'step: lateral-acceleration response [s]', 3),
-    ('sine_sweep', 'gain_1_hz', 'sine of 1 Hz: gain [1/s]', 2),
-    ('sine_sweep', 'phase_1_hz', 'sine of 1 Hz: phase [rad]', 3),
-    ('straight_braking', 'full_braking_distance', 'braking distance, full brakes [m]', 2),
-    ('turn_braking', 'yaw_rate_ratio_at_2', 'yaw-rate ratio, 2 m/s² in a turn', 2),
-    ('turn_braking', 'yaw_rate_ratio_at_4', 'the same, 4 m/s²', 2),
-    ('sine_with_dwell', 'displacement_at_3', 'sine with dwell, 3: displacement [m]', 2),
-    ('sine_with_dwell', 'passed_up_to', 'sine with dwell: passed up to', 1),
-)
+# by manoeuvre its numbers, what to call them, decimals
+NUMBERS = {
+    'steady_circle': (
+        ('understeer_gradient', 'understeer gradient [rad/(m/s²)]', 5),
+        ('greatest_ay', 'greatest lateral acceleration [m/s²]', 2),
+        ('roll_gradient', 'roll gradient [rad/(m/s²)]', 4),
+    ),
+    'step_steer': (
+        ('yaw_rate_gain', 'yaw rate over steer [1/s]', 2),
+        ('yaw_rate_response_time', 'step: yaw-rate response [s]', 3),
+        ('ay_response_time', 'step: lateral-acceleration response [s]', 3),
+    ),
+    'sine_sweep': (
+        ('gain_1_hz', 'sine of 1 Hz: gain [1/s]', 2),
+        ('phase_1_hz', 'sine of 1 Hz: phase [rad]', 3),
+    ),
+    'straight_braking': (('full_braking_distance', 'braking distance, full brakes [m]', 2),),
+    'turn_braking': (
+        ('yaw_rate_ratio_at_2', 'yaw-rate ratio, 2 m/s² in a turn', 2),
+        ('yaw_rate_ratio_at_4', 'the same, 4 m/s²', 2),
+    ),
+    'sine_with_dwell': (
+        ('displacement_at_3', 'sine with dwell, 3: displacement [m]', 2),
+        ('passed_up_to', 'sine with dwell: passed up to', 1),
+    ),
+}
 SLIDING_DEG = 4.6  # of steer on the circle: beyond, the cars spin
 SPEEDS_KPH = (60.0, 75.0, 90.0)
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -80,9 +90,10 @@ def _perform(name, car):
 def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
     """Return the numbers of both plants."""
     lines = ['| number | double track | multi-body |', '|---|---|---|']
-    for name, key, label, decimals in NUMBERS:
-        values = (driven[name][plant].numbers[key].value for plant in PLANTS)
-        lines.append(f'| {label} | {" | ".join(f"{v:.{decimals}f}" for v in values)} |')
+    for name, numbers in NUMBERS.items():
+        for key, label, decimals in numbers:
+            values = (driven[name][plant].numbers[key].value for plant in PLANTS)
+            lines.append(f'| {label} | {" | ".join(f"{v:.{decimals}f}" for v in values)} |')
     return '\n'.join(lines)
 
 
@@ -172,7 +183,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.without:
         leave_out(options.without)
-    driven = perform(tuple(dict.fromkeys(name for name, *_ in NUMBERS)))
+    driven = perform(tuple(NUMBERS))
     print(manoeuvre_table(driven), '\n', sep='')
     if options.figure:
         draw(driven).savefig(options.figure, dpi=90, metadata={'Software': None})

@@ -24,27 +24,20 @@ docs/bags.md, docs/report.md and docs/viewers.md are the manuals. In Python:
 
 from typing import TYPE_CHECKING
 
+from node_runtime.lazy_names import lazy_names
+
 if TYPE_CHECKING:
     from bags.analysis.run import Run, load
     from bags.analysis.run_set import RunSet, compare
 
-# by the module that defines it, which is loaded when the name is first used: nodes need none
-_PLACES = {
-    'Run': 'bags.analysis.run',
-    'RunSet': 'bags.analysis.run_set',
-    'compare': 'bags.analysis.run_set',
-    'load': 'bags.analysis.run',
-}
 __all__ = ['Run', 'RunSet', 'compare', 'load']
-
-
-def __getattr__(name: str):
-    if name not in _PLACES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from importlib import import_module
-
-    return getattr(import_module(_PLACES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+# imported when they are first used: nodes need none of them
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        'Run': 'bags.analysis.run',
+        'RunSet': 'bags.analysis.run_set',
+        'compare': 'bags.analysis.run_set',
+        'load': 'bags.analysis.run',
+    },
+)

@@ -4,16 +4,6 @@ from pathlib import Path
 
 from outside_links import write_if_changed
 
-PACKAGES = (
-    'msgs_yaml',
-    'node_runtime',
-    'stage_solver',
-    'scenario_publisher',
-    'mpcc_controller',
-    'vehicle_plant',
-    'bags',
-    'experiments',
-)
 FOLDER = 'generated/api'
 
 
@@ -23,8 +13,9 @@ def folders(root: Path) -> dict[str, list[str]]:
     The modules of commands are left out: their help is on another page.
     """
     found = {}
-    for package in PACKAGES:
-        source = root / package
+    for manifest in sorted(root.glob('*/package.xml')):
+        source = manifest.parent
+        package = source.name
         for init in sorted((source / package).rglob('__init__.py')):
             folder = init.parent
             if folder.name != 'commands':

@@ -40,26 +40,19 @@ In Python:
 
 from typing import TYPE_CHECKING
 
+from node_runtime.lazy_names import lazy_names
+
 if TYPE_CHECKING:
     from bags.analysis.run_set import compare
     from experiments.scripting import drive, drive_many
 
-# by the module that defines it, which is loaded when the name is first used
-_PLACES = {
-    'compare': 'bags.analysis.run_set',
-    'drive': 'experiments.scripting',
-    'drive_many': 'experiments.scripting',
-}
 __all__ = ['compare', 'drive', 'drive_many']
-
-
-def __getattr__(name: str):
-    if name not in _PLACES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from importlib import import_module
-
-    return getattr(import_module(_PLACES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+# imported when they are first used
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        'compare': 'bags.analysis.run_set',
+        'drive': 'experiments.scripting',
+        'drive_many': 'experiments.scripting',
+    },
+)

@@ -17,6 +17,7 @@ Life cycle
     shutdown            signals, exit in bounded time
     clocks              wall time that does not jump
     log_filters         filters against repeated log lines
+    lazy_names          names of a package that are imported when they are first used
     source_tree         whether edits of the source are what runs
     provenance          versions, machine and commit for the metadata of a bag
 """

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import pytest
 import tutorial_page
-from installation import PACKAGES
+from installation import PACKAGES, ROOT
 from recorded_runs import DEMO, PRINTED, RUNS, run_arguments
 
 from msgs_yaml import share
 
-ROOT = Path(__file__).parents[2]
 DOCS = ROOT / 'docs'
 # pages whose commands something else runs
 ELSEWHERE = {

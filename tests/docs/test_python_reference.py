@@ -33,7 +33,7 @@ def test_every_module_but_those_of_commands_has_a_place():
 
 
 def test_every_package_has_pages():
-    assert api_pages.PACKAGES == PACKAGES
+    assert {folder.partition('.')[0] for folder in api_pages.folders(ROOT)} == {*PACKAGES}
 
 
 def test_markup_characters_mean_themselves():

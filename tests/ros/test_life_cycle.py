@@ -13,25 +13,20 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from straight_road import LONG, write_straight
 from wait_until import wait_until
 
 from bags.storage import read
 from experiments.configuration import inputs, node_config
 from experiments.replay import check, recorded_ticks
 from experiments.run import processes
-from msgs_yaml import decode, share
+from msgs_yaml import decode
 from node_runtime import provenance, ros, spin_node
 
 pytestmark = pytest.mark.usefixtures('domain')
 PATIENCE_S = 60.0
 COMMAND, WHY = '/controller/command', '/controller/why'
 TICK_NS = 50_000_000
-# the length of a drive that the tests end themselves; while it is paused simulated time waits
-LONG = {
-    'length_m: 140.0': 'length_m: 4000.0',
-    'length_m: 120.0': 'length_m: 3900.0',
-    'progress_m: 60.0, time_s: 10.0': 'progress_m: 3800.0, time_s: 600.0',
-}
 WAITS = {'lockstep_timeout_s': 120.0}
 
 
@@ -102,13 +97,7 @@ def manager(domain):
 
 @pytest.fixture(scope='module')
 def long_road(tmp_path_factory):
-    text = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
-    for old, new in LONG.items():
-        assert old in text
-        text = text.replace(old, new)
-    file = tmp_path_factory.mktemp('road') / 'straight.yaml'
-    file.write_text(text)
-    return str(file)
+    return write_straight(tmp_path_factory.mktemp('road'), LONG)  # while it is paused time waits
 
 
 def note_run(graph, scenario):

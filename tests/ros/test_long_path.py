@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from node_graph import ROLES, NodeGraph
+from straight_road import write_straight
 
 from bags.storage import cdr, read
-from msgs_yaml import contract, share
+from msgs_yaml import contract
 
 pytestmark = pytest.mark.alone
 REFERENCE, OBSTACLES = '/scenario/reference', '/scenario/obstacles'
@@ -33,13 +34,8 @@ def processor_s(process):
 def drive(domain, tmp_path_factory):
     """Drive a few seconds; return the bag, and the scenario's use of the processor meanwhile."""
     folder = tmp_path_factory.mktemp('long')
-    text = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
-    for old, new in LONG.items():
-        assert old in text
-        text = text.replace(old, new)
-    file = folder / 'straight.yaml'
-    file.write_text(text)
-    with NodeGraph(folder, domain, 'realtime', str(file), plant=DRIVEN) as graph:
+    scenario = write_straight(folder, LONG)
+    with NodeGraph(folder, domain, 'realtime', scenario, plant=DRIVEN) as graph:
         for role in ROLES:
             graph.start(role)
         graph.wait_for('controller', 'started from the actuators')

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from node_graph import ROLES, NodeGraph
+from straight_road import LONG, write_straight
 from wait_until import wait_until
 
 from bags.storage import read, repair
 from experiments.run import processes
-from msgs_yaml import share
 
 pytestmark = pytest.mark.usefixtures('domain')
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
@@ -24,24 +24,16 @@ IN_A_ROW = 8  # answers that make a drive; on the wall clock one of them may be 
 # fast, long and slippery: a car that brakes meanwhile takes 11 s until it is too slow to drive on
 HIGHWAY = {
     'name: straight': 'name: straight\nsampling: {path_m: 5.0, edges_m: 5.0}',
-    'length_m: 140.0': 'length_m: 4000.0',
-    'length_m: 120.0': 'length_m: 3900.0',
     'constant_mps: 15.0': 'constant_mps: 40.0',
     'friction: 1.0': 'friction: 0.3',
-    'progress_m: 60.0, time_s: 10.0': 'progress_m: 3800.0, time_s: 600.0',
+    **LONG,
 }
 HOLDS = {'plant': {'command_age_s': 1.0, 'lockstep_timeout_s': 30.0}}
 
 
 @pytest.fixture(scope='module')
 def highway(tmp_path_factory):
-    text = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
-    for old, new in HIGHWAY.items():
-        assert old in text
-        text = text.replace(old, new)
-    file = tmp_path_factory.mktemp('highway') / 'straight.yaml'
-    file.write_text(text)
-    return str(file)
+    return write_straight(tmp_path_factory.mktemp('highway'), HIGHWAY)
 
 
 def begin(graph):

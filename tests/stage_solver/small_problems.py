@@ -89,3 +89,17 @@ def slalom(repulsion=0.0, **limits):
         bounds=no_bounds(problem)._replace(**limits),
         guess=Plan(guess, np.zeros((30, 2))),
     )
+
+
+def without_parameters():
+    """Return a double integrator that has no parameters, no constraints and no terminal cost."""
+    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u', 1), ca.SX.sym('p', 0)
+    return StageProblem(
+        name='double_integrator',
+        states=('position', 'speed'),
+        inputs=('force',),
+        parameters=(),
+        horizon=5,
+        dynamics=ca.Function('F', [x, u, p], [ca.vertcat(x[0] + x[1], x[1] + u[0])]),
+        stage_cost=ca.Function('l', [x, u, p], [u[0] ** 2]),
+    )

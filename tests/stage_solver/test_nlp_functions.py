@@ -5,8 +5,9 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
+import small_problems
 
-from stage_solver import StageProblem, nlp_functions, stage_functions
+from stage_solver import nlp_functions, stage_functions
 from stage_solver.nlpsol_solver import NlpLayout
 
 SOLVERS = ('fatrop', 'ipopt')
@@ -126,16 +127,6 @@ def test_an_infinite_derivative_counts_as_none(slalom):
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_values_and_gradients_are_dense_also_without_parameters_and_terminal_cost(solver):
     """nlpsol reads them as dense arrays: entries that are not written would be random numbers."""
-    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u', 1), ca.SX.sym('p', 0)
-    problem = StageProblem(
-        name='double_integrator',
-        states=('position', 'speed'),
-        inputs=('force',),
-        parameters=(),
-        horizon=5,
-        dynamics=ca.Function('F', [x, u, p], [ca.vertcat(x[0] + x[1], x[1] + u[0])]),
-        stage_cost=ca.Function('l', [x, u, p], [u[0] ** 2]),
-    )
-    functions = nlp_functions.build(problem, solver)
+    functions = nlp_functions.build(small_problems.without_parameters(), solver)
     for name, output in (('nlp_f', 'f'), ('nlp_g', 'g'), ('nlp_grad_f', 'grad_f_x')):
         assert functions[name].sparsity_out(output).is_dense(), output

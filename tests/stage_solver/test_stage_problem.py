@@ -6,6 +6,7 @@ import functools
 import casadi as ca
 import numpy as np
 import pytest
+import small_problems
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from stage_solver.stage_problem import (
     Multipliers,
     Plan,
     ProblemError,
-    StageProblem,
     no_bounds,
     rk2,
     shift,
@@ -125,16 +125,7 @@ def test_a_cost_must_be_one_number(double_integrator):
 
 
 def test_a_problem_without_constraints_and_terminal_cost_needs_only_its_dynamics_and_cost():
-    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p', 0)
-    problem = StageProblem(
-        name='minimal',
-        states=('a', 'b'),
-        inputs=('c',),
-        parameters=(),
-        horizon=3,
-        dynamics=ca.Function('F', [x, u, p], [x + u]),
-        stage_cost=ca.Function('l', [x, u, p], [ca.sumsqr(x)]),
-    )
+    problem = small_problems.without_parameters()
     assert (problem.ng, problem.nh) == (0, 0)
     assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
     assert (problem.scale_x, problem.scale_u) == ((1.0, 1.0), (1.0,))

@@ -9,6 +9,7 @@ Columns end with their unit. What has members has a column per member behind a d
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -214,12 +215,13 @@ def _points(pandas, table: Columns, parts: list[tuple], levels: tuple[str, ...])
     return pandas.DataFrame(joined).set_index([INDEX, *levels])
 
 
-def _reference(pandas, table):
+def _poses(pandas, table, level, fields):
+    """Return the frame of messages that are a line each; `fields` by column."""
     parts = [
-        (k, (), {'x_m': v.X, 'y_m': v.Y, 'yaw_rad': v.psi, 'passes_s': v.t})
-        for k, v in enumerate(table.values)
+        (k, (), {column: getattr(value, field) for column, field in fields.items()})
+        for k, value in enumerate(table.values)
     ]
-    return _points(pandas, table, parts, ('point',))
+    return _points(pandas, table, parts, (level,))
 
 
 def _edges(pandas, table):
@@ -229,14 +231,6 @@ def _edges(pandas, table):
         for side in ('left', 'right')
     ]
     return _points(pandas, table, parts, ('edge', 'point'))
-
-
-def _prediction(pandas, table):
-    parts = [
-        (k, (), {'ahead_s': v.t, 'x_m': v.X, 'y_m': v.Y, 'yaw_rad': v.psi})
-        for k, v in enumerate(table.values)
-    ]
-    return _points(pandas, table, parts, ('stage',))
 
 
 def _obstacles(pandas, table):
@@ -272,10 +266,18 @@ def _clock(pandas, table):
 
 
 _BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
-    '/scenario/reference': _reference,
+    '/scenario/reference': partial(
+        _poses,
+        level='point',
+        fields={'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi', 'passes_s': 't'},
+    ),
     '/scenario/road_edges': _edges,
     '/scenario/obstacles': _obstacles,
-    '/controller/prediction': _prediction,
+    '/controller/prediction': partial(
+        _poses,
+        level='stage',
+        fields={'ahead_s': 't', 'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'},
+    ),
     '/controller/why': _why,
     '/diagnostics': _health,
     '/clock': _clock,

@@ -60,17 +60,9 @@ class Signal(NamedTuple):
     """One derived signal."""
 
     function: Callable[[EvaluatedRun], Any]
+    name: str  # the column, or what is before the member in its columns
     unit: str
-
-    @property
-    def name(self) -> str:
-        """The column, or what is before the member in its columns."""
-        return self.function.__name__
-
-    @property
-    def meaning(self) -> str:
-        """The docstring as one line."""
-        return ' '.join(inspect.getdoc(self.function).split())
+    meaning: str  # the docstring as one line
 
 
 SIGNALS: dict[str, Signal] = {}  # in the order in which they are defined
@@ -86,7 +78,7 @@ def signal(unit: str) -> Callable:
         name = function.__name__
         if name in SIGNALS:
             raise ValueError(f'the signal {name} is registered already')
-        SIGNALS[name] = Signal(function, unit)
+        SIGNALS[name] = Signal(function, name, unit, ' '.join(inspect.getdoc(function).split()))
         return function
 
     return register

@@ -77,20 +77,17 @@ def is_sound(run: Mapping[str, Any]) -> bool:
     return not (run.get('lost') or run.get('left_road'))
 
 
+def narrow_table(title: str) -> Table:
+    """Return an empty table without lines: three controllers fit into 80 characters."""
+    look = {'box': box.SIMPLE_HEAD, 'show_edge': False, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
+    return Table(title=title, title_justify='left', **look)
+
+
 def build_table(comparison: Mapping[str, Any]) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json)."""
     runs = comparison['runs']
-    table = Table(
-        title=f'Scenario {comparison["scenario"]}',
-        title_justify='left',
-        caption=PAPER_NOTE,
-        caption_justify='left',
-        # no lines between the columns: three controllers fit into 80 characters
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-    )
+    table = narrow_table(f'Scenario {comparison["scenario"]}')
+    table.caption, table.caption_justify = PAPER_NOTE, 'left'
     table.add_column('metric', no_wrap=True)
     table.add_column('unit', no_wrap=True)
     for name in runs:

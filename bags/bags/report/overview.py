@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -133,14 +132,7 @@ def unlike(rows: Sequence[Row]) -> Iterator[str]:
 
 def build_table(rows: Sequence[Row], chosen: Sequence[Metric]) -> Table:
     """Return a table with a row per run, grouped by scenario, and a column per metric."""
-    table = Table(
-        title='Runs by scenario',
-        title_justify='left',
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-    )
+    table = metrics_table.narrow_table('Runs by scenario')
     table.add_column('scenario, run', no_wrap=True)
     for metric in chosen:
         unit = f' [{metric.unit}]' if metric.unit else ''

@@ -145,18 +145,10 @@ def _run_settings(options):
 def _run_decision(options):
     from experiments.settings_analysis import run_decision
 
-    request = run_decision.Request(
-        part=options.part,
-        folder=options.folder,
-        out=DECIDED if options.out == OUT else options.out,
-        number=options.number,
-        seed=options.seed,
-        trials=options.trials,
-        jobs=options.jobs,
-        quick=options.quick,
-        page=options.page,
-    )
-    return run_decision.run(request, Console())
+    if options.out == OUT:
+        options.out = DECIDED
+    arguments = {name: getattr(options, name) for name in run_decision.Request._fields}
+    return run_decision.run(run_decision.Request(**arguments), Console())
 
 
 def _parse_role(text):
