@@ -169,7 +169,9 @@ def describe_signals() -> dict[str, Column]:
 def description_frame(columns: Mapping[str, Column]) -> 'pd.DataFrame':
     """Return unit and meaning by column as a DataFrame."""
     pandas = import_pandas()
-    return pandas.DataFrame(
+    from bags.analysis.description import Description
+
+    return Description(
         [*columns.values()], index=pandas.Index(columns, name='column'), columns=Column._fields
     )
 

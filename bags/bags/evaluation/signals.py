@@ -6,9 +6,10 @@
         return run.series.sideslip
 
 adds one: the name of the function is the column and ends with its unit, the docstring is its
-meaning. A function that returns a dictionary has a column per key, `v2o_m.1`; one that returns
-None, for want of a topic, has none. Distances and angles are those of `series`, by which the
-metrics judge. Positive is to the left (ISO 8855), forces and angles are those of base_link.
+meaning. A function that returns a dictionary has a column per key, `v2o_m.1`, and its decorator
+says what the keys are, `@signal('m', by='obstacle id', such_as='1')`; one that returns None, for
+want of a topic, has none. Distances and angles are those of `series`, by which the metrics judge.
+Positive is to the left (ISO 8855), forces and angles are those of base_link.
 """
 
 import inspect
@@ -62,23 +63,27 @@ class Signal(NamedTuple):
     function: Callable[[EvaluatedRun], Any]
     name: str  # the column, or what is before the member in its columns
     unit: str
-    meaning: str  # the docstring as one line
+    meaning: str  # the docstring as one line; of several columns also how they are called
 
 
 SIGNALS: dict[str, Signal] = {}  # in the order in which they are defined
 
 
-def signal(unit: str) -> Callable:
+def signal(unit: str, by: str = '', such_as: str = '') -> Callable:
     """Return a decorator that registers a signal under the name of its function.
 
-    Raises ValueError for a name that is registered.
+    `by` says what the keys of several columns are, `such_as` is one of them. Raises ValueError for
+    a name that is registered.
     """
 
     def register(function):
         name = function.__name__
         if name in SIGNALS:
             raise ValueError(f'the signal {name} is registered already')
-        SIGNALS[name] = Signal(function, name, unit, ' '.join(inspect.getdoc(function).split()))
+        meaning = ' '.join(inspect.getdoc(function).split())
+        if by:
+            meaning += f' A column per {by}, as {name}{MEMBER}{such_as}.'
+        SIGNALS[name] = Signal(function, name, unit, meaning)
         return function
 
     return register
@@ -131,19 +136,19 @@ def sideslip_rad(run):
     return run.series.sideslip
 
 
-@signal('m')
+@signal('m', by='obstacle id', such_as='1')
 def v2o_m(run):
     """Distance D_V2O (eq. 3) of the car's circles to each obstacle; not-a-number while absent."""
     return run.series.v2o
 
 
-@signal('m')
+@signal('m', by='edge', such_as='left')
 def v2e_m(run):
     """Distance D_V2E (eq. 4) of the car's circles to each road edge; negative beyond it."""
     return run.series.v2e
 
 
-@signal('m')
+@signal('m', by='obstacle id', such_as='1')
 def outline_gap_m(run):
     """Gap from the true outline of the car to each obstacle; negative is the depth of overlap."""
     return run.series.outline_gaps
@@ -170,7 +175,7 @@ def friction_use(run):
     return np.hypot(measured['ax'], measured['ay']) / (run.drive.facts.friction * GRAVITY)
 
 
-@signal('-')
+@signal('-', by='axle', such_as='front')
 def model_friction_use(run):
     """Share of the tyre force of each axle that the controller's model uses, of the last tick."""
     if WHY not in run.tables:
@@ -182,7 +187,7 @@ def model_friction_use(run):
     return {axle: np.where(last < 0, np.nan, values[last]) for axle, values in use.items()}
 
 
-@signal('-')
+@signal('-', by='wheel', such_as='fl')
 def tyre_use(run):
     """Horizontal over vertical force of each tyre: the coefficient of friction that it uses."""
     parts = ('force_x_n', 'force_y_n', 'load_n')

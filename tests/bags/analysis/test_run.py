@@ -195,3 +195,14 @@ def test_names_of_the_package_can_be_listed():
     assert {'load', 'compare', 'Run', 'RunSet'} <= set(dir(bags))
     with pytest.raises(AttributeError, match='no attribute'):
         bags.lod  # noqa: B018
+
+
+def test_meanings_are_shown_whole_and_say_how_the_columns_of_members_are_called(run):
+    described = run.describe()
+    for columns in (described, described.loc[['v2o_m']]):
+        assert "of the car's circles to each obstacle; not-a-number while absent. " in repr(columns)
+        assert '...' not in columns._repr_html_()
+    several = {name.partition('.')[0]: name for name in run.signals if '.' in name}
+    assert {'v2o_m', 'v2e_m', 'outline_gap_m', 'model_friction_use'} <= {*several}
+    for name, meaning in described['meaning'].items():
+        assert (f', as {name}.' in meaning) == (name in several or name == 'tyre_use')
