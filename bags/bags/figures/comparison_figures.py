@@ -5,6 +5,7 @@ The trajectories are drawn from above, with edges, coarse path and the unsafe ar
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
@@ -214,7 +215,7 @@ SIGNALS = {
 }
 SHEET = 'comparison'
 ALL = (SHEET, *NAMES.values())
-KEYS_BESIDE = 6  # of a legend in one row above a single panel
+FREE_SHARE = 0.96  # of the width of a figure, for title and legend
 COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 
 
@@ -298,9 +299,14 @@ def _legend(figure, runs, drawn, overlays):
     if not WITH_AREAS.isdisjoint(drawn):
         for colour, label in style.AREAS.items():
             keys.append(Line2D([], [], color=colour, lw=7, alpha=0.35, label=label))
-    look = {'loc': 'outside upper right', 'handlelength': 3.4}
-    if figure.get_suptitle() or len(keys) <= KEYS_BESIDE:
-        look['ncols'] = len(keys)
-    else:
-        look['ncols'] = -(-len(keys) // 2)
-    figure.legend(handles=keys, **look)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    titles = sum(text.get_window_extent(renderer).width for text in figure.texts)
+    free = FREE_SHARE * figure.bbox.width - titles
+    # names of controllers may be long: as many rows as it takes
+    for columns in range(len(keys), 0, -1):
+        legend = figure.legend(
+            handles=keys, loc='outside upper right', handlelength=3.4, ncols=columns
+        )
+        if columns == 1 or legend.get_window_extent(renderer).width <= free:
+            return
+        legend.remove()

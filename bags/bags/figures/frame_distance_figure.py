@@ -105,7 +105,7 @@ def write_figure(drive, circle, driven, folder):
             over_distance(ax, circle, driven, side, inside)
         difference(bottom[2], circle, driven)
         style.letter_panels(figure)
-        figure.legend(handles=_keys(drive), loc='outside lower center', ncols=5, handlelength=2.2)
+        figure.legend(handles=_keys(drive), loc='outside lower center', ncols=6, handlelength=2.2)
         return style.save_figure(figure, folder / STEM)
 
 
@@ -173,7 +173,8 @@ def _keys(drive):
     driven = f'poses driven by {drive.facts.controller}'
     for side in ('inside', 'outside'):
         keys.append(Line2D([], [], color=style.INK, ls=dash(side), label=f'obstacle {side}'))
-    return [*keys, Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven)]
+    keys.append(Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven))
+    return [*keys, Line2D([], [], label='coarse path', **style.coarse_path_line())]
 
 
 class FrameDistanceFiles(NamedTuple):

@@ -81,6 +81,9 @@ def _gaps(limits, middles):
 
 
 def _inset(ax, runs, number, gap):
+    # imported late: pages use this module, too
+    from matplotlib.ticker import MaxNLocator
+
     low, high = ax.get_xlim()
     width = FILL * (gap[1] - gap[0]) / (high - low)
     right = (gap[1] - low) / (high - low)
@@ -96,6 +99,8 @@ def _inset(ax, runs, number, gap):
     shade_unsafe(inner, max(run.drive.facts.safe_obstacle for run in runs))
     inner.set(xlim=(min(reach), max(reach)), ylim=(least - BELOW_M, NEAR_M))
     inner.set(yticks=TICKS_M)
+    # labels of three digits do not touch in a narrow one
+    inner.xaxis.set_major_locator(MaxNLocator(nbins=2, integer=True, steps=[1, 2, 5, 10]))
     inner.set_title(f'obstacle {number}', fontsize=7.5, fontweight='normal', loc='center', pad=3.0)
     inner.tick_params(labelsize=6.5, length=2.0)
     inner.set_facecolor('white')
