@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from bags.errors import BagError
@@ -22,6 +23,7 @@ from node_runtime import source_tree
 from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
+NOTHING_MEANT: Mapping[str, str] = MappingProxyType({})
 INTERRUPTED = 130  # what shells report for SIGINT
 EXIT_CODES = {
     0: 'the command did what was asked',
@@ -33,17 +35,22 @@ EXIT_CODES = {
 
 
 def main(
-    program: str, description: str, commands: Sequence[str], arguments: Sequence[str] | None = None
+    program: str,
+    description: str,
+    commands: Sequence[str],
+    arguments: Sequence[str] | None = None,
+    meant: Mapping[str, str] = NOTHING_MEANT,
 ) -> int:
     """Run one subcommand; return its exit code. Errors are one line on stderr.
 
-    The module of a command is <program>.commands.<command>, hyphens are underscores there.
+    The module of a command is <program>.commands.<command>, hyphens are underscores there. `meant`
+    has the command to suggest for a word that is none: 'bags compare' for 'plot'.
     """
     # imports and figures create many objects and hardly any cycles: looking for these less often
     # saves a tenth of the time
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.formatwarning = _WarningLines()
-    args = _parser(program, description, commands).parse_args(arguments)
+    args = _parser(program, description, commands, meant).parse_args(arguments)
     stale = source_tree.describe_stale(Path.cwd())
     if stale:
         print(f'warning: {stale}', file=sys.stderr)
@@ -134,11 +141,15 @@ def _message(error):
 class _Parser(argparse.ArgumentParser):
     """Suggests the closest command, choice or option for a misspelt one."""
 
+    meant = NOTHING_MEANT  # the command to suggest for a word that is none
+
     def _check_value(self, action, value):
         try:
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
-            error.message += closest(str(value), map(str, action.choices))
+            word = self.meant.get(str(value))
+            near = closest(str(value), map(str, action.choices))
+            error.message += f'; did you mean {word!r}?' if word else near
             raise
 
     def error(self, message):
@@ -154,8 +165,9 @@ class _Parser(argparse.ArgumentParser):
         return {name for parser in (self, *commands) for name in parser._option_string_actions}
 
 
-def _parser(program, description, commands):
+def _parser(program, description, commands, meant):
     parser = _Parser(prog=program, description=description)
+    parser.meant = meant
     # without `dest`: `bags play` takes every attribute of the options as a parameter
     subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
     for name in commands:

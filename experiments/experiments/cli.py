@@ -21,11 +21,21 @@ COMMANDS = (
     'study',
     'paper',
 )
+# words that are no command, and the command that has what they ask for
+MEANT = {
+    'drive': 'experiments run',
+    'simulate': 'experiments run',
+    'sweep': 'experiments batch',
+    'replay': 'experiments replay-check',
+    'compare': 'bags compare',
+    'report': 'bags compare',
+    'info': 'bags info',
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand; return its exit code. Errors are one line on stderr."""
-    return command_line.main('experiments', __doc__, COMMANDS, arguments)
+    return command_line.main('experiments', __doc__, COMMANDS, arguments, MEANT)
 
 
 if __name__ == '__main__':

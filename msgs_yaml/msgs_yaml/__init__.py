@@ -14,5 +14,6 @@ Values and messages
     conversions    time stamps, headings, diagnostic values
 Files
     strict_yaml    YAML whose errors name file, line and key
+    missing_file   what is there in place of a file that is not
     share          data files and programs of the packages
 """

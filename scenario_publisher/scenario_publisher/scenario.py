@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_yaml import share
+from msgs_yaml import missing_file, share
+from msgs_yaml.missing_file import YAML_SUFFIXES
 from msgs_yaml.strict_yaml import YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import typed_yaml
@@ -23,7 +24,6 @@ from scenario_publisher.scenario_file import KeyedError, ScenarioError
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
 SUFFIX = '.yaml'
-SUFFIXES = (SUFFIX, '.yml')  # of a path
 # ROS reads stamp 0 as "no time", so every run begins one second later
 START_NS = 1_000_000_000
 
@@ -93,8 +93,8 @@ def available() -> tuple[str, ...]:
 def load(name_or_path: str | os.PathLike) -> Scenario:
     """Return a scenario by its name, or from a file when given a path or a name ending in .yaml.
 
-    Raises ScenarioError that names file, line, key and allowed values, or, for an unknown name, the
-    available scenarios.
+    Raises ScenarioError that names file, line, key and allowed values, or, for an unknown name or
+    file, the available scenarios or files.
     """
     path = _find(os.fspath(name_or_path))
     return parse(scenario_file.read(path), str(path))
@@ -119,7 +119,7 @@ def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
 
 
 def _find(name_or_path):
-    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(SUFFIXES)
+    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(YAML_SUFFIXES)
     if is_path:
         # not Path.expanduser, which raises for an unknown user
         path = Path(os.path.expanduser(name_or_path))
@@ -127,13 +127,17 @@ def _find(name_or_path):
             return path
     elif name_or_path in available():
         return share.path(PACKAGE, FOLDER, name_or_path + SUFFIX)
-    what = 'no file' if is_path else 'no scenario'
     hint = closest(Path(name_or_path).stem, available())
-    if is_path and not hint:
-        folder = Path(os.path.expanduser(name_or_path)).parent
-        beside = [str(file) for suffix in SUFFIXES for file in folder.glob(f'*{suffix}')]
-        hint = closest(os.path.normpath(name_or_path), beside)
-    raise ScenarioError(f'{what} {name_or_path!r}; available: {", ".join(available())}{hint}')
+    if is_path:
+        there = missing_file.describe_neighbours(name_or_path, 'YAML file', missing_file.is_yaml)
+        # of a file that is there rather than of one that comes with the package
+        own = '' if 'did you mean' in there or not hint else f'{hint} (without path and {SUFFIX})'
+        raise ScenarioError(f'no file {name_or_path!r}: {there}{own}')
+    here = missing_file.describe_yaml_here(name_or_path)
+    if here:
+        raise ScenarioError(f'no scenario {name_or_path!r} comes with the package; {here}')
+    names = ', '.join(available())
+    raise ScenarioError(f'no scenario {name_or_path!r}; available: {names}, or a file{hint}')
 
 
 def _build(file, text):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from bags import cli as bags_cli
 from experiments import cli
 from experiments.commands import run
 
@@ -56,3 +57,13 @@ def test_a_misspelt_name_is_answered_with_the_closest_one(
     assert cli.main(words.split()) == 1
     assert f"did you mean '{meant}'" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['road.yaml']
+
+
+def test_another_word_for_a_command_is_answered_with_the_command(capsys):
+    for program in (cli, bags_cli):
+        for word, command in program.MEANT.items():
+            with pytest.raises(SystemExit):
+                program.main([word])
+            assert f'; did you mean {command!r}?' in capsys.readouterr().err
+            name, _, known = command.partition(' ')
+            assert known in {'bags': bags_cli, 'experiments': cli}[name].COMMANDS

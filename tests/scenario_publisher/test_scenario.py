@@ -23,16 +23,36 @@ def test_relative_file_ending_in_yaml_is_a_path(tmp_path, monkeypatch, text):
 
 
 @pytest.mark.parametrize(
-    'wanted',
-    ['double_lane_chang', 'here/double_lane_chang.yaml', '~nosuchuser/double_lane_chang.yaml', ''],
+    ('wanted', 'is_listed'),
+    [
+        ('double_lane_chang', True),
+        ('here/double_lane_chang.yaml', False),
+        ('~nosuchuser/double_lane_chang.yaml', False),
+        ('', True),
+    ],
 )
-def test_unknown_scenario_is_answered_with_those_that_exist(wanted):
+def test_unknown_scenario_is_answered_with_those_that_exist(wanted, is_listed):
     with pytest.raises(ScenarioError) as caught:
         scenario.load(wanted)
     assert repr(wanted) in str(caught.value)
     for name in scenario.available():
-        assert name in str(caught.value)
+        assert not is_listed or name in str(caught.value)
     assert ("did you mean 'double_lane_change'" in str(caught.value)) == bool(wanted)
+
+
+def test_a_file_is_named_where_its_name_or_its_neighbours_is_given(tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'tractor_bend.yaml').write_text(text)
+    with pytest.raises(ScenarioError, match=r'give its path, \./tractor_bend\.yaml$'):
+        scenario.load('tractor_bend')
+    near = r"^no file './tractr_bend\.yaml': this folder holds tractor_bend\.yaml; did you mean "
+    with pytest.raises(ScenarioError, match=near):
+        scenario.load('./tractr_bend.yaml')
+    with pytest.raises(ScenarioError, match=r"'there/a\.yaml': there is no folder there$"):
+        scenario.load('there/a.yaml')
+    (tmp_path / 'there').mkdir()
+    with pytest.raises(ScenarioError, match=r"'there/a\.yaml': there is no YAML file in there$"):
+        scenario.load('there/a.yaml')
 
 
 def test_constant_speed_stands_between_all_poses(make, tree):

@@ -210,7 +210,10 @@ def test_sigterm_ends_the_node_with_success(listener, node):
     ('arguments', 'message'),
     [
         (('-p', 'scenario:=nowhere'), "no scenario 'nowhere'; available: bend_inside_fast, bend"),
-        (('-p', 'scenario:=/tmp/nowhere.yaml'), "no file '/tmp/nowhere.yaml'; available: bend"),
+        (
+            ('-p', 'scenario:=/tmp/no/where.yaml'),
+            "'/tmp/no/where.yaml': there is no folder /tmp/no",
+        ),
         (('-p', 'mode:=fast'), 'lockstep or realtime'),
         (('-p', 'scenari:=straight'), "did you mean 'scenario'"),
     ],

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -51,6 +52,18 @@ def run(args: argparse.Namespace) -> int:
     """Compare and show. Raises BagError."""
     from bags.report.comparison import compare_bags, show_comparison
 
-    out = args.out or Path(os.path.abspath(args.bags[0])).parent
-    show_comparison(compare_bags(args.bags, out, args.force, args.claims, args.overlay), Console())
+    bags = _leave_out_others(args.bags)
+    out = args.out or Path(os.path.abspath(bags[0])).parent
+    show_comparison(compare_bags(bags, out, args.force, args.claims, args.overlay), Console())
     return 0
+
+
+def _leave_out_others(paths):
+    """Return the paths without what is no bag, as in FOLDER/*; all of them where none is one."""
+    from bags.storage.mcap_reader import looks_like_bag
+
+    others = [path for path in paths if path.exists() and not looks_like_bag(path)]
+    if not others or len(others) == len(paths):
+        return paths
+    print(f'left out, since they are no bags: {", ".join(map(str, others))}', file=sys.stderr)
+    return [path for path in paths if path not in others]

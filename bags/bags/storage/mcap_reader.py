@@ -18,7 +18,9 @@ from mcap.records import Channel, Metadata, Schema
 from bags.errors import BagError
 from bags.storage.mcap_scan import Damage, is_mcap, records_in_chunk, scan_records
 from bags.storage.rosbag2_metadata import BagTopic
+from msgs_yaml import missing_file
 
+SUFFIX = '.mcap'
 NUMBERED = re.compile(r'(?P<name>.*)_(?P<number>\d+)\.mcap')
 # of a message record; times in ns
 MESSAGE_HEADER = np.dtype(
@@ -36,19 +38,29 @@ def mcap_files(path: Path | str) -> list[Path]:
     path = Path(path)
     if not path.is_dir():
         if not path.exists():
-            raise BagError(f'{path}: there is no such bag')
+            there = missing_file.describe_neighbours(path, 'bag', looks_like_bag)
+            raise BagError(f'{path}: there is no such bag; {there}')
         return [path]
-    files = sorted(path.glob('*.mcap'))
+    files = sorted(path.glob(f'*{SUFFIX}'))
     if len(files) == 1:
         return files
     parts = [NUMBERED.fullmatch(file.name) for file in files]
     if not all(parts) or len({part['name'] for part in parts}) != 1:
+        below = sorted(f.name for f in path.iterdir() if f.is_dir() and looks_like_bag(f))
+        if below and not files:
+            names = missing_file.list_names(below)
+            raise BagError(f'{path}: is no bag, but holds some; give one of them: {names}')
         names = ', '.join(file.name for file in files) or 'none'
         raise BagError(
             f'{path}: not a bag: it must hold one file *.mcap, or the numbered ones of one bag; '
             f'it holds {names}'
         )
     return sorted(files, key=_number)
+
+
+def looks_like_bag(path: Path) -> bool:
+    """Return whether a path is a folder with an MCAP file, or such a file, by their names."""
+    return any(path.glob(f'*{SUFFIX}')) if path.is_dir() else path.suffix == SUFFIX
 
 
 def missing_before(file: Path, before: Path) -> str | None:

@@ -19,11 +19,13 @@ from bags.errors import BagError
 from bags.evaluation.descriptions import CONTROLLER_TEXT, leading_comment
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.vehicle_shape import circles_of, outline_of
-from msgs_yaml import share, strict_yaml
+from msgs_yaml import missing_file, share, strict_yaml
+from msgs_yaml.missing_file import YAML_SUFFIXES
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.provenance import LABEL_SIGN
 
+PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 ROLES = ('recorder', 'scenario', 'controller', 'plant')
 # package and file of the defaults that each node loads by itself, by role
@@ -119,29 +121,43 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
                 f'the controller {name_or_path!r} is a program: only `experiments run` drives it'
             )
         return Controller(path.stem, _known_controllers()['mpcc'].absolute(), program)
-    if path.suffix not in ('.yaml', '.yml'):
+    is_path = os.sep in name_or_path or path.suffix == PYTHON
+    if path.suffix not in YAML_SUFFIXES and not is_path:
         known = _known_controllers()
         if name_or_path not in known:
-            hint = strict_yaml.closest(name_or_path, known)
             raise BagError(
-                f'no controller {name_or_path!r}; there are {", ".join(known)}, or give a '
-                f'YAML file, as ./{path.name}.yaml{hint}'
+                f'no controller {name_or_path!r}{_describe_unknown(name_or_path, known)}'
             )
         path = known[name_or_path]
     if not path.is_file():
         raise BagError(f'no controller {name_or_path!r}: {_missing_file(path)}')
+    if path.suffix not in YAML_SUFFIXES:
+        what = 'is neither a YAML file nor a program that may be executed (chmod +x)'
+        raise BagError(f'no controller {name_or_path!r}: the file {what}')
     _reject_baseline_by_name(path)
     return Controller(path.stem, path.absolute())
+
+
+def _describe_unknown(name, known):
+    """Return what may have been meant by a name that no controller has."""
+    names = [part.strip() for part in name.split(',')]
+    if len(names) > 1:
+        return f'; give the option once for each: {" ".join(f"--controller {n}" for n in names)}'
+    here = missing_file.describe_yaml_here(name)
+    if here:
+        return f' comes with the package; {here}'
+    hint = strict_yaml.closest(name, known)
+    return f'; there are {", ".join(known)}, or give a YAML file, as ./{name}.yaml{hint}'
 
 
 def _program(name_or_path):
     """Return the command of a path to a program, () for any other text."""
     path = Path(name_or_path).absolute()
-    if os.sep not in name_or_path and path.suffix != '.py':
+    if os.sep not in name_or_path and path.suffix != PYTHON:
         return ()
-    if not path.is_file() or path.suffix in ('.yaml', '.yml'):
+    if not path.is_file() or path.suffix in YAML_SUFFIXES:
         return ()
-    if path.suffix == '.py':
+    if path.suffix == PYTHON:
         return (sys.executable, str(path))
     return (str(path),) if os.access(path, os.X_OK) else ()
 
@@ -151,8 +167,12 @@ def _missing_file(path):
     shipped = _known_controllers()
     if path.name == str(path) and path.stem in shipped:
         return f'there is no such file; did you mean {path.stem!r}, which comes with the package?'
-    beside = [str(file.with_name(file.name)) for file in path.parent.glob('*.y*ml')]
-    return f'there is no such file (seen from {Path.cwd()}){strict_yaml.closest(str(path), beside)}'
+    if path.suffix == PYTHON:
+        kept = ('Python file', lambda file: file.suffix == PYTHON)
+    else:
+        kept = ('YAML file', missing_file.is_yaml)
+    there = missing_file.describe_neighbours(path, *kept)
+    return f'there is no such file (seen from {Path.cwd()}): {there}'
 
 
 def _reject_baseline_by_name(path):

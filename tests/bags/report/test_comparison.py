@@ -185,6 +185,16 @@ def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):
     assert 'nothing' in output
 
 
+def test_what_is_no_bag_is_left_out_of_a_comparison_with_a_line(tmp_path, capsys):
+    (tmp_path / 'report.html').touch()
+    (tmp_path / 'mpcc').mkdir()
+    (tmp_path / 'mpcc/mpcc_0.mcap').touch()
+    assert cli.main(['compare', *map(str, sorted(tmp_path.iterdir()))]) == 1
+    error = capsys.readouterr().err
+    assert f'left out, since they are no bags: {tmp_path / "report.html"}\n' in error
+    assert 'mpcc_0.mcap: the file is empty' in error
+
+
 def test_the_commands_of_the_interface_exist(capsys):
     assert {'compare', 'info', 'repair'} <= set(cli.COMMANDS)
     for command in cli.COMMANDS:

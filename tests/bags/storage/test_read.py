@@ -84,6 +84,14 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path):
         read.load(tmp_path / 'nothing')
     with pytest.raises(BagError, match=r'must hold one file \*\.mcap, or .* it holds none'):
         read.load(tmp_path)
+    (tmp_path / 'mpcc_road').mkdir()
+    (tmp_path / 'mpcc_road' / 'mpcc_road_0.mcap').touch()
+    road = str(tmp_path / 'mpcc_road')
+    expected = f"mpc_road: there is no such bag; .* holds mpcc_road; did you mean '{road}'"
+    with pytest.raises(BagError, match=expected):
+        read.load(tmp_path / 'mpc_road')
+    with pytest.raises(BagError, match=r'is no bag, but holds some; give one of them: mpcc_road$'):
+        read.load(tmp_path)
     text = tmp_path / 'notes.mcap'
     text.write_text('not a recording')
     with pytest.raises(BagError, match='does not begin as an MCAP file'):

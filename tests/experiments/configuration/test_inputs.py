@@ -162,6 +162,21 @@ def test_a_name_that_is_no_controller_is_refused_with_those_that_are():
     for wrong in ('timid', 'car'):
         with pytest.raises(BagError, match=f"'{wrong}'; there are {known}, tracking"):
             node_config.find_controller(wrong)
+    with pytest.raises(BagError, match=r'once for each: --controller mpcc --controller frenet$'):
+        node_config.find_controller('mpcc,frenet')
+
+
+def test_a_controller_file_is_named_where_its_name_or_its_neighbours_is_given(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'timid.yaml').touch()
+    with pytest.raises(BagError, match=r"'timid' .* give its path, \./timid\.yaml$"):
+        node_config.find_controller('timid')
+    with pytest.raises(BagError, match=r"holds timid\.yaml; did you mean 'timid\.yaml'\?$"):
+        node_config.find_controller('./timd.yaml')
+    with pytest.raises(BagError, match=r'there is no Python file in this folder$'):
+        node_config.find_controller('./timid.py', programs=True)
 
 
 def test_a_file_that_is_the_baseline_by_its_name_only_is_refused(tmp_path):
