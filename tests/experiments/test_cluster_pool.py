@@ -36,6 +36,14 @@ def cluster(tmp_path):
         yield one
 
 
+@pytest.fixture(scope='module')
+def kept(tmp_path_factory):
+    """Return a cluster with a worker, for tests that end neither of them."""
+    with Cluster(tmp_path_factory.mktemp('kept') / 'cluster') as one:
+        one.start_worker()
+        yield one
+
+
 def test_without_an_address_the_pool_is_of_this_machine():
     with open_pool(1, '', same) as pool:
         assert isinstance(pool, WorkerPool)
@@ -54,10 +62,9 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(cluster):
-    cluster.start_worker()
+def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(kept):
     tasks = [('1 / 0',), (EXITS,), (WAITS,), ('2**3',)]
-    with ClusterPool(cluster.address, same) as pool:
+    with ClusterPool(kept.address, same) as pool:
         ended = {one.number: one for one in pool.finish_each(eval, tasks, limit_s=8.0)}
         assert pool.run(eval, [('1',), ('2',)], int) == [1, 2]
     assert ended[3].value == 8
@@ -69,11 +76,10 @@ def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(clust
 
 
 @pytest.mark.slow
-def test_tasks_that_are_sent_together_end_each_by_itself(cluster, monkeypatch):
+def test_tasks_that_are_sent_together_end_each_by_itself(kept, monkeypatch):
     monkeypatch.setattr('experiments.cluster_pool.THREADS', 0.25)
-    cluster.start_worker()
     tasks = [(text,) for text in ('0', '1', EXITS, '1 / 0', *map(str, range(4, 19)))]
-    with ClusterPool(cluster.address, same) as pool:
+    with ClusterPool(kept.address, same) as pool:
         assert pool._bundle(100) == 4
         assert pool._bundle(3) == 1
         ended = {one.number: one for one in pool.finish_each(eval, tasks)}
@@ -100,12 +106,11 @@ def test_without_a_worker_the_error_says_how_to_start_one(cluster):
 
 
 @pytest.mark.slow
-def test_every_command_has_new_processes(cluster):
-    cluster.start_worker()
+def test_every_command_has_new_processes(kept):
     asked = [("__import__('os').getpid()",)] * 2
     seen = []
     for _ in range(2):
-        with ClusterPool(cluster.address, same) as pool:
+        with ClusterPool(kept.address, same) as pool:
             seen.append({finished.value for finished in pool.finish_each(eval, asked)})
     assert [len(pids) for pids in seen] == [1, 1]
     assert seen[0] != seen[1]
@@ -140,11 +145,10 @@ def process():
 
 
 @pytest.mark.slow
-def test_a_worker_with_other_versions_is_refused(cluster):
-    cluster.start_worker()
+def test_a_worker_with_other_versions_is_refused(kept):
     here = os.getpid()
     with pytest.raises(BagError, match=rf"process is '\d+', '{here}' where the command runs"):
-        ClusterPool(cluster.address, process).__enter__()
+        ClusterPool(kept.address, process).__enter__()
 
 
 @pytest.mark.slow
@@ -166,10 +170,9 @@ def test_a_scheduler_that_ends_is_an_error(cluster):
 
 
 @pytest.mark.slow
-def test_a_worker_without_the_modules_of_the_command_is_refused(cluster, tmp_path, monkeypatch):
-    cluster.start_worker()
+def test_a_worker_without_the_modules_of_the_command_is_refused(kept, tmp_path, monkeypatch):
     (tmp_path / 'only_here.py').write_text('def describe():\n    return {}\n')
     monkeypatch.syspath_prepend(tmp_path)
     describe = importlib.import_module('only_here').describe
     with pytest.raises(BagError, match=r"'only_here'.*; is this project installed"):
-        ClusterPool(cluster.address, describe).__enter__()
+        ClusterPool(kept.address, describe).__enter__()

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from installation import PACKAGES, ROOT, environment, make_environment, run_checked
+from session_cache import build_once
 
 MADE = shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'runs')
 
@@ -13,14 +14,18 @@ MADE = shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'runs')
 @pytest.fixture(scope='session')
 def sources(tmp_path_factory):
     """Copies of the packages, in which builds may leave files."""
-    folder = tmp_path_factory.mktemp('sources')
+    return copy_sources(tmp_path_factory.mktemp('sources'))
+
+
+def copy_sources(folder):
     return [shutil.copytree(ROOT / name, folder / name, ignore=MADE) for name in PACKAGES]
 
 
 @pytest.fixture(scope='session')
 def empty(tmp_path_factory):
     """Return an interpreter without any of our packages."""
-    return make_environment(tmp_path_factory.mktemp('empty') / 'venv')
+    folder = build_once(tmp_path_factory, 'empty', lambda made: make_environment(made / 'venv'))
+    return folder / 'venv/bin/python'
 
 
 @pytest.fixture(scope='session')
@@ -42,17 +47,19 @@ def installed(tmp_path_factory, wheels):
 
 
 @pytest.fixture(scope='session')
-def colcon(tmp_path_factory, empty, sources):
-    """Build the five packages with colcon; return the environment `install/setup.bash` makes.
+def colcon(tmp_path_factory, empty):
+    """Build the packages with colcon; return the environment that `install/setup.bash` makes.
 
     The interpreter of the build knows our packages from there only.
     """
-    base = tmp_path_factory.mktemp('colcon')
-    build = ['build', '--build-base', base / 'build', '--install-base', base / 'install']
-    run_checked(
-        [empty, '-m', 'colcon', '--log-base', base / 'log', *build, '--base-paths', *sources],
-        cwd=base,
-    )
+
+    def build(base):
+        (base / 'sources').mkdir()
+        places = ['--build-base', base / 'build', '--install-base', base / 'install']
+        places += ['--base-paths', *copy_sources(base / 'sources')]
+        run_checked([empty, '-m', 'colcon', '--log-base', base / 'log', 'build', *places], cwd=base)
+
+    base = build_once(tmp_path_factory, 'colcon', build)
     # as `source venv/bin/activate` does, and then `source install/setup.bash`
     active = environment(PATH=f'{empty.parent}:{os.environ["PATH"]}')
     command = ['bash', '-c', f'source {base}/install/setup.bash && env -0']
