@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import pytest
 from markdown_commands import Command, find_commands
-from recorded_runs import DEMO
+from recorded_runs import DEMO, ON_THE_WALL_CLOCK
 from session_cache import build_once
 from tyre_files import property_file
 from wait_until import wait_until
@@ -41,6 +41,7 @@ FIRST_RUN = 'experiments run double_lane_change --controller mpcc'
 # what only the reader can run or another test runs, and where the same is tested
 ELSEWHERE = {
     f'{FIRST_RUN}$': f'tests/docs/test_pages.py runs it in {TUTORIAL}',
+    f'experiments {" ".join(ON_THE_WALL_CLOCK)}$': 'tests/ros/test_realtime.py drives it for 4 s',
     r'source (\.venv|venv)/bin/activate': 'every command here runs in the virtual environment',
     r'source (/opt/ros|install)/': 'tests/packaging sources what colcon installs',
     r'(sudo|pip|git|cd|export) ': 'needs a network or changes the shell of the reader',
@@ -145,21 +146,6 @@ def drives(home, words):
     assert controller in said
     if '--set' in words:  # it is compared with no other run
         shutil.rmtree(folder)
-
-
-def drives_on_the_wall_clock(home, words):
-    """On a busy machine a late command may stop the car: that is a result, and it says so."""
-    done = subprocess.run(
-        home.command(words), cwd=home.folder, capture_output=True, text=True, timeout=SECONDS
-    )
-    said = done.stdout + done.stderr
-    ended = 'finish line' in said or 'stands still' in said or 'controller is gone' in said
-    assert done.returncode == 0 or (done.returncode == 1 and ended), said
-    bag = 'bags/runs/double_lane_change/mpcc'
-    try:
-        assert 'realtime' in home.run('bags', 'info', bag)
-    finally:  # the others are compared with a run of simulated time
-        shutil.rmtree((home.folder / bag).parent)
 
 
 def compares(home, words):
@@ -274,7 +260,6 @@ class Rule(NamedTuple):
 
 RULES = [
     Rule(r'make ', makes),
-    Rule(r'experiments run .*--mode realtime', drives_on_the_wall_clock),
     Rule(r'experiments run ', drives),
     Rule(r'bags compare ', compares),
     Rule(r'bags distances ', measures_distances),

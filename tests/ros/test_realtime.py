@@ -6,7 +6,9 @@ import sys
 
 import numpy as np
 import pytest
+from recorded_runs import ON_THE_WALL_CLOCK
 
+from bags import cli
 from bags.evaluation import tick_timing
 from bags.storage import read
 from msgs_yaml import decode
@@ -22,8 +24,8 @@ TICK_NS = 50_000_000
 def bag(tmp_path_factory):
     """Four seconds of the double lane change."""
     out = tmp_path_factory.mktemp('realtime')
-    command = [sys.executable, '-m', 'experiments.cli', 'run', 'double_lane_change']
-    command += ['--mode', 'realtime', '--out', out, '--set', 'plant.stop.time_s=4.0']
+    command = [sys.executable, '-m', 'experiments.cli', *ON_THE_WALL_CLOCK]
+    command += ['--out', out, '--set', 'plant.stop.time_s=4.0']
     # a command that comes late because other processes have the machine does not stop the car
     command += ['--set', 'plant.command_age_s=1.0']
     result = subprocess.run(
@@ -111,3 +113,8 @@ def test_health_goes_from_waiting_to_well_and_names_ages(bag):
         assert controller[-1].values[f'age.{name}_worst_ms'] > 0.0
         least = min(one.values.get(f'age.{name}_ms', np.inf) for one in controller)
         assert least < controller[-1].values[f'age.{name}_limit_ms']
+
+
+def test_the_contents_name_the_mode(bag, capsys):
+    assert cli.main(['info', str(bag.path.parent)]) == 0
+    assert 'realtime' in capsys.readouterr().out
