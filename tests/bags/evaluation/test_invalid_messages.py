@@ -16,6 +16,7 @@ from bags.evaluation.bag_summary import summarize_bag
 from bags.evaluation.drive import drive_from_bag
 from bags.report.comparison import compare_bags, show_comparison
 from bags.storage import read
+from bags.storage.invalid_messages import count_invalid, drop_invalid
 from msgs_yaml import encode
 from msgs_yaml.types import Actuators, Imu, VehicleState, Why
 
@@ -79,7 +80,7 @@ def test_a_clean_bag_has_no_word_about_invalid_messages(make_drive, write_bag):
 @pytest.mark.parametrize('stamp_ns', [1, 1_700_000_000 * 10**9])
 @pytest.mark.parametrize('topic', [STATE, ACTUATORS, IMU])
 def test_a_sample_with_a_stamp_of_another_time_is_left_out_and_counted(
-    make_drive, write_bag, tmp_path, topic, stamp_ns
+    make_drive, write_bag, topic, stamp_ns
 ):
     built = {
         STATE: encode.odometry(VehicleState(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
@@ -93,9 +94,9 @@ def test_a_sample_with_a_stamp_of_another_time_is_left_out_and_counted(
         metrics.compute_metrics(drive_from_bag(read.load(item))) for item in (folder, clean)
     )
     assert result == expected
-    values = compare_bags([folder], tmp_path / 'out').values
-    assert values['invalid_messages']['mpcc'][topic]['count'] == 1
-    assert 'header.stamp is ' in values['invalid_messages']['mpcc'][topic]['first']
+    left_out = count_invalid(drop_invalid(read.load(folder)))['invalid_messages']
+    assert left_out[topic]['count'] == 1
+    assert 'header.stamp is ' in left_out[topic]['first']
     assert summarize_bag(read.load(folder))['ticks'] == summarize_bag(read.load(clean))['ticks']
 
 

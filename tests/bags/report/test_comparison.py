@@ -16,6 +16,8 @@ from bags.report import comparison as comparison_module
 from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
 
+DAMAGE = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
+
 
 @pytest.fixture(scope='module')
 def drives(drives, make_drive):
@@ -27,6 +29,12 @@ def drives(drives, make_drive):
 @pytest.fixture(scope='module')
 def comparison(drives, tmp_path_factory):
     return compare_drives(drives, tmp_path_factory.mktemp('compared'))
+
+
+@pytest.fixture(scope='module')
+def cut(drives, tmp_path_factory):
+    """The same runs compared again, when the bag of one was cut."""
+    return compare_drives(drives, tmp_path_factory.mktemp('cut'), {'damage': DAMAGE})
 
 
 def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, comparison):
@@ -46,9 +54,8 @@ def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
         assert len(data) > 10_000
 
 
-def test_the_same_runs_give_the_same_figures(drives, comparison, tmp_path):
-    again = compare_drives(drives, tmp_path / 'again')
-    for item, other in zip(comparison.figures, again.figures):
+def test_the_same_runs_give_the_same_figures(comparison, cut):
+    for item, other in zip(comparison.figures, cut.figures, strict=True):
         assert item.read_bytes() == other.read_bytes(), item.name
 
 
@@ -166,15 +173,14 @@ def test_what_a_run_does_not_have_is_a_dash(make_drive):
     assert '–' in nearest
 
 
-def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(drives, tmp_path):
-    damage = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
+def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(cut):
     console = Console(file=io.StringIO(), width=140)
-    show_comparison(compare_drives(drives, tmp_path, {'damage': damage}), console)
+    show_comparison(cut, console)
     lines = console.file.getvalue().splitlines()
-    assert lines[0] == damage['mpcc']
+    assert lines[0] == DAMAGE['mpcc']
     (head,) = (line for line in lines if 'metric' in line)
     assert head.split()[:6] == ['metric', 'unit', 'mpcc,', 'bag', 'cut', 'mpcc_no_ca']
-    assert json.loads((tmp_path / 'comparison.json').read_text())['damage'] == damage
+    assert json.loads(cut.file.read_text())['damage'] == DAMAGE
 
 
 def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):
