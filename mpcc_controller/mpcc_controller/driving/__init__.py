@@ -22,6 +22,7 @@ recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
+obstacle_perception  obstacles as the controller knows them: errors, expected braking, memory
 obstacle_memory      obstacles that vanish for a moment
 measurement_errors   errors added to what is received, a test option
 warm_up_scene        an obstacle ahead, for a controller that warms up

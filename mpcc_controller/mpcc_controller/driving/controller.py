@@ -28,7 +28,7 @@ from mpcc_controller.driving.delay_compensation import (
 from mpcc_controller.driving.fallback import RECOVERY
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
-from mpcc_controller.driving.obstacle_memory import ObstacleMemory
+from mpcc_controller.driving.obstacle_perception import ObstaclePerception
 from mpcc_controller.driving.planner import Planner
 from mpcc_controller.driving.tick import TickInputs, TickRecord, unknown_state
 from mpcc_controller.driving.tick_report import TickReporter
@@ -36,7 +36,6 @@ from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.obstacle_motion import ObstacleObserver
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import conversions
 from msgs_yaml.types import (
@@ -88,11 +87,10 @@ class Controller:
         self.predictor = StatePredictor(self.car)
         self._command_ns = round((params.delay.command_s or 0.0) * conversions.NS_PER_S)
         self.friction = friction_estimate.make(params, self.car)
-        self.observer = ObstacleObserver(params.surroundings)
-        self.memory = ObstacleMemory(params.surroundings)
+        # the state is that which was answered last
+        self.perception = ObstaclePerception(params, unknown_state(NEVER_NS))
         self.reporter = TickReporter(params, self.prediction.formulation, self.prediction.evaluator)
         self.scene = Scene(None, None, None)
-        self._true_state = unknown_state(NEVER_NS)  # answered last
         self._prepared_s: float | None = None  # computing time of the last `prepare`
         self._is_resumed = False
         self._start_from(Command(NEVER_NS, 0.0, 0.0, 0.0, 0.0))
@@ -176,10 +174,7 @@ class Controller:
         # without a delay of commands the states between two effects are under the last ramp alone
         acting = self.ramps if self._command_ns else self.ramps[-1:]
         state = self.predictor.predict(x, acting, effective_ns)
-        self._true_state = inputs.state
-        if self.scene.obstacles is not None:
-            self.observer.observe(self._measured(self.scene.obstacles, x.stamp_ns))
-            self.memory.remember(self._seen_obstacles(x.stamp_ns))
+        self.perception.observe(self.scene.obstacles, inputs.state, x.stamp_ns)
         scene = self._scene_at(x.stamp_ns, effective_ns)
         decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
         line = None
@@ -267,12 +262,13 @@ class Controller:
     def _memory(self) -> tuple:
         """Return what steps leave behind, the planner's plans apart."""
         learnt = (self.friction.memory, self.prediction.friction) if self.friction else None
-        return self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt
+        return self.last_command, self.ramps, self._is_too_slow, self.perception.true_state, learnt
 
     def _restore(self, memory: tuple) -> None:
-        self.last_command, self.ramps, self._is_too_slow, self._true_state, learnt = memory
-        self.observer.reset()
-        self.memory.reset()
+        self.last_command, self.ramps, self._is_too_slow, self.perception.true_state, learnt = (
+            memory
+        )
+        self.perception.reset()
         if self.friction:
             self.friction.memory, believed = learnt
             self._believe(believed)
@@ -293,24 +289,15 @@ class Controller:
         """Return the scene as seen at an instant, with its obstacles moved to another."""
         scene = self.scene
         if scene.obstacles is not None:
-            known = self.memory.complete(self._seen_obstacles(seen_ns))
+            known = self.perception.known(scene.obstacles, seen_ns)
             scene = scene._replace(obstacles=known)
         return stage_parameters.scene_at(scene, stamp_ns)
-
-    def _seen_obstacles(self, seen_ns: int) -> Obstacles:
-        """Return the obstacles of the last message as seen at an instant, and how they brake."""
-        return self.observer.predict(self._measured(self.scene.obstacles, seen_ns))
-
-    def _measured(self, obstacles: Obstacles, seen_ns: int) -> Obstacles:
-        errors = self.params.measurement_errors
-        return measurement_errors.measured_obstacles(obstacles, self._true_state, seen_ns, errors)
 
     def _start_from(self, command: Command) -> None:
         self.last_command = command
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
         self._is_too_slow = False
-        self.observer.reset()
-        self.memory.reset()
+        self.perception.reset()
         if self.friction:
             self.friction.reset()
 

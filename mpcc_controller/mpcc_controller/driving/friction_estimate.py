@@ -122,11 +122,6 @@ class FrictionEstimator:
         return FrictionBelief(float(friction), self._excitation)
 
     @property
-    def sideslip_deviation(self) -> np.ndarray:
-        """The standard deviation [rad] of the sideslip error that each hypothesis has left."""
-        return np.sqrt(self._variance)
-
-    @property
     def _corners(self):
         return np.concatenate((self.grid[:1], self.grid))
 

@@ -8,24 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.driving.gate import UNTIMELY, Gate
-from mpcc_controller.parameters import Limits
 from msgs_yaml.types import Command
 
 quick = settings(deadline=None, derandomize=True, max_examples=100)
 STEP, MAX_AGE = 0.05, 0.2
 MU_FRONT, MU_REAR = 0.95, 0.97
-LIMITS = Limits(
-    steer_rad=0.471,
-    steer_rate_radps=0.524,
-    brake_n=17000.0,
-    drive_n=6000.0,
-    force_rate_nps=40000.0,
-    brake_front_share_min=0.4,
-    brake_front_share_max=0.9,
-    friction_use=0.95,
-    least_speed_mps=7.0,
-    speed_hysteresis_mps=1.0,
-)
 # the friction of the front axle by hand: weight 18148.5 N, 2.89 m, 0.54 m up
 FRONT_AT_12_KN = MU_FRONT * (18148.5 * 1.46 + 0.54 * 12000) / 2.89
 LAST = Command(0, 0.1, 0.0, -3000.0, -2000.0)
@@ -39,8 +26,8 @@ def car(car):
 
 
 @pytest.fixture
-def gate(car):
-    return Gate(LIMITS, car, STEP, MAX_AGE)
+def gate(car, params):
+    return Gate(params.limits, car, STEP, MAX_AGE)
 
 
 def change(**fields):
@@ -137,8 +124,10 @@ def test_a_command_on_its_limit_passes(gate, pair, age):
 
 
 @pytest.mark.parametrize('name', ['delta', 'd_delta'])
-def test_a_rounding_error_beyond_a_limit_passes_and_twice_the_allowance_does_not(gate, name):
-    limit = {'delta': LIMITS.steer_rad, 'd_delta': LIMITS.steer_rate_radps}[name]
+def test_a_rounding_error_beyond_a_limit_passes_and_twice_the_allowance_does_not(
+    gate, params, name
+):
+    limit = {'delta': params.limits.steer_rad, 'd_delta': params.limits.steer_rate_radps}[name]
     last = LAST._replace(delta=0.47)
     for beyond, passes in ((5e-7, True), (2e-6, False)):
         command = GOOD._replace(delta=0.47)._replace(**{name: limit * (1 + beyond)})
@@ -159,9 +148,9 @@ def test_the_friction_of_an_axle_is_that_of_its_load_under_the_braking(gate, sha
     assert check_constant(0.0, -rear * share) == reason
 
 
-def test_driving_unloads_the_front_axle_and_loads_the_rear(gate, car):
+def test_driving_unloads_the_front_axle_and_loads_the_rear(car, params):
     # a front-driven car of little grip: F = mu (18148.5 * 1.46 - 0.54 F) / 2.89
-    slippery = Gate(LIMITS, car._replace(mu_f=0.3, mu_r=0.3), STEP, MAX_AGE)
+    slippery = Gate(params.limits, car._replace(mu_f=0.3, mu_r=0.3), STEP, MAX_AGE)
     front = 0.3 * 18148.5 * 1.46 / (2.89 + 0.3 * 0.54)
     rear = 0.3 * 18148.5 * 1.43 / (2.89 - 0.3 * 0.54)
     for share, reason in ((UNDER, ''), (OVER, 'beyond_friction')):
@@ -187,8 +176,8 @@ def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
         *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
     )
 )
-def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(car, command):
-    gate = Gate(LIMITS, car, STEP, MAX_AGE)
+def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(car, params, command):
+    gate = Gate(params.limits, car, STEP, MAX_AGE)
     sent, _ = gate.check(command, LAST, 0.0)
     assert all(math.isfinite(value) for value in sent)
     assert abs(sent.delta - LAST.delta) <= TURN * OVER
