@@ -21,7 +21,6 @@ from node_runtime import node_parameters
 from node_runtime.parameters import ParameterError
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-UNCONFIGURED = 'unconfigured'
 REFUSALS = (ParameterError, YamlError)  # errors of the user, which need no traceback
 
 

@@ -103,7 +103,7 @@ def _files(folder):
 def _is_newer(source, copy):
     """Return whether a file was edited after it was copied, or never copied."""
     try:
-        made = copy.stat().st_mtime
+        copied_s = copy.stat().st_mtime
     except OSError:
         return True
-    return source.stat().st_mtime > made and not filecmp.cmp(source, copy, shallow=False)
+    return source.stat().st_mtime > copied_s and not filecmp.cmp(source, copy, shallow=False)

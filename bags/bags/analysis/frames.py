@@ -217,6 +217,9 @@ def _points(pandas, table: Columns, parts: list[tuple], levels: tuple[str, ...])
     return pandas.DataFrame(joined).set_index([INDEX, *levels])
 
 
+POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'}  # columns of a pose, and its fields
+
+
 def _poses(pandas, table, level, fields):
     """Return the frame of messages that are a line each; `fields` by column."""
     parts = [
@@ -268,18 +271,10 @@ def _clock(pandas, table):
 
 
 _BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
-    '/scenario/reference': partial(
-        _poses,
-        level='point',
-        fields={'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi', 'passes_s': 't'},
-    ),
+    '/scenario/reference': partial(_poses, level='point', fields={**POSE, 'passes_s': 't'}),
     '/scenario/road_edges': _edges,
     '/scenario/obstacles': _obstacles,
-    '/controller/prediction': partial(
-        _poses,
-        level='stage',
-        fields={'ahead_s': 't', 'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'},
-    ),
+    '/controller/prediction': partial(_poses, level='stage', fields={'ahead_s': 't', **POSE}),
     '/controller/why': _why,
     '/diagnostics': _health,
     '/clock': _clock,

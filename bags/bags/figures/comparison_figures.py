@@ -43,12 +43,12 @@ def draw_trajectories(ax, runs):
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
     ax.set_aspect(stretch)
     scale = f', Y drawn {stretch:.0f} times larger than X' if stretch > 1.0 else ''
-    said = ['lines: paths of the centre of gravity']
+    legend = ['lines: paths of the centre of gravity']
     if scene.obstacles:
-        said.append('ring: closer to the obstacle than the safety distance, which is penalised')
+        legend.append('ring: closer to the obstacle than the safety distance, which is penalised')
     if any(_moves(obstacle) for obstacle in scene.obstacles):
-        said.append('same number: same moment')
-    note(ax, '; '.join(said))
+        legend.append('same number: same moment')
+    note(ax, '; '.join(legend))
     ax.set_title(f'Vehicle trajectories{scale}')
 
 
@@ -125,7 +125,7 @@ def _time_labels(ax, run):
 
 
 def _timed(run):
-    """Return the samples of a car whose time is said, where obstacles move."""
+    """Return the samples of a car whose time is printed, where obstacles move."""
     return _shown(run)[::TIME_EVERY]
 
 

@@ -32,16 +32,16 @@ def pages() -> dict[str, str]:
 
 def help_of(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> str:
     """Return what a command prints with --help."""
-    said, before = io.StringIO(), os.environ.get('COLUMNS')
+    printed, before = io.StringIO(), os.environ.get('COLUMNS')
     os.environ['COLUMNS'] = WIDTH
     try:
-        with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             main([*words, '--help'])
     finally:
         os.environ.pop('COLUMNS')
         if before is not None:
             os.environ['COLUMNS'] = before
-    return said.getvalue()
+    return printed.getvalue()
 
 
 def _program(name, module):

@@ -168,6 +168,7 @@ def run_part(options: argparse.Namespace, runner: Any, roles: Mapping[str, str])
         metric_distributions,
         variants,
     )
+    from experiments.study.metric_distributions import Sweep
 
     part, out, quick = options.part, options.out, options.quick
     if part == 'demand':  # simulates nothing
@@ -180,13 +181,14 @@ def run_part(options: argparse.Namespace, runner: Any, roles: Mapping[str, str])
     speeds = metric_distributions.SPEEDS_KPH[:1] if quick else metric_distributions.SPEEDS_KPH
     compared = variants.role_variants(roles)
     if part == 'distributions':
-        return metric_distributions.run(runner, out, compared, runs, speeds).files
+        return metric_distributions.run(runner, out, Sweep(compared, runs, speeds)).files
     if part == 'limit':
         rows = [*compared, *variants.further_variants(roles, options.tuned)]
         if not quick:
             rows += variants.switched_variants(roles)
         probed = QUICK_LIMIT_KPH if quick else limit.SPEEDS_KPH
-        return limit.run(runner, out, _select_rows(options.row, rows), runs, probed)
+        sweep = Sweep(_select_rows(options.row, rows), runs, probed)
+        return limit.run(runner, out, sweep)
     if part == 'claims':
         return claim_evaluation.run(runner, out, runs, options.cause_runs, speeds, roles).files
     sweep = QUICK_SWEEP if quick else {}

@@ -25,7 +25,7 @@ from experiments.paper import operating_point
 from experiments.progress import CountProgress
 from experiments.run import run_and_compare
 from experiments.study import claim_evaluation, metric_distributions, tables, variants
-from experiments.study.metric_distributions import POINT_KPH
+from experiments.study.metric_distributions import POINT_KPH, Sweep
 from experiments.study.run_spec import RunSpec
 from experiments.study.runner import Runner
 
@@ -76,7 +76,7 @@ def reproduce(out: Path, quick: bool, jobs: int | None, console: Console) -> Rep
     with CountProgress(console) as progress, Runner(jobs, progress.show) as runner:
         compared = variants.role_variants(ROLES)
         paired = metric_distributions.run(
-            runner, out / STUDY, compared, runs, speeds, command=command
+            runner, out / STUDY, Sweep(compared, runs, speeds), command
         )
         claims = claim_evaluation.run(runner, out, runs, cause_runs, speeds, ROLES, command=command)
     console.print('3/4 experiment 2 through the node graph, as the median run', style='bold')

@@ -161,9 +161,9 @@ def _judge(study, baseline):
                 margin = study_tables.margin(plan, claim)
                 table = verdicts.summarise(study_tables.pairs(reached, claim, level), margin)
                 tables[claim, level] = table
-                for made, is_strict in ((decisions, False), (strict, True)):
+                for results, is_strict in ((decisions, False), (strict, True)):
                     given = verdicts.outcomes(table, is_strict)
-                    made[claim, level] = verdicts.decide(given, margin, rule)
+                    results[claim, level] = verdicts.decide(given, margin, rule)
         for (claim, level), decision in decisions.items():
             family = _family(plan, decisions, claim, level)
             p_adjusted, verdict = verdicts.judge(family, rule)[claim]

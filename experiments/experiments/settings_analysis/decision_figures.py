@@ -70,15 +70,15 @@ def write_shares(study: Study, results: Results, stem: Path) -> list[Path]:
 
 
 def _share(axes, one: Judged, y):
-    made = one.decision
+    decision = one.decision
     colour = COLOURS[one.baseline]
-    axes.plot((made.least.low, made.most.high), (y, y), color=colour, lw=0.8)
-    axes.plot(made.interval, (y, y), color=colour, lw=3.0, alpha=0.6)
-    axes.plot(made.share, y, 'o', ms=6, color=colour, mec='white', clip_on=False, zorder=4)
-    text = f'{made.holds} of {made.settings}: {one.verdict}'
+    axes.plot((decision.least.low, decision.most.high), (y, y), color=colour, lw=0.8)
+    axes.plot(decision.interval, (y, y), color=colour, lw=3.0, alpha=0.6)
+    axes.plot(decision.share, y, 'o', ms=6, color=colour, mec='white', clip_on=False, zorder=4)
+    text = f'{decision.holds} of {decision.settings}: {one.verdict}'
     place = {'xytext': (0, 5), 'textcoords': 'offset points', 'fontsize': 7.5}
-    side = 'left' if made.share < 0.6 else 'right'
-    axes.annotate(text, (made.share, y), ha=side, color=style.QUIET, **place)
+    side = 'left' if decision.share < 0.6 else 'right'
+    axes.annotate(text, (decision.share, y), ha=side, color=style.QUIET, **place)
 
 
 def write_maps(study: Study, baseline: str, stem: Path) -> list[Path]:

@@ -248,19 +248,19 @@ def _verdict_table(judged):
 
 
 def _verdict_row(one):
-    made, difference = one.decision, '–'
-    if made.median is not None:
-        size = f'{made.median:.2f} {_span(made.median_interval)} {decide.UNITS[one.claim]}'
-        difference = f'{size}: {made.relation}'
+    decision, difference = one.decision, '–'
+    if decision.median is not None:
+        size = f'{decision.median:.2f} {_span(decision.median_interval)} {decide.UNITS[one.claim]}'
+        difference = f'{size}: {decision.relation}'
     return [
         one.claim,
         f'{one.level} and P0' if one.least == LEVELS[0] else one.level,
-        f'{made.holds} of {made.settings}',
-        '–' if made.share is None else f'{made.share:.2f} {_span(made.interval)}',
-        '–' if made.undetermined is None else f'{made.undetermined:.0%}',
+        f'{decision.holds} of {decision.settings}',
+        '–' if decision.share is None else f'{decision.share:.2f} {_span(decision.interval)}',
+        '–' if decision.undetermined is None else f'{decision.undetermined:.0%}',
         difference,
         one.verdict,
-        '–' if made.undetermined is None else f'{one.strict.undetermined:.0%}',
+        '–' if decision.undetermined is None else f'{one.strict.undetermined:.0%}',
         one.strict_verdict,
     ]
 

@@ -11,7 +11,7 @@ from experiments.settings.preregistration import RUNS
 
 BLOCK = 'result'  # of the page
 FILE = 'claims.json'
-# what holds, and where; in the order in which it is told
+# what holds, and where; in the order in which it is printed
 SENTENCES = {
     'unsafe_area': 'the baseline enters an unsafe area and the MPCC does not',
     'sideslip': 'the baseline slides with at least 6 deg and the MPCC with at most 4 deg',

@@ -48,14 +48,14 @@ class Study(NamedTuple):
     def departures(self) -> list[str]:
         """What of the run is not as the preregistration has it, in words."""
         planned = getattr(self.plan.runs, self.run)
-        made = {
+        values = {
             'seed': (self.seed, planned.seed),
             'settings': (self.settings, planned.count),
             'screened': (self.is_screened, planned.screened),
         }
         departures = [
             f'{name}: {own}, preregistered {wanted}'
-            for name, (own, wanted) in made.items()
+            for name, (own, wanted) in values.items()
             if own != wanted
         ]
         if self.notes.get('interrupted') != 'false':

@@ -162,8 +162,8 @@ def verdict(decision: Decision, p_adjusted: float, rule: Rule) -> str:
 
 def judge(decisions: Mapping[str, Decision], rule: Rule) -> dict[str, tuple[float, str]]:
     """Return {claim: (p-value after Holm's correction, verdict)} of a family of decisions."""
-    adjusted = multiple_tests.holm({claim: made.p_value for claim, made in decisions.items()})
+    adjusted = multiple_tests.holm({claim: d.p_value for claim, d in decisions.items()})
     return {
-        claim: (adjusted[claim], verdict(made, adjusted[claim], rule))
-        for claim, made in decisions.items()
+        claim: (adjusted[claim], verdict(decision, adjusted[claim], rule))
+        for claim, decision in decisions.items()
     }

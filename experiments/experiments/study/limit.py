@@ -4,17 +4,15 @@ Every speed of a grid is driven with the same draws, so nothing is assumed of th
 falls with the speed is tested (`success_curve`).
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.study import run_spec, tables, variants
-from experiments.study.metric_distributions import run_at_speed
+from experiments.study.metric_distributions import Sweep, run_at_speed
 from experiments.study.runner import Runner
 from experiments.study.success_curve import LEVELS, SuccessCurve, fit_curve
-from experiments.study.variants import CONTROLLERS, Variant
 
 SPEEDS_KPH = tuple(50.0 + 10.0 * step for step in range(10))  # 50 .. 140
 RUNS = 20  # per speed
@@ -22,19 +20,14 @@ UNEVEN = 0.05  # p-value below which the share does not fall with the speed
 STEM = 'limit'
 
 
-def run(
-    runner: Runner,
-    out: Path,
-    controllers: Sequence[str | Variant] = CONTROLLERS,
-    runs: int = RUNS,
-    speeds_kph: Sequence[float] = SPEEDS_KPH,
-) -> list[Path]:
-    """Simulate `runs` draws per controller and speed; write limit.md, .csv, .json and the figure.
+def run(runner: Runner, out: Path, sweep: Sweep) -> list[Path]:
+    """Simulate a sweep; write limit.md, .csv, .json and the figure.
 
     Grip and tolerance are drawn, the speed is exact. Returns the paths. Raises BagError.
     """
     from experiments.study import study_figures
 
+    controllers, runs, speeds_kph = sweep
     chosen = variants.plain_variants(controllers)
     draws = run_spec.draw_runs(runs, speed_kph=0.0)
     cleared: dict[str, list[int]] = {variant.name: [] for variant in chosen}

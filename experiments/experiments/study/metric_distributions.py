@@ -9,7 +9,7 @@ from experiments.study.claims import D_SFT, KEPT, STABLE_DEG
 from experiments.study.run_spec import Draw, RunSpec
 from experiments.study.run_statistics import QUANTITIES
 from experiments.study.runner import Record, Runner
-from experiments.study.variants import CONTROLLERS, Variant
+from experiments.study.variants import Variant
 
 POINT_KPH = 75.0  # the operating point, fixed before any tuning
 SPEEDS_KPH = (POINT_KPH, POINT_KPH - 5.0, POINT_KPH + 5.0)
@@ -36,21 +36,22 @@ class Distributions(NamedTuple):
         return self.records[speed_kph][controller][number - 1].spec
 
 
-def run(
-    runner: Runner,
-    out: Path,
-    controllers: Sequence[str | Variant] = CONTROLLERS,
-    runs: int = RUNS,
-    speeds_kph: Sequence[float] = SPEEDS_KPH,
-    command: str = COMMAND,
-) -> Distributions:
-    """Simulate `runs` draws per controller and speed; write distributions.md, .csv, .json, figures.
+class Sweep(NamedTuple):
+    """What is driven: every controller at every speed, with the same draws."""
 
-    `controllers` are names in mpcc_controller/config, YAML files or Variants; `command` is recorded
-    in the files. Raises BagError.
+    controllers: Sequence[str | Variant]  # names in mpcc_controller/config, YAML files or Variants
+    runs: int  # draws per controller and speed
+    speeds_kph: Sequence[float]
+
+
+def run(runner: Runner, out: Path, sweep: Sweep, command: str = COMMAND) -> Distributions:
+    """Simulate a sweep; write distributions.md, .csv, .json and the figures.
+
+    `command` is recorded in the files. Raises BagError.
     """
     from experiments.study import study_figures
 
+    controllers, runs, speeds_kph = sweep
     chosen = variants.plain_variants(controllers)
     draws = run_spec.draw_runs(runs)
     records = {kph: run_at_speed(runner, chosen, kph, draws) for kph in speeds_kph}

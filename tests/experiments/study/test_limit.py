@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bags.errors import BagError
 from experiments.commands import study
 from experiments.study import limit, success_curve, variants
+from experiments.study.metric_distributions import Sweep
 
 SPEEDS = limit.SPEEDS_KPH
 RUNS = 20
@@ -102,7 +103,7 @@ def test_the_crossing_is_within_its_interval_and_a_lower_level_is_crossed_later(
 
 def test_every_speed_is_driven_with_every_draw(make_record, tmp_path):
     drives = Cliff(make_record, 75.0)
-    files = limit.run(drives, tmp_path, ['mpcc', 'frenet'], runs=4)
+    files = limit.run(drives, tmp_path, Sweep(['mpcc', 'frenet'], 4, limit.SPEEDS_KPH))
     assert drives.driven == 2 * 4 * len(SPEEDS)
     document = json.loads((tmp_path / 'limit.json').read_text())
     for row in document['rows']:
