@@ -93,6 +93,17 @@ def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
     assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
 
 
+def test_a_legend_of_long_names_is_within_the_figure(runs):
+    long = [run._replace(name=f'{run.name}_with_a_long_name_of_its_own') for run in runs]
+    figure = comparison_figures._single(panels.draw_v2o, long)
+    (legend,) = figure.legends
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+    assert len({round(text.get_window_extent().y0) for text in legend.get_texts()}) > 1
+
+
 def test_a_whole_car_is_seen_at_the_start(runs):
     axes = comparison_figures.Figure().add_subplot()
     comparison_figures.draw_trajectories(axes, runs)
