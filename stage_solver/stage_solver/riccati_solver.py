@@ -41,7 +41,10 @@ OUTCOMES = (
     (FAILED, 'a function of the problem is not finite at the guess'),
     (FAILED, 'an argument is not finite'),
     (ONE_STEP, 'one step is enough'),
+    (FAILED, 'the derivatives of the {part} are not finite at stage {stage}'),
+    (FAILED, 'no step from the guess is acceptable'),
 )
+PARTS = ('dynamics', 'constraints', 'cost')  # as in riccati_c/stages.h
 # the fields of Call in riccati_c/workspace.h
 ARRAYS = (
     'x0', 'P', 'x_low', 'x_high', 'u_low', 'u_high', 'g_low', 'g_high', 'h_low', 'h_high',
@@ -50,6 +53,7 @@ ARRAYS = (
 DOUBLES = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
 DOUBLES += ('cost', 'primal_residual', 'dual_residual')
 INTEGERS = ('warm', 'max_iterations', 'status', 'iterations', 'trials', 'factorisations')
+INTEGERS += ('stage', 'part')
 ALIGNMENT = 64  # bytes of the widest vector
 
 
@@ -140,6 +144,8 @@ class RiccatiSolver:
         else:
             multipliers = Multipliers(*(arrays[f'm_{n}'].copy() for n in Multipliers._fields))
             plan = Plan(arrays['X'].copy(), arrays['U'].copy(), multipliers)
+            if call.stage >= 0:
+                message = message.format(part=PARTS[call.part], stage=call.stage)
         return Solution(
             plan=plan,
             cost=call.cost,

@@ -11,7 +11,14 @@ import pytest
 from stage_solver import riccati_solver
 from stage_solver.nlpsol_backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
-from stage_solver.stage_problem import Plan, ProblemError, shift
+from stage_solver.stage_problem import (
+    Plan,
+    ProblemError,
+    StageProblem,
+    no_bounds,
+    shift,
+    zero_plan,
+)
 
 
 def test_an_infeasible_problem_is_reported_and_changes_no_later_solve(tight_slalom, riccati):
@@ -170,3 +177,37 @@ def test_without_a_compiler_fatrop_takes_over(tight_slalom, riccati_options, ric
 def test_with_a_broken_compiler_fatrop_takes_over(tight_slalom, riccati_options):
     with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*fatrop is used'):
         riccati_solver.make_solver(tight_slalom.problem, riccati_options())
+
+
+def double_integrator_that_costs(root, name):
+    """A double integrator to 1 m, its speed costs `root(v)`; at rest in the guess."""
+    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u', 1), ca.SX.sym('p', 0)
+    problem = StageProblem(
+        name=name,
+        states=('s', 'v'),
+        inputs=('a',),
+        parameters=(),
+        horizon=10,
+        dynamics=ca.Function('F', [x, u, p], [ca.vertcat(x[0] + 0.1 * x[1], x[1] + 0.1 * u)]),
+        stage_cost=ca.Function('l', [x, u, p], [(x[0] - 1) ** 2 + ca.sumsqr(u) + root(x[1])]),
+    )
+    return problem, (np.zeros(2), np.zeros((11, 0)), no_bounds(problem), zero_plan(problem))
+
+
+def test_a_derivative_that_is_not_finite_is_a_failure_that_names_its_stage(riccati):
+    problem, numbers = double_integrator_that_costs(ca.sqrt, 'rooted_speed')
+    solution = riccati(problem).solve(*numbers)
+    assert solution.status == FAILED
+    # stage 0 is given: its own derivatives do not matter
+    assert solution.message == 'the derivatives of the cost are not finite at stage 1'
+    assert np.array_equal(solution.plan.U, numbers[-1].U)
+
+
+def test_a_guess_from_which_no_step_is_acceptable_is_a_failure(riccati):
+    """The derivatives are finite and lie: 1 at rest, where every motion costs."""
+    problem, numbers = double_integrator_that_costs(
+        lambda v: v + ca.if_else(v == 0, 0, 100), 'jumping_speed'
+    )
+    solution = riccati(problem).solve(*numbers)
+    assert (solution.status, solution.message) == (FAILED, 'no step from the guess is acceptable')
+    assert solution.dual_residual > 0.1

@@ -7,9 +7,14 @@
 
 /* ONE_STEP: the (nearly) full first step of a warm start satisfies the limits of the caller (real-time
  * iteration). A fresh start follows a SETBACK; after the second one the solve ends, INFEASIBLE when the
- * constraints are far from satisfied. */
-enum { SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT, ONE_STEP };
+ * constraints are far from satisfied, with BAD_DERIVATIVES when a derivative at the last iterate is not
+ * finite, as STUCK when no step was ever taken and the slope of the Lagrangian is far from zero. */
+enum {
+    SOLVED, ITERATION_LIMIT, TIME_LIMIT, STALLED, SETBACK, INFEASIBLE, NOT_FINITE, BAD_INPUT, ONE_STEP,
+    BAD_DERIVATIVES, STUCK
+};
 static const double FAR = 1e-3; /* solver units */
+static const double STEEP = 1e-2; /* slope of the Lagrangian per solver unit, as a share of the cost */
 
 static const double COLD_MU = 0.1, COLD_MARGIN = 1e-2, WARM_MARGIN = 1e-3;
 static const double FIRST_DELTA = 1e-4, MOST_DELTA = 1e10, RESTORING_DELTA = 1e5;
@@ -113,6 +118,7 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
         double step = find_step(s, &filter, call);
         if (step == 0)
             return SETBACK;
+        s->accepted++;
         double size = fmax(1, fabs(s->here.f)), change = fabs(s->trial.f - s->here.f);
         int nearly_feasible = s->here.largest <= 100 * tolerance;
         int converged = step > 0.9 && nearly_feasible && s->decrement <= tolerance * size;
@@ -166,6 +172,8 @@ void riccati_solve(Workspace *s, Call *call)
     int warm = call->warm && load_multipliers(s, call);
     evaluate_once(s);
     s->best_violation = s->best_f = __builtin_inf();
+    s->accepted = 0;
+    call->stage = -1;
     if (warm) {
         start(s, call->warm_mu, WARM_MARGIN);
         call->status = iterate(s, call, 1, deadline);
@@ -181,6 +189,9 @@ void riccati_solve(Workspace *s, Call *call)
         start(s, COLD_MU, COLD_MARGIN);
         call->status = iterate(s, call, 0, deadline);
     }
+    /* before `best` replaces the iterate at which the derivatives were evaluated */
+    if (call->status == SETBACK && find_bad_derivative(s, call))
+        call->status = BAD_DERIVATIVES;
     if (call->status != SOLVED && call->status != ONE_STEP && s->best_violation < __builtin_inf()) {
         memcpy(&s->at, &s->best, sizeof s->at);
         evaluate_values(s, &s->at, &s->here);
@@ -192,5 +203,9 @@ void riccati_solve(Workspace *s, Call *call)
     call->cost = s->here.f;
     call->primal_residual = s->here.largest;
     call->dual_residual = dual_residual(s, &s->at);
+    /* NaN is not flat either */
+    int flat = call->dual_residual <= STEEP * fmax(1, fabs(call->cost));
+    if (call->status == SETBACK && s->accepted == 0 && !flat)
+        call->status = STUCK;
     store(s, &s->at, call);
 }

@@ -153,3 +153,45 @@ static double dual_residual(Workspace *s, const Point *at)
         }
     return largest(most);
 }
+
+/* The functions whose derivatives are not finite; the cost is asked last, since the gradient q and the
+ * Hessian of the Lagrangian H contain what the others spoil. */
+enum { DYNAMICS, CONSTRAINTS, COST };
+
+INLINE int is_bad(double x) { return !(fabs(x) < __builtin_inf()); }
+
+/* Whether a derivative of the quadratic programme evaluated last is not finite; the first one goes to
+ * `call`. The state of stage 0 is fixed: its own slope and curvature have no effect. */
+static int find_bad_derivative(const Workspace *s, Call *call)
+{
+    for (int k = 0; k <= N; k++) {
+        int part = -1;
+        for (int i = 0; i < NW; i++)
+            if ((k > 0 || i < NU) && is_bad(LANE(s->q[i], k)))
+                part = COST;
+        if (k < N) {
+            for (int e = 0; e < STAGE_H_NZ; e++)
+                if ((k > 0 || STAGE_H_ROW[e] < NU || STAGE_H_COL[e] < NU) && is_bad(LANE(s->H[e], k)))
+                    part = COST;
+            for (int e = 0; e < STAGE_Jg_NZ; e++)
+                if ((k > 0 || STAGE_Jg_COL[e] < NU) && is_bad(LANE(s->JG[e], k)))
+                    part = CONSTRAINTS;
+            for (int e = 0; e < STAGE_JF_NZ; e++)
+                if (is_bad(LANE(s->JF[e], k)))
+                    part = DYNAMICS;
+        } else {
+            for (int e = 0; e < LAST_H_NZ; e++)
+                if (is_bad(s->last_H[e][0]))
+                    part = COST;
+            for (int e = 0; e < LAST_Jg_NZ; e++)
+                if (is_bad(s->last_JG[e][0]))
+                    part = CONSTRAINTS;
+        }
+        if (part >= 0) {
+            call->stage = k;
+            call->part = part;
+            return 1;
+        }
+    }
+    return 0;
+}

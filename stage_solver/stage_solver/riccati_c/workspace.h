@@ -40,6 +40,7 @@ typedef struct {
     double cost, primal_residual, dual_residual; /* result */
     long long warm, max_iterations;
     long long status, iterations, trials, factorisations; /* result */
+    long long stage, part; /* of the first derivative that is not finite, with BAD_DERIVATIVES */
 } Call;
 
 typedef struct {
@@ -67,6 +68,7 @@ typedef struct {
     double slope, decrement, primal_step, dual_step;
 
     double mu, delta, delta_last;
+    long long accepted; /* steps of this solve */
 } Workspace;
 
 #define LANE(row, k) (((double *)(row))[k])
