@@ -22,18 +22,19 @@ A parameter file may name another file as its `base` and then holds only what di
 import dataclasses
 import math
 import os
+import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 from node_runtime import named_vector
 
-if TYPE_CHECKING:
-    from typing_extensions import dataclass_transform  # of the checker; in typing from 3.11
+if sys.version_info >= (3, 11):
+    from typing import dataclass_transform
 else:
 
     def dataclass_transform(**_):
