@@ -2,8 +2,7 @@
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
 # make check     what the continuous integration runs: lint, every test, coverage of the safety modules
 # make paper     every figure and claim of the paper, into paper/
-# make study     the wide sweeps: one factor at a time over speeds and clearances; limit speeds (half an
-#                hour); 40,000 settings and what they decide (hours); goes on where it was interrupted
+# make study     the wide sweeps over speeds, clearances and 40,000 settings (hours; goes on where it stopped)
 # make setup     .venv with everything; run it after an edit: packages are installed as copies
 # make editable  the same, but packages run from their source: every edit counts at once
 # make bench     benchmarks as tables
@@ -93,6 +92,7 @@ $(VENV)/.docs: docs/requirements.txt $(VENV)/.requirements
 
 # a warning is an error, and every one is shown: dead links, pages in no table of contents
 docs: setup $(VENV)/.docs
+	@echo 'Building the site (about 1.5 minutes, silent); meanwhile: docs/quickstart.md'
 	$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs build/docs/html
 	@echo "build/docs/html/index.html"
 

@@ -133,7 +133,7 @@ def test_before_its_beginning_an_edge_goes_on_straight(make_drive):
 def test_who_passes_the_finish_line_beside_the_road_has_not_completed(make_drive):
     result = metrics.compute_metrics(make_drive(y=lambda x: x / 10.0))
     assert result['completed'] is False
-    assert result['verdict'].startswith('passed the finish line beside the road at 90 m; ')
+    assert 'm; passed the finish line beside the road at 90 m; ' in result['verdict']
 
 
 @pytest.mark.parametrize(('slope', 'code'), [(0.1, 1), (0.0, 0)])
@@ -151,7 +151,7 @@ def test_bags_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
     assert run_and_compare.run(plan, console) == code
     output = (
         'mpcc: not completed, although the plant reports "finish line crossed": '
-        'passed the finish line beside the road at 90 m'
+        'left the road at 21 m, by up to 7.90 m; passed the finish line beside the road at 90 m'
     )
     assert (output in console.file.getvalue()) == (code == 1)
 
@@ -164,6 +164,19 @@ def test_a_car_that_stands_still_says_where_and_why(make_drive):
         'stood still at 42 m (reason of the controller: too_slow: below 7 m/s it only brakes); '
     )
     assert metrics.compute_metrics(braking)['verdict'].startswith(output)
+
+
+def test_what_led_to_the_end_comes_before_it_and_without_the_reason_it_makes_pointless(make_drive):
+    spun = moving(
+        make_drive(y=lambda x: x / 20.0, least_speed=7.0),
+        lambda x: np.radians(3.0 * np.maximum(x - 40.0, 0.0)),
+    )
+    slow = standing(spun, 80.0)
+    slow = slow._replace(ticks=slow.ticks._replace(last_reason='too_slow'))
+    places = ('left the road at 42 m, by up to 2.90 m', 'spun at 50 m', 'stood still at 80 m')
+    result = metrics.compute_metrics(slow)
+    assert result['verdict'] == '; '.join((*places, 'no collision'))
+    assert result['completed'] is False
 
 
 def test_a_run_that_was_cut_says_where_and_how_fast(make_drive):

@@ -3,6 +3,8 @@
 Distances are those of the paper (eq. 3 and 4), between circles, and those of the true outline.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bags.evaluation import geometry
@@ -227,53 +229,80 @@ def _outline_margins(run):
     return rows, margins
 
 
+class Event(NamedTuple):
+    """Something that happened in a run, as a person reads it."""
+
+    row: int  # of the odometry, when it began
+    text: str
+
+
 def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
-    """Return how a run ended as one line for a person; `values` are all its metrics by name."""
-    parts = [_describe_end(run, values)]
-    if values['lost_how'] == 'spun':
-        parts.append(f'spun at {values["lost_at_m"]:.0f} m')
-    elif values['lost']:
-        peak = values['peak_sideslip_deg']
-        parts.append(f'slid at {values["lost_at_m"]:.0f} m (sideslip angle up to {peak:.0f} deg)')
-    if values['left_road']:
-        at, beyond = values['left_road_at_m'], values['beyond_edge_m']
-        parts.append(f'left the road at {at:.0f} m, by up to {beyond:.2f} m')
-    parts += _describe_collisions(run, values)
+    """Return how a run ended as one line for a person; `values` are all its metrics by name.
+
+    A run that was completed begins with that; of any other one the events come in the order in
+    which they happened, causes before what they led to.
+    """
+    events = sorted([*_find_losses(run, values), *_find_collisions(run, values)])
+    end = _find_end(run, values)
+    events = [end, *events] if values['completed'] else sorted([*events, end], key=lambda e: e.row)
+    parts = [event.text for event in events]
+    if not values['collided']:
+        parts.append('no collision')
     if not run.drive.ticks.answered_ns.size:
         parts.append('no command answered a state')
     return '; '.join(parts)
 
 
-def _describe_end(run, values):
+def _find_end(run, values):
+    """Return how the drive ended."""
     station, finish = run.series.station, values['finish_at_m']
+    beyond, last = np.flatnonzero(station >= finish), len(station) - 1
     if values['completed']:
-        return f'reached the finish line at {finish:.0f} m'
+        return Event(int(beyond[0]), f'reached the finish line at {finish:.0f} m')
     if station[0] >= finish:
-        return 'started beyond the finish line'
-    if station.max() >= finish:
-        return f'passed the finish line beside the road at {finish:.0f} m'
+        return Event(0, 'started beyond the finish line')
+    if beyond.size:
+        text = f'passed the finish line beside the road at {finish:.0f} m'
+        return Event(int(beyond[0]), text)
     speed = run.series.speed[-1]
     if speed < STANDING_MPS:
-        return f'stood still at {station[-1]:.0f} m{_describe_reason(run.drive)}'
-    return f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
+        reason = _describe_reason(run.drive, values)
+        return Event(last, f'stood still at {station[-1]:.0f} m{reason}')
+    text = f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
+    return Event(last, text)
 
 
-def _describe_reason(drive):
+def _describe_reason(drive, values):
+    """Return why the controller let the car stand; a car that spun is slow for another reason."""
     reason, least = drive.ticks.last_reason, drive.facts.least_speed
-    if not reason:
+    if not reason or (reason == TOO_SLOW and values['lost']):
         return ''
     below = f': below {least:g} m/s it only brakes' if reason == TOO_SLOW and least else ''
     return f' (reason of the controller: {reason}{below})'
 
 
-def _describe_collisions(run, values):
+def _find_losses(run, values):
+    """Yield a spin or slide, and how the car left the road."""
+    if values['lost']:
+        row = int(np.argmax(_sideslip_deg(run) > SLIDING_DEG))
+        at, peak = values['lost_at_m'], values['peak_sideslip_deg']
+        slid = f'slid at {at:.0f} m (sideslip angle up to {peak:.0f} deg)'
+        yield Event(row, f'spun at {at:.0f} m' if values['lost_how'] == 'spun' else slid)
+    if values['left_road']:
+        rows, beyond = run.value(outline_beyond_edge)
+        at, farthest = values['left_road_at_m'], values['beyond_edge_m']
+        text = f'left the road at {at:.0f} m, by up to {farthest:.2f} m'
+        yield Event(int(rows[np.argmax(beyond > 0.0)]), text)
+
+
+def _find_collisions(run, values):
     """Yield what was hit; circles may overlap although the outline passes."""
-    if not values['collided']:
-        yield 'no collision'
-    for number, gap in run.series.outline_gaps.items():
-        outline, circle = smallest_finite(gap), values['min_v2o_per_obstacle_m'][str(number)]
+    for number, gaps in run.series.outline_gaps.items():
+        outline, circle = smallest_finite(gaps), values['min_v2o_per_obstacle_m'][str(number)]
         if outline is not None and outline < 0.0:
-            yield f'collided with obstacle {number} (outline, overlap {-outline:.2f} m)'
+            text = f'collided with obstacle {number} (outline, overlap {-outline:.2f} m)'
+            yield Event(int(np.argmax(gaps < 0.0)), text)
         elif circle is not None and circle < 0.0:
             overlap = f'circle, overlap {-circle:.2f} m; outline passed by {outline:.2f} m'
-            yield f'collided with obstacle {number} ({overlap})'
+            touched = int(np.argmax(run.series.v2o[number] < 0.0))
+            yield Event(touched, f'collided with obstacle {number} ({overlap})')
