@@ -26,7 +26,10 @@ MAX_GROWTH = 1e8
 def growth(
     problem: StageProblem, stage: StageFunctions, last: StageFunctions, J: ca.MX, j_last: ca.MX
 ) -> ca.MX:
-    """Return the sum of all trace(M_k); inf or NaN where it overflows.
+    """Return the sum of all |trace(M_k)|; inf or NaN where it overflows.
+
+    Without rounding no trace is negative. Beyond some 1e15 the recursion loses its own pivots to
+    rounding, and negative traces must not cancel the large ones before.
 
     J holds the nonzeros of the stages' Jacobians, one column per stage, j_last those of the last.
     """
@@ -34,7 +37,7 @@ def growth(
     P, first_trace = end(j_last)
     backwards = J[:, list(reversed(range(problem.horizon)))]
     _, traces = step.mapaccum(problem.horizon)(P, backwards)
-    return first_trace + ca.sum2(traces)
+    return first_trace + ca.sum2(ca.fabs(traces))
 
 
 def _end(problem, last):

@@ -59,6 +59,27 @@ def test_growth_that_overflows_is_not_below_the_bound():
     assert not growth(scalar(1e30, 0.0, 0.0, 0.0)) < fatrop_guard.MAX_GROWTH
 
 
+def test_rounding_hides_no_large_jacobian(slalom):
+    """Where the recursion itself loses its pivots, negative traces must not cancel large ones."""
+    rng = np.random.default_rng(11)
+    problem = slalom.problem
+    stage = stage_functions.make_stage(problem)
+    last = stage_functions.make_last_stage(problem)
+    pattern = stage.jacobian_pattern
+    dynamics = [i for i, row in enumerate(pattern.row()) if row >= problem.nx + problem.ng]
+    J = ca.MX.sym('J', pattern.nnz(), problem.horizon)
+    j_last = ca.MX.sym('j_last', last.jacobian_pattern.nnz())
+    traces = fatrop_guard.growth(problem, stage, last, J, j_last)
+    growth_of = ca.Function('growth', [J, j_last], [traces])
+    for _ in range(200):
+        decades = rng.uniform(-2, rng.uniform(4.5, 12), problem.horizon)
+        values = rng.standard_normal(J.shape) * 10**decades
+        k = rng.integers(problem.horizon)
+        values[rng.choice(dynamics), k] = 1.01 * np.sqrt(fatrop_guard.MAX_GROWTH)
+        size = float(growth_of(values, rng.standard_normal(j_last.shape)))
+        assert not size < fatrop_guard.MAX_GROWTH
+
+
 @pytest.mark.parametrize(('a', 'is_kept'), [(2.0, True), (10.0, False), (1e30, False)])
 def test_fatrop_gets_only_jacobians_that_a_recursion_can_factorise(a, is_kept):
     """It would raise its inertia correction for ever: no limit of iterations or time ends it."""

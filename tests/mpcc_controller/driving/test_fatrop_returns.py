@@ -16,6 +16,7 @@ LONGEST_S = 120.0  # compiler included
         ('restoration', 'path'),  # at 135 km/h, in the restoration phase
         ('growth', 'cartesian'),  # plan of 2.5 s with sensitivities beyond double precision
         ('barrier', 'cartesian'),  # a Jacobian of moderate growth with the weights of the barrier
+        ('rounding', 'cartesian'),  # growth so large that the guard's own recursion loses pivots
     ],
 )
 def test_fatrop_returns(problem, distance):
