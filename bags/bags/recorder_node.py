@@ -107,7 +107,7 @@ class RecorderNode(ManagedNode):
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         publishers = [topic.publisher for topic in contract.load().topics.values()]
-        of_clock = contract.load().topics[CLOCK].publisher
+        clock_publisher = contract.load().topics[CLOCK].publisher
         filings = [
             Filing(
                 topic,
@@ -115,7 +115,7 @@ class RecorderNode(ManagedNode):
                 partial(bag.write, k),
                 publisher != ANY,
                 self.time,
-                publisher == of_clock,
+                publisher == clock_publisher,
             )
             for k, (topic, publisher) in enumerate(zip(topics, publishers))
         ]

@@ -254,34 +254,34 @@ def _refusal(describe, wanted):
 
 
 def _difference(describe, wanted):
-    found = dict(describe())
+    own = dict(describe())
     differ = [
-        f'{name} is {found.get(name)!r}, {wanted.get(name)!r} where the command runs'
-        for name in dict.fromkeys([*wanted, *found])
-        if found.get(name) != wanted.get(name)
+        f'{name} is {own.get(name)!r}, {wanted.get(name)!r} where the command runs'
+        for name in dict.fromkeys([*wanted, *own])
+        if own.get(name) != wanted.get(name)
     ]
     if differ:
         return Refusal(f'its results would differ: {"; ".join(differ)}')
     return None
 
 
-_of_thread = threading.local()
+_thread_state = threading.local()
 
 
 def _answer(command, describe, wanted, function, tasks, limit_s):
     """Return value and error of each task, or a Refusal, in a thread of a dask worker."""
     if refusal := _refusal(describe, wanted):
         return refusal
-    if getattr(_of_thread, 'command', None) != command:
+    if getattr(_thread_state, 'command', None) != command:
         # a new process: another one remembers files as they were for the last command
-        if hasattr(_of_thread, 'pool'):
-            _of_thread.pool.__exit__()
-        _of_thread.command = command
-        _of_thread.pool = WorkerPool(1)  # its process ends with this one
+        if hasattr(_thread_state, 'pool'):
+            _thread_state.pool.__exit__()
+        _thread_state.command = command
+        _thread_state.pool = WorkerPool(1)  # its process ends with this one
     checked = [(describe, wanted, function, task) for task in tasks]
     try:
         # one process does them in their order
-        ended = list(_of_thread.pool.finish_each(_do_checked, checked, limit_s=limit_s))
+        ended = list(_thread_state.pool.finish_each(_do_checked, checked, limit_s=limit_s))
     except (OSError, WorkerError) as error:
         return Refusal(f'cannot start processes: {error}')
     refusals = (finished.value for finished in ended if isinstance(finished.value, Refusal))

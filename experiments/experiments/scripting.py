@@ -110,7 +110,7 @@ def drive_many(
     several_roads = len({task.setup.scn.name for task in tasks}) > 1
     labels = [task.label(varied, several_roads) for task in tasks]
     columns = _simulate_all([task.setup for task in tasks], jobs)
-    return RunSet(task.run_of(*one) for task, *one in zip(tasks, columns, labels))
+    return RunSet(task.run_of(*driven) for task, *driven in zip(tasks, columns, labels))
 
 
 class _Task:
@@ -242,10 +242,10 @@ def _listed(given, name) -> list:
     if isinstance(given, np.ndarray):
         given = given.tolist()
     # a Scenario is a tuple
-    one = isinstance(given, str | os.PathLike | Mapping | Scenario) or not isinstance(
+    is_single = isinstance(given, str | os.PathLike | Mapping | Scenario) or not isinstance(
         given, Iterable
     )
-    chosen = [given] if one else list(given)
+    chosen = [given] if is_single else list(given)
     if not chosen:
         raise BagError(f'{name}: is an empty list; allowed at least one')
     return chosen

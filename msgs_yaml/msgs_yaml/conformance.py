@@ -64,7 +64,7 @@ class _Checks(NamedTuple):
 
 
 def _run(checks, message):
-    return [violation for check_one in checks for violation in check_one(message)]
+    return [violation for rule in checks for violation in rule(message)]
 
 
 @cache

@@ -100,7 +100,7 @@ def heading_as_received(psi: float) -> float:
 def headings_as_received(psi: np.ndarray) -> np.ndarray:
     """Return `heading_as_received` of headings (n,), with the same bits."""
     half = (0.5 * psi).tolist()
-    z, w = (np.fromiter(map(of, half), float, len(half)) for of in (math.sin, math.cos))
+    z, w = (np.fromiter(map(function, half), float, len(half)) for function in (math.sin, math.cos))
     return quaternions_to_headings(z, w)
 
 

@@ -71,9 +71,9 @@ def load(topic: str) -> FlatFields:
         raise ContractError(f'{topic}: topics.yaml has the values {names}; {kind.__name__} others')
     split, join, first = [], [], 0
     for name, paths in fields.items():
-        split_one, join_one = _converters(topic, name, len(paths))
-        split.append(split_one)
-        join.append((join_one, slice(first, first + len(paths))))
+        split_field, join_field = _converters(topic, name, len(paths))
+        split.append(split_field)
+        join.append((join_field, slice(first, first + len(paths))))
         first += len(paths)
     paths = tuple(path for group in fields.values() for path in group)
     return FlatFields(

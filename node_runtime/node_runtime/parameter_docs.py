@@ -149,7 +149,7 @@ def field_comments(cls: type) -> dict[str, str]:
     except (OSError, TypeError):
         return {}
     lines = source.splitlines()
-    found = {
+    by_line = {
         token.start[0]: token.string.lstrip('#').strip()
         for token in tokenize.generate_tokens(io.StringIO(source).readline)
         if token.type == tokenize.COMMENT
@@ -159,9 +159,9 @@ def field_comments(cls: type) -> dict[str, str]:
         if not isinstance(field, ast.AnnAssign):
             continue
         first = field.lineno
-        while first - 1 in found and lines[first - 2].lstrip().startswith('#'):
+        while first - 1 in by_line and lines[first - 2].lstrip().startswith('#'):
             first -= 1
-        before = [found[line] for line in range(first, field.lineno)]
-        behind = [found[n] for n in range(field.lineno, field.end_lineno + 1) if n in found]
+        before = [by_line[line] for line in range(first, field.lineno)]
+        behind = [by_line[n] for n in range(field.lineno, field.end_lineno + 1) if n in by_line]
         comments[field.target.id] = ' '.join([*before, *behind])
     return comments

@@ -50,9 +50,9 @@ def stale_files(tree: Path) -> list[Path]:
 
 def _trees(here):
     """Yield the source trees, each once."""
-    found = [_origin(package) for package in PACKAGES]
-    found += [folder for folder in (here, *here.parents) if _is_tree(folder)][:1]
-    return dict.fromkeys(tree.resolve() for tree in found if tree and _is_tree(tree))
+    folders = [_origin(package) for package in PACKAGES]
+    folders += [folder for folder in (here, *here.parents) if _is_tree(folder)][:1]
+    return dict.fromkeys(tree.resolve() for tree in folders if tree and _is_tree(tree))
 
 
 def _is_tree(folder):

@@ -73,14 +73,14 @@ class LaneChange(Struct):
     offset_m: Offset
 
 
-def _one_of(**kinds: type):
+def _tagged_union(**kinds: type):
     """Return the alternatives of a block with one key, which names the kind of its value."""
     blocks = (make_dataclass(key, [(key, kind)], frozen=True) for key, kind in kinds.items())
     return reduce(or_, blocks)
 
 
 # the functions of `lines` have these names, and their arguments the order of the fields
-Segment = _one_of(straight=Straight, arc=Arc, clothoid=Clothoid, lane_change=LaneChange)
+Segment = _tagged_union(straight=Straight, arc=Arc, clothoid=Clothoid, lane_change=LaneChange)
 
 
 class SegmentLine(Struct):

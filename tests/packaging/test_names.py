@@ -4,6 +4,7 @@ Branches that rename in one and use in the other merge without a conflict; a lin
 """
 
 import ast
+import re
 from functools import cache
 
 import pytest
@@ -72,3 +73,44 @@ def test_every_name_taken_from_a_module_is_defined_there(package):
         if defined(module) is not None and name not in defined(module)
     }
     assert missing == set()
+
+
+# they say nothing about the thing that they name; `told` and `said` hide who tells what to whom
+MEANINGLESS = {'found', 'made', 'of', 'one', 'ones', 'said', 'told'}
+# a value of `solver.mode` and its parameters
+ESTABLISHED = re.compile(r'_?one_?step(_decrease|_residual)?', re.IGNORECASE)
+
+
+def bound_names(path):
+    """Yield (line, name) of what a file defines: modules, classes, functions, variables."""
+    yield 0, path.stem
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.attr
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.alias) and node.asname:
+            yield node.lineno, node.asname
+
+
+def carries_no_meaning(name):
+    """Return whether a name is one of the words, or a verb of them with a preposition."""
+    words = [word.lower() for word in re.findall(r'[A-Z]?[a-z0-9]+', name)]
+    return words[-1:] and (words[0] in MEANINGLESS or words[-1] in MEANINGLESS - {'of'})
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_names_carry_a_meaning(package):
+    paths = [path for path in SOURCES.values() if path.relative_to(ROOT).parts[0] == package]
+    assert paths
+    meaningless = {
+        f'{path.relative_to(ROOT)}:{line}: {name}'
+        for path in paths
+        for line, name in bound_names(path)
+        if carries_no_meaning(name) and not ESTABLISHED.fullmatch(name)
+    }
+    assert meaningless == set()

@@ -163,7 +163,7 @@ def describe_topic(topic: str) -> dict[str, Column]:
 
 def describe_signals() -> dict[str, Column]:
     """Return unit and meaning of each derived signal."""
-    return {one.name: Column(one.unit, one.meaning) for one in signals.SIGNALS.values()}
+    return {signal.name: Column(signal.unit, signal.meaning) for signal in signals.SIGNALS.values()}
 
 
 def description_frame(columns: Mapping[str, Column]) -> 'pd.DataFrame':

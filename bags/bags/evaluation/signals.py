@@ -92,8 +92,8 @@ def signal(unit: str, by: str = '', such_as: str = '') -> Callable:
 def compute_signals(run: EvaluatedRun) -> dict[str, np.ndarray]:
     """Return every signal (n,) by column; columns that want an unrecorded topic are absent."""
     columns = {}
-    for name, one in SIGNALS.items():
-        values = one.function(run)
+    for name, entry in SIGNALS.items():
+        values = entry.function(run)
         if isinstance(values, Mapping):
             columns |= {f'{name}{MEMBER}{key}': member for key, member in values.items()}
         elif values is not None:

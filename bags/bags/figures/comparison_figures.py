@@ -253,15 +253,15 @@ def _sheet(runs, title, overlays):
 def _draw(panel, ax, runs, overlays):
     """Draw a panel and what the overlays have for it; return those that have something."""
     panel(ax, runs)
-    return [one for one in overlays if _draw_overlay(panel, ax, one)]
+    return [overlay_run for overlay_run in overlays if _draw_overlay(panel, ax, overlay_run)]
 
 
-def _draw_overlay(panel, ax, one):
-    curve = _overlay_curve(panel, one)
+def _draw_overlay(panel, ax, overlay_run):
+    curve = _overlay_curve(panel, overlay_run)
     if curve is None or not np.isfinite(curve).all(axis=1).any():
         return False
     limits = ax.get_xlim(), ax.get_ylim()
-    ax.plot(*curve.T, zorder=4.5, **one.look.line)
+    ax.plot(*curve.T, zorder=4.5, **overlay_run.look.line)
     ax.set(xlim=limits[0], ylim=limits[1])
     if panel in SIGNALS and panel not in WITH_AREAS:
         low, high = limits[1]
@@ -269,14 +269,18 @@ def _draw_overlay(panel, ax, one):
     return True
 
 
-def _overlay_curve(panel, one):
+def _overlay_curve(panel, overlay_run):
     """Return the points (n, 2) of an overlay in a panel; None where it has none."""
     if panel is draw_trajectories:
-        return one.path()
+        return overlay_run.path()
     if panel is panels.draw_gg:
-        known = 'lateral' in one.signals and 'gg_x' in one.signals
-        return np.column_stack([one.signals['lateral'], one.signals['gg_x']]) if known else None
-    station, values = one.along(overlay.STATION), one.signals.get(SIGNALS[panel])
+        known = 'lateral' in overlay_run.signals and 'gg_x' in overlay_run.signals
+        return (
+            np.column_stack([overlay_run.signals['lateral'], overlay_run.signals['gg_x']])
+            if known
+            else None
+        )
+    station, values = overlay_run.along(overlay.STATION), overlay_run.signals.get(SIGNALS[panel])
     return None if station is None or values is None else np.column_stack([station, values])
 
 
@@ -293,7 +297,9 @@ def _single(panel, runs, overlays=()):
 def _legend(figure, runs, drawn, overlays):
     """Put a legend of the runs, and of the marks in the panels, above them."""
     keys = [Line2D([], [], label=run.name, **run.line) for run in runs]
-    keys += [Line2D([], [], label=one.name, **one.look.line) for one in overlays]
+    keys += [
+        Line2D([], [], label=overlay_run.name, **overlay_run.look.line) for overlay_run in overlays
+    ]
     if draw_trajectories in drawn:
         keys.append(Line2D([], [], label='coarse path', **style.coarse_path_line()))
     if not WITH_AREAS.isdisjoint(drawn):

@@ -174,14 +174,14 @@ def _draw_v2e(ax, runs, side):
         if np.nanmin(gap) < FAR_M:
             _mark(ax, run, np.nanargmin(gap), gap)
     if min(np.nanmin(gap) for gap in gaps) > FAR_M:
-        _say_far(ax, f'{side} edge beyond {FAR_M:g} m')
+        _note_far(ax, f'{side} edge beyond {FAR_M:g} m')
     shade_unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
     _distance_limits(ax, gaps)
     _along(ax, runs)
     ax.set(ylabel='$D_{V2E}$ [m]', title=f'Vehicle-to-edge distance, {side}')
 
 
-def _say_far(ax, text):
+def _note_far(ax, text):
     ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=style.QUIET)
 
 
@@ -195,7 +195,7 @@ def draw_v2o(ax, runs):
                 _mark(ax, run, np.nanargmin(gap), gap)
                 near = True
     if not near:
-        _say_far(ax, f'no obstacle within {FAR_M:g} m')
+        _note_far(ax, f'no obstacle within {FAR_M:g} m')
     shade_unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
     _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
     _along(ax, runs)

@@ -132,7 +132,7 @@ def hide_overlapping(figure, mark: str) -> None:
 
     for ax in figure.axes:
         taken: list[Bbox] = []
-        for text in (one for one in ax.texts if one.get_gid() == mark):
+        for text in (label for label in ax.texts if label.get_gid() == mark):
             extent = text.get_window_extent().padded(2.0)
             if any(extent.overlaps(other) for other in taken):
                 text.set_visible(False)

@@ -158,11 +158,11 @@ def build_top_view(
     places = _draw_obstacles(plot, scene, facts, still)
     for run in runs:
         _trajectory(plot, run)
-    for one in overlays:
-        path = one.path()
+    for overlay in overlays:
+        path = overlay.path()
         if path is not None:
             source = ColumnDataSource(float32(x=path[:, 0], y=path[:, 1]))
-            tag_run(one, plot.line('x', 'y', source=source, **line_look(one)))
+            tag_run(overlay, plot.line('x', 'y', source=source, **line_look(overlay)))
     moving = [
         {
             'name': run.name,

@@ -116,7 +116,9 @@ def compare_drives(
     by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': by_run}
     if overlays:
-        values['overlays'] = {one.name: [*one.axes, *one.signals] for one in overlays}
+        values['overlays'] = {
+            overlay.name: [*overlay.axes, *overlay.signals] for overlay in overlays
+        }
     values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE

@@ -147,18 +147,24 @@ def plot_panel(
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
     curves = [(run, panel.curve(run, logs[run.name])) for run in runs]
-    drawn = [(run, one) for run, one in curves if one and np.isfinite(one.values).any()]
+    drawn = [(run, curve) for run, curve in curves if curve and np.isfinite(curve.values).any()]
     if not drawn:
         return None
     plot = new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
-    laid = [one for one in overlays if np.isfinite(one.signals.get(panel.name, np.nan)).any()]
-    values = [curve.values for _, curve in drawn] + [one.signals[panel.name] for one in laid]
+    laid = [
+        overlay
+        for overlay in overlays
+        if np.isfinite(overlay.signals.get(panel.name, np.nan)).any()
+    ]
+    values = [curve.values for _, curve in drawn] + [
+        overlay.signals[panel.name] for overlay in laid
+    ]
     if panel.unsafe:
         _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), values)
     else:
         plot.y_range = Range1d(*panel.limits(values))
     lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
-    lines += [_plot_overlay(plot, one, one.signals[panel.name]) for one in laid]
+    lines += [_plot_overlay(plot, overlay, overlay.signals[panel.name]) for overlay in laid]
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
@@ -237,14 +243,14 @@ def _plot_curve(plot, run, curve):
     return tag_run(run, line, CURVE)
 
 
-def _plot_overlay(plot, one, values):
+def _plot_overlay(plot, overlay, values):
     unknown = np.full(len(values), np.nan)
     time, station = (
-        unknown if one.along(axis) is None else one.along(axis) for axis in (TIME, STATION)
+        unknown if overlay.along(axis) is None else overlay.along(axis) for axis in (TIME, STATION)
     )
     source = ColumnDataSource(float32(time=time, station=station, value=values))
-    line = plot.line('time', 'value', source=source, name=one.name, **line_look(one))
-    return tag_run(one, line, CURVE)
+    line = plot.line('time', 'value', source=source, name=overlay.name, **line_look(overlay))
+    return tag_run(overlay, line, CURVE)
 
 
 def _shade(plot, safe, columns):

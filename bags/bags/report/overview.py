@@ -55,17 +55,17 @@ def find_bags(paths: Sequence[Path]) -> list[Path]:
     Below a folder, runs that were interrupted (`mpcc.interrupted`) and hidden folders are left
     out. Raises BagError for a folder without any bag.
     """
-    found: list[Path] = []
+    bags: list[Path] = []
     for path in map(Path, paths):
         if not path.is_dir() or (path / METADATA).is_file():
-            found.append(path)
+            bags.append(path)
             continue
         below = sorted(file.parent for file in path.rglob(METADATA))
         below = [bag for bag in below if not _is_aside(bag.relative_to(path))]
         if not below:
             raise BagError(f'{path}: is no bag, and none is below it')
-        found += below
-    return list(dict.fromkeys(found))
+        bags += below
+    return list(dict.fromkeys(bags))
 
 
 def _is_aside(path):
@@ -150,19 +150,21 @@ def build_table(rows: Sequence[Row], chosen: Sequence[Metric]) -> Table:
 def overview_csv(rows: Sequence[Row]) -> str:
     """Return a CSV of every single metric: a row per run, a column per metric."""
     flat = [flatten(row.metrics) for row in rows]
-    columns = list(dict.fromkeys(name for one in flat for name in one))
+    columns = list(dict.fromkeys(name for flattened in flat for name in flattened))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
     writer.writerow(['scenario', 'run', 'bag', *columns])
-    for row, one in zip(rows, flat):
-        values = (metrics_table.csv_cell(one.get(name)) for name in columns)
+    for row, flattened in zip(rows, flat):
+        values = (metrics_table.csv_cell(flattened.get(name)) for name in columns)
         writer.writerow([row.scenario, row.run, row.bag, *values])
     return out.getvalue()
 
 
 def draw_overview(rows: Sequence[Row], chosen: Sequence[Metric]) -> Figure:
     """Return a figure with a panel per metric that is a number, and a line per scenario."""
-    drawn = [one for one in chosen if any(_is_number(row.metrics[one.name]) for row in rows)]
+    drawn = [
+        metric for metric in chosen if any(_is_number(row.metrics[metric.name]) for row in rows)
+    ]
     if not drawn:
         raise BagError('none of these metrics is a number that could be drawn')
     scenarios = list(by_scenario(rows))

@@ -117,7 +117,9 @@ def report_html(data: ReportData) -> str:
         scenario=data.values['scenario'],
         runs=[(run.name, run.look) for run in runs],
         about=describe_runs([run.name for run in runs], infos),
-        overlays=[(one.name, one.look, sorted(one.signals)) for one in data.overlays],
+        overlays=[
+            (overlay.name, overlay.look, sorted(overlay.signals)) for overlay in data.overlays
+        ],
         areas=style.AREAS,
         shaded=shaded,
         coarse_path=style.COARSE_PATH,

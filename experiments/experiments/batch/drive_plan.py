@@ -123,7 +123,7 @@ def sample_draws(study: StudyFile) -> list[Draw]:
     """Return the draws of a study, numbered."""
     drawn = {drawn.name: drawn.distribution for drawn in study.drawn}
     samples = distributions.sample(drawn, len(study.draws), study.seed, study.draws.start)
-    return [Draw(number, tuple(one.items())) for number, one in zip(study.draws, samples)]
+    return [Draw(number, tuple(values.items())) for number, values in zip(study.draws, samples)]
 
 
 def draws_of(combination: Combination, draws: Sequence[Draw]) -> Sequence[Draw]:
@@ -139,16 +139,16 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
     settings: dict[str, dict[str, Any]] = {}
     road, source = combination.scenario, str(combination.scenario)
     if isinstance(road, Family):
-        one = road.draw(draw.number)
-        source = one.name
-        settings = {role: dict(values) for role, values in one.settings.items()}
+        scene = road.draw(draw.number)
+        source = scene.name
+        settings = {role: dict(values) for role, values in scene.settings.items()}
     for name, value in (*combination.settings, *draw.values):
         role, _, parameter = name.partition('.')
         if name in CHANGES:
             changes[CHANGES[name]] = value
         else:
             settings.setdefault(role, {})[parameter] = value
-    scn = _load(road, **changes) if isinstance(road, str) else _change(one, changes)
+    scn = _load(road, **changes) if isinstance(road, str) else _change(scene, changes)
     origins = {role: {name: f'{role}.{name}' for name in own} for role, own in settings.items()}
     setup = simulation.prepare_scenario(scn, combination.controller, settings, source, origins)
     # a limit takes as long to find as a run, and that of a drawn car serves no other drive
@@ -216,7 +216,7 @@ def check_drawn(study: StudyFile, combinations: Sequence[Combination]) -> None:
     takes whole numbers only. Values that a node refuses only together cost the rows of their
     drives.
     """
-    first = {one.controller: one for one in reversed(combinations)}
+    first = {combination.controller: combination for combination in reversed(combinations)}
     for drawn in study.drawn:
         for combination in first.values():
             for end in (*drawn.distribution.ends(), drawn.distribution.value(INSIDE)):

@@ -197,17 +197,17 @@ def _filled(item) -> Sequence[Item]:
 
 def _expand(folder, items, words):
     """Return names as they are and files below the folder, patterns expanded, each once."""
-    found = []
+    names = []
     for item, word in zip(items, words):
         if os.sep not in word and not word.endswith(SUFFIXES) and not glob.has_magic(word):
-            found.append(word)
+            names.append(word)
             continue
         path = os.path.normpath(folder / os.path.expanduser(word))
         paths = sorted(glob.glob(path, recursive=True)) if glob.has_magic(word) else [path]
         if not paths:
             raise item.error(f'{word!r} fits no file below {folder}')
-        found += map(os.path.abspath, paths)
-    return tuple(dict.fromkeys(found))
+        names += map(os.path.abspath, paths)
+    return tuple(dict.fromkeys(names))
 
 
 def _parse_setting(item):

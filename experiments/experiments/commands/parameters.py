@@ -21,9 +21,9 @@ def run(options: argparse.Namespace) -> int:
     """List. Raises BagError for words that no parameter has."""
     from experiments.configuration import parameter_list
 
-    found = parameter_list.search(parameter_list.sections(options.controller), options.words)
+    sections = parameter_list.search(parameter_list.sections(options.controller), options.words)
     if options.json:
-        print(parameter_list.as_json(found))
+        print(parameter_list.as_json(sections))
     else:
-        parameter_list.show(found, Console())
+        parameter_list.show(sections, Console())
     return 0

@@ -196,8 +196,8 @@ def find_controllers(
     """
     if label and not LABEL_FORM.fullmatch(label):
         raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
-    found = dict.fromkeys(find_controller(name, programs) for name in names_or_paths)
-    controllers = [controller._replace(label=label) for controller in found]
+    matches = dict.fromkeys(find_controller(name, programs) for name in names_or_paths)
+    controllers = [controller._replace(label=label) for controller in matches]
     names = [controller.name for controller in controllers]
     for name in names:
         if names.count(name) > 1:
@@ -276,8 +276,8 @@ def build_mpcc_nodes(
 
 def _scenario_origins(role, names, facts):
     keys = SCENARIO_KEYS.get(role, {})
-    found = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in names}
-    return {name: f'scenario {facts.source}: {key}' for name, key in found.items() if key}
+    by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in names}
+    return {name: f'scenario {facts.source}: {key}' for name, key in by_name.items() if key}
 
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:

@@ -39,7 +39,7 @@ def sections(controller: str = 'mpcc') -> tuple[Section, ...]:
     Raises BagError for a controller that does not exist, and ParameterError for one that cannot be
     read.
     """
-    found = []
+    listed = []
     for role in FIRST:
         package, name = node_config.DEFAULTS[role]
         path = share.path(package, 'config', name)
@@ -47,12 +47,12 @@ def sections(controller: str = 'mpcc') -> tuple[Section, ...]:
             path = node_config.find_controller(controller).config
         file = parameters.read_file(path, share.path(package, 'config'))
         groups = parameter_docs.describe(inputs.LOADERS[role][0], file)
-        found.append(Section(role, HOW[role], path.name, groups))
+        listed.append(Section(role, HOW[role], path.name, groups))
     car = share.path('mpcc_controller', 'config', 'car.yaml')
     groups = parameter_docs.describe(CarParams, parameters.read_file(car))
-    found.append(Section(CAR_FILE, HOW[CAR_FILE], car.name, groups))
-    found.append(Section(EVERY_NODE, HOW[EVERY_NODE], '', node_parameters.describe_common()))
-    return tuple(found)
+    listed.append(Section(CAR_FILE, HOW[CAR_FILE], car.name, groups))
+    listed.append(Section(EVERY_NODE, HOW[EVERY_NODE], '', node_parameters.describe_common()))
+    return tuple(listed)
 
 
 def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...]:
@@ -71,7 +71,7 @@ def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...
         text = f'{name} {row.meaning} {group.meaning}'.lower()
         return all(word in text for word in wanted)
 
-    found = []
+    matches = []
     for section in every:
         groups = [
             group._replace(
@@ -81,12 +81,12 @@ def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...
         ]
         kept = tuple(group for group in groups if group.parameters)
         if kept:
-            found.append(section._replace(groups=kept))
-    if not found:
+            matches.append(section._replace(groups=kept))
+    if not matches:
         short = {name.rpartition('.')[2]: name for name in sorted(names)}
         near = [closest(words[0], names), closest(words[0], short)]
         raise BagError(f'no parameter has {" and ".join(words)!r}{next(filter(None, near), "")}')
-    return tuple(found)
+    return tuple(matches)
 
 
 def full_name(section: Section, row: ParameterDoc) -> str:
@@ -94,18 +94,18 @@ def full_name(section: Section, row: ParameterDoc) -> str:
     return f'{section.name}.{row.name}'
 
 
-def as_json(found: Sequence[Section]) -> str:
+def as_json(shown: Sequence[Section]) -> str:
     """Return the parameters as a JSON list of objects."""
     rows = [
         {**row._asdict(), 'name': full_name(section, row), 'group_meaning': group.meaning}
-        for section, group, row in _rows(found)
+        for section, group, row in _rows(shown)
     ]
     return json.dumps(rows, indent=2)
 
 
-def show(found: Sequence[Section], console: Console) -> None:
+def show(shown: Sequence[Section], console: Console) -> None:
     """Print two lines per parameter, in groups: name, default and range; meaning."""
-    for section in found:
+    for section in shown:
         defaults = f'; defaults of {section.defaults}' if section.defaults else ''
         print_text(console, f'{section.name}: {section.how}{defaults}', style='bold')
         for group in section.groups:

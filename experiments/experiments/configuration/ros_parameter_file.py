@@ -26,22 +26,22 @@ def read_files(paths: Sequence[str], namespace: str = '') -> FileParameters:
     of the run `/car1/plant`), or for every node (`/**`). Raises BagError for a file that cannot be
     read, and `<file>:<line>: <key>: <what>` for a section of another node.
     """
-    found = FileParameters({}, {})
+    parameters = FileParameters({}, {})
     for path in paths:
         try:
-            _read_file(Path(path).expanduser(), namespace, found)
+            _read_file(Path(path).expanduser(), namespace, parameters)
         except (OSError, YamlError) as error:
             raise BagError(str(error)) from None
-    return found
+    return parameters
 
 
-def _read_file(path, namespace, found):
+def _read_file(path, namespace, collected):
     for section, item in read(path).items().items():
         roles = ROLES if section == EVERY_NODE else (_role(section, item, namespace),)
         parameters = item.members((PARAMETERS,))[PARAMETERS]
         leaves = dict(_leaves(parameters, ''))
         for role in roles:
-            values, sources = (by_role.setdefault(role, {}) for by_role in found)
+            values, sources = (by_role.setdefault(role, {}) for by_role in collected)
             values.update({name: leaf.value() for name, leaf in leaves.items()})
             sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
 

@@ -59,15 +59,15 @@ def _known(option, chosen, available):
 def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Console) -> int:
     """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw."""
     family, index = library_drive.parse_draw(which)
-    one = draw.draw(family, seed, index, difficulty)
+    scene = draw.draw(family, seed, index, difficulty)
     settings = ' '.join(
         f'--set {role}.{name}={value}'
-        for role, values in one.settings.items()
+        for role, values in scene.settings.items()
         for name, value in values.items()
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     how = f'# drive it with: experiments run {path} {settings}\n' if settings else ''
-    path.write_text(how + one.text)
+    path.write_text(how + scene.text)
     print_text(console, f'{path}' + (f'; drive it with {settings}' if settings else ''))
     return 0
 

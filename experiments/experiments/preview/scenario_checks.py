@@ -115,11 +115,11 @@ def show(scn: Scenario, circles: Circles, console: Console) -> list[str]:
         print_text(console, f'obstacle {actor.obstacle.id}:'.ljust(16) + _about(actor))
         print_text(console, ' ' * 16 + _meeting(scn, actor, path, circles))
     print_text(console, f'\n{CHECKED}')
-    found = advice.find_advice(scn, circles.horizon_s)
-    for text in found:
+    advices = advice.find_advice(scn, circles.horizon_s)
+    for text in advices:
         console.print('[yellow]warning:[/] ', end='')
         print_text(console, text)
-    return found
+    return advices
 
 
 CHECKED = (

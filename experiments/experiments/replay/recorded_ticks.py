@@ -284,8 +284,8 @@ def _distinct_reports(topic):
     """Yield (row, report) of every report of a tick that does not repeat the one before."""
     for i, payload in enumerate(topic.payloads):
         report = topic.value(i)
-        is_of_tick = isinstance(report.values.get('reason'), str)
-        if is_of_tick and (not i or payload != topic.payloads[i - 1]):
+        is_tick_report = isinstance(report.values.get('reason'), str)
+        if is_tick_report and (not i or payload != topic.payloads[i - 1]):
             yield i, report
 
 

@@ -36,13 +36,13 @@ def write_marginal(
         axes = figure.subplots()
         is_share, ticks = False, {}
         for k, name in enumerate(names):
-            summary = marginals.summarise(_of(table, name), metric, [column], bins)
+            summary = marginals.summarise(_rows_of(table, name), metric, [column], bins)
             places = _places(summary[column], ticks)
             is_share = 'share' in summary
             shift = (k - (len(names) - 1) / 2) * 0.012 * np.ptp(places)
             # an area needs an axis of numbers
-            of_numbers = _draw_bars if ticks else _draw_areas
-            draw = _draw_shares if is_share else of_numbers
+            draw_numbers = _draw_bars if ticks else _draw_areas
+            draw = _draw_shares if is_share else draw_numbers
             draw(axes, places + shift, summary, colours[name], str(name))
         if ticks:
             axes.set_xticks(list(ticks.values()), list(map(marginals.level_text, ticks)))
@@ -197,13 +197,13 @@ def _panels(
         for axes, name in zip(grid, names):
             axes.set_title(str(name))
             axes.set_xlabel(columns[0])
-            image = draw(axes, _of(table, name), name)
+            image = draw(axes, _rows_of(table, name), name)
         grid[0].set_ylabel(columns[1])
         figure.colorbar(image, ax=grid, label=title)
         return style.save_figure(figure, stem)
 
 
-def _of(table, controller):
+def _rows_of(table, controller):
     """Return the drives of a controller; all of a table without controllers."""
     if CONTROLLER not in table.rows:
         return table

@@ -52,7 +52,7 @@ def describe_other_plants(paths: Sequence[Path]) -> list[str]:
     ]
 
 
-def with_new_ones(others: Sequence[Path], outcomes: Sequence[RunOutcome]) -> list[Path]:
+def with_new_runs(others: Sequence[Path], outcomes: Sequence[RunOutcome]) -> list[Path]:
     """Return the folders of new runs and of those to compare with, which may have got a number.
 
     One that a new run repeated is that run.

@@ -69,7 +69,7 @@ def run(request: Request, console: Console) -> int:
 
         try:
             # other scenarios were refused before the run; other plants are what is compared
-            paths = earlier_runs.with_new_ones(others, outcomes)
+            paths = earlier_runs.with_new_runs(others, outcomes)
             compared = compare_bags(paths, folder, force=bool(others))
         except Exception as error:
             kept = ' '.join(os.path.relpath(bag) for bag in bags)

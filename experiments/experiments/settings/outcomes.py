@@ -41,7 +41,7 @@ def build(plan: Preregistration, rows: Iterable[Mapping[str, Any]]) -> Iterator[
             yield {'setting': number, 'S': no_ca['S'], 'baseline': '', **alone._asdict()}
             continue
         for baseline in BASELINES:
-            yield from _of_baseline(plan, number, drives, baseline)
+            yield from _baseline_rows(plan, number, drives, baseline)
 
 
 def levels(plan: Preregistration, drives: Rows, baseline: str) -> preconditions.Levels | None:
@@ -56,10 +56,10 @@ def is_accepted(plan: Preregistration, drives: Rows, baselines: Iterable[str] = 
     """Return whether a setting is at P3 for one of some versions of the baseline."""
     met = [levels(plan, drives, baseline) for baseline in baselines]
     least = plan.decision.from_level
-    return any(one and one.reaches(preconditions.ACCEPTED, least) for one in met)
+    return any(reached and reached.reaches(preconditions.ACCEPTED, least) for reached in met)
 
 
-def _of_baseline(plan, number, drives, baseline):
+def _baseline_rows(plan, number, drives, baseline):
     met = levels(plan, drives, baseline)
     if met is None:
         return
@@ -80,7 +80,7 @@ def _of_baseline(plan, number, drives, baseline):
             **met._asdict(),
             **{f'start.{level}': start[level] for level in OF_A_START},
         }
-        found = primaries.evaluate(plan.primaries, *pair) if is_known else primaries.ALL_UNKNOWN
-        for claim, outcome in found.items():
+        verdicts = primaries.evaluate(plan.primaries, *pair) if is_known else primaries.ALL_UNKNOWN
+        for claim, outcome in verdicts.items():
             row |= {f'{claim}.{name}': value for name, value in outcome._asdict().items()}
         yield row

@@ -142,7 +142,7 @@ class _Study:
     def draw(self, seed: int, count: int) -> Drawn:
         """Return the first `count` settings of a seed. Raises BagError where there are too few."""
         self._build_plants()
-        found: list[Setting] = []
+        drawn: list[Setting] = []
         rejected: Counter[str] = Counter()
         first, wave = 0, 1
         while True:
@@ -152,19 +152,19 @@ class _Study:
                     if isinstance(point['rejected'], str):
                         rejected[point['rejected']] += 1
                     else:
-                        found.append(_setting_of(point))
-                    if len(found) == count:
-                        return Drawn(found, rejected, point['number'] + 1)
-                self.progress.show('settings', len(found), count)
+                        drawn.append(_setting_of(point))
+                    if len(drawn) == count:
+                        return Drawn(drawn, rejected, point['number'] + 1)
+                self.progress.show('settings', len(drawn), count)
                 first = start + CHUNK
             if first > ENOUGH * count:
                 raise BagError(
-                    f'{self.plan.path}: {first:,} points gave {len(found)} settings; allowed are '
+                    f'{self.plan.path}: {first:,} points gave {len(drawn)} settings; allowed are '
                     f'ranges that give one in {ENOUGH}'
                 )
             # about as many points as are missing, so that all processes have work
-            share = (len(found) + 1) / first
-            wave = max(1, min(256, round((count - len(found)) / share / CHUNK)))
+            share = (len(drawn) + 1) / first
+            wave = max(1, min(256, round((count - len(drawn)) / share / CHUNK)))
 
     def _build_plants(self):
         """Identify every plant before settings are built: each only once."""

@@ -94,16 +94,18 @@ def training_settings(
 
     Raises BagError when there are not so many among MAX_DRAWS points.
     """
-    found: list[Setting] = []
+    training: list[Setting] = []
     for number, values in enumerate(settings.draw(plan, seed, 0, MAX_DRAWS)):
         if not low <= values['S'] < high:
             continue
         built = settings.build(plan, number, values)
         if isinstance(built, Setting):
-            found.append(built)
-        if len(found) == count:
-            return found
-    raise BagError(f'{len(found)} training settings with S from {low:g} to {high:g}, not {count}')
+            training.append(built)
+        if len(training) == count:
+            return training
+    raise BagError(
+        f'{len(training)} training settings with S from {low:g} to {high:g}, not {count}'
+    )
 
 
 def cells_of(plan: Preregistration) -> list[tuple[float, float]]:
@@ -128,8 +130,8 @@ def tune(
         sets = []
         for seed in size.seeds:
             training = training_settings(plan, low, high, seed, size.geometries)
-            found, best, first = _search(plan, training, seed, size, pool, on_cost)
-            sets.append(found)
+            weights, best, first = _search(plan, training, seed, size, pool, on_cost)
+            sets.append(weights)
             rows.append(
                 {
                     'S_low': low,
@@ -138,7 +140,7 @@ def tune(
                     'settings': [setting.number for setting in training],
                     'cost_matched': first,
                     'cost_tuned': best,
-                    **found,
+                    **weights,
                 }
             )
         table.append(Cell(low, high, tuple(sets)))
@@ -154,10 +156,10 @@ def _search(plan, training, seed, size, pool, on_cost):
         name: FloatDistribution(*plan.dimensions[dimension].ends(), log=True)
         for name, dimension in SEARCHED.items()
     }
-    matched = pool.run(drive_cost, [(plan, one, {}) for one in training], on_cost)
+    matched = pool.run(drive_cost, [(plan, setting, {}) for setting in training], on_cost)
     for count in _batches(size.trials):
         asked = [study.ask(ranges) for _ in range(count)]
-        tasks = [(plan, one, _rounded(trial.params)) for trial in asked for one in training]
+        tasks = [(plan, setting, _rounded(trial.params)) for trial in asked for setting in training]
         costs = np.reshape(pool.run(drive_cost, tasks, on_cost), (count, len(training)))
         for trial, own in zip(asked, costs):
             study.tell(trial, float(own.mean()))
@@ -186,13 +188,22 @@ def judge(
     One row per setting, `count` in every cell.
     """
     fresh = [
-        one for cell in table for one in training_settings(plan, cell.low, cell.high, seed, count)
+        setting
+        for cell in table
+        for setting in training_settings(plan, cell.low, cell.high, seed, count)
     ]
-    chosen = [tuned_table.parameters_of(table, one.number, one.values['S']) for one in fresh]
-    tasks = [(plan, one, {}) for one in fresh]
-    tasks += [(plan, one, tuned) for one, tuned in zip(fresh, chosen)]
+    chosen = [
+        tuned_table.parameters_of(table, setting.number, setting.values['S']) for setting in fresh
+    ]
+    tasks = [(plan, setting, {}) for setting in fresh]
+    tasks += [(plan, setting, tuned) for setting, tuned in zip(fresh, chosen)]
     costs = pool.run(drive_cost, tasks, on_cost)
     return [
-        {'setting': one.number, 'S': one.values['S'], 'cost_matched': matched, 'cost_tuned': tuned}
-        for one, matched, tuned in zip(fresh, costs, costs[len(fresh) :])
+        {
+            'setting': setting.number,
+            'S': setting.values['S'],
+            'cost_matched': matched,
+            'cost_tuned': tuned,
+        }
+        for setting, matched, tuned in zip(fresh, costs, costs[len(fresh) :])
     ]

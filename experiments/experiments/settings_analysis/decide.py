@@ -101,7 +101,7 @@ def decide(study: Study, explained: Collection[str] = tuple(UNITS)) -> Results:
 
     `explained` are the claims whose drivers are computed, which takes seconds each.
     """
-    judged = [one for baseline in study.baselines for one in _judge(study, baseline)]
+    judged = [result for baseline in study.baselines for result in _judge(study, baseline)]
     return Results(
         counts=level_counts(study),
         judged=judged,
@@ -201,15 +201,15 @@ def _effects(study):
 
 
 def _residuals(study):
-    found = study_tables.beyond_the_factors(study)
+    residuals = study_tables.beyond_the_factors(study)
     return {
         claim: Residual(
-            len(found),
-            float(found[response].median()),
-            setting_statistics.median_interval(found[response].to_numpy()),
+            len(residuals),
+            float(residuals[response].median()),
+            setting_statistics.median_interval(residuals[response].to_numpy()),
         )
         for claim, response in RESPONSES.items()
-        if len(found)
+        if len(residuals)
     }
 
 
@@ -217,34 +217,34 @@ def _drivers(study, claims):
     if DRIVER_LEVEL not in study.levels:
         return {}
     features = surrogate.unit_features(study_tables.dimensions(study), list(study.plan.dimensions))
-    found = {}
+    surrogates = {}
     for baseline in study.baselines:
         own = study.outcomes[study.outcomes['baseline'] == baseline]
         own = study_tables.reaching(own, DRIVER_LEVEL, ANY_S)
         for claim in claims:
             pairs = study_tables.pairs(own, claim, DRIVER_LEVEL)
             difference = pairs.groupby('setting')['difference'].median().rename(claim)
-            found[baseline, claim] = surrogate.fit(features, difference)
-    return found
+            surrogates[baseline, claim] = surrogate.fit(features, difference)
+    return surrogates
 
 
-def by_stratum(study: Study, one: Judged) -> list[tuple[int, int]]:
+def by_stratum(study: Study, result: Judged) -> list[tuple[int, int]]:
     """Return in how many settings of each stratum of S a claim holds, and of how many."""
-    held = one.table['holds'].groupby(study_tables.strata(study), observed=False)
+    held = result.table['holds'].groupby(study_tables.strata(study), observed=False)
     return [
         (int(row['sum']), int(row['count'])) for _, row in held.agg(['sum', 'count']).iterrows()
     ]
 
 
-def counterexample(one: Judged) -> int | None:
+def counterexample(result: Judged) -> int | None:
     """Return the setting that contradicts the verdict most clearly, None where none does.
 
     Of a claim that holds in most settings, that of the smallest difference among those in which it
     fails; otherwise that of the largest among those in which it holds. Only settings whose
     perturbations agree count.
     """
-    table = one.table[~one.table['undetermined']]
-    wanted = one.decision.share is not None and one.decision.share <= 0.5
+    table = result.table[~result.table['undetermined']]
+    wanted = result.decision.share is not None and result.decision.share <= 0.5
     table = table[table['holds'] == wanted]
     if table.empty:
         return None
@@ -253,11 +253,11 @@ def counterexample(one: Judged) -> int | None:
     return int(table['difference'].idxmax() if wanted else table['difference'].idxmin())
 
 
-def driver_names(found: Surrogate | None) -> list[str]:
+def driver_names(fitted: Surrogate | None) -> list[str]:
     """Return the dimensions of the largest total indices that are above their uncertainty."""
-    if found is None:
+    if fitted is None:
         return []
-    certain = [driver for driver in found.drivers if driver.total > driver.total_interval]
+    certain = [driver for driver in fitted.drivers if driver.total > driver.total_interval]
     return [driver.dimension for driver in certain[:SHOWN_DRIVERS]]
 
 
@@ -266,58 +266,58 @@ def cause_names(effects: list[Effect]) -> list[str]:
     return [effect.term for effect in effects if effect.p_adjusted <= SIGNIFICANT]
 
 
-def causes(study: Study, results: Results, one: Judged) -> list[str] | None:
+def causes(study: Study, results: Results, result: Judged) -> list[str] | None:
     """Return the causes of a claim's difference; None where the factorial does not explain it.
 
     It leads to `frenet_matched` alone, and explains nothing where what it leaves over may exceed
     the margin.
     """
-    residual = results.residuals.get(one.claim)
-    margin = study_tables.margin(study.plan, one.claim)
-    if one.baseline != arms.MATCHED or residual is None or residual.exceeds(margin):
+    residual = results.residuals.get(result.claim)
+    margin = study_tables.margin(study.plan, result.claim)
+    if result.baseline != arms.MATCHED or residual is None or residual.exceeds(margin):
         return None
-    return cause_names(results.effects.get(one.claim, []))
+    return cause_names(results.effects.get(result.claim, []))
 
 
 def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
     """Return the entries of claims.json: one per claim and version of the baseline."""
     entries = []
-    for one in results.judged:
-        if not one.primary:
+    for result in results.judged:
+        if not result.primary:
             continue
-        text, number = PAPER[one.claim]
-        example = counterexample(one)
+        text, number = PAPER[result.claim]
+        example = counterexample(result)
         entries.append(
             {
                 'claim': text,
-                'key': one.claim,
+                'key': result.claim,
                 'paper': number,
-                'baseline': one.baseline,
+                'baseline': result.baseline,
                 'confirmatory': study.is_confirmatory
-                and one.baseline == study.plan.decision.confirmatory,
-                'level': f'{one.least} to {one.level}',
-                'settings': one.decision.settings,
-                'holds': one.decision.holds,
-                'share': one.decision.share,
-                'interval': one.decision.interval,
-                'interval_undetermined_fail': one.decision.least,
-                'interval_undetermined_hold': one.decision.most,
-                'undetermined': one.decision.undetermined,
-                'undetermined_by_unknown_starts': one.unknown,
-                'undetermined_strictly': one.strict.undetermined,
-                'p_adjusted': one.p_adjusted,
-                'margin': study_tables.margin(study.plan, one.claim),
-                'unit': UNITS.get(one.claim),
-                'median_difference': one.decision.median,
-                'median_interval': one.decision.median_interval,
-                'relation': one.decision.relation,
-                'verdict': one.verdict,
-                'verdict_strictly': one.strict_verdict,
-                'holds_by_stratum_of_S': by_stratum(study, one),
-                'causes': causes(study, results, one),
-                'drivers': driver_names(results.drivers.get((one.baseline, one.claim))),
+                and result.baseline == study.plan.decision.confirmatory,
+                'level': f'{result.least} to {result.level}',
+                'settings': result.decision.settings,
+                'holds': result.decision.holds,
+                'share': result.decision.share,
+                'interval': result.decision.interval,
+                'interval_undetermined_fail': result.decision.least,
+                'interval_undetermined_hold': result.decision.most,
+                'undetermined': result.decision.undetermined,
+                'undetermined_by_unknown_starts': result.unknown,
+                'undetermined_strictly': result.strict.undetermined,
+                'p_adjusted': result.p_adjusted,
+                'margin': study_tables.margin(study.plan, result.claim),
+                'unit': UNITS.get(result.claim),
+                'median_difference': result.decision.median,
+                'median_interval': result.decision.median_interval,
+                'relation': result.decision.relation,
+                'verdict': result.verdict,
+                'verdict_strictly': result.strict_verdict,
+                'holds_by_stratum_of_S': by_stratum(study, result),
+                'causes': causes(study, results, result),
+                'drivers': driver_names(results.drivers.get((result.baseline, result.claim))),
                 'counterexample': None
-                if example is None or one.baseline == arms.TUNED  # needs its table, too
+                if example is None or result.baseline == arms.TUNED  # needs its table, too
                 else {'setting': example, 'command': command_of(study, example)},
             }
         )

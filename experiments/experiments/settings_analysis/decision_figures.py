@@ -44,19 +44,19 @@ def write_shares(study: Study, results: Results, stem: Path) -> list[Path]:
     Filled: the level at which the claim is judged. The thin line spans what undetermined settings
     might make of it.
     """
-    shown = [one for one in results.judged if one.primary and one.decision.settings]
-    claims = [name for name in TITLES if any(one.claim == name for one in shown)]
+    shown = [result for result in results.judged if result.primary and result.decision.settings]
+    claims = [name for name in TITLES if any(result.claim == name for result in shown)]
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(9.0, 1.6 + 0.9 * max(1, len(claims))), layout='constrained')
         axes = figure.subplots()
-        for one in shown:
-            place = len(claims) - 1 - claims.index(one.claim)
-            _share(axes, one, place + 0.3 * (0.7 - study.baselines.index(one.baseline)))
+        for result in shown:
+            place = len(claims) - 1 - claims.index(result.claim)
+            _share(axes, result, place + 0.3 * (0.7 - study.baselines.index(result.baseline)))
         rule = decide.rule_of(study.plan)
         for end, text in ((rule.rare_below, 'rare'), (rule.holds_from, 'most')):
             axes.axvline(end, color=style.EDGE, lw=0.9, ls=':')
             axes.annotate(text, (end, 1.0), xycoords=('data', 'axes fraction'), va='bottom')
-        levels = {one.claim: one.level for one in shown}
+        levels = {result.claim: result.level for result in shown}
         labels = [f'{TITLES[name]}  ({levels[name]})' for name in reversed(claims)]
         axes.set_yticks(range(len(claims)), labels)
         axes.set(xlim=(0.0, 1.0), ylim=(-0.6, len(claims) - 0.3))
@@ -69,13 +69,13 @@ def write_shares(study: Study, results: Results, stem: Path) -> list[Path]:
         return style.save_figure(figure, stem)
 
 
-def _share(axes, one: Judged, y):
-    decision = one.decision
-    colour = COLOURS[one.baseline]
+def _share(axes, result: Judged, y):
+    decision = result.decision
+    colour = COLOURS[result.baseline]
     axes.plot((decision.least.low, decision.most.high), (y, y), color=colour, lw=0.8)
     axes.plot(decision.interval, (y, y), color=colour, lw=3.0, alpha=0.6)
     axes.plot(decision.share, y, 'o', ms=6, color=colour, mec='white', clip_on=False, zorder=4)
-    text = f'{decision.holds} of {decision.settings}: {one.verdict}'
+    text = f'{decision.holds} of {decision.settings}: {result.verdict}'
     place = {'xytext': (0, 5), 'textcoords': 'offset points', 'fontsize': 7.5}
     side = 'left' if decision.share < 0.6 else 'right'
     axes.annotate(text, (decision.share, y), ha=side, color=style.QUIET, **place)
@@ -159,13 +159,13 @@ def _phase(axes, table, margin, plan):
 
 def write_causes(results: Results, stem: Path) -> list[Path]:
     """Draw the largest effects of the factorial on each claim's response; return the paths."""
-    found = {claim: effects for claim, effects in results.effects.items() if effects}
-    if not found:
+    shown = {claim: effects for claim, effects in results.effects.items() if effects}
+    if not shown:
         return []
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(12.0, 3.4), layout='constrained')
-        grid = figure.subplots(1, len(found), squeeze=False)[0]
-        for axes, (claim, effects) in zip(grid, found.items()):
+        grid = figure.subplots(1, len(shown), squeeze=False)[0]
+        for axes, (claim, effects) in zip(grid, shown.items()):
             chosen = sorted(effects, key=lambda effect: -abs(effect.mean))[:SHOWN_TERMS][::-1]
             for k, effect in enumerate(chosen):
                 sure = effect.p_adjusted <= decide.SIGNIFICANT
@@ -190,18 +190,20 @@ def write_causes(results: Results, stem: Path) -> list[Path]:
 
 def write_drivers(study: Study, results: Results, stem: Path) -> list[Path]:
     """Draw total and first-order Sobol' indices of every usable surrogate; return the paths."""
-    found = {key: one for key, one in results.drivers.items() if one.is_usable}
-    if not found:
+    shown = {key: surrogate for key, surrogate in results.drivers.items() if surrogate.is_usable}
+    if not shown:
         return []
     with mpl.rc_context(style.RC):
-        columns = min(4, len(found))
-        rows = -(-len(found) // columns)
+        columns = min(4, len(shown))
+        rows = -(-len(shown) // columns)
         figure = Figure(figsize=(3.6 * columns, 0.5 + 2.7 * rows), layout='constrained')
         panels = list(figure.subplots(rows, columns, squeeze=False).flat)
-        for axes, ((baseline, claim), one) in zip(panels, found.items()):
-            _driver_bars(axes, one.drivers[:SHOWN_DIMENSIONS][::-1])
-            axes.set_title(f'{claim}, {baseline}\ncross-validated R² {one.score:.2f}', fontsize=8.5)
-        for axes in panels[len(found) :]:
+        for axes, ((baseline, claim), surrogate) in zip(panels, shown.items()):
+            _driver_bars(axes, surrogate.drivers[:SHOWN_DIMENSIONS][::-1])
+            axes.set_title(
+                f'{claim}, {baseline}\ncross-validated R² {surrogate.score:.2f}', fontsize=8.5
+            )
+        for axes in panels[len(shown) :]:
             axes.set_visible(False)
         panels[0].legend(loc='lower right')
         return style.save_figure(figure, stem)

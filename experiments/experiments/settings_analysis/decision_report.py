@@ -84,29 +84,29 @@ def _write_table(out, stem, rows: Sequence[Mapping[str, Any]], text):
 def _verdict_rows(study, results):
     return [
         {
-            'claim': one.claim,
-            'baseline': one.baseline,
-            'from': one.least,
-            'level': one.level,
-            'primary': one.primary,
-            'settings': one.decision.settings,
-            'holds': one.decision.holds,
-            'share': one.decision.share,
-            **_ends('interval', one.decision.interval),
-            **_ends('undetermined_fail', one.decision.least),
-            **_ends('undetermined_hold', one.decision.most),
-            'undetermined': one.decision.undetermined,
-            'undetermined_by_unknown_starts': one.unknown,
-            'undetermined_strictly': one.strict.undetermined,
-            'p_adjusted': one.p_adjusted,
-            'median_difference': one.decision.median,
-            **_ends('median', one.decision.median_interval),
-            'margin': study_tables.margin(study.plan, one.claim),
-            'relation': one.decision.relation,
-            'verdict': one.verdict,
-            'verdict_strictly': one.strict_verdict,
+            'claim': result.claim,
+            'baseline': result.baseline,
+            'from': result.least,
+            'level': result.level,
+            'primary': result.primary,
+            'settings': result.decision.settings,
+            'holds': result.decision.holds,
+            'share': result.decision.share,
+            **_ends('interval', result.decision.interval),
+            **_ends('undetermined_fail', result.decision.least),
+            **_ends('undetermined_hold', result.decision.most),
+            'undetermined': result.decision.undetermined,
+            'undetermined_by_unknown_starts': result.unknown,
+            'undetermined_strictly': result.strict.undetermined,
+            'p_adjusted': result.p_adjusted,
+            'median_difference': result.decision.median,
+            **_ends('median', result.decision.median_interval),
+            'margin': study_tables.margin(study.plan, result.claim),
+            'relation': result.decision.relation,
+            'verdict': result.verdict,
+            'verdict_strictly': result.strict_verdict,
         }
-        for one in results.judged
+        for result in results.judged
     ]
 
 
@@ -137,15 +137,15 @@ def verdict_text(study: Study, results: Results) -> str:
         *_too_few(study, results),
     ]
     for baseline in study.baselines:
-        own = [one for one in results.judged if one.baseline == baseline]
+        own = [result for result in results.judged if result.baseline == baseline]
         lines += [
             *(f'## {baseline}, {_role(study, baseline)}', ''),
             *('Each claim at its own level:', ''),
-            _verdict_table([one for one in own if one.primary]),
+            _verdict_table([result for result in own if result.primary]),
             *('Each claim by stratum of S, as settings in which it holds of all:', ''),
-            _strata_table(study, [one for one in own if one.primary]),
+            _strata_table(study, [result for result in own if result.primary]),
             *('The same at the other levels:', ''),
-            _verdict_table([one for one in own if not one.primary]),
+            _verdict_table([result for result in own if not result.primary]),
             *('Which of the two cars brakes hard before obstacle 2, any S:', ''),
             _braking_table(study, baseline),
             *('Each claim where the outlines of both cars, too, touch nothing; undisturbed:', ''),
@@ -171,8 +171,8 @@ def _braking_table(study, baseline):
 
 def _outline_table(study, baseline):
     rows = [
-        [one.claim, one.level, f'{one.holds} of {one.settings}']
-        for one in sensitivity.by_outline(study, baseline)
+        [result.claim, result.level, f'{result.holds} of {result.settings}']
+        for result in sensitivity.by_outline(study, baseline)
     ]
     return tables.markdown_table(['claim', 'level', 'holds'], rows)
 
@@ -187,8 +187,8 @@ def _strata_table(study, judged):
     ends = study.plan.strata.S
     header = ['claim', *(f'{low:g} to {high:g}' for low, high in pairwise(ends))]
     rows = [
-        [one.claim, *(f'{held} of {count}' for held, count in decide.by_stratum(study, one))]
-        for one in judged
+        [result.claim, *(f'{held} of {count}' for held, count in decide.by_stratum(study, result))]
+        for result in judged
     ]
     return tables.markdown_table(header, rows)
 
@@ -244,24 +244,26 @@ def _count(value):
 def _verdict_table(judged):
     header = ['claim', 'level', 'holds', 'share', 'undetermined', 'difference', 'verdict']
     header += ['undetermined, strictly', 'verdict, strictly']
-    return tables.markdown_table(header, [_verdict_row(one) for one in judged])
+    return tables.markdown_table(header, [_verdict_row(result) for result in judged])
 
 
-def _verdict_row(one):
-    decision, difference = one.decision, '–'
+def _verdict_row(result):
+    decision, difference = result.decision, '–'
     if decision.median is not None:
-        size = f'{decision.median:.2f} {_span(decision.median_interval)} {decide.UNITS[one.claim]}'
+        size = (
+            f'{decision.median:.2f} {_span(decision.median_interval)} {decide.UNITS[result.claim]}'
+        )
         difference = f'{size}: {decision.relation}'
     return [
-        one.claim,
-        f'{one.level} and P0' if one.least == LEVELS[0] else one.level,
+        result.claim,
+        f'{result.level} and P0' if result.least == LEVELS[0] else result.level,
         f'{decision.holds} of {decision.settings}',
         '–' if decision.share is None else f'{decision.share:.2f} {_span(decision.interval)}',
         '–' if decision.undetermined is None else f'{decision.undetermined:.0%}',
         difference,
-        one.verdict,
-        '–' if decision.undetermined is None else f'{one.strict.undetermined:.0%}',
-        one.strict_verdict,
+        result.verdict,
+        '–' if decision.undetermined is None else f'{result.strict.undetermined:.0%}',
+        result.strict_verdict,
     ]
 
 
@@ -322,10 +324,10 @@ def _cause_text(results):
 
 def _driver_rows(results):
     return [
-        {'baseline': baseline, 'claim': claim, 'model': found.model, 'score': found.score}
+        {'baseline': baseline, 'claim': claim, 'model': surrogate.model, 'score': surrogate.score}
         | driver._asdict()
-        for (baseline, claim), found in results.drivers.items()
-        for driver in found.drivers
+        for (baseline, claim), surrogate in results.drivers.items()
+        for driver in surrogate.drivers
     ]
 
 
@@ -339,14 +341,18 @@ def _driver_text(results):
         'permutation importance is measured on held-out settings.',
         '',
     ]
-    for (baseline, claim), found in results.drivers.items():
-        score = '–' if found.score is None else f'{found.score:.2f} ± {found.score_spread:.2f}'
+    for (baseline, claim), surrogate in results.drivers.items():
+        score = (
+            '–'
+            if surrogate.score is None
+            else f'{surrogate.score:.2f} ± {surrogate.score_spread:.2f}'
+        )
         lines += [f'## {claim}, {baseline}', '']
-        text = f'{found.settings} settings, {found.model}, cross-validated R² {score}'
-        if not found.is_usable:
+        text = f'{surrogate.settings} settings, {surrogate.model}, cross-validated R² {score}'
+        if not surrogate.is_usable:
             lines += [f'{text}: no surrogate.', '']
             continue
-        rows = [_driver_row(driver) for driver in found.drivers[:8]]
+        rows = [_driver_row(driver) for driver in surrogate.drivers[:8]]
         header = ['dimension', 'first order', 'total', 'permutation']
         lines += [f'{text}.', '', tables.markdown_table(header, rows)]
     return '\n'.join(lines)

@@ -47,13 +47,13 @@ class Judged(NamedTuple):
 
 
 def hold_out(
-    plan: Preregistration, picture: Picture, found: Sequence[Candidate], pool: WorkerPool
+    plan: Preregistration, picture: Picture, candidates: Sequence[Candidate], pool: WorkerPool
 ) -> list[Judged]:
     """Judge the best of the candidates of a search by fresh drives; the chosen one is the first.
 
     The order is that of the rule for the demo in the picture's file.
     """
-    kept = [candidate for candidate in found if not candidate.rejected]
+    kept = [candidate for candidate in candidates if not candidate.rejected]
     best = sorted(kept, key=lambda candidate: candidate.distance)[: picture.hold_out.best]
     tasks = []
     for candidate in best:
@@ -66,7 +66,9 @@ def hold_out(
     for k, candidate in enumerate(best):
         own = driven[k * count : (k + 1) * count]
         judged.append(Judged(candidate, tuple(own[:size]), tuple(own[size:]), picture.demo.near))
-    return sorted(judged, key=lambda one: (one.median, -one.near_share, one.candidate.number))
+    return sorted(
+        judged, key=lambda result: (result.median, -result.near_share, result.candidate.number)
+    )
 
 
 def _starts(picture, candidate):
@@ -128,15 +130,15 @@ def as_rows(judged: Sequence[Judged]) -> list[Mapping[str, Any]]:
     """Return one flat row per judged setting: distances, shortfalls, features, values."""
     return [
         {
-            'trial': one.candidate.number,
-            'distance': one.candidate.distance,
-            'median_distance': one.median,
-            'greatest_distance': max(one.distances),
-            'whole_picture_share': one.whole,
-            'near_neighbours_share': one.near_share,
-            **{f'missed.{name}': value for name, value in one.candidate.missed.items()},
-            **{f'feature.{name}': value for name, value in one.candidate.features.items()},
-            **{f'value.{name}': value for name, value in one.candidate.values.items()},
+            'trial': result.candidate.number,
+            'distance': result.candidate.distance,
+            'median_distance': result.median,
+            'greatest_distance': max(result.distances),
+            'whole_picture_share': result.whole,
+            'near_neighbours_share': result.near_share,
+            **{f'missed.{name}': value for name, value in result.candidate.missed.items()},
+            **{f'feature.{name}': value for name, value in result.candidate.features.items()},
+            **{f'value.{name}': value for name, value in result.candidate.values.items()},
         }
-        for one in judged
+        for result in judged
     ]

@@ -24,14 +24,14 @@ MET, MISSED = '#0072B2', '#D55E00'
 def write(
     plan: Preregistration,
     picture: Picture,
-    found: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     judged: Sequence[Judged],
     out: Path,
 ) -> list[Path]:
     """Write tables, figure, and the nearest setting into the folder `out`; return the paths."""
     out.mkdir(parents=True, exist_ok=True)
     paths = [out / f'{STEM}.{ending}' for ending in ('md', 'csv', 'json')]
-    paths[0].write_text(_text(picture, found, judged))
+    paths[0].write_text(_text(picture, candidates, judged))
     rows = existence.as_rows(judged)
     pd.DataFrame(rows).to_csv(paths[1], index=False, lineterminator='\n')
     content = {
@@ -41,23 +41,23 @@ def write(
             'commit': provenance.commit(),
             'machine': provenance.machine(),
         },
-        'trials': len(found),
+        'trials': len(candidates),
         'verdict': existence.demo_verdict(judged, picture),
         'judged': rows,
     }
     paths[2].write_text(tables.dump_json(content))
     if judged:
         paths += existence.write_setting(plan, judged[0].candidate, out)
-        paths += _figure(picture, found, judged[0], out / STEM)
+        paths += _figure(picture, candidates, judged[0], out / STEM)
     return paths
 
 
-def _text(picture, found, judged):
-    driven = [candidate for candidate in found if not candidate.rejected]
+def _text(picture, candidates, judged):
+    driven = [candidate for candidate in candidates if not candidate.rejected]
     lines = [
         "# Does a setting show the paper's whole picture?",
         '',
-        f'{len(found):,} trials, {len(driven):,} of them settings that could be driven. The '
+        f'{len(candidates):,} trials, {len(driven):,} of them settings that could be driven. The '
         'distance is the root of the sum of squared shortfalls of '
         f'{len(picture.items)} items; 0 is the whole picture.',
         '',
@@ -69,13 +69,13 @@ def _text(picture, found, judged):
     header = ['trial', 'distance', 'perturbed, median', 'whole picture', 'near neighbours']
     rows = [
         [
-            str(one.candidate.number),
-            f'{one.candidate.distance:.2f}',
-            f'{one.median:.2f}',
-            f'{one.whole:.0%}',
-            f'{one.near_share:.0%}',
+            str(result.candidate.number),
+            f'{result.candidate.distance:.2f}',
+            f'{result.median:.2f}',
+            f'{result.whole:.0%}',
+            f'{result.near_share:.0%}',
         ]
-        for one in judged
+        for result in judged
     ]
     lines += [tables.markdown_table(header, rows), 'The first of them, item by item:', '']
     best = judged[0].candidate
@@ -97,13 +97,13 @@ def _end(value):
     return f'{value:g}' if np.isfinite(value) else '…'
 
 
-def _figure(picture, found, best, stem):
+def _figure(picture, candidates, best, stem):
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(11.0, 4.2), layout='constrained')
         history, items = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-        distances = np.array([candidate.distance for candidate in found])
-        driven = np.array([not candidate.rejected for candidate in found])
-        order = np.arange(len(found))
+        distances = np.array([candidate.distance for candidate in candidates])
+        driven = np.array([not candidate.rejected for candidate in candidates])
+        order = np.arange(len(candidates))
         history.plot(order[driven], distances[driven], 'o', ms=3, color=MET, alpha=0.6, mew=0)
         history.step(order, np.minimum.accumulate(distances), where='post', color=style.INK, lw=1.2)
         history.set(xlabel='trial', ylabel='distance from the picture', ylim=(0.0, None))

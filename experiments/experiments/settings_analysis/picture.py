@@ -196,8 +196,8 @@ def _clear(drive):
     return min((value for value in known if value is not None), default=None)
 
 
-def _difference(one, other):
-    return None if one is None or other is None else one - other
+def _difference(first, second):
+    return None if first is None or second is None else first - second
 
 
 def _least(*values):

@@ -46,14 +46,14 @@ def _known(row: Mapping[str, Any]) -> dict[str, Any]:
 def admissible_points(plan: Preregistration, picture: Picture, trials: int) -> list[dict[str, Any]]:
     """Return the first admissible settings of the search's seed, those that it tries at random."""
     wanted = min(picture.search.random, trials)
-    found: list[dict[str, Any]] = []
+    points: list[dict[str, Any]] = []
     drawn = settings.draw(plan, picture.search.seed, 0, int(wanted / ADMISSIBLE_SHARE))
     for number, values in enumerate(drawn):
         if isinstance(settings.build(plan, number, values), Setting):
-            found.append(values)
-        if len(found) == wanted:
+            points.append(values)
+        if len(points) == wanted:
             break
-    return found
+    return points
 
 
 def with_hold_out(picture: Picture, **changes: int) -> Picture:

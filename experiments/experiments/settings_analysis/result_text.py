@@ -46,11 +46,11 @@ def _read(file):
 
 def build(confirmatory: Mapping[str, Any], repetition: Mapping[str, Any] | None) -> str:
     """Return the sentences from the contents of two claims.json."""
-    claims = {one['key']: one for one in confirmatory['claims'] if one['confirmatory']}
+    claims = {claim['key']: claim for claim in confirmatory['claims'] if claim['confirmatory']}
     if not claims:
         raise BagError('the run is not as preregistered: it confirms nothing')
     origin = confirmatory['provenance']
-    (baseline,) = {one['baseline'] for one in claims.values()}
+    (baseline,) = {claim['baseline'] for claim in claims.values()}
     accepted = next(
         row[ACCEPTED]
         for row in confirmatory['counts']
@@ -73,22 +73,22 @@ def build(confirmatory: Mapping[str, Any], repetition: Mapping[str, Any] | None)
     return '\n'.join(lines) + '\n'
 
 
-def _row(text, one):
-    if not one['settings']:
+def _row(text, claim):
+    if not claim['settings']:
         return f'| {text} | – | – | open: no such setting |'
-    low, high = one['interval']
-    where = ', both cars braking' if one['level'].endswith('P4') else ''
+    low, high = claim['interval']
+    where = ', both cars braking' if claim['level'].endswith('P4') else ''
     return (
-        f'| {text} | {one["holds"]} of {one["settings"]}{where} | {low:.0%} to {high:.0%} '
-        f'| **{one["verdict"]}** |'
+        f'| {text} | {claim["holds"]} of {claim["settings"]}{where} | {low:.0%} to {high:.0%} '
+        f'| **{claim["verdict"]}** |'
     )
 
 
 def _repeated(claims, repetition):
     again = {
-        one['key']: one['verdict']
-        for one in repetition['claims']
-        if one['baseline'] == next(iter(claims.values()))['baseline']
+        claim['key']: claim['verdict']
+        for claim in repetition['claims']
+        if claim['baseline'] == next(iter(claims.values()))['baseline']
     }
     changed = _changed(claims, again)
     settings = f'{repetition["provenance"]["settings"]:,} settings of another seed'
@@ -99,7 +99,7 @@ def _repeated(claims, repetition):
 
 def _changed(claims, again) -> Sequence[str]:
     return [
-        f'{key} ({again.get(key)} instead of {one["verdict"]})'
-        for key, one in claims.items()
-        if again.get(key) != one['verdict']
+        f'{key} ({again.get(key)} instead of {claim["verdict"]})'
+        for key, claim in claims.items()
+        if again.get(key) != claim['verdict']
     ]

@@ -178,20 +178,20 @@ def _exists(request, console) -> Sequence[Path]:
         study = study_tables.load(request.folder)
         starts = [*pictures_of_study.nearest(study, picture), *starts]
     with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
-        found = []
+        candidates = []
 
         def on_candidate(candidate):
-            found.append(candidate)
-            best = min(one.distance for one in found)
+            candidates.append(candidate)
+            best = min(each.distance for each in candidates)
             note = f'distance {best:.2f}'
-            progress.show('settings', len(found), trials, note)
-            if len(found) % picture.search.batch == 0:
-                progress.print_line(f'{len(found)} of {trials} settings, {note}')
+            progress.show('settings', len(candidates), trials, note)
+            if len(candidates) % picture.search.batch == 0:
+                progress.print_line(f'{len(candidates)} of {trials} settings, {note}')
 
         picture_search.search(plan, picture, trials, request.out, pool, on_candidate, starts)
-        judged = existence.hold_out(plan, picture, found, pool)
+        judged = existence.hold_out(plan, picture, candidates, pool)
     console.print(existence.demo_verdict(judged, picture), style='bold')
-    return existence_report.write(plan, picture, found, judged, request.out)
+    return existence_report.write(plan, picture, candidates, judged, request.out)
 
 
 def _baseline(request, console) -> Sequence[Path]:

@@ -116,8 +116,8 @@ def _sobol_indices(model, names):
     problem = {'num_vars': len(names), 'names': names, 'bounds': [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, BASE_SAMPLES, calc_second_order=False, seed=SEED)
     values = model.predict(pd.DataFrame(points, columns=names))
-    found = analyse.analyze(problem, values, calc_second_order=False, seed=SEED)
-    columns = (found[key] for key in ('S1', 'S1_conf', 'ST', 'ST_conf'))
+    indices = analyse.analyze(problem, values, calc_second_order=False, seed=SEED)
+    columns = (indices[key] for key in ('S1', 'S1_conf', 'ST', 'ST_conf'))
     return [tuple(map(float, row)) for row in zip(*columns)]
 
 

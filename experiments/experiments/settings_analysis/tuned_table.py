@@ -55,7 +55,7 @@ def _cell(item: Item) -> Cell:
     ends = [end.number() for end in members['S'].elements()]
     if len(ends) != 2 or not ends[0] < ends[1]:
         raise members['S'].error('must be [low, high] with low < high')
-    sets = tuple(_set(one) for one in members['sets'].elements())
+    sets = tuple(_set(node) for node in members['sets'].elements())
     if not sets:
         raise members['sets'].error('is empty; allowed at least one set of parameters')
     return Cell(*ends, sets)

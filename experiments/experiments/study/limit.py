@@ -64,8 +64,13 @@ def _row(curve: SuccessCurve) -> dict[str, Any]:
             for crossing in curve.crossings
         },
         'cleared': {
-            f'{kph:g} km/h': {'cleared': one.holds, 'low': one.low, 'high': one.high, 'fit': fit}
-            for kph, one, fit in ((kph, one, float(fit)) for kph, one, fit in speeds)
+            f'{kph:g} km/h': {
+                'cleared': share.holds,
+                'low': share.low,
+                'high': share.high,
+                'fit': fit,
+            }
+            for kph, share, fit in ((kph, share, float(fit)) for kph, share, fit in speeds)
         },
     }
 
@@ -82,7 +87,7 @@ def _markdown(curves, runs):
     lines = [
         [
             curve.name,
-            *(str(one.holds) for one in curve.shares),
+            *(str(share.holds) for share in curve.shares),
             *(_crossing_cell(crossing, speeds) for crossing in curve.crossings),
             'yes' if curve.monotone_p > UNEVEN else f'no (p = {curve.monotone_p:.3f})',
         ]

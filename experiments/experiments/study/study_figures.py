@@ -123,7 +123,9 @@ def write_curves(curves: Sequence[SuccessCurve], stem: Path) -> list[Path]:
 
 def _curve_panel(axes, curve, colour):
     kph = np.array(curve.speeds_kph)
-    share, low, high = np.array([(one.share, one.low, one.high) for one in curve.shares]).T
+    share, low, high = np.array(
+        [(estimate.share, estimate.low, estimate.high) for estimate in curve.shares]
+    ).T
     axes.errorbar(kph, share, (share - low, high - share), fmt='o', ms=4, color=colour, lw=1.0)
     axes.plot(kph, curve.monotone, color=colour, lw=1.6)
     for crossing in curve.crossings:

@@ -56,9 +56,9 @@ def fit_curve(
     monotone = _fall(counts / runs)
     simulated = rng.binomial(runs, monotone, (SAMPLES, len(counts))) / runs
     uneven = np.sum((counts / runs - monotone) ** 2)
-    as_uneven = [np.sum((one - _fall(one)) ** 2) >= uneven - 1e-12 for one in simulated]
+    as_uneven = [np.sum((curve - _fall(curve)) ** 2) >= uneven - 1e-12 for curve in simulated]
     posterior = rng.beta(counts + 0.5, runs - counts + 0.5, (SAMPLES, len(counts)))
-    samples = [_fall(one) for one in posterior]
+    samples = [_fall(curve) for curve in posterior]
     return SuccessCurve(
         name,
         tuple(speeds_kph),
@@ -79,7 +79,7 @@ def _fall(shares):
 def _crossing(speeds_kph, monotone, samples, level):
     at = find_crossing(speeds_kph, monotone, level)
     outer = (1 - CONFIDENCE) / 2
-    sampled = [find_crossing(speeds_kph, one, level) for one in samples]
+    sampled = [find_crossing(speeds_kph, curve, level) for curve in samples]
     # no value between two samples: one of them may be infinite
     low = np.quantile(sampled, outer, method='lower')
     high = np.quantile(sampled, 1 - outer, method='higher')

@@ -148,12 +148,12 @@ def build_pairs(pairs: Sequence[Pairs]) -> Table:
         table.add_column(title, justify='right' if title != f'{base} and' else 'left')
     table.add_column('difference (95 %)', justify='right')
     table.add_column('p', justify='right')
-    for one in pairs:
-        counts = (one.draws, one.both, one.base_only, one.other_only, one.neither)
-        if not one.draws:
-            table.add_row(one.other, *map(str, counts), '–', '–')
+    for pair in pairs:
+        counts = (pair.draws, pair.both, pair.base_only, pair.other_only, pair.neither)
+        if not pair.draws:
+            table.add_row(pair.other, *map(str, counts), '–', '–')
             continue
-        low, high = one.interval
-        shown = f'{one.difference:+.1%} ({low:+.1%} to {high:+.1%})'
-        table.add_row(one.other, *map(str, counts), shown, f'{one.p_value:.2g}')
+        low, high = pair.interval
+        shown = f'{pair.difference:+.1%} ({low:+.1%} to {high:+.1%})'
+        table.add_row(pair.other, *map(str, counts), shown, f'{pair.p_value:.2g}')
     return table

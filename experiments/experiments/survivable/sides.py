@@ -43,11 +43,11 @@ class Meeting(NamedTuple):
 
 def approaches(emergency: Emergency) -> list[Approach]:
     """Return the approaches of all speed profiles; those without braking first."""
-    of_all = []
+    result = []
     gravity = emergency.setup.plant.car.body.gravity_mps2
     for braking in BRAKING:
-        of_all += _approaches_at(emergency, braking * emergency.setup.friction * gravity)
-    return of_all
+        result += _approaches_at(emergency, braking * emergency.setup.friction * gravity)
+    return result
 
 
 def _approaches_at(emergency, braking):

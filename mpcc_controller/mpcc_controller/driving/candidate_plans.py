@@ -117,11 +117,11 @@ class CandidatePlans:
         followed = self.sides_of(guess)
         beside = self._around_sides(around, x0, followed, kept)
         brake = self._braking(around, x0, guess, kept)
-        found = _few_new(beside[: room - len(brake)] + brake)
+        candidates = _few_new(beside[: room - len(brake)] + brake)
         if is_urgent or now < CONTACT_M or not self.params.candidates.explore_after_command:
-            return found
-        self._postponed = [c for c in found if _is_new(c)]
-        return [c for c in found if not _is_new(c)]
+            return candidates
+        self._postponed = [c for c in candidates if _is_new(c)]
+        return [c for c in candidates if not _is_new(c)]
 
     def take_postponed(self) -> list[Candidate]:
         """Return the new guesses of the last tick that were not compared in it, once."""
@@ -249,7 +249,7 @@ class CandidatePlans:
         driven, resting = choice.outcome, self._kept
         kept = self._with_new_ways([], driven, choice.outcomes)
         for other in resting:
-            if not any(is_same_way(other.sides, one.sides) for one in (driven, *kept)):
+            if not any(is_same_way(other.sides, plan.sides) for plan in (driven, *kept)):
                 kept.append(other if driven.is_clean else other._replace(rests=0))
         self._kept = kept
         if not driven.is_clean:
@@ -280,15 +280,15 @@ class CandidatePlans:
         return kept
 
 
-def _few_new(found: list[Candidate]) -> list[Candidate]:
+def _few_new(candidates: list[Candidate]) -> list[Candidate]:
     """Return the candidates without the ways beyond NEW_GUESSES that were never solved.
 
     Those wait for the next tick. The plan that brakes stays.
     """
-    new = [c for c in found if _is_new(c)]
+    new = [c for c in candidates if _is_new(c)]
     ways = [c for c in new if c.name != BRAKE]
     late = ways[max(NEW_GUESSES - (len(new) - len(ways)), 0) :]
-    return [c for c in found if not any(c is other for other in late)]
+    return [c for c in candidates if not any(c is other for other in late)]
 
 
 def _is_new(candidate: Candidate) -> bool:

@@ -82,15 +82,15 @@ def name_of(sides: Sides) -> str:
     return ', '.join(f'{WORDS[side]} of {key}' for key, side in sides.items())
 
 
-def are_opposed(one: Sides, other: Sides) -> bool:
+def are_opposed(sides: Sides, other: Sides) -> bool:
     """Return whether some obstacle is passed on the left by one and on the right by the other."""
-    return any(one.get(key, BEHIND) * side < 0 for key, side in other.items())
+    return any(sides.get(key, BEHIND) * side < 0 for key, side in other.items())
 
 
-def is_same_way(one: Sides, other: Sides) -> bool:
+def is_same_way(sides: Sides, other: Sides) -> bool:
     """Return whether every obstacle is passed on the same side, or by neither."""
-    keys = one.keys() | other.keys()
-    return all(one.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)
+    keys = sides.keys() | other.keys()
+    return all(sides.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)
 
 
 def _gaps(X, scene, params) -> np.ndarray:

@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 
 
-def _both(of_expression, of_number):
+def _both(symbolic, numeric):
     def function(x):
-        return of_expression(x) if isinstance(x, ca.SX | ca.MX) else of_number(x)
+        return symbolic(x) if isinstance(x, ca.SX | ca.MX) else numeric(x)
 
     return function
 

@@ -40,7 +40,7 @@ class CostTerm(NamedTuple):
     name: str  # in /controller/why: cost.NAME, weight.NAME
     parameter: str  # of the weight: tolerances.* or priorities.*
     squared_error: Callable[[StageQuantities], Any]
-    of_input: bool = False  # depends on the input; absent at the last stage
+    uses_input: bool = False  # depends on the input; absent at the last stage
     switch: str = ''  # parameter of `formulation`; false sets the weight to 0
     optional: bool = False  # not in the paper; left out of the problem when it is off
     limit: str = ''  # parameter of `envelope` beyond which there is an error
@@ -106,21 +106,21 @@ ENVELOPE = (
     _soft_limit('yaw_rate', 'tolerances.yaw_rate_excess_radps', _yaw_rate_excess),
 )
 INPUTS = (
-    CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, of_input=True),
-    CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, of_input=True),
+    CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
+    CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, uses_input=True),
     CostTerm(
         'lambda_b',
         'tolerances.brake_split',
         _brake_split_error,
-        of_input=True,
+        uses_input=True,
         absent_with=('brake_split', FIXED),
     ),
-    CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, of_input=True),
+    CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, uses_input=True),
     CostTerm(
         'jerk',
         'tolerances.lateral_jerk_mps3',
         lambda q: single_track.lateral_jerk(q.x, q.u, q.p.car) ** 2,
-        of_input=True,
+        uses_input=True,
         optional=True,
     ),
 )
@@ -208,7 +208,7 @@ def limits(terms: Sequence[CostTerm], params: ControllerParams):
 def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> dict[str, Any]:
     """Return the squared errors by name; at the last stage (no input) those of the state only."""
     has_input = quantities.u is not None
-    return {t.name: t.squared_error(quantities) for t in terms if has_input or not t.of_input}
+    return {t.name: t.squared_error(quantities) for t in terms if has_input or not t.uses_input}
 
 
 def costs(errors: dict[str, Any], weights) -> dict[str, Any]:

@@ -32,8 +32,8 @@ class PlanEvaluator:
 
     def __init__(self, symbolic: SymbolicOcp):
         self._symbolic = symbolic
-        self._input_terms = tuple(term.name for term in symbolic.terms if term.of_input)
-        self._of_stages = cache(lambda count: BufferedFunction(_function(symbolic).map(count)))
+        self._input_terms = tuple(term.name for term in symbolic.terms if term.uses_input)
+        self._evaluators = cache(lambda count: BufferedFunction(_function(symbolic).map(count)))
 
     def evaluate(self, plan: Plan, P: np.ndarray) -> PlanValues:
         """Return the values of a plan in the states of the formulation, parameters P (N + 1, np).
@@ -42,7 +42,7 @@ class PlanEvaluator:
         that with the input of the stage before.
         """
         U = np.vstack((plan.U, plan.U[-1:]))
-        evaluate = self._of_stages(len(plan.X))
+        evaluate = self._evaluators(len(plan.X))
         numbers = evaluate(X=plan.X.ravel(), U=U.ravel(), P=P.ravel())['values']
         rows = numbers.reshape(len(plan.X), -1).T.copy()
         values = named_vector.build(_values(self._symbolic), rows)

@@ -121,9 +121,9 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     if hard:
         parts['friction'] = rounded(random.uniform(*HARD_FRICTION))
         settings = _disturbances(random)
-    one = Draw(family, seed, index, difficulty, '', settings)
-    parts['name'] = one.name
-    return one._replace(
+    drawn = Draw(family, seed, index, difficulty, '', settings)
+    parts['name'] = drawn.name
+    return drawn._replace(
         text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
     )
 

@@ -199,10 +199,10 @@ def _iso_course(speed, lengths, widths, offset, early, name):
     path begins to change `early` [m] before a lane ends and ends so far behind the next begins, as
     a driver does.
     """
-    one, two, three, four, five = lengths
+    section_1, section_2, section_3, section_4, section_5 = lengths
     # along the centre line a change is longer than straight ahead, by less than a flare
     ends, begin = [], RUN_IN
-    for lane, change in ((one, two), (three, four), (five, 0.0)):
+    for lane, change in ((section_1, section_2), (section_3, section_4), (section_5, 0.0)):
         ends.append((begin, begin + lane))
         begin += lane + change
     stations, offsets = [0.0], [WIDE]
@@ -223,11 +223,11 @@ def _iso_course(speed, lengths, widths, offset, early, name):
 
 
 def _changes(lengths, offset, early, length):
-    one, two, three, four, _ = lengths
+    section_1, section_2, section_3, section_4, _ = lengths
     return [
-        straight(RUN_IN + one - early),
-        lane_change(two + 2.0 * early, offset),
-        straight(three - 2.0 * early),
-        lane_change(four + 2.0 * early, -offset),
-        straight(length - RUN_IN - one - two - three - four - early),
+        straight(RUN_IN + section_1 - early),
+        lane_change(section_2 + 2.0 * early, offset),
+        straight(section_3 - 2.0 * early),
+        lane_change(section_4 + 2.0 * early, -offset),
+        straight(length - RUN_IN - section_1 - section_2 - section_3 - section_4 - early),
     ]

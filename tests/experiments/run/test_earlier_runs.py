@@ -59,17 +59,17 @@ def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
 def test_a_run_that_got_a_number_is_compared_under_it(tmp_path):
     new, older, other = (tmp_path / name for name in ('mpcc', 'mpcc@1', 'frenet'))
     moved = RunOutcome('mpcc', True, '', new, older)
-    assert earlier_runs.with_new_ones([new, other], [moved]) == [new, older, other]
+    assert earlier_runs.with_new_runs([new, other], [moved]) == [new, older, other]
 
 
 def test_a_run_that_was_repeated_is_compared_once(tmp_path):
     new = tmp_path / 'mpcc'
     repeated = RunOutcome('mpcc', True, '', new)
     relative = Path(os.path.relpath(new))
-    assert earlier_runs.with_new_ones([relative], [repeated]) == [new]
+    assert earlier_runs.with_new_runs([relative], [repeated]) == [new]
 
 
 def test_a_run_that_failed_is_not_compared(tmp_path):
-    assert earlier_runs.with_new_ones([tmp_path], [RunOutcome('mpcc', False, '', None)]) == [
+    assert earlier_runs.with_new_runs([tmp_path], [RunOutcome('mpcc', False, '', None)]) == [
         tmp_path
     ]
