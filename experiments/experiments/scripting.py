@@ -18,7 +18,6 @@ except for computing times.
 """
 
 import os
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any, get_args
@@ -59,6 +58,7 @@ def drive(
     settings: Mapping[str, Any] = NOTHING,
     *,
     plant: NameOrFile | None = None,
+    any_car: bool = False,
     label: str = '',
 ) -> Run:
     """Simulate a scenario with a controller, in lockstep and without ROS, and return the run.
@@ -68,12 +68,14 @@ def drive(
     settings    parameters by dotted name, as of `--set`: `controller.tolerances.contouring_m`,
                 `plant.friction`; also `scenario.speed_mps`, a constant desired speed [m/s], and
                 `scenario.friction` of the road, which the controller assumes, too
-    plant       a name in vehicle_plant/config, or a YAML file: another car
+    plant       a name in vehicle_plant/config, or a YAML file: another car; the controller needs
+                what `identify` writes for it, as `controller.car_file`
+    any_car     whether to drive also where the controller's car file is that of another car
     label       of the run in tables and figures; by default the controller, and what was set
 
     Raises BagError for what is unknown or out of range; the message names it and what is allowed.
     """
-    task = _Task(scenario, controller, _with_plant(settings, plant))
+    task = _Task(scenario, controller, _with_plant(settings, plant), any_car)
     label = label or task.label(task.settings)
     return task.run_of(_simulate(task.setup), label)
 
@@ -84,21 +86,22 @@ def drive_many(
     settings: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]] = (NOTHING,),
     *,
     plant: NameOrFile | Sequence[NameOrFile] | None = None,
+    any_car: bool = False,
     jobs: int | None = None,
 ) -> RunSet:
     """Simulate every combination of scenarios, controllers, settings and plants.
 
     Each of `scenario`, `controller` and `plant` is one, as of `drive`, or a list. `settings` are
     either lists of values by name, of which every combination is driven, or a list of settings as
-    of `drive`. Every input is checked before the first drive. `jobs` processes share the drives; by
-    default one process does few drives, and one per usable core does many. Results do not depend
-    on it. Labels say what differs.
+    of `drive`, `any_car` is as there. Every input is checked before the first drive. `jobs`
+    processes share the drives; by default one process does few drives, and one per usable core does
+    many. Results do not depend on it. Labels say what differs.
 
     Raises BagError as `drive`, and for an empty list.
     """
     plants = [None] if plant is None else _listed(plant, 'plant')
     tasks = [
-        _Task(road, driver, _with_plant(chosen, car))
+        _Task(road, driver, _with_plant(chosen, car), any_car)
         for road, driver, chosen, car in product(
             _listed(scenario, 'scenario'),
             _listed(controller, 'controller'),
@@ -116,7 +119,7 @@ def drive_many(
 class _Task:
     """One drive, checked."""
 
-    def __init__(self, scenario, controller, settings):
+    def __init__(self, scenario, controller, settings, any_car):
         self.settings = {name: _plain(value) for name, value in settings.items()}
         changes, by_role = _split(self.settings)
         origins = {
@@ -125,11 +128,10 @@ class _Task:
         }
         scn, source = _load(scenario, changes)
         self.setup = simulation.prepare_scenario(
-            scn, os.fspath(controller), by_role, source, origins
+            scn, os.fspath(controller), by_role, source, origins, any_car
         )
-        for reason in inputs.car_mismatches(*self.setup[2:5]):
-            file = self.setup.params.car_file
-            warnings.warn(f"the controller's car, {file}, is not the plant: {reason}", stacklevel=4)
+        checked = {inputs.CONTROLLER: (self.setup.params, self.setup.vehicle)}
+        inputs.check_problem(checked, os.fspath(controller))
 
     def label(self, shown: Iterable[str], with_scenario: bool = False) -> str:
         """Return the controller, and the settings `shown` that this drive has."""

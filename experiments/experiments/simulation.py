@@ -39,7 +39,8 @@ PLANT_SETTINGS = (
     'command_delay_ms',
     node_config.PLANT_DEFAULTS,
 )
-PLANT_SETTING_GROUP = 'car.'
+# how a script names another car file, and how it drives with any
+IN_PYTHON = ("the setting 'controller.car_file': './my_car.yaml'", 'any_car=True')
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
 
 
@@ -63,17 +64,18 @@ def prepare(
     controller: str,
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     speed_mps: float | None = None,
+    any_car: bool = False,
 ) -> Setup:
     """Return the setup that `experiments run` would use.
 
     `controller` is a name in mpcc_controller/config or a YAML file; `settings` are parameters of
     `plant` and `controller` by role and dotted name, as of --set; `speed_mps` replaces the
-    scenario's desired speed by a constant. Raises BagError for unusable input, and for a setting of
-    the plant that has no effect in process.
+    scenario's desired speed by a constant. Raises BagError for unusable input, for a setting of
+    the plant that has no effect in process, and, unless `any_car`, for a plant that is another car
+    than the controller knows.
     """
-    return prepare_scenario(
-        inputs.load_scenario(scenario_name, speed_mps), controller, settings, scenario_name
-    )
+    scn = inputs.load_scenario(scenario_name, speed_mps)
+    return prepare_scenario(scn, controller, settings, scenario_name, any_car=any_car)
 
 
 def prepare_scenario(
@@ -82,6 +84,7 @@ def prepare_scenario(
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     source: str = '',
     origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
+    any_car: bool = False,
 ) -> Setup:
     """Return the setup of a loaded scenario, as `prepare`.
 
@@ -89,13 +92,15 @@ def prepare_scenario(
     wrote a setting; without one it is `--set`.
     """
     for name in settings.get('plant', ()):
-        if name not in PLANT_SETTINGS and not name.startswith(PLANT_SETTING_GROUP):
-            allowed = f'{", ".join(PLANT_SETTINGS)} and {PLANT_SETTING_GROUP}*'
+        if name not in PLANT_SETTINGS and not name.startswith(inputs.PLANT_CAR):
+            allowed = f'{", ".join(PLANT_SETTINGS)} and {inputs.PLANT_CAR}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     facts, unused = inputs.scenario_facts(scn, source or scn.name), Path()
     nodes = node_config.build_nodes(facts, chosen, 'lockstep', unused, unused, settings, origins)
     checked = inputs.check_parameters(nodes)
+    if not any_car:
+        inputs.check_car_fits(nodes, checked, *IN_PYTHON)
     params, vehicle = checked['controller']
     node, plant = checked['plant']
     return Setup(chosen.name, scn, params, vehicle, plant, node.friction)

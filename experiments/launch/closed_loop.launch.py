@@ -87,7 +87,10 @@ def start_nodes(context):
     )
     checked = inputs.check_parameters(nodes)
     if given['any_car'] == 'false':
-        inputs.check_car_fits(checked, 'set:=', 'any_car:=true')
+        inputs.check_car_fits(
+            nodes, checked, 'set:=controller.car_file=./my_car.yaml', 'any_car:=true'
+        )
+    inputs.check_problem(checked, controller.name)
     loaded = inputs.loaded_facts(checked)
     node_config.write_run_info(facts, controller, mode, nodes, run_info, loaded)
     if given['markers'] == 'true':

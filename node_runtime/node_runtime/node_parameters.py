@@ -92,8 +92,9 @@ def resolve(
     known = {**common, **own}
     for name in given:
         if name not in known and not name.startswith(OF_ROS):
-            hint = closest(name, known)
-            raise ParameterError(f'{source(name)}: {name}: this node has no such parameter{hint}')
+            what = parameters.describe_group(name, known)
+            what = what or f'this node has no such parameter{closest(name, known)}'
+            raise ParameterError(f'{source(name)}: {name}: {what}')
     path = _defaults_path(given, defaults, source)
     file = parameters.read_file(path, defaults.parent)
     overrides = {k: _from_ros(known[k], v) for k, v in given.items() if k in known}

@@ -25,7 +25,7 @@ import os
 import sys
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -49,6 +49,16 @@ LOWER_END, UPPER_END = '_min', '_max'  # of the names of a range's two ends
 SWITCH = 'on'  # parameter of a group: the others are needed where it is true
 _ANY = {bool: 'true or false', str: 'any text'}
 _UNIONS = (typing.Union, types.UnionType)
+
+
+class _Empty:
+    """The value of a key with nothing after it, which `check` refuses; `null` leaves it out."""
+
+    def __repr__(self):
+        return 'nothing'
+
+
+EMPTY = _Empty()
 
 
 class ParameterError(ValueError):
@@ -168,7 +178,8 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
     given = flatten_mapping(mapping)
     for key in given:
         if key not in known:
-            raise ParameterError(f'{source(key)}: {key}: unknown parameter{closest(key, known)}')
+            what = describe_group(key, known) or f'unknown parameter{closest(key, known)}'
+            raise ParameterError(f'{source(key)}: {key}: {what}')
     for key, leaf in known.items():
         if key not in given and not leaf.optional:
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
@@ -176,6 +187,14 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
     _check_switched_on(values, known, source)
     _check_ends(values, known, source)
     return named_vector.build(cls, values.values())
+
+
+def describe_group(key: str, known: Iterable[str]) -> str:
+    """Return what is wrong with the name of a group in place of a parameter, '' for others."""
+    members = [name for name in known if name.startswith(f'{key}.')]
+    if not members:
+        return ''
+    return f'is a group, not a parameter; allowed {", ".join(members)}'
 
 
 def _check_switched_on(values, known, source):
@@ -213,6 +232,8 @@ def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any
     def error(what):
         return ParameterError(f'{source(key)}: {key}: {what}; allowed {leaf.allowed}')
 
+    if value is EMPTY:
+        raise error('has no value')
     if not leaf.many:
         return _scalar(leaf, value, error)
     if isinstance(value, str | bytes) or not isinstance(value, typing.Iterable):
@@ -276,7 +297,7 @@ def _read_chain(path, config, derived):
     lines = path.read_text().splitlines()
     base = items.pop(BASE, None)
     own = ParameterFile(
-        {key: item.value() for key, item in items.items()},
+        {key: value_of(item) for key, item in items.items()},
         {key: f'{path}:{item.line}' for key, item in items.items()},
         {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()},
         _find_base(base, path, config) if base and base.text() else None,
@@ -295,6 +316,12 @@ def _read_chain(path, config, derived):
         inherited.comments | comments,
         own.base,
     )
+
+
+def value_of(item: Item) -> Any:
+    """Return the value of a parameter; EMPTY where the text has none."""
+    is_empty = item.node.id == 'scalar' and not item.node.value and item.node.style is None
+    return EMPTY if is_empty else item.value()
 
 
 def _find_base(item: Item, path, config):

@@ -80,8 +80,9 @@ def test_speed_and_friction_of_the_scenario(run):
 
 
 def test_another_car(run):
-    with pytest.warns(UserWarning, match='is not the plant: mass'):
-        other = drive(ROAD, plant='bmw_320i', label='smaller')
+    with pytest.raises(BagError, match=r'does not fit the plant: mass .*any_car=True'):
+        drive(ROAD, plant='bmw_320i')
+    other = drive(ROAD, plant='bmw_320i', any_car=True, label='smaller')
     assert other.label == 'smaller'
     masses = [one.parameters['plant.car.body.mass_kg'] for one in (run, other)]
     assert masses[0] != masses[1]

@@ -144,6 +144,9 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
     console.print(metrics_table.build_table(comparison.values))
     for name, run in comparison.values['runs'].items():
         print_text(console, f'{name}: {run["verdict"]}')
+        if run['stopped_early']:
+            counts = f'{run["stopped_early"]} of {run["ticks"]} ticks'
+            print_text(console, f'{name}: solver stopped early in {counts}')
     for name, invalid in comparison.values.get(KEY, {}).items():
         for line in describe_invalid({KEY: invalid}):
             print_text(console, f'{name}: {line}', 'red')

@@ -25,7 +25,7 @@ from scenario_publisher import scenario
 from scenario_publisher.families import draw as families
 from vehicle_plant import initial_state
 
-CAR = f'plant.{simulation.PLANT_SETTING_GROUP}'
+CAR = f'plant.{inputs.PLANT_CAR}'
 INSIDE = 0.3819660113  # share of a distribution: a value that is no whole number
 ANY_ROAD = 'straight'  # stands for the draws of a family where only parameters matter
 Pairs = tuple[tuple[str, Any], ...]  # names and values of settings
@@ -150,7 +150,10 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
             settings.setdefault(role, {})[parameter] = value
     scn = _load(road, **changes) if isinstance(road, str) else _change(scene, changes)
     origins = {role: {name: f'{role}.{name}' for name in own} for role, own in settings.items()}
-    setup = simulation.prepare_scenario(scn, combination.controller, settings, source, origins)
+    # what a study varies, it varies on purpose
+    setup = simulation.prepare_scenario(
+        scn, combination.controller, settings, source, origins, any_car=True
+    )
     # a limit takes as long to find as a run, and that of a drawn car serves no other drive
     draws_car = any(name.startswith(CAR) for name, _ in draw.values)
     return setup._replace(knows_limit=not draws_car)

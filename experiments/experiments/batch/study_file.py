@@ -23,7 +23,8 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 from bags.errors import BagError
 from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
-from experiments.simulation import PLANT_SETTING_GROUP, PLANT_SETTINGS
+from experiments.configuration.inputs import PLANT_CAR
+from experiments.simulation import PLANT_SETTINGS
 from experiments.study.run_spec import MAX_RUNS, SEED
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 from node_runtime.parameters import SPEED, Range
@@ -235,7 +236,7 @@ def _setting_name(item, field):
     if name not in SCENARIO_SETTINGS and (role not in ROLES or not parameter):
         hint = closest(name, [*SCENARIO_SETTINGS, *(f'{role}.' for role in ROLES)])
         raise item.error(f'is no setting of a batch{hint}; allowed {SETTING_NAMES}')
-    group = parameter.startswith(PLANT_SETTING_GROUP)
+    group = parameter.startswith(PLANT_CAR)
     if role == 'plant' and not group and parameter not in PLANT_SETTINGS:
         allowed = ', '.join(f'plant.{known}' for known in (*PLANT_SETTINGS, 'car.*'))
         raise item.error(f'has no effect in process; allowed {allowed}')

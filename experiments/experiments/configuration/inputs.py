@@ -3,6 +3,7 @@
 Loads no solver and no model of the controller: a mistake in the input is reported at once.
 """
 
+import traceback
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -41,7 +42,10 @@ PLANT_EXTRAS = {
 START, PLANT_START = 'start.', 'plant.start.speed_mps'
 SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
 OTHER_AXLE = 0.5  # from this difference on the controller drives the other axle
-MASS_TOLERANCE, WHEELBASE_TOLERANCE = 0.2, 0.05  # relative to the plant
+# of masses and lengths, relative to the plant; a file of `identify` has those of the plant exactly
+TOLERANCE = 0.05
+VARIED_TOLERANCE = 0.2  # of a plant that is varied on purpose
+PLANT_CAR = 'car.'  # begins the parameters of the plant's car
 
 
 def stop_params(scn: Scenario) -> StopParams:
@@ -173,48 +177,80 @@ def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
     return LoadedFacts(file_values(checked), limit)
 
 
+def check_problem(checked: Mapping[str, tuple[Any, Any]], file: str = '') -> None:
+    """Raise BagError for a problem that the controller cannot build or no solver can use.
+
+    `checked` is from `check_parameters`, `file` is that of the controller. It builds the problem as
+    the node will; what is wrong in the source of a cost term or a formulation is found here.
+    """
+    # its model takes time to import: errors in the input come before
+    try:
+        from mpcc_controller.driving.prediction_model import PredictionModel
+
+        PredictionModel(*checked[CONTROLLER])
+    except Exception as error:
+        # an error of the user's source has no other place in its text
+        where = '' if isinstance(error, parameters.ParameterError) else f'{_place(error)}: '
+        named = f' ({file})' if file else ''
+        raise BagError(f'the controller{named} would not start: {where}{error}') from error
+
+
+def _place(error):
+    """Return the kind of an exception, and the file and line of the source that raised it."""
+    if isinstance(error, SyntaxError):
+        return f'{type(error).__name__} in {error.filename}:{error.lineno}'
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f'{type(error).__name__} in {last.filename}:{last.lineno}'
+
+
 def check_car_fits(
-    checked: Mapping[str, tuple[Any, Any]], setting: str = '--set ', any_car: str = '--any-car'
+    nodes: Sequence[Node],
+    checked: Mapping[str, tuple[Any, Any]],
+    setting: str = '--set controller.car_file=./my_car.yaml',
+    any_car: str = '--any-car',
 ) -> None:
     """Raise BagError when the controller's car file is that of another car than the plant is.
 
-    `checked` is from `check_parameters`. The message says how to mend it: `setting` comes before a
-    parameter and its value, `any_car` is what allows such a run.
+    `checked` is from `check_parameters(nodes)`. The message says how to mend it: `setting` is how
+    the caller names another file, `any_car` what allows such a run.
     """
-    (params, vehicle), (_, plant) = checked['controller'], checked['plant']
-    reasons = car_mismatches(params, vehicle, plant)
+    (params, vehicle), (_, plant) = checked[CONTROLLER], checked['plant']
+    reasons = car_mismatches(params, vehicle, plant, _is_varied(nodes))
     if reasons:
         raise BagError(
             f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}. Write one '
-            'that does: identify --car PLANT.yaml --out my_car.yaml, then '
-            f'{setting}controller.car_file=./my_car.yaml (or drive as it is, with {any_car})'
+            f'that does: identify --car PLANT.yaml --out my_car.yaml, then {setting} '
+            f'(or drive as it is, with {any_car})'
         )
 
 
+def _is_varied(nodes):
+    """Return whether a parameter of the plant's car is set by its name."""
+    given = [name for node in nodes if node.role == 'plant' for name in node.parameters]
+    return any(name.startswith(PLANT_CAR) for name in given)
+
+
 def car_mismatches(
-    params: ControllerParams, vehicle: CarParams, plant: PlantParams
+    params: ControllerParams, vehicle: CarParams, plant: PlantParams, is_varied: bool = False
 ) -> tuple[str, ...]:
     """Return what the controller's car file says too wrongly of the plant, () if it fits.
 
-    Mass and wheelbase beyond MASS_TOLERANCE and WHEELBASE_TOLERANCE, or the other driven axle. A
-    drive layout that the controller's own parameters set is deliberate.
+    Mass, axle loads at rest and wheelbase beyond TOLERANCE, or the other driven axle. A plant whose
+    parameters are set one by one (`is_varied`) is meant to differ from what the controller knows,
+    by up to VARIED_TOLERANCE of its mass and loads. A drive layout that the controller's own
+    parameters set is deliberate.
     """
-    body, known = plant.car.body, vehicle.car
-    wheelbase_m = body.cog_to_front_m + body.cog_to_rear_m
-    rows = [
-        ('mass', known.mass_kg, body.mass_kg, 'kg', MASS_TOLERANCE),
-        (
-            'wheelbase',
-            known.cog_to_front_m + known.cog_to_rear_m,
-            wheelbase_m,
-            'm',
-            WHEELBASE_TOLERANCE,
-        ),
-    ]
+    tolerance = VARIED_TOLERANCE if is_varied else TOLERANCE
+    ours, theirs = _masses(vehicle.car), _masses(plant.car.body)
+    rows = [(name, ours[name], theirs[name], 'kg', tolerance) for name in ours]
+    ours_m, theirs_m = (
+        body.cog_to_front_m + body.cog_to_rear_m for body in (vehicle.car, plant.car.body)
+    )
+    rows.insert(1, ('wheelbase', ours_m, theirs_m, 'm', TOLERANCE))
     reasons = [
-        f'{what} {ours:g} {unit}, the plant has {theirs:g} {unit} (allowed within {tolerance:.0%})'
-        for what, ours, theirs, unit, tolerance in rows
-        if abs(ours - theirs) > tolerance * theirs
+        f'{what} {own:.4g} {unit}, the plant has {other:.4g} {unit} (allowed within {allowed:.0%})'
+        for what, own, other, unit, allowed in rows
+        if abs(own - other) > allowed * other
     ]
     share, driven = (
         vehicle.actuators.drive_front_share,
@@ -223,6 +259,16 @@ def car_mismatches(
     if params.model.drive_front_share is None and abs(share - driven) > OTHER_AXLE:
         reasons.append(f'{share:.0%} of the drive at the front axle, the plant has {driven:.0%}')
     return tuple(reasons)
+
+
+def _masses(body):
+    """Return the mass of a car, and what rests on each axle of it, by name [kg]."""
+    front = body.cog_to_rear_m / (body.cog_to_front_m + body.cog_to_rear_m)
+    return {
+        'mass': body.mass_kg,
+        'load of the front axle': front * body.mass_kg,
+        'load of the rear axle': (1 - front) * body.mass_kg,
+    }
 
 
 def find_warnings(

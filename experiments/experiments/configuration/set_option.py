@@ -28,15 +28,15 @@ class Changes(NamedTuple):
 
 
 def parse_value(setting: str, text: str, option: str = '--set ') -> Any:
-    """Return the value of a setting as ROS reads it: 1e-1 is a number.
+    """Return the value of a setting as ROS reads it: 1e-1 is a number, nothing is EMPTY.
 
     Raises BagError, which names the setting after `option`, for text that is no YAML value.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
-        return (
-            None if node is None else strict_yaml.Item(Path(option.strip()), setting, node).value()
-        )
+        if node is None:
+            return parameters.EMPTY
+        return parameters.value_of(strict_yaml.Item(Path(option.strip()), setting, node))
     except (yaml.YAMLError, strict_yaml.YamlError):
         raise BagError(f'{option}{setting}: {text!r} is no value') from None
 

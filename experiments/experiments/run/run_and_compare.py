@@ -146,7 +146,9 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
         if not (request.any_car or controller.program):
-            inputs.check_car_fits(checked)
+            inputs.check_car_fits(nodes, checked)
+        if not controller.program:
+            inputs.check_problem(checked, controller.name)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
         for text in inputs.find_warnings(scn, facts, checked):
             console.print(WARNING.format(controller.run_name), end='')

@@ -11,7 +11,14 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import compiled_queries
-from mpcc_controller.problem import bounds, cost_terms, formulation, ocp, stage_parameters
+from mpcc_controller.problem import (
+    bounds,
+    cost_terms,
+    formulation,
+    ocp,
+    problem_check,
+    stage_parameters,
+)
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene
 from stage_solver.buffered_function import BufferedFunction
@@ -35,6 +42,7 @@ class PredictionModel:
         self.formulation = formulation.make(params, self.car)
         compiled_queries.library()  # compiled now, not when the first path is set
         symbolic = self.formulation.ocp
+        problem_check.check(self.formulation, params)
         self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
         self.evaluator = PlanEvaluator(symbolic)
         self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))

@@ -5,11 +5,13 @@ mpcc_formulation        the paper's MPCC
 frenet_formulation      the baseline, in path coordinates
 tracking_formulation    trajectory tracking
 cost_terms              the one list of cost terms, with their weights
+cost_term_check         refuses terms that contradict each other or the parameters
 ocp                     constraints, and the stage problem of a formulation
 priorities              weight of a distance: Gaussian, or a step at contact
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 obstacle_motion         obstacles over the horizon: constant velocity, or braking to a stop
 distance_frame          where distances are measured: Cartesian or path coordinates
 bounds                  limits of actuators, speed and friction
+problem_check           refuses functions that are not finite where the car may be
 plan_evaluator          cost by term, distances and friction use of a plan
 """

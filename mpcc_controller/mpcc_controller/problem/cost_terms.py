@@ -18,7 +18,7 @@ import casadi as ca
 
 from mpcc_controller.model import single_track
 from mpcc_controller.parameters import FIXED, ControllerParams
-from mpcc_controller.problem import priorities
+from mpcc_controller.problem import cost_term_check, priorities
 
 
 class StageQuantities(NamedTuple):
@@ -46,6 +46,11 @@ class CostTerm(NamedTuple):
     limit: str = ''  # parameter of `envelope` beyond which there is an error
     # parameter of `formulation` and its value with which the term is not in the problem
     absent_with: tuple[str, str] | None = None
+
+    @property
+    def title(self) -> str:
+        """What errors call the term."""
+        return f"cost term '{self.name}' ({self.parameter})"
 
 
 def periodic_square(angle):
@@ -170,8 +175,10 @@ PAPER, BASELINE = (tuple(t for t in terms if not t.optional) for terms in (MPCC,
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:
     """Return the terms of the problem: their parameter is given, optional ones are on.
 
-    A fixed brake split has no cost: it could only change the force.
+    A fixed brake split has no cost: it could only change the force. Raises CostTermError for terms
+    that contradict each other or the parameters, and for a parameter that no term uses.
     """
+    cost_term_check.check_list(terms, params)
 
     def is_in_use(term):
         off = term.optional and not is_on(term, params)
@@ -206,9 +213,13 @@ def limits(terms: Sequence[CostTerm], params: ControllerParams):
 
 
 def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> dict[str, Any]:
-    """Return the squared errors by name; at the last stage (no input) those of the state only."""
+    """Return the squared errors by name; at the last stage (no input) those of the state only.
+
+    Raises CostTermError for what is not one number.
+    """
     has_input = quantities.u is not None
-    return {t.name: t.squared_error(quantities) for t in terms if has_input or not t.uses_input}
+    used = (t for t in terms if has_input or not t.uses_input)
+    return {t.name: cost_term_check.squared_error(t, quantities) for t in used}
 
 
 def costs(errors: dict[str, Any], weights) -> dict[str, Any]:
@@ -230,4 +241,4 @@ def _weight(term, params):
     if not is_on(term, params):
         return 0.0
     value = _parameter(term, params)
-    return value if term.parameter.startswith('priorities.') else value**-2
+    return value if term.parameter.startswith(cost_term_check.PRIORITIES) else value**-2

@@ -1,5 +1,7 @@
 """Warnings before a run: speeds at which the controller stops, an axle that is not driven."""
 
+import re
+
 import pytest
 import yaml
 
@@ -104,7 +106,7 @@ def check_car(tmp_path):
         settings = {'plant': plant or {}, 'controller': controller}
         nodes = node_config.build_nodes(facts, chosen, 'lockstep', tmp_path, tmp_path, settings)
         try:
-            inputs.check_car_fits(inputs.check_parameters(nodes))
+            inputs.check_car_fits(nodes, inputs.check_parameters(nodes))
         except BagError as error:
             return str(error)
         return ''
@@ -128,6 +130,26 @@ def test_the_car_of_another_plant_is_refused_with_each_reason(check_car):
     assert 'identify --car' in error
     assert 'mass 1850 kg, the plant has 1093' in check_car({'plant_params': 'bmw_320i.yaml'})
     assert 'mass' in check_car({'car.body.mass_kg': 1500.0})
+    assert 'allowed within 20%' in check_car({'car.body.mass_kg': 1500.0})
+
+
+def test_masses_and_axle_loads_of_a_file_fit_within_5_percent(check_car, tmp_path):
+    plant = share.path('vehicle_plant', 'config', 'bmw_545i.yaml').read_text()
+
+    def check(name, **values):
+        text = plant
+        for key, value in values.items():
+            text, count = re.subn(rf'{key}: [0-9.]+', f'{key}: {value}', text, count=1)
+            assert count == 1
+        file = tmp_path / f'{name}.yaml'
+        file.write_text(text)
+        return check_car({'plant_params': str(file)})
+
+    assert check('light', mass_kg=1770.0) == ''
+    assert 'mass 1850 kg, the plant has 1750 kg' in check('lighter', mass_kg=1750.0)
+    nose_heavy = check('nose', cog_to_front_m=1.34, cog_to_rear_m=1.55)
+    assert 'plant: load of the front axle 934.6 kg, the plant has 992.2 kg' in nose_heavy
+    assert 'load of the rear axle 915.4 kg, the plant has 857.8 kg' in nose_heavy
 
 
 def test_a_drive_layout_of_the_controllers_own_is_deliberate(check_car):

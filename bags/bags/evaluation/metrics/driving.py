@@ -228,6 +228,15 @@ def fallbacks(run):
     return int(np.count_nonzero(run.drive.ticks.fallback))
 
 
+@metric()
+def stopped_early(run):
+    """Return the number of ticks whose plan was followed although its solve stopped early."""
+    ticks = run.drive.ticks
+    if len(ticks.converged) != len(ticks.fallback):  # not known
+        return 0
+    return int(np.count_nonzero(~ticks.fallback & ~ticks.converged))
+
+
 def _peak_sideslip_row(run):
     sideslip = np.abs(run.series.sideslip)
     return None if np.all(np.isnan(sideslip)) else int(np.nanargmax(sideslip))
