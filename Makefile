@@ -30,6 +30,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # wheels, never `setup.py install`: the pip of Debian 12 would put the commands elsewhere
 PIP := $(BIN)/pip --disable-pip-version-check --no-input
+# in front of it: how far pip is, and what it could not reach
+SHOWN := $(BIN)/python .ci/pip_progress.py
 PACKAGES := msgs_yaml node_runtime stage_solver scenario_publisher mpcc_controller vehicle_plant bags experiments
 SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*/__pycache__/*' \
              -not -path '*.egg-info/*' -not -path 'bags/runs/*' 2>/dev/null)
@@ -53,33 +55,22 @@ editable: $(VENV)/.requirements
 	@rm -f $(VENV)/.packages
 	@$(MAKE) --no-print-directory setup
 
-# what pip says, for awk: on a terminal one line that changes, in a log a line per 20 packages
-define SHOW_PROGRESS
-/^Collecting/ && terminal { printf "\r      %3d of %d  %-50.50s", ++n, all, $$2; fflush() } \
-/^Collecting/ && !terminal && ++n % 20 == 0 { printf "      %3d of %d\n", n, all; fflush() } \
-/^Installing/ && terminal { printf "\r      unpacking %-60s", ""; fflush() } \
-/^Installing/ && !terminal { print "      unpacking"; fflush() } \
-END { if (terminal) print "" }
-endef
-
 $(VENV)/.requirements: requirements.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 14) else \
 	  "Python 3.10 to 3.14 is needed (the ROS 2 wheels exist for these); this is " \
 	  + sys.version.split()[0] + ". Choose another with: make demo PYTHON=python3.12")'
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  echo "Python's venv module is missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
-	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest (once; about a minute)"
+	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest: once, over the network"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@terminal=0; test -t 1 && terminal=1; \
-	  $(PIP) install --use-pep517 --progress-bar off -r requirements.txt | awk -v terminal=$$terminal \
-	  -v all="$$(wc -l < requirements.txt)" '$(SHOW_PROGRESS)'
+	@$(SHOWN) $(PIP) install --use-pep517 --progress-bar off -r requirements.txt
 	@touch $@
 
 # --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
 $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 	@echo "[2/2] Installing the packages into $(VENV)"
 	@rm -rf $(addsuffix /build,$(PACKAGES))
-	@$(PIP) install --use-pep517 --quiet --no-deps --no-build-isolation --force-reinstall \
+	@$(SHOWN) $(PIP) install --use-pep517 --no-deps --no-build-isolation --force-reinstall \
 	  $(if $(wildcard $(VENV)/.editable),--config-settings editable_mode=compat) \
 	  $(foreach package,$(PACKAGES),$(if $(wildcard $(VENV)/.editable),--editable) ./$(package))
 	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
@@ -87,7 +78,8 @@ $(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
 
 # what only the site needs; Sphinx reads the installed packages
 $(VENV)/.docs: docs/requirements.txt $(VENV)/.requirements
-	@$(PIP) install --quiet --use-pep517 --progress-bar off -r docs/requirements.txt
+	@echo "Installing what the documentation needs"
+	@$(SHOWN) $(PIP) install --use-pep517 --progress-bar off -r docs/requirements.txt
 	@touch $@
 
 # a warning is an error, and every one is shown: dead links, pages in no table of contents

@@ -19,7 +19,13 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from bags.errors import BagError
-from experiments.configuration import inputs, node_config, ros_parameter_file, set_option
+from experiments.configuration import (
+    inputs,
+    node_config,
+    ros_parameter_file,
+    run_advice,
+    set_option,
+)
 from experiments.run import node_graph, processes, staging
 from experiments.run.launch_arguments import ARGUMENTS
 from launch import LaunchDescription, actions
@@ -95,7 +101,7 @@ def start_nodes(context):
     node_config.write_run_info(facts, controller, mode, nodes, run_info, loaded)
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
-    monitor, warnings = RunMonitor(), inputs.find_warnings(scn, facts, checked)
+    monitor, warnings = RunMonitor(), run_advice.find_warnings(scn, facts, checked)
     return [
         *(actions.LogInfo(msg=f'warning, {controller.name}: {text}') for text in warnings),
         *(_start(node, folder, monitor, given) for node in nodes),

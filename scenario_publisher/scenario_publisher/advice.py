@@ -1,6 +1,12 @@
-"""What is allowed in a scenario but rarely meant: short paths, obstacles that leave the road."""
+"""What is allowed in a scenario but rarely meant, with numbers.
+
+A path that ends too soon or asks for more grip than there is, obstacles that leave the road, a run
+that ends before the car can be there.
+"""
 
 import math
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,40 +17,173 @@ from scenario_publisher.scenario import Scenario
 ALONG_ROAD_RAD = 0.5  # an obstacle whose heading differs less from the road's drives along it
 MOVING = 0.5  # m/s
 STEP_S = 0.1
+GRAVITY = 9.81  # m/s^2
+NOTICEABLE_M = 0.5  # up to here controllers make up for a path that nobody could drive exactly
 LATE_S = 2.0  # after the desired arrival at the finish line an obstacle may leave the road
 
 
-def find_advice(scn: Scenario, horizon_s: float) -> list[str]:
-    """Return one line for each thing that is probably a mistake; [] without any.
+class Advice(NamedTuple):
+    """One thing that was looked at."""
+
+    check: str  # what holds where there is no warning
+    warnings: tuple[str, ...]
+    slight: bool = False  # whether a controller copes: not worth a line before each run
+
+
+class PathDemand(NamedTuple):
+    """What the coarse path asks for at its desired speed, sample by sample, (n,) each."""
+
+    station: np.ndarray  # m
+    t: np.ndarray  # s since the first sample
+    speed: np.ndarray  # m/s
+    lateral: np.ndarray  # m/s^2, to the left positive
+    friction: np.ndarray  # of the road or the patch there, 1 is dry
+
+
+def judge(scn: Scenario, horizon_s: float) -> list[Advice]:
+    """Return everything that is looked at, with what is probably a mistake.
 
     horizon_s   how far ahead [s] the controller plans
     """
-    return [*_short_path(scn, horizon_s), *_leaving_obstacles(scn)]
+    demand = path_demand(scn)
+    grip, wide = _missing_grip(demand)
+    return [
+        Advice(
+            'the path goes on for the horizon behind the finish line',
+            tuple(_short_path(scn, horizon_s)),
+        ),
+        Advice(
+            'the path asks for no more than the grip of the road',
+            tuple(grip),
+            wide < NOTICEABLE_M,
+        ),
+        Advice('there is time to reach the finish line', tuple(_short_time(scn, demand))),
+        Advice('obstacles that drive along the road stay on it', tuple(_leaving_obstacles(scn))),
+    ]
+
+
+def find_advice(scn: Scenario, horizon_s: float) -> list[str]:
+    """Return one line for each thing that is probably a mistake; [] without any."""
+    return flatten(judge(scn, horizon_s))
+
+
+def flatten(advice: Iterable[Advice]) -> list[str]:
+    """Return the warnings that are worth a line before a run."""
+    return [text for item in advice if not item.slight for text in item.warnings]
+
+
+def path_demand(scn: Scenario) -> PathDemand:
+    """Return what the coarse path asks for."""
+    ref, station = scn.reference, _stations(scn)
+    speed = np.interp(station, (station[1:] + station[:-1]) / 2, np.diff(station) / np.diff(ref.t))
+    lateral = np.gradient(ref.psi, station) * speed**2
+    friction = np.full(len(station), scn.friction)
+    corners = np.reshape(scn.patches.corners_m, (-1, 4, 2))
+    for quadrilateral, value in zip(corners, scn.patches.friction):
+        friction[_inside(quadrilateral, ref.X, ref.Y)] = value
+    return PathDemand(station, ref.t - ref.t[0], speed, lateral, friction)
+
+
+def _inside(corners, X, Y):
+    """Return whether points are in a convex quadrilateral, corners counter-clockwise (4, 2)."""
+    inside = np.ones(len(X), dtype=bool)
+    for (x, y), (x_next, y_next) in zip(corners, np.roll(corners, -1, axis=0)):
+        inside &= (x_next - x) * (Y - y) - (y_next - y) * (X - x) >= 0.0
+    return inside
 
 
 def finish_station(scn: Scenario) -> float:
     """Return the station [m] of the path at the finish line."""
     ref = scn.reference
-    station = running_sum(steps(np.column_stack([ref.X, ref.Y])))
+    station = _stations(scn)
     ahead = np.hypot(ref.X - scn.stop.X, ref.Y - scn.stop.Y)
     # of a path with laps the last pass
     near = np.flatnonzero(ahead <= ahead.min() + 1e-3)
     return float(station[near[-1]])
 
 
+def start_station(scn: Scenario) -> float:
+    """Return the station [m] of the path beside which the car starts."""
+    return float(_stations(scn)[_start_row(scn)])
+
+
 def _short_path(scn, horizon_s):
-    ref = scn.reference
-    station = running_sum(steps(np.column_stack([ref.X, ref.Y])))
+    ref, station = scn.reference, _stations(scn)
     finish = finish_station(scn)
     speed = float(np.interp(finish, station[1:], np.diff(station) / np.diff(ref.t)))
     left, needed = float(station[-1]) - finish, speed * horizon_s
-    if left >= needed:
-        return []
-    return [
-        f'the path ends {left:.0f} m behind the finish line, within the horizon: a plan of '
-        f'{horizon_s:g} s at {speed:.1f} m/s reaches {needed:.0f} m ahead, so the car may brake '
-        f'before the finish; let path and road go on for {math.ceil(needed - left)} m more'
+    if left < needed:
+        yield (
+            f'the path ends {left:.0f} m behind the finish line, within the horizon: a plan of '
+            f'{horizon_s:g} s at {speed:.1f} m/s reaches {needed:.0f} m ahead, so the car may '
+            'brake before the finish; let path and road go on for '
+            f'{math.ceil(needed - left)} m more'
+        )
+
+
+def _missing_grip(demand: PathDemand) -> tuple[list[str], float]:
+    """Return the warning about too little grip, at most one, and how wide [m] a car runs."""
+    grip = demand.friction * GRAVITY
+    use = np.abs(demand.lateral) / grip
+    bounds = np.flatnonzero(np.diff(np.concatenate([[0], use > 1.0, [0]])))
+    stretches = [slice(first, behind) for first, behind in bounds.reshape(-1, 2)]
+    if not stretches:
+        return [], 0.0
+    excess = np.abs(demand.lateral) - grip
+    wide = max(_run_wide(demand.t[rows], excess[rows]) for rows in stretches)
+    k = int(np.argmax(use))
+    speed, more = demand.speed[k], len(stretches) - 1
+    others = f', and for too much at {more} other place{"s" * (more > 1)}' if more else ''
+    text = (
+        f'the path asks for {use[k]:.0%} of the grip at {demand.station[k]:.0f} m '
+        f'({abs(demand.lateral[k]):.1f} m/s2 sideways at {speed:.1f} m/s, friction '
+        f'{demand.friction[k]:g} holds {grip[k]:.1f}){others}: a car that follows it runs wide by '
+        f'{wide:.1f} m; at {speed / np.sqrt(use[k]):.1f} m/s the grip would do'
+    )
+    return [text], wide
+
+
+def _run_wide(t, excess):
+    """Return how far [m] a car is carried outwards by an acceleration (n,) that is missing."""
+    speed = running_sum((excess[1:] + excess[:-1]) / 2 * np.diff(t))
+    return float(np.sum((speed[1:] + speed[:-1]) / 2 * np.diff(t)))
+
+
+def _short_time(scn, demand: PathDemand):
+    """Yield the warning that the run ends before a car at the desired speed can be there."""
+    begin = demand.t[_start_row(scn)]
+    finish = finish_station(scn)
+    needed = float(np.interp(finish, demand.station, demand.t)) - begin
+    if needed <= scn.stop.time:
+        return
+    reached = float(np.interp(begin + scn.stop.time, demand.t, demand.station))
+    ahead = [
+        str(actor.obstacle.id)
+        for actor in scn.actors
+        if actor.track is None
+        and np.hypot(actor.obstacle.vX, actor.obstacle.vY) < MOVING
+        and _station_of(scn, demand, actor.obstacle) > reached
     ]
+    obstacles = f', and before {_list("obstacle", ahead)}' if ahead else ''
+    yield (
+        f'the run ends after {scn.stop.time:g} s (stop.time_s), with a car at the desired speed at '
+        f'{reached:.0f} m, {finish - reached:.0f} m before the finish line{obstacles}: it needs '
+        f'{math.ceil(needed)} s or more'
+    )
+
+
+def _list(noun, words):
+    return f'{noun}{"s" if len(words) > 1 else ""} {", ".join(words)}'
+
+
+def _start_row(scn):
+    ref = scn.reference
+    return int(np.argmin(np.hypot(ref.X - scn.start.X, ref.Y - scn.start.Y)))
+
+
+def _station_of(scn, demand: PathDemand, obstacle):
+    ref = scn.reference
+    return demand.station[np.argmin(np.hypot(ref.X - obstacle.X, ref.Y - obstacle.Y))]
 
 
 def _leaving_obstacles(scn):

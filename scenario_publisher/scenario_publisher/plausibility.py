@@ -68,15 +68,20 @@ def _distance_to_road(actor, road, until):
 
 
 def check_stop_is_ahead(path: Line, stop: schema.Stop, start: Frame) -> None:
-    """Reject a finish beyond the path or behind the start, and a start against the path."""
+    """Reject a finish beyond the path or behind the start."""
     if stop.progress_m > path.s[-1]:
         what = f'is {stop.progress_m:g} m, beyond the end of the path'
         raise KeyedError('stop.progress_m', f'{what}; allowed up to {path.s[-1]:.2f} m')
+    i = lines.nearest_sample(path, start.X, start.Y)
+    if path.s[i] >= stop.progress_m:
+        what = f'is {stop.progress_m:g} m, not ahead of the start'
+        raise KeyedError('stop.progress_m', f'{what}; allowed more than {path.s[i]:.2f} m')
+
+
+def check_start_along_path(start: Frame, path: Line) -> None:
+    """Reject a start against the path."""
     i = lines.nearest_sample(path, start.X, start.Y)
     heading_error = abs(math.remainder(start.psi - path.psi[i], math.tau))
     if heading_error > math.pi / 2:
         what = f'points {np.degrees(heading_error):.0f} deg away from the path beside it'
         raise KeyedError('start', f'{what}; allowed up to 90 deg')
-    if path.s[i] >= stop.progress_m:
-        what = f'is {stop.progress_m:g} m, not ahead of the start'
-        raise KeyedError('stop.progress_m', f'{what}; allowed more than {path.s[i]:.2f} m')

@@ -1,6 +1,8 @@
 """Scenarios: path, edges, friction, obstacles, start and end of a run from a name or a file."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import remainder, tau
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +28,18 @@ FOLDER = 'scenarios'
 SUFFIX = '.yaml'
 # ROS reads stamp 0 as "no time", so every run begins one second later
 START_NS = 1_000_000_000
+# what a scenario is refused for, in this order
+CHECKS = (
+    'every key is known, given once, of its type and within its range',
+    'the edges of the road neither cross nor fold back',
+    'the path has no jumps and lies on the road',
+    'the stations of the desired speed increase',
+    'every obstacle is on the road at some time of the run',
+    'the finish line lies on the path, ahead of the start',
+    'the start is on the road, along the path and free of obstacles',
+    'friction patches lie on the road',
+)
+KEYS, ROAD, PATH, SPEED, OBSTACLES, FINISH, START, PATCHES = CHECKS
 
 
 class NodeParams(Struct):
@@ -106,9 +120,48 @@ def parse(text: str, source: str) -> Scenario:
     try:
         return _build(typed_yaml.parse_value(schema.File, root), text)
     except KeyedError as error:
-        raise scenario_file.error_at(root, *error.args) from None
+        refused = scenario_file.error_at(root, *error.args)
+        refused.check = error.check
+        raise refused from None
     except YamlError as error:
-        raise ScenarioError(str(error)) from None
+        refused = ScenarioError(str(error))
+        refused.check = KEYS
+        raise refused from None
+
+
+@contextmanager
+def _checking(check: str) -> Iterator[None]:
+    """Note in a KeyedError of the `with` block which of CHECKS does not hold."""
+    try:
+        yield
+    except KeyedError as error:
+        error.check = check
+        raise
+
+
+def describe_namesake(name_or_path: str, scn: Scenario) -> str:
+    """Return which of two scenarios of one name is used, '' where there is no other.
+
+    They are a file of the user and one that comes with the package; equal texts are one scenario.
+    """
+    names = available()
+    if _is_path(name_or_path):
+        if scn.name not in names or _shipped(scn.name).read_text() == scn.text:
+            return ''
+        return (
+            f'{name_or_path} has the name of a scenario that comes with the package, {scn.name}: '
+            'the file is used; give it a `name:` of its own, or runs of both share a folder'
+        )
+    mine = next(
+        (Path(name_or_path + end) for end in YAML_SUFFIXES if os.path.isfile(name_or_path + end)),
+        None,
+    )
+    if mine is None or (os.access(mine, os.R_OK) and mine.read_text(errors='replace') == scn.text):
+        return ''
+    return (
+        f'{name_or_path} is the scenario that comes with the package, not the file {mine} in this '
+        f'folder: for that one give ./{mine}'
+    )
 
 
 def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
@@ -118,15 +171,23 @@ def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
     return Obstacles(stamp_ns, tuple(present))
 
 
+def _shipped(name):
+    return share.path(PACKAGE, FOLDER, name + SUFFIX)
+
+
+def _is_path(name_or_path):
+    return '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(YAML_SUFFIXES)
+
+
 def _find(name_or_path):
-    is_path = '/' in name_or_path or os.sep in name_or_path or name_or_path.endswith(YAML_SUFFIXES)
+    is_path = _is_path(name_or_path)
     if is_path:
         # not Path.expanduser, which raises for an unknown user
         path = Path(os.path.expanduser(name_or_path))
         if path.is_file():
             return path
     elif name_or_path in available():
-        return share.path(PACKAGE, FOLDER, name_or_path + SUFFIX)
+        return _shipped(name_or_path)
     hint = closest(Path(name_or_path).stem, available())
     if is_path:
         there = missing_file.describe_neighbours(name_or_path, 'YAML file', missing_file.is_yaml)
@@ -141,15 +202,25 @@ def _find(name_or_path):
 
 
 def _build(file, text):
-    road = road_geometry.build_road(file.road, file.sampling.edges_m)
-    path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m)
-    plausibility.check_path_on_road(path, road, file.sampling.edges_m)
-    speed = _speed_table(file.speed)
-    crowd = _place_actors(file.obstacles, road.centre)
-    plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
-    start = _start(file.start, path, speed)
-    plausibility.check_stop_is_ahead(path, file.stop, start)
-    plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m)
+    with _checking(ROAD):
+        road = road_geometry.build_road(file.road, file.sampling.edges_m)
+    with _checking(PATH):
+        path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m)
+        plausibility.check_path_on_road(path, road, file.sampling.edges_m)
+    with _checking(SPEED):
+        speed = _speed_table(file.speed)
+    with _checking(OBSTACLES):
+        crowd = _place_actors(file.obstacles, road.centre)
+        plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
+    with _checking(START):
+        start = _start(file.start, path, speed)
+    with _checking(FINISH):
+        plausibility.check_stop_is_ahead(path, file.stop, start)
+    with _checking(START):
+        plausibility.check_start_along_path(start, path)
+        plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m)
+    with _checking(PATCHES):
+        patches = build_patches(file.friction_patches, road.centre)
     scn = Scenario(
         name=file.name,
         description=file.description,
@@ -161,7 +232,7 @@ def _build(file, text):
         stop=_stop(file.stop, path, start),
         text=text,
         actors=crowd,
-        patches=build_patches(file.friction_patches, road.centre),
+        patches=patches,
         speeds=_given_speeds(file),
         expect=file.expect,
     )

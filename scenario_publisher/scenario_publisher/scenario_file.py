@@ -15,11 +15,21 @@ _KEY_PART = re.compile(r'\[(\d+)\]|([^.\[\]]+)')
 
 
 class ScenarioError(YamlError):
-    """A scenario that cannot be used; the text names file, line, dotted key and what is allowed."""
+    """A scenario that cannot be used; the text names file, line, dotted key and what is allowed.
+
+    check   what of `scenario.CHECKS` did not hold, '' before any of them
+    """
+
+    check = ''
 
 
 class KeyedError(Exception):
-    """A mistake beyond the schema: a dotted key of the file, and what is wrong with its value."""
+    """A mistake beyond the schema: a dotted key of the file, and what is wrong with its value.
+
+    check   what of `scenario.CHECKS` does not hold
+    """
+
+    check = ''
 
 
 def read(path: Path) -> str:

@@ -36,6 +36,10 @@ def load(obstacles=(), **changes):
     return scenario.parse(yaml.safe_dump(document | changes), 'bend.yaml')
 
 
+def checks(scn):
+    return {one.check: one for one in advice.judge(scn, HORIZON_S)}
+
+
 def mover(station=20.0, offset=0.0, **keys):
     return {'station_m': station, 'offset_m': offset, 'radius_m': 0.5, **keys}
 
@@ -107,3 +111,47 @@ def test_behind_the_end_of_the_road_an_obstacle_goes_straight_on():
 def test_another_motion_is_refused_with_those_allowed():
     with pytest.raises(scenario.ScenarioError, match="'straight' or 'along_road'"):
         load([mover(along_mps=5.0, motion='along')])
+
+
+GRIP, TIME = (
+    'the path asks for no more than the grip of the road',
+    'there is time to reach the finish line',
+)
+
+
+def test_a_bend_that_is_too_fast_is_named_with_the_speed_that_would_do():
+    assert checks(load()).keys() >= {GRIP, TIME}
+    assert not checks(load())[GRIP].warnings
+    fast = load(speed={'constant_mps': 40.0})
+    (text,) = checks(fast)[GRIP].warnings
+    assert f'{40.0**2 / BEND / 9.81:.0%} of the grip' in text
+    assert f'at {np.sqrt(9.81 * BEND):.1f} m/s the grip would do' in text
+    assert text in advice.find_advice(fast, HORIZON_S)
+
+
+def test_the_grip_of_a_patch_counts_where_the_path_lies_on_it():
+    on_it = {'from_m': 60.0, 'to_m': 75.0, 'from_offset_m': -2.0, 'to_offset_m': 2.0}
+    beside = on_it | {'from_offset_m': 1.0, 'to_offset_m': 2.0}
+    asked = 15.0**2 / BEND / (0.2 * 9.81)
+    (text,) = checks(load(friction_patches=[on_it | {'friction': 0.2}]))[GRIP].warnings
+    assert f'{asked:.0%} of the grip' in text
+    assert 'friction 0.2 holds 2.0' in text
+    assert not checks(load(friction_patches=[beside | {'friction': 0.2}]))[GRIP].warnings
+
+
+def test_a_path_that_lacks_grip_for_an_instant_is_no_warning_before_a_run():
+    scn = scenario.load('double_lane_change')
+    grip = checks(scn)[GRIP]
+    assert '139%' in grip.warnings[0]
+    assert 'at 1 other place' in grip.warnings[0]
+    assert grip.slight
+
+
+def test_a_run_that_ends_before_the_obstacle_is_named_with_the_time_that_would_do():
+    parked = [mover(station=30.0, offset=3.0), mover(station=110.0, offset=3.0)]
+    stop = {'progress_m': 120.0, 'time_s': 5.0}
+    (text,) = checks(load(parked, stop=stop))[TIME].warnings
+    assert text.startswith('the run ends after 5 s (stop.time_s)')
+    assert 'at 75 m, 45 m before the finish line, and before obstacle 2: it needs 8 s' in text
+    # the time counts from where the car starts
+    assert not checks(load(parked, stop=stop, start={'progress_m': 46.0}))[TIME].warnings

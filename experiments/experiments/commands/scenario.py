@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments scenario`."""
     parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
     parser.add_argument('--plot', type=Path, metavar='OUT', help='PNG, SVG or PDF to draw')
-    text = 'whose horizon, circle and safety distances count: a name, or a file (default: mpcc)'
+    text = 'whose horizon, distances and limits count: a name, or a file (default: mpcc)'
     parser.add_argument('--controller', default='mpcc', metavar='C', help=text)
 
 
@@ -21,15 +21,26 @@ def run(options: argparse.Namespace) -> int:
     """Show and draw; return 0, also with warnings. Raises BagError."""
     from bags.command_line import print_paths
     from bags.errors import BagError
-    from experiments.configuration import inputs
+    from experiments.configuration import inputs, node_config, run_advice
     from experiments.preview import preview_figure, scenario_checks
+    from scenario_publisher import scenario
 
     if options.plot and options.plot.suffix not in ('.png', '.svg', '.pdf'):
         raise BagError(f'--plot {options.plot}: must end in .png, .svg or .pdf')
-    scn = inputs.load_scenario(options.scenario)
-    circles = scenario_checks.circles_of(inputs.controller_params(options.controller))
-    console = Console()
+    controller, console = node_config.find_controller(options.controller), Console()
+    try:
+        scn = scenario.load(options.scenario)
+    except scenario.ScenarioError as error:
+        if error.check:
+            scenario_checks.show_refusals(error.check, console)
+        raise BagError(str(error)) from None
+    facts, here = inputs.scenario_facts(scn, options.scenario), Path()
+    nodes = node_config.build_nodes(facts, controller, 'lockstep', here, here, {})
+    checked = inputs.check_parameters(nodes)
+    circles = scenario_checks.circles_of(checked[inputs.CONTROLLER][0])
     scenario_checks.show(scn, circles, console)
+    scenario_checks.show_refusals('', console)
+    scenario_checks.show_advice(run_advice.judge(scn, facts, checked), console)
     if options.plot:
         print_paths(console, {'\npicture': preview_figure.draw(scn, circles, options.plot)})
     return 0

@@ -1,7 +1,8 @@
 """Configuration of a run: scenario, controller and parameters of every node.
 
 node_config     the nodes of a run and their parameters
-inputs          scenario and parameters, checked before a run; warnings about mismatches
+inputs          scenario and parameters, checked before a run
+run_advice      what is rarely meant in them, with numbers
 parameter_list  what can be set, with unit, range, default and meaning
 ros_parameter_file
                 parameter files with sections for several nodes

@@ -15,10 +15,10 @@ from bags.evaluation.metrics import outcome
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
 from experiments.configuration.node_config import LoadedFacts, Node, ScenarioFacts
-from mpcc_controller import car_file, minimum_speed
+from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
-from scenario_publisher import advice, scenario
+from scenario_publisher import scenario
 from scenario_publisher.scenario import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import parameters as plant_parameters
@@ -39,8 +39,6 @@ PLANT_EXTRAS = {
     'start.from': parameters.Leaf(str, False, plant_parameters.START_FROM),
     node_config.PLANT_DEFAULTS: parameters.Leaf(str, False, None),
 }
-START, PLANT_START = 'start.', 'plant.start.speed_mps'
-SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
 OTHER_AXLE = 0.5  # from this difference on the controller drives the other axle
 # of masses and lengths, relative to the plant; a file of `identify` has those of the plant exactly
 TOLERANCE = 0.05
@@ -269,66 +267,3 @@ def _masses(body):
         'load of the front axle': front * body.mass_kg,
         'load of the rear axle': (1 - front) * body.mass_kg,
     }
-
-
-def find_warnings(
-    scn: Scenario, facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]
-) -> list[str]:
-    """Return one line for what is rarely meant in a scenario and for each mismatch, [] without.
-
-    Mismatches are those of scenario, controller and plant. All of it is allowed, since it may be
-    the subject of the experiment. `facts` are those of `scn`, `checked` is from `check_parameters`.
-    """
-    (params, vehicle), (node, plant) = checked['controller'], checked['plant']
-    start_mps = node.start.speed_mps
-    desired = [(key, speed) for key, speed in facts.speeds if not key.startswith(START)]
-    given = [key for key, _ in facts.speeds if key.startswith(START)]
-    is_set = start_mps != facts.start['speed_mps']
-    # without a start speed of its own the scenario starts at the desired speed, checked anyway
-    start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
-    least = minimum_speed.with_low_speed(params).limits.least_speed_mps
-    start_words = ('the car starts at', 'does not pull away', 'may not pull away')
-    desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
-    return [
-        *advice.find_advice(scn, params.model.horizon * params.model.step_s),
-        *_slow_speed(start, least, minimum_speed.START_MARGIN_MPS, *start_words),
-        *_slow_speed(desired, least, minimum_speed.DESIRED_MARGIN_MPS, *desired_words),
-        *_drive_layout(params, vehicle, plant),
-        *filter(None, [car_file.describe_cut_limits(params, vehicle)]),
-    ]
-
-
-def _slow_speed(speeds, least_mps, margin_mps, subject, below, near):
-    """Return the warning about speeds (key, m/s) at which the controller stops, at most one.
-
-    `below` and `near` describe the car below the least speed and within the margin above it.
-    """
-
-    def relation(speed):
-        return minimum_speed.compare(speed, least_mps, margin_mps)
-
-    slow = [(speed, key) for key, speed in speeds if relation(speed)]
-    if not slow:
-        return []
-    speed, key = min(slow, key=lambda pair: pair[0])
-    others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
-    consequence = below if relation(speed) == minimum_speed.BELOW else near
-    return [
-        f'{subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
-        f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '
-        f'below that speed, so the car {consequence}'
-    ]
-
-
-def _drive_layout(params: ControllerParams, vehicle: CarParams, plant: PlantParams):
-    """Return the warning that the controller drives other axles than the plant, at most one."""
-    share, key = params.model.drive_front_share, 'model.drive_front_share'
-    if share is None:
-        share, key = vehicle.actuators.drive_front_share, f'car_file {params.car_file}'
-    driven = actuator_limits(plant.car).drive_front_share
-    if abs(share - driven) <= SHARE_TOLERANCE:
-        return []
-    return [
-        f'the controller believes that {share:.0%} of the drive is at the front axle ({key}), the '
-        f'plant has {driven:.0%} there: give controller.car_file a file that identify wrote for it'
-    ]

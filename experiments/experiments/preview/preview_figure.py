@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from bags.figures import style
-from experiments.preview.scenario_checks import GRAVITY, Circles, PathProfile, profile
+from experiments.preview.scenario_checks import Circles, PathProfile, profile
 from scenario_publisher import actors, advice
 from scenario_publisher.polyline import running_sum
 from scenario_publisher.scenario import Scenario
@@ -97,19 +97,19 @@ def _strips(speed, lateral, scn, along: PathProfile):
     speed.plot(along.station, along.speed, color=SPEED)
     speed.set_ylabel('desired\nspeed [m/s]')
     speed.set_ylim(0.0, 1.25 * along.speed.max())
-    limit = scn.friction * GRAVITY
+    limit = along.friction * advice.GRAVITY
     lateral.plot(along.station, along.lateral, color=PATH)
     for sign in (-1.0, 1.0):
-        lateral.axhline(sign * limit, color=style.COLLISION, ls=':', lw=0.9)
+        lateral.plot(along.station, sign * limit, color=style.COLLISION, ls=':', lw=0.9)
     lateral.annotate(
         'friction x g',
-        (along.station[0], limit),
+        (along.station[0], limit[0]),
         (2, -10),
         fontsize=7.5,
         textcoords='offset points',
         color=style.COLLISION,
     )
-    reach = max(1.15 * limit, 1.1 * np.abs(along.lateral).max())
+    reach = max(1.15 * limit.max(), 1.1 * np.abs(along.lateral).max())
     lateral.set_ylim(-reach, reach)
     lateral.set_ylabel('lateral acc. of\nthe path [m/s²]')
     lateral.set_xlabel('station of the path [m]')

@@ -1,5 +1,6 @@
 """What a scenario holds, what is checked, and how close the coarse path comes to everything."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,14 +8,15 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from mpcc_controller.parameters import ControllerParams
-from scenario_publisher import actors, advice, polyline
+from scenario_publisher import actors, advice, polyline, scenario
 from scenario_publisher.actors import Actor
-from scenario_publisher.polyline import running_sum, steps
+from scenario_publisher.advice import Advice
 from scenario_publisher.scenario import Scenario
 
-GRAVITY = 9.81  # m/s^2
 KPH = 3.6  # km/h per m/s
 STEP_S = 0.01
+PASSED, WARNED, FAILED, NOT_REACHED = 'pass', 'warn', 'FAIL', '-'
+COLOURS = {PASSED: 'green', WARNED: 'yellow', FAILED: 'red', NOT_REACHED: 'dim'}
 
 
 class Circles(NamedTuple):
@@ -32,6 +34,7 @@ class PathProfile(NamedTuple):
     station: np.ndarray  # m
     speed: np.ndarray  # m/s, desired
     lateral: np.ndarray  # m/s^2, of the desired speed on the path, to the left positive
+    friction: np.ndarray  # of the road or the patch there, 1 is dry
     to_edge: np.ndarray  # m, from the circle of a car on the path to the nearer edge
 
 
@@ -56,15 +59,13 @@ def circles_of(params: ControllerParams) -> Circles:
 
 def profile(scn: Scenario, circles: Circles) -> PathProfile:
     """Return the coarse path with what it asks for."""
-    ref = scn.reference
-    station = running_sum(steps(np.column_stack([ref.X, ref.Y])))
-    speed = np.interp(station, (station[1:] + station[:-1]) / 2, np.diff(station) / np.diff(ref.t))
-    curvature = np.gradient(ref.psi, station)
+    demand, ref = advice.path_demand(scn), scn.reference
     inside = np.minimum(
         -polyline.left_of(scn.edges.left, ref.X, ref.Y),
         polyline.left_of(scn.edges.right, ref.X, ref.Y),
     )
-    return PathProfile(station, speed, curvature * speed**2, inside - circles.radius_m)
+    to_edge = inside - circles.radius_m
+    return PathProfile(demand.station, demand.speed, demand.lateral, demand.friction, to_edge)
 
 
 def encounter(scn: Scenario, actor: Actor, path: PathProfile, circles: Circles) -> Encounter | None:
@@ -86,13 +87,13 @@ def encounter(scn: Scenario, actor: Actor, path: PathProfile, circles: Circles) 
     return Encounter(actor.obstacle.id, gap, float(times[i]), station)
 
 
-def show(scn: Scenario, circles: Circles, console: Console) -> list[str]:
-    """Print the summary; return the advice that was printed."""
+def show(scn: Scenario, circles: Circles, console: Console) -> None:
+    """Print what a scenario holds."""
     path = profile(scn, circles)
     finish = advice.finish_station(scn)
     slow, fast = path.speed.min(), path.speed.max()
-    lateral = float(np.abs(path.lateral).max())
-    at = float(path.station[np.argmax(np.abs(path.lateral))])
+    k = int(np.argmax(np.abs(path.lateral) / path.friction))
+    lateral, at = abs(path.lateral[k]), path.station[k]
     where = float(path.station[np.argmin(path.to_edge)])
     lines = {
         'scenario': f'{scn.name}: {scn.description}',
@@ -104,7 +105,7 @@ def show(scn: Scenario, circles: Circles, console: Console) -> list[str]:
         'friction': f'{scn.friction:g}'
         + (f', and {len(scn.patches.friction)} patches' if scn.patches.friction else ''),
         'path asks for': f'up to {lateral:.1f} m/s2 sideways, at {at:.0f} m: '
-        f'{lateral / (scn.friction * GRAVITY):.0%} of friction times g',
+        f'{lateral / (path.friction[k] * advice.GRAVITY):.0%} of friction times g',
         'room beside it': f'at least {path.to_edge.min():.2f} m from the circle of a car '
         f'({circles.radius_m:g} m) to an edge, at {where:.0f} m (safety distance '
         f'{circles.edge_m:g} m)',
@@ -114,20 +115,34 @@ def show(scn: Scenario, circles: Circles, console: Console) -> list[str]:
     for actor in scn.actors:
         print_text(console, f'obstacle {actor.obstacle.id}:'.ljust(16) + _about(actor))
         print_text(console, ' ' * 16 + _meeting(scn, actor, path, circles))
-    print_text(console, f'\n{CHECKED}')
-    advices = advice.find_advice(scn, circles.horizon_s)
-    for text in advices:
-        console.print('[yellow]warning:[/] ', end='')
-        print_text(console, text)
-    return advices
 
 
-CHECKED = (
-    'checked: every key, type and range; the path lies on the road; edges neither cross nor fold '
-    'back; the start is free, on the road and along the path; every obstacle touches the road '
-    'during the run; the finish lies on the path ahead of the start; the path goes on for the '
-    'horizon behind the finish; obstacles that drive along the road stay on it'
-)
+def show_refusals(failed: str, console: Console) -> None:
+    """Print what a scenario is refused for, up to the check that failed ('': none did)."""
+    print_text(console, '\nchecked (a scenario that fails is refused):')
+    checks = scenario.CHECKS
+    reached = checks.index(failed) if failed else len(checks)
+    for check in checks[:reached]:
+        _show_check(PASSED, check, console)
+    if failed:
+        _show_check(FAILED, failed, console)
+    for check in checks[reached + 1 :]:
+        _show_check(NOT_REACHED, check, console)
+
+
+def show_advice(judged: Sequence[Advice], console: Console) -> None:
+    """Print what is rarely meant, each with whether it is so here."""
+    print_text(console, '\nlooked at (allowed, but rarely meant otherwise):')
+    for item in judged:
+        _show_check(WARNED if item.warnings else PASSED, item.check, console)
+        for text in item.warnings:
+            console.print('        [yellow]warning:[/] ', end='')
+            print_text(console, text)
+
+
+def _show_check(result, check, console):
+    console.print(f'  [{COLOURS[result]}]{result:6}[/]', end='')
+    print_text(console, check + (' (not reached)' if result == NOT_REACHED else ''))
 
 
 def _about(actor):

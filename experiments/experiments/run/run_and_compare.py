@@ -12,7 +12,7 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments.configuration import inputs, node_config, set_option
+from experiments.configuration import inputs, node_config, run_advice, set_option
 from experiments.progress import RunProgress
 from experiments.run import domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
@@ -150,7 +150,7 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
         if not controller.program:
             inputs.check_problem(checked, controller.name)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
-        for text in inputs.find_warnings(scn, facts, checked):
+        for text in run_advice.find_warnings(scn, facts, checked):
             console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from bags.errors import BagError
-from experiments.configuration import inputs, node_config
+from experiments.configuration import inputs, node_config, run_advice
 from msgs_yaml import share
 from scenario_publisher import scenario
 
@@ -16,7 +16,8 @@ def find_warnings(tmp_path):
     """Return find_warnings(scenario changes, settings): the warnings about a run of mpcc."""
 
     def find_warnings(changes, settings=None):
-        document = yaml.safe_load(scenario.load('straight').text) | changes
+        own = yaml.safe_load(scenario.load('straight').text) | {'name': 'own'}
+        document = own | changes
         (tmp_path / 'own.yaml').write_text(yaml.safe_dump(document))
         scn = inputs.load_scenario(str(tmp_path / 'own.yaml'))
         facts = inputs.scenario_facts(scn, str(tmp_path / 'own.yaml'))
@@ -24,7 +25,7 @@ def find_warnings(tmp_path):
         nodes = node_config.build_nodes(
             facts, chosen, 'lockstep', tmp_path, tmp_path, settings or {}
         )
-        return inputs.find_warnings(scn, facts, inputs.check_parameters(nodes))
+        return run_advice.find_warnings(scn, facts, inputs.check_parameters(nodes))
 
     return find_warnings
 
@@ -175,3 +176,33 @@ def test_a_limit_that_is_set_beyond_the_car_is_refused(find_warnings):
     expected = r'^--set controller\.limits\.steer_rate_radps: .* is 0\.81; allowed up to 0\.8, '
     with pytest.raises(BagError, match=expected):
         find_warnings({}, {'controller': {'limits.steer_rate_radps': 0.81}})
+
+
+def test_a_speed_that_the_car_cannot_reach_is_named_with_the_one_that_it_can(find_warnings):
+    fast = {'speed': {'constant_mps': 60.0}, 'start': {'progress_m': 0.0, 'speed_mps': 10.0}}
+    (warning,) = [text for text in find_warnings(fast) if 'asks for up to' in text]
+    drive_n = inputs.controller_params('mpcc').limits.drive_n
+    assert f'with {drive_n:.0f} N of drive' in warning
+    assert 'from 10 m/s the car comes to' in warning
+    modest = {'speed': {'constant_mps': 12.0}, 'start': {'progress_m': 0.0, 'speed_mps': 10.0}}
+    assert not [text for text in find_warnings(modest) if 'asks for up to' in text]
+
+
+def test_a_file_with_the_name_of_a_shipped_scenario_is_said_to_be_used(find_warnings):
+    (warning,) = find_warnings({'name': 'circle_20m'})
+    assert 'has the name of a scenario that comes with the package, circle_20m' in warning
+    assert 'the file is used' in warning
+
+
+def test_a_shipped_scenario_is_told_from_a_file_of_its_name_here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shipped = scenario.load('straight')
+    assert scenario.describe_namesake('straight', shipped) == ''
+    copy = tmp_path / 'straight.yaml'
+    copy.write_text(shipped.text)
+    assert scenario.describe_namesake('straight', shipped) == ''
+    copy.write_text(shipped.text + '# mine\n')
+    said = scenario.describe_namesake('straight', shipped)
+    assert said.endswith(
+        'not the file straight.yaml in this folder: for that one give ./straight.yaml'
+    )

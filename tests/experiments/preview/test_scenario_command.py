@@ -51,8 +51,10 @@ def test_the_command_prints_and_draws(tmp_path, capsys, name):
     assert cli.main(['scenario', name, '--plot', str(picture)]) == 0
     text = capsys.readouterr().out
     assert f'scenario:       {name}: ' in text
-    assert 'checked: ' in text
     assert 'warning' not in text
+    for check in scenario.CHECKS:
+        assert f'  pass  {check}\n' in text
+    assert '  pass  the path asks for no more than the grip of the road\n' in text
     with Image.open(picture) as image:
         assert image.width > 1000
         # the coarse path is drawn in its colour
@@ -66,8 +68,22 @@ def test_warnings_and_mistakes_are_shown(tmp_path, capsys):
     short.write_text(text.replace('progress_m: 60.0', 'progress_m: 99.0'))
     assert short.read_text() != text
     assert cli.main(['scenario', str(short)]) == 0
-    assert 'warning: the path ends' in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert '  warn  the path goes on for the horizon behind the finish line\n' in out
+    assert 'warning: the path ends' in out
     assert cli.main(['scenario', 'strait']) == 1
     assert "did you mean 'straight'?" in capsys.readouterr().err
     assert cli.main(['scenario', 'straight', '--plot', str(tmp_path / 'x.jpg')]) == 1
     assert 'must end in .png, .svg or .pdf' in capsys.readouterr().err
+
+
+def test_of_a_refused_scenario_is_shown_which_check_failed(tmp_path, capsys):
+    text = scenario.load('straight').text
+    beyond = tmp_path / 'beyond.yaml'
+    beyond.write_text(text.replace('progress_m: 60.0', 'progress_m: 9000.0'))
+    assert cli.main(['scenario', str(beyond)]) == 1
+    out, error = capsys.readouterr()
+    assert '  pass  every obstacle is on the road at some time of the run\n' in out
+    assert f'  FAIL  {scenario.FINISH}\n' in out
+    assert f'  -     {scenario.PATCHES} (not reached)\n' in out
+    assert 'stop.progress_m: is 9000 m, beyond the end of the path' in error
