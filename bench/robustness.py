@@ -23,7 +23,7 @@ from experiments.configuration import node_config
 from experiments.library import library_drive
 from experiments.library.library_drive import LibraryDrive, Settings
 from experiments.progress import CountProgress
-from experiments.wilson import wilson_interval
+from experiments.statistical_inference import wilson_interval
 from experiments.worker_pool import WorkerPool
 from scenario_publisher.families import draw
 

@@ -25,8 +25,7 @@ Common
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     plant_limit        the lateral acceleration that the plant reaches
-    wilson             the interval of a share
-    multiple_tests     the correction of the p-values of several tests
+    statistical_inference  interval of a share, correction of p-values
     page_block         the generated blocks of a page
 
 In Python:

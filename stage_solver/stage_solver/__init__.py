@@ -23,7 +23,7 @@ Inside:
     nlpsol_solver        fatrop and IPOPT, by nlpsol_backend and fatrop; fatrop_guard says where
                          fatrop would fail
     stage_functions      functions and derivatives of a stage; nlp_functions those of the whole NLP
-    compiled_functions   CasADi functions as machine code; buffered_function calls without copies
+    compiled_functions   CasADi functions as machine code, and calls without copies
     validation           checks of the arguments of a solve
 
 Only CasADi and numpy are needed; with a C compiler each problem is compiled once per machine.

@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 
 from stage_solver import nlpsol_backend
-from stage_solver.buffered_function import BufferedFunction
+from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.nlpsol_backend import NlpsolCall, Termination
 from stage_solver.solution import SolverOptions
 from stage_solver.stage_problem import StageProblem

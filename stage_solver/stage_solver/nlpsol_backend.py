@@ -5,7 +5,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from stage_solver.buffered_function import BufferedFunction
+from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import SolverOptions
 from stage_solver.stage_problem import StageProblem
 

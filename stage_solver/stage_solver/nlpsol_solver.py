@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from stage_solver import compiled_functions, nlp_functions, nlpsol_backend, validation
-from stage_solver.buffered_function import BufferedFunction
+from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.fatrop import Fatrop
 from stage_solver.nlpsol_backend import Ipopt, NlpsolCall
 from stage_solver.solution import (

@@ -109,11 +109,11 @@ class Model:
 
 
 DOUBLE_TRACK = Model(
-    name='vehicle_plant',
-    state=State,
-    derivative=double_track.derivative,
-    project=double_track.project_constraints,
-    start=rolling_state,
+    'vehicle_plant',
+    State,
+    double_track.derivative,
+    double_track.project_constraints,
+    rolling_state,
     steps_per_ms=lambda x: 1,
     state_in_row=True,
 )

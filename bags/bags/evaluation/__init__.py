@@ -9,8 +9,7 @@ signals          derived signals on the time base of the odometry, and how to ad
 flattening       nested values by dotted name
 descriptions     what was driven and by whom, in words
 tick_timing      latency, parts of a tick, deadline misses
-controller_log   reports, predictions and answered states of the controller
-candidate_lines  the plans that a controller compared in a tick, as lines
+controller_log   reports, predictions, compared plans and answered states of the controller
 bag_summary      contents, losses and timing of a bag
 frame_distances  the distance to an obstacle in Frenet and Cartesian coordinates (experiment 1)
 """

@@ -6,14 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
 from bags.storage import read
 from bags.storage.columns import Columns
 from msgs_yaml.types import Prediction, Why
 
 PREDICTION, WHY = '/controller/prediction', '/controller/why'
 REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms', 'split.front')
+CHOSEN = 'candidates.chosen'
 STATE_STALE = 'state_stale'  # the reason of a command that answers no state
+
+
+class CandidateLine(NamedTuple):
+    """One plan that was compared."""
+
+    number: int  # 0 is the plan followed before
+    name: str  # the initial guess: `left of 1`, `brake`
+    points: np.ndarray  # (n, 2) m, map
+    is_chosen: bool
+    is_clean: bool  # touches nothing and stays on the road
 
 
 class ControllerLog(NamedTuple):
@@ -47,6 +57,23 @@ def controller_log(tables: Mapping[str, Columns], run_info: Mapping[str, str]) -
     numbers = {name: report_numbers(reports, name) for name in REPORTED}
     compared = [candidate_lines(values) for values in reports]
     return ControllerLog(run_info, predictions, tables[WHY].stamp_ns, numbers, compared)
+
+
+def candidate_lines(why: Mapping[str, float | str]) -> list[CandidateLine]:
+    """Return the plans of one tick that have a line; none where a tick compared nothing."""
+    lines = []
+    for number in range(int(why.get('candidates.count', 0))):
+        key = f'candidates.{number}'
+        text = why.get(f'{key}.line')
+        if isinstance(text, str):
+            points = np.array([pair.split(',') for pair in text.split()], float)
+            clean = why.get(f'{key}.clean') == 1
+            lines.append(
+                CandidateLine(
+                    number, str(why[f'{key}.name']), points, why.get(CHOSEN) == number, clean
+                )
+            )
+    return lines
 
 
 def report_number(report: Mapping[str, float | str], key: str) -> float:

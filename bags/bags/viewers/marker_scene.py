@@ -10,8 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
-from bags.evaluation.candidate_lines import CandidateLine, candidate_lines
-from bags.evaluation.controller_log import report_number
+from bags.evaluation.controller_log import CandidateLine, candidate_lines, report_number
 from bags.figures import style
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 from node_runtime.parameters import Range, Struct

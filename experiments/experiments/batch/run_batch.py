@@ -19,8 +19,7 @@ from experiments.batch.drive_plan import (
     Pairs,
     Perturbation,
 )
-from experiments.batch.drive_records import DriveRecords
-from experiments.batch.record_drives import record_each
+from experiments.batch.drive_records import DriveRecords, record_each
 from experiments.batch.simulate import simulate
 from experiments.batch.study_file import StudyFile
 from experiments.cluster_pool import open_pool

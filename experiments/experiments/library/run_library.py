@@ -11,8 +11,7 @@ from rich.console import Console
 from bags.command_line import print_text
 from experiments import pass_criteria
 from experiments.batch import results_table
-from experiments.batch.drive_records import DriveRecords
-from experiments.batch.record_drives import record_each
+from experiments.batch.drive_records import DriveRecords, record_each
 from experiments.cluster_pool import open_pool
 from experiments.configuration import node_config, set_option
 from experiments.library import library_drive, survival_table

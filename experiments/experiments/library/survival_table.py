@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
-from experiments.wilson import wilson_interval
+from experiments.statistical_inference import wilson_interval
 
 ALL = 'all'
 

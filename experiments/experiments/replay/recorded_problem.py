@@ -11,9 +11,8 @@ from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
 from mpcc_controller.driving import fallback, setpoints
 from mpcc_controller.driving.planner import Planner
-from mpcc_controller.driving.prediction_model import PredictionModel
+from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.setpoints import Setpoints
-from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.problem import stage_parameters

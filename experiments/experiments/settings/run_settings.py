@@ -18,8 +18,7 @@ from rich.console import Console
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.batch import results_table
-from experiments.batch.drive_records import DriveRecords
-from experiments.batch.record_drives import record_each
+from experiments.batch.drive_records import DriveRecords, record_each
 from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress
 from experiments.settings import (

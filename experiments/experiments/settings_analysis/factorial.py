@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from experiments import multiple_tests
+from experiments import statistical_inference
 from experiments.settings_analysis import setting_statistics
 from experiments.settings_analysis.setting_statistics import Interval
 
@@ -77,7 +77,7 @@ def analyse(drives: pd.DataFrame, factors: Sequence[str], response: str) -> list
         return []
     effects = setting_effects(wide, factors)
     p_values = {name: setting_statistics.mean_p_value(effects[name]) for name in effects}
-    adjusted = multiple_tests.holm(p_values)
+    adjusted = statistical_inference.holm(p_values)
     return [
         Effect(
             term=name,

@@ -1,4 +1,4 @@
-"""Statistics over settings: bootstrap intervals, exact ones at the ends, Holm's correction.
+"""Statistics over settings: bootstrap intervals, exact ones at the ends.
 
 A setting is the unit: repeated drives of one setting are summarised before they come here, so
 that the values of different settings are independent.

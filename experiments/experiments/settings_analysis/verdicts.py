@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from experiments import multiple_tests
+from experiments import statistical_inference
 from experiments.settings_analysis import setting_statistics
 from experiments.settings_analysis.setting_statistics import Interval
 
@@ -162,7 +162,7 @@ def verdict(decision: Decision, p_adjusted: float, rule: Rule) -> str:
 
 def judge(decisions: Mapping[str, Decision], rule: Rule) -> dict[str, tuple[float, str]]:
     """Return {claim: (p-value after Holm's correction, verdict)} of a family of decisions."""
-    adjusted = multiple_tests.holm({claim: d.p_value for claim, d in decisions.items()})
+    adjusted = statistical_inference.holm({claim: d.p_value for claim, d in decisions.items()})
     return {
         claim: (adjusted[claim], verdict(decision, adjusted[claim], rule))
         for claim, decision in decisions.items()

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.evaluation import frame_distances
-from experiments import multiple_tests
+from experiments import statistical_inference
+from experiments.statistical_inference import CONFIDENCE
 from experiments.study import claims, run_spec, run_statistics, tables, variants
 from experiments.study.claims import NOT, Claim, Runs, Shown
 from experiments.study.metric_distributions import POINT_KPH, RUNS, SPEEDS_KPH, run_at_speed
 from experiments.study.run_statistics import BY_NAME, Quantity, Share, summarise
 from experiments.study.runner import Record, Runner
 from experiments.study.variants import BASE, BASELINE, SWITCHES, Switch
-from experiments.wilson import CONFIDENCE
 
 STEM = 'claims'
 COMMAND = 'experiments study claims'
@@ -195,7 +195,7 @@ def _cause_sentence(effect, data, key):
     """Name the switches with the effect in most runs, then those with it in some."""
     counts = {row['factor']: (len(row[key]), _turnable(row, key)) for row in data}
     tested = {factor: pair for factor, pair in counts.items() if pair[1]}
-    p_values = multiple_tests.holm(
+    p_values = statistical_inference.holm(
         {factor: run_statistics.majority_p_value(*pair) for factor, pair in tested.items()}
     )
     most, some = [], []

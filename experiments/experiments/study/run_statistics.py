@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from experiments.statistical_inference import wilson_interval
 from experiments.study.runner import Record
-from experiments.wilson import wilson_interval
 
 # metrics that select the median run
 MEDIAN_METRICS = (

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.statistical_inference import CONFIDENCE
 from experiments.study import run_statistics
 from experiments.study.run_statistics import Share
-from experiments.wilson import CONFIDENCE
 
 LEVELS = (0.9, 0.5)  # shares of successes
 SAMPLES = 1000

@@ -13,6 +13,7 @@ from scipy.stats import binomtest
 
 from experiments.library import library_drive
 from experiments.library.library_drive import ENTRIES, LibraryDrive
+from experiments.statistical_inference import wilson_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
     POSSIBLE,
@@ -20,7 +21,6 @@ from experiments.survivable.survival_search import (
     UNDECIDED,
     survivable,
 )
-from experiments.wilson import wilson_interval
 
 # the first drives until the instant of action; all of them are drivers with hindsight
 DRIVERS = ('mpcc', 'mpcc_road')

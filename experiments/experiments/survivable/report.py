@@ -11,13 +11,12 @@ from rich.table import Table
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.batch import results_table
-from experiments.batch.drive_records import DriveRecords
-from experiments.batch.record_drives import record_each
+from experiments.batch.drive_records import DriveRecords, record_each
 from experiments.progress import CountProgress
+from experiments.statistical_inference import wilson_interval
 from experiments.survivable import regret
 from experiments.survivable.regret import DrawKey, Pairs, Regret
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
-from experiments.wilson import wilson_interval
 from experiments.worker_pool import WorkerPool
 from msgs_yaml.strict_yaml import closest
 

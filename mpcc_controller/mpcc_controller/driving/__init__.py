@@ -4,9 +4,8 @@ controller           `step(TickInputs) -> TickRecord`: the whole tick
 tick                 inputs and record of a tick
 tick_report          explains a record: /controller/why and the predicted poses
 planner              one plan: which guess, which problems, which solution, what fallback
-prediction_model     what plans are made with: parameters, car and formulation
+prediction_model     parameters, car and formulation of the plans; the problem of a tick
 path_progress        theta of stage 0: where on the path the car is
-tick_problem         the optimal control problem of a tick
 tick_solvers         solves the problems of a tick, again after a failure, in parallel
 parallel_solves      several solves at once, in threads
 candidate_plans      which candidates a tick solves, and which plans are kept for the next
@@ -23,7 +22,6 @@ braking              braking along the last plan or the path, without optimisati
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
 obstacle_perception  obstacles as the controller knows them: errors, expected braking, memory
-obstacle_memory      obstacles that vanish for a moment
 measurement_errors   errors added to what is received, a test option
 warm_up_scene        an obstacle ahead, for a controller that warms up
 delay_compensation   predicts the state to the effect of its command

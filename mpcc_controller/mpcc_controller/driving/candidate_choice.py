@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving.obstacle_passing import Sides, are_opposed
-from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import Candidates, ControllerParams
 from mpcc_controller.path import reference_path

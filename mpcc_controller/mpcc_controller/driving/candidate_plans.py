@@ -16,8 +16,7 @@ from mpcc_controller.driving.candidate_choice import (
 from mpcc_controller.driving.candidate_guesses import BRAKE, FOLLOWED, Candidate
 from mpcc_controller.driving.hazards import RoadAhead
 from mpcc_controller.driving.obstacle_passing import BEHIND, Sides, are_opposed, is_same_way
-from mpcc_controller.driving.prediction_model import PredictionModel
-from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem.stage_parameters import Scene

@@ -34,8 +34,7 @@ from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
 from stage_solver import stage_problem
-from stage_solver.buffered_function import BufferedFunction
-from stage_solver.compiled_functions import compile_functions
+from stage_solver.compiled_functions import BufferedFunction, compile_functions
 
 GRID_STEP = 0.05  # of the friction, between two hypotheses
 LONGEST_S = 0.12  # between two states that are compared; over more the model is no measure

@@ -9,10 +9,9 @@ from mpcc_controller.driving.candidate_guesses import BRAKE, FOLLOWED, Candidate
 from mpcc_controller.driving.candidate_plans import CandidatePlans
 from mpcc_controller.driving.fallback import Decision, FallbackLogic
 from mpcc_controller.driving.path_progress import PathProgress
-from mpcc_controller.driving.prediction_model import PredictionModel
+from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.tick import Attempt, Comparison
-from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.driving.tick_solvers import TickSolvers
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import REFRESHED, CarParams, ControllerParams

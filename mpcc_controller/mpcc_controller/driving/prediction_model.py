@@ -1,12 +1,12 @@
 """What plans are made with: parameters, car and formulation, which may change between ticks."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import initial_guess
-from mpcc_controller.driving.tick_problem import TickProblem
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -20,12 +20,29 @@ from mpcc_controller.problem import (
     stage_parameters,
 )
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from mpcc_controller.problem.stage_parameters import Scene
-from stage_solver.buffered_function import BufferedFunction
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
-from stage_solver.stage_problem import Plan
+from stage_solver.stage_problem import Bounds, Plan
 
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
+
+
+class TickProblem(NamedTuple):
+    """The optimal control problem of one tick, and what it was built from."""
+
+    x0: State  # stage 0, in the map
+    scene: Scene
+    guess_map: Plan  # the initial guess, in the map
+    guess_local: Plan  # the same in the states of the formulation
+    parameters: StageParameters
+    bounds: Bounds
+    sliding: bool = False  # the car slides and is to be recovered
+
+    @property
+    def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:
+        """What a `StageSolver` takes before the guess."""
+        return self.guess_local.X[0], self.parameters.P, self.bounds
 
 
 class PredictionModel:

@@ -8,7 +8,7 @@ import numpy as np
 from mpcc_controller.driving.candidate_choice import Choice
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
-from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Command, VehicleState

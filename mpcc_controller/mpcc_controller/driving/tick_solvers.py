@@ -8,8 +8,7 @@ import numpy as np
 
 from mpcc_controller.driving import fallback, solver_selection
 from mpcc_controller.driving.parallel_solves import ParallelSolves
-from mpcc_controller.driving.prediction_model import PredictionModel
-from mpcc_controller.driving.tick_problem import TickProblem
+from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem import cost_terms
 from stage_solver.solution import FAILED, STOPPED_EARLY, Solution, StageSolver

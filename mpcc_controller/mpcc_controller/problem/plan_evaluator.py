@@ -11,7 +11,7 @@ from mpcc_controller.model.single_track import Axles
 from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.ocp import SymbolicOcp
 from node_runtime import named_vector
-from stage_solver.buffered_function import BufferedFunction
+from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
 

@@ -2,7 +2,7 @@
 
 draw               (family, seed, index, difficulty) -> Draw, independent of every other draw
 scenario_document  the parts of a scenario document: roads, cars, walkers, start and finish
-possible           closed forms that say whether a draw can be mastered: nominal draws are
+feasibility        closed forms that say whether a draw can be mastered: nominal draws are
 open_road          what appears, comes towards the car or crosses on a straight road
 lane_course        slaloms, gates, lane changes: where the room is narrow
 bends              an obstacle in a bend

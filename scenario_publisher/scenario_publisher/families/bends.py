@@ -2,7 +2,7 @@
 
 from random import Random
 
-from scenario_publisher.families import possible
+from scenario_publisher.families import feasibility
 from scenario_publisher.families.scenario_document import (
     Document,
     disc,
@@ -32,7 +32,7 @@ def bend_outside(random: Random, hard: bool) -> Document | None:
 def _bend(random, hard, side, name):
     radius = random.uniform(*RADII)
     share = random.uniform(*GRIP_SHARES)
-    speed = (share * FRICTION * possible.GRAVITY * radius) ** 0.5
+    speed = (share * FRICTION * feasibility.GRAVITY * radius) ** 0.5
     ahead_s = random.uniform(0.8, 1.5) if hard else random.uniform(1.2, 3.0)
     size, offset = random.uniform(0.4, 1.0), random.uniform(0.2, 1.4)
     into_s = random.uniform(0.5, 2.0)
@@ -40,9 +40,11 @@ def _bend(random, hard, side, name):
         return None
     # grip that the bend leaves to either side of the circle
     left_over = FRICTION * (1.0 - share**2) ** 0.5
-    shift = possible.shift_beside(size, offset)
-    can_pass = possible.lateral_shift(ahead_s, left_over) >= shift
-    if not hard and not (can_pass or possible.can_stop(speed, speed * ahead_s - size, left_over)):
+    shift = feasibility.shift_beside(size, offset)
+    can_pass = feasibility.lateral_shift(ahead_s, left_over) >= shift
+    if not hard and not (
+        can_pass or feasibility.can_stop(speed, speed * ahead_s - size, left_over)
+    ):
         return None
     lead_in, clothoid = speed * 1.2, speed * 1.5
     x = lead_in + clothoid + speed * into_s

@@ -5,7 +5,7 @@ Each function returns the document of one draw, None for one that cannot be mast
 
 from random import Random
 
-from scenario_publisher.families import possible
+from scenario_publisher.families import feasibility
 from scenario_publisher.families.scenario_document import (
     LANE,
     LEFT,
@@ -40,10 +40,10 @@ def slalom(random: Random, hard: bool) -> Document | None:
     speed = random.uniform(12.0, 22.0)
     spacing = random.uniform(16.0, 28.0) if hard else random.uniform(20.0, 36.0)
     radius, offset = random.uniform(0.4, 1.0), random.uniform(0.2, 1.2)
-    swing = possible.shift_beside(radius, offset)
+    swing = feasibility.shift_beside(radius, offset)
     # a sine through the gaps: half a period per obstacle
     peak = swing * (3.1416 * speed / spacing) ** 2
-    if not hard and peak > possible.GRIP_SHARE * possible.GRAVITY * FRICTION:
+    if not hard and peak > feasibility.GRIP_SHARE * feasibility.GRAVITY * FRICTION:
         return None
     x = [40.0 + spacing * i for i in range(4)]
     return document_either_side(
@@ -63,8 +63,8 @@ def chicane(random: Random, hard: bool) -> Document | None:
     spacing = random.uniform(18.0, 28.0) if hard else random.uniform(22.0, 40.0)
     radius, reach = 1.0, random.uniform(-0.4, 0.4)  # m, how far a barrier goes beyond the middle
     half = 4.2
-    swing = possible.shift_beside(0.0, 0.0) + reach
-    if not hard and possible.lateral_shift_and_back(spacing / speed, FRICTION) < 2.0 * swing:
+    swing = feasibility.shift_beside(0.0, 0.0) + reach
+    if not hard and feasibility.lateral_shift_and_back(spacing / speed, FRICTION) < 2.0 * swing:
         return None
     x = 45.0
     centres = [radius - reach, 3.0 * radius - reach]
@@ -108,7 +108,7 @@ def closed_road(random: Random, hard: bool) -> Document | None:
     speed = random.uniform(12.0, 28.0)
     seen_s, radius = random.uniform(0.0, 1.0), 1.1
     spare = random.uniform(0.0, 10.0) if hard else random.uniform(4.0, 30.0)
-    distance = possible.braking_distance(speed, FRICTION) + possible.CAR_NOSE + radius + spare
+    distance = feasibility.braking_distance(speed, FRICTION) + feasibility.CAR_NOSE + radius + spare
     x = speed * seen_s + distance
     count = 4
     spacing = (LEFT - RIGHT) / count
@@ -134,9 +134,9 @@ def double_lane_change(random: Random, hard: bool) -> Document | None:
     # both moves aside by the room that the lanes leave
     between = (first / 3.0 + 25.0 + second * 0.85) / speed
     shift = LANE - 2.0 * 0.6
-    if not hard and possible.lateral_shift_and_back(between, friction) < shift:
+    if not hard and feasibility.lateral_shift_and_back(between, friction) < shift:
         return None
-    if not hard and possible.lateral_shift(0.75 * first / speed + 0.25, friction) < 2.0:
+    if not hard and feasibility.lateral_shift(0.75 * first / speed + 0.25, friction) < 2.0:
         return None
     begin = 45.0
     segments = [
@@ -188,7 +188,7 @@ def iso_course_2(speed: float) -> Document:
 
 def lane_width(factor: float, constant: float) -> float:
     """Return the width [m] of a lane of the standard for our car."""
-    return factor * possible.CAR_WIDTH + constant
+    return factor * feasibility.CAR_WIDTH + constant
 
 
 def _iso_course(speed, lengths, widths, offset, early, name):

@@ -6,7 +6,7 @@ document of one draw, None for one that cannot be mastered (nominal only).
 
 from random import Random
 
-from scenario_publisher.families import possible
+from scenario_publisher.families import feasibility
 from scenario_publisher.families.scenario_document import (
     CAR_RADIUS,
     LANE,
@@ -49,10 +49,10 @@ def oncoming(random: Random, hard: bool) -> Document | None:
     speed, theirs = random.uniform(14.0, 25.0), random.uniform(8.0, 20.0)
     meets_s = random.uniform(1.5, 3.0) if hard else random.uniform(2.0, 4.5)
     seen_s, offset = random.uniform(0.3, 1.0), random.uniform(-0.6, 0.6)
-    shift = possible.shift_beside(CAR_RADIUS, offset)
+    shift = feasibility.shift_beside(CAR_RADIUS, offset)
     # their front arrives CAR_BACK before their middle does
-    early_s = (CAR_BACK + possible.CAR_NOSE) / (speed + theirs)
-    if not hard and possible.lateral_shift(meets_s - early_s, FRICTION) < shift:
+    early_s = (CAR_BACK + feasibility.CAR_NOSE) / (speed + theirs)
+    if not hard and feasibility.lateral_shift(meets_s - early_s, FRICTION) < shift:
         return None
     meet = speed * (seen_s + meets_s)
     return document_either_side(
@@ -71,8 +71,8 @@ def slower_car(random: Random, hard: bool) -> Document | None:
     reach_s = random.uniform(1.0, 2.0) if hard else random.uniform(1.5, 4.0)
     seen_s, offset = random.uniform(0.0, 1.0), random.uniform(-0.6, 0.6)
     gap = (speed - theirs) * reach_s
-    shift = possible.shift_beside(CAR_RADIUS, offset)
-    can_pass = possible.lateral_shift(reach_s - CAR_BACK / (speed - theirs), FRICTION) >= shift
+    shift = feasibility.shift_beside(CAR_RADIUS, offset)
+    can_pass = feasibility.lateral_shift(reach_s - CAR_BACK / (speed - theirs), FRICTION) >= shift
     if not hard and not (can_pass or _can_follow(speed, theirs, gap - CAR_BACK)):
         return None
     x = speed * seen_s + gap
@@ -99,8 +99,8 @@ def cut_in(random: Random, hard: bool) -> Document | None:
     # where it has arrived in the lane, and where it has braked
     braking = (theirs**2 - slow**2) / (2.0 * deceleration)
     arrives = lead + theirs * move_s
-    gap = arrives - speed * move_s - CAR_BACK - possible.CAR_NOSE
-    if not hard and not possible.can_follow_braking(
+    gap = arrives - speed * move_s - CAR_BACK - feasibility.CAR_NOSE
+    if not hard and not feasibility.can_follow_braking(
         speed, theirs, slow, deceleration, gap, FRICTION
     ):
         return None
@@ -140,9 +140,9 @@ def _crossing(random, hard, speed, theirs, radius, who):
     begin = at - theirs * ahead_s
     x = speed * (seen_s + ahead_s)
     distance = speed * ahead_s - radius
-    shift = possible.shift_beside(radius, at)
-    can_pass = possible.lateral_shift(ahead_s, FRICTION) >= shift
-    if not hard and not (can_pass or possible.can_stop(speed, distance, FRICTION)):
+    shift = feasibility.shift_beside(radius, at)
+    can_pass = feasibility.lateral_shift(ahead_s, FRICTION) >= shift
+    if not hard and not (can_pass or feasibility.can_stop(speed, distance, FRICTION)):
         return None
     return document_either_side(
         random,
@@ -206,9 +206,11 @@ def stop_and_go(random: Random, hard: bool) -> Document | None:
     lead_s = random.uniform(0.8, 1.2) if hard else random.uniform(1.3, 2.5)
     deceleration = random.uniform(4.0, 7.0) if hard else random.uniform(2.0, 4.5)
     wait_s, on = random.uniform(1.0, 3.0), random.uniform(0.6, 1.0) * speed
-    lead = CAR_BACK + possible.CAR_NOSE + speed * lead_s
+    lead = CAR_BACK + feasibility.CAR_NOSE + speed * lead_s
     gap = speed * lead_s
-    if not hard and not possible.can_follow_braking(speed, speed, 0.0, deceleration, gap, FRICTION):
+    if not hard and not feasibility.can_follow_braking(
+        speed, speed, 0.0, deceleration, gap, FRICTION
+    ):
         return None
     brakes = lead + speed * random.uniform(0.5, 1.5)
     stands = brakes + speed**2 / (2.0 * deceleration)
@@ -233,15 +235,15 @@ def stop_and_go(random: Random, hard: bool) -> Document | None:
 
 def _can_pass_or_stop(speed, ahead_s, radius, offset):
     """Return whether a car can move aside of, or stop before, an obstacle seen so late."""
-    shift = possible.shift_beside(radius, offset)
+    shift = feasibility.shift_beside(radius, offset)
     # there must be road on the side that is nearer
     room = LEFT - offset - radius if offset <= 0.0 else offset - radius - RIGHT
-    if room < possible.CAR_WIDTH + 2.0 * possible.CLEARANCE:
-        shift = radius + abs(offset) + possible.CAR_WIDTH / 2 + possible.CLEARANCE
-    can_pass = possible.lateral_shift(ahead_s, FRICTION) >= shift
-    return can_pass or possible.can_stop(speed, speed * ahead_s - radius, FRICTION)
+    if room < feasibility.CAR_WIDTH + 2.0 * feasibility.CLEARANCE:
+        shift = radius + abs(offset) + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE
+    can_pass = feasibility.lateral_shift(ahead_s, FRICTION) >= shift
+    return can_pass or feasibility.can_stop(speed, speed * ahead_s - radius, FRICTION)
 
 
 def _can_follow(speed, theirs, gap):
     """Return whether a car can brake to another's speed before it has closed a gap [m]."""
-    return possible.can_stop(speed - theirs, gap, FRICTION)
+    return feasibility.can_stop(speed - theirs, gap, FRICTION)

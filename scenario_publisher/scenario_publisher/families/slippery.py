@@ -2,7 +2,7 @@
 
 from random import Random
 
-from scenario_publisher.families import possible
+from scenario_publisher.families import feasibility
 from scenario_publisher.families.scenario_document import (
     LEFT,
     RIGHT,
@@ -29,9 +29,11 @@ def _patch(random, hard, offsets, what):
     ahead_s = random.uniform(1.2, 2.2) if hard else random.uniform(1.6, 3.5)
     x = begin + random.uniform(0.2, 0.9) * length
     radius, offset = random.uniform(0.4, 1.0), random.uniform(-1.0, 1.0)
-    shift = possible.shift_beside(radius, offset)
-    can_pass = possible.lateral_shift(ahead_s, friction) >= shift
-    if not hard and not (can_pass or possible.can_stop(speed, speed * ahead_s - radius, friction)):
+    shift = feasibility.shift_beside(radius, offset)
+    can_pass = feasibility.lateral_shift(ahead_s, friction) >= shift
+    if not hard and not (
+        can_pass or feasibility.can_stop(speed, speed * ahead_s - radius, friction)
+    ):
         return None
     patch = {
         'from_m': begin,

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import beta
 
-from experiments import multiple_tests
 from experiments.settings_analysis import setting_statistics as statistics
+from experiments.statistical_inference import holm
 
 P_VALUES = st.dictionaries(st.text(min_size=1, max_size=3), st.floats(0.0, 1.0), min_size=1)
 
@@ -64,13 +64,13 @@ def test_what_an_interval_says_at_a_margin_of_one_half(interval, expected):
 
 
 def test_holm_against_a_case_by_hand():
-    adjusted = multiple_tests.holm({'a': 0.01, 'b': 0.04, 'c': 0.03, 'd': 0.005})
+    adjusted = holm({'a': 0.01, 'b': 0.04, 'c': 0.03, 'd': 0.005})
     assert adjusted == pytest.approx({'a': 0.03, 'b': 0.06, 'c': 0.06, 'd': 0.02})
 
 
 @given(P_VALUES)
 def test_holm_keeps_the_order_and_is_between_itself_and_bonferroni(p_values):
-    adjusted = multiple_tests.holm(p_values)
+    adjusted = holm(p_values)
     assert list(adjusted) == list(p_values)
     for name, p_value in p_values.items():
         assert p_value <= adjusted[name] <= min(1.0, len(p_values) * p_value) + 1e-12
@@ -84,5 +84,5 @@ def test_holm_rarely_rejects_what_is_true():
     rng = np.random.default_rng(5)
     draws = rng.random((2000, 5))
     names = 'abcde'
-    wrong = [min(multiple_tests.holm(dict(zip(names, row))).values()) <= 0.05 for row in draws]
+    wrong = [min(holm(dict(zip(names, row))).values()) <= 0.05 for row in draws]
     assert np.mean(wrong) <= 0.05 + 4 * np.sqrt(0.05 * 0.95 / len(draws))

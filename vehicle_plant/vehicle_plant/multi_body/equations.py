@@ -352,11 +352,11 @@ def steps_per_ms(x: np.ndarray) -> int:
 
 
 MULTI_BODY = Model(
-    name='multi_body_plant',
-    state=MultiBodyState,
-    derivative=derivative,
-    project=project,
-    start=start,
-    steps_per_ms=steps_per_ms,
+    'multi_body_plant',
+    MultiBodyState,
+    derivative,
+    project,
+    start,
+    steps_per_ms,
     state_in_row=False,
 )

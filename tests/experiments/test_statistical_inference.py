@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.wilson import wilson_interval
+from experiments.statistical_inference import wilson_interval
 
 Z = 1.959963984540054  # quantile of the normal distribution for 95 %, both sides
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving.obstacle_memory import ObstacleMemory
+from mpcc_controller.driving.obstacle_perception import ObstacleMemory
 from mpcc_controller.problem.obstacle_motion import BrakingObstacle, position
 from msgs_yaml.types import Obstacle, Obstacles
 
