@@ -7,7 +7,7 @@ from bags.evaluation.metrics import survival
 from experiments import simulation
 from experiments.commands import library
 from experiments.library import library_drive
-from scenario_publisher.families import draw, possible
+from scenario_publisher.families import draw, feasibility
 
 ROOT = Path(__file__).parents[3]
 TEXT = ' '.join((ROOT / 'docs/library.md').read_text().split())
@@ -27,8 +27,8 @@ def test_documented_numbers_are_those_of_the_code():
         f'{draw.HARD_BIASES["ahead_bias_m"]:g} m ahead',
         f'{100 * draw.HARD_BIASES["speed_error"]:g} % of error of the speed',
         f'missed for {100 * draw.HARD_NOISE["obstacle_dropout"]:g} %',
-        f'with {possible.GRIP_SHARE:g} of the friction, {possible.DELAY_S:g} s late',
-        f'and {possible.CLEARANCE:g} m',
+        f'with {feasibility.GRIP_SHARE:g} of the friction, {feasibility.DELAY_S:g} s late',
+        f'and {feasibility.CLEARANCE:g} m',
         f'further than {survival.SHOULDER_M:g} m off the road',
         f'above {survival.SLIDING_FROM_MPS:g} m/s',
         f'from {library.SEED} on**, which is the default',
@@ -45,5 +45,5 @@ def test_sizes_of_the_car_in_the_closed_forms_are_those_of_the_plant():
     car = simulation.prepare('straight', 'mpcc').plant.car
     nose = car.body.cog_to_front_m + car.outline.front_overhang_m
     # rounded up: a draw that is possible for a larger car is for this one
-    assert 0.0 <= possible.CAR_WIDTH - car.outline.width_m < 0.02
-    assert 0.0 <= possible.CAR_NOSE - nose < 0.2
+    assert 0.0 <= feasibility.CAR_WIDTH - car.outline.width_m < 0.02
+    assert 0.0 <= feasibility.CAR_NOSE - nose < 0.2

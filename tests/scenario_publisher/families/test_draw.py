@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenario_publisher import scenario
-from scenario_publisher.families import lane_course, possible, scenario_document
+from scenario_publisher.families import feasibility, lane_course, scenario_document
 from scenario_publisher.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
 
 POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
@@ -90,10 +90,10 @@ def test_nominal_pop_ups_can_be_passed_or_stopped_for():
         speed, o = scn.start.speed, actor.obstacle
         distance = o.X - speed * actor.appears
         t = np.linspace(0.0, distance / speed, 2001)
-        a = np.where(t > possible.DELAY_S, possible.GRIP_SHARE * possible.GRAVITY, 0.0)
+        a = np.where(t > feasibility.DELAY_S, feasibility.GRIP_SHARE * feasibility.GRAVITY, 0.0)
         velocity = np.cumsum(a) * t[1]
         aside = velocity.sum() * t[1]
-        needed = o.r_obs + possible.CAR_WIDTH / 2 + possible.CLEARANCE - abs(o.Y)
+        needed = o.r_obs + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE - abs(o.Y)
         slowest = max(0.0, speed - velocity[-1])
         stops = slowest == 0.0 or _stopping_distance(speed) < distance - o.r_obs
         assert aside > needed - 0.02 or stops, index
@@ -104,7 +104,7 @@ def _stopping_distance(speed, step=1e-4):
     while v > 0.0:
         s += v * step
         t += step
-        v -= step * possible.GRIP_SHARE * possible.GRAVITY * (t > possible.DELAY_S)
+        v -= step * feasibility.GRIP_SHARE * feasibility.GRAVITY * (t > feasibility.DELAY_S)
     return s
 
 
@@ -113,12 +113,12 @@ def test_a_barrier_closes_the_whole_road():
     places = sorted(o.obstacle.Y for o in scn.actors)
     radius = scn.actors[0].obstacle.r_obs
     assert max(np.diff(places)) < 2 * radius
-    assert places[0] - radius < scn.edges.right[0, 1] + possible.CAR_WIDTH / 2
-    assert places[-1] + radius > scn.edges.left[0, 1] - possible.CAR_WIDTH / 2
+    assert places[0] - radius < scn.edges.right[0, 1] + feasibility.CAR_WIDTH / 2
+    assert places[-1] + radius > scn.edges.left[0, 1] - feasibility.CAR_WIDTH / 2
 
 
 def test_lanes_of_iso_3888_have_the_widths_and_places_of_the_standard():
-    width = possible.CAR_WIDTH
+    width = feasibility.CAR_WIDTH
     scn = draw('iso_3888_2', 1, 0).scenario()
     begin = lane_course.RUN_IN
     # x at the middle of lanes 1, 3 and 5

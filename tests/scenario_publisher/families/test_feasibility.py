@@ -4,10 +4,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from scenario_publisher.families import possible
+from scenario_publisher.families import feasibility
 
 STEP = 1e-3  # s
-GRIP = possible.GRIP_SHARE * possible.GRAVITY
+GRIP = feasibility.GRIP_SHARE * feasibility.GRAVITY
 speeds, frictions = st.floats(5.0, 40.0), st.floats(0.3, 1.0)
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 
@@ -17,31 +17,31 @@ QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 def test_braking_distance_is_that_of_a_point_mass(speed, friction):
     v, s, t = speed, 0.0, 0.0
     while v > 0.0:
-        braking = t >= possible.DELAY_S
+        braking = t >= feasibility.DELAY_S
         s += v * STEP
         v -= GRIP * friction * STEP * braking
         t += STEP
-    assert possible.braking_distance(speed, friction) == pytest.approx(s, abs=2 * speed * STEP)
-    assert possible.can_stop(speed, s + possible.CAR_NOSE + 0.2, friction)
-    assert not possible.can_stop(speed, s + possible.CAR_NOSE - 0.2, friction)
+    assert feasibility.braking_distance(speed, friction) == pytest.approx(s, abs=2 * speed * STEP)
+    assert feasibility.can_stop(speed, s + feasibility.CAR_NOSE + 0.2, friction)
+    assert not feasibility.can_stop(speed, s + feasibility.CAR_NOSE - 0.2, friction)
 
 
 @QUICK
 @given(time=st.floats(0.2, 3.0), friction=frictions)
 def test_lateral_shifts_are_those_of_a_point_mass(time, friction):
-    t = max(0.0, time - possible.DELAY_S)
+    t = max(0.0, time - feasibility.DELAY_S)
     a, half = GRIP * friction, t / 2
-    assert possible.lateral_shift(time, friction) == pytest.approx(a * t * half)
+    assert feasibility.lateral_shift(time, friction) == pytest.approx(a * t * half)
     # to one side for half of the time, to the other for the rest: parallel at the end
     first = a * half**2 / 2
     there = first + a * half * half - a * half**2 / 2
-    assert possible.lateral_shift_and_back(time, friction) == pytest.approx(there)
+    assert feasibility.lateral_shift_and_back(time, friction) == pytest.approx(there)
 
 
 def test_a_disc_beside_the_car_needs_no_shift():
-    beside = 1.0 + possible.CAR_WIDTH / 2 + possible.CLEARANCE
-    assert possible.shift_beside(1.0, beside) == 0.0
-    assert possible.shift_beside(1.0, -beside + 0.3) == pytest.approx(0.3)
+    beside = 1.0 + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE
+    assert feasibility.shift_beside(1.0, beside) == 0.0
+    assert feasibility.shift_beside(1.0, -beside + 0.3) == pytest.approx(0.3)
 
 
 def closest(speed, theirs, slow, deceleration, friction):
@@ -51,10 +51,10 @@ def closest(speed, theirs, slow, deceleration, friction):
         gap += (ahead - own) * STEP
         least = min(least, gap)
         ahead = max(slow, ahead - deceleration * STEP)
-        if t >= possible.DELAY_S:
+        if t >= feasibility.DELAY_S:
             # no harder than needed: it may be slower than the one ahead
             own = max(0.0, own - GRIP * friction * STEP)
-        if own <= ahead and t >= possible.DELAY_S:
+        if own <= ahead and t >= feasibility.DELAY_S:
             break
         t += STEP
     return -least
@@ -72,8 +72,8 @@ def test_following_a_braking_car_is_possible_where_two_point_masses_do_not_meet(
 ):
     theirs = share * speed
     slow = slow_share * theirs
-    needed = closest(speed, theirs, slow, deceleration, 1.0) + possible.CLEARANCE
-    assume(needed > possible.CLEARANCE)
+    needed = closest(speed, theirs, slow, deceleration, 1.0) + feasibility.CLEARANCE
+    assume(needed > feasibility.CLEARANCE)
     given_ = (speed, theirs, slow, deceleration)
-    assert possible.can_follow_braking(*given_, needed + 0.15, 1.0)
-    assert not possible.can_follow_braking(*given_, needed - 0.15, 1.0)
+    assert feasibility.can_follow_braking(*given_, needed + 0.15, 1.0)
+    assert not feasibility.can_follow_braking(*given_, needed - 0.15, 1.0)
