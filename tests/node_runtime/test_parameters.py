@@ -133,6 +133,13 @@ def test_a_missing_value_is_named(key):
     [
         (3, '    mass_kg: 1  # kg', r'car.yaml:3: mass_kg: is out of range with 1; allowed 100 to'),
         (3, '    mas_kg: 1  # kg', r"car.yaml:3: mas_kg: unknown .* did you mean 'mass_kg'"),
+        (3, '    mass_kg:  # kg', r'car.yaml:3: mass_kg: has no value; allowed 100 to 5000'),
+        (9, '      stiffness: ', r'car.yaml:9: front.stiffness: has no value; allowed '),
+        (
+            11,
+            '    rear:',
+            r'car.yaml:11: rear: is a group, .* allowed rear.stiffness, ',
+        ),
         (9, '      stiffness: x', r"car.yaml:9: front.stiffness: must be a number, is 'x'"),
         (9, '      driven: true', r'car.yaml:10: .*front.driven: appears twice'),
         (2, '  ros_parameters:', r"car.yaml:2: .*ros_parameters: unknown key; did you mean 'ros__"),

@@ -116,10 +116,20 @@ def test_radius_is_held_until_the_front_slides(params, manoeuvre):
     assert np.abs(radius / manoeuvre.radius_m - 1).max() < 0.02
 
 
-def test_files_note_how_they_were_made(tmp_path):
+def test_files_note_how_they_were_made_and_the_result_is_shown_beside_the_one_before(
+    tmp_path, capsys
+):
     out = tmp_path / 'car.yaml'
+    out.write_text('/**: {ros__parameters: {car: {mass_kg: 1500.0}}}')
     given = ['--car', 'vw_gti.yaml', '--manoeuvre', 'constant_radius', '--friction', '0.8']
     assert identify.main(['--out', str(out), *given]) == 0
+    printed = capsys.readouterr().out
+    rows = [line.split() for line in printed.splitlines()]
+    assert ['car.yaml', 'value', 'before', 'unit,', 'meaning'] in rows
+    assert ['car.mass_kg', '1868', '1500', 'kg'] in rows
+    shown = {row[0] for row in rows if row}
+    assert yaml_parameters.read_file(out).values.keys() <= shown
+    assert f'--set plant.plant_params=vw_gti.yaml --set controller.car_file={out}' in printed
     text = out.read_text()
     command = 'identify --car vw_gti.yaml --manoeuvre constant_radius --friction 0.8 --out'
     assert command in text

@@ -1,12 +1,13 @@
 """Identify the parameters of the controllers' car from the plant; tyres by circular driving.
 
-    identify --out car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
+    identify --out my_car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
 
 The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout,
-limits and lags of the actuators, outline. The same plant gives the same file, byte by byte. A bare
-name of a car or tyre is a file of config/; a name with a path separator is a path relative to the
-working directory.
+limits and lags of the actuators, outline. Its values are printed, beside those of the file that it
+replaces, and so is the command that drives with them. The same plant gives the same file, byte by
+byte. A bare name of a car or tyre is a file of config/; a name with a path separator is a path
+relative to the working directory.
 
 Per axle the Fiala brush tyre is fitted by least squares:
 Fy = -C z + C^2 / (3 Fm) |z| z - C^3 / (27 Fm^2) z^3 with z = tan(alpha) up to sliding at
@@ -17,6 +18,8 @@ code, so the formula is implemented here, too.
 
 import argparse
 import hashlib
+import os
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -231,9 +234,52 @@ def main(arguments: list[str] | None = None) -> int:
         text, figure = identify(plant, options.friction, manoeuvre, recorded)
     except (CircleError, ServoLagError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
+    before = _read_values(options.out)
     options.out.write_text(text)
-    figure.savefig(options.figure or options.out.with_suffix('.png'), metadata={'Software': None})
+    picture = options.figure or options.out.with_suffix('.png')
+    figure.savefig(picture, metadata={'Software': None})
+    print(_describe_result(options.out, before))
+    print(f'\nHow well the tyres fit: {picture}')
+    print(f'Drive with it:\n  {_driving_command(options)}')
     return 0
+
+
+def _read_values(path: Path) -> dict:
+    """Return the values of an earlier car file by dotted name, {} without one that can be read."""
+    try:
+        return yaml_parameters.read_file(path).values
+    except (yaml_parameters.ParameterError, OSError):
+        return {}
+
+
+def _describe_result(path: Path, before: dict) -> str:
+    """Return the values of a car file as a table, beside those that it had before."""
+    file = yaml_parameters.read_file(path)
+    rows = [(path.name, 'value', *(('before',) if before else ()), 'unit, meaning')]
+    for name, value in file.values.items():
+        earlier = (_number(before.get(name)),) if before else ()
+        rows.append((name, _number(value), *earlier, file.comments.get(name, '')))
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = []
+    for name, *numbers, meaning in rows:
+        cells = [text.rjust(width) for text, width in zip(numbers, widths[1:])]
+        lines.append('  '.join((name.ljust(widths[0]), *cells, meaning)).rstrip())
+    return '\n'.join(lines)
+
+
+def _number(value) -> str:
+    return '-' if value is None else f'{value:.6g}'
+
+
+def _driving_command(options: argparse.Namespace) -> str:
+    """Return the command that drives the car which was identified."""
+    plant = {'plant_params': options.car, 'tyre_set': options.tyre}
+    settings = [f'plant.{name}={value}' for name, value in plant.items() if value]
+    # a bare name would be a file of the package
+    out = options.out if os.sep in str(options.out) else f'.{os.sep}{options.out}'
+    settings.append(f'controller.car_file={out}')
+    given = ' '.join(f'--set {shlex.quote(setting)}' for setting in settings)
+    return f'experiments run double_lane_change {given}'
 
 
 if __name__ == '__main__':

@@ -1,4 +1,16 @@
-"""Solve the problem of one recorded tick again, as it was or changed, and show its plan."""
+"""Solve the problem of one recorded tick again, as it was or changed, and show its plan.
+
+The tables it prints:
+
+  command           as recorded, as solved again, and with --set as changed by it
+  cost of the plan  per term its weight (1/tolerance^2, or a priority), its value (weight x squared
+                    error, summed over the horizon), and its share of the cost
+  least distance    of the plan to each obstacle and road edge, and at which stage: so many steps of
+                    the prediction ahead
+  limits in force   limits that the plan touches, and what relaxing each would save
+  sensitivities     what changes in cost and in the distance to obstacles when the weight of a term
+                    grows by one percent
+"""
 
 import argparse
 import os
@@ -17,6 +29,7 @@ EXIT_CODES = {1: 'solved again, the recorded tick gives another command'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments resolve`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a recording')
     which = parser.add_argument_group('the tick, one of').add_mutually_exclusive_group(
         required=True

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from bags.figures import style
 from experiments.replay.recorded_problem import Solved
-from experiments.replay.resolve import Answer
+from experiments.replay.resolve import HEADS, Answer
 from mpcc_controller.problem.obstacle_motion import position
 
 WIDTH = 14.0  # inch
@@ -54,7 +54,7 @@ def write(answer: Answer, stem: Path) -> list[Path]:
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     looks = (SOLVED, CHANGED)
-    drawn = [Curves(*curves) for curves in zip(('solved again', 'changed'), answer.both, looks)]
+    drawn = [Curves(*curves) for curves in zip(HEADS, answer.both, looks)]
     with mpl.rc_context(style.RC):
         return style.save_figure(_sheet(answer, drawn), stem)
 

@@ -15,6 +15,7 @@ from experiments.replay.check import COMMAND_UNITS, Pair
 from experiments.replay.recorded_problem import Problem, Solved
 from experiments.replay.recorded_ticks import Tick
 
+HEADS = ('solved again', 'changed')  # the problem as recorded, and with what --set changes
 STEP = 1e-3  # relative, of a weight: a difference of 1e-6 is then known to about 1e-4
 TOLERANCE = 1e-10  # of the solver, for sensitivities
 MM = 1e3
@@ -162,7 +163,7 @@ def show(answer: Answer, console: Console) -> None:
         markup=False,
         highlight=False,
     )
-    for label, solved in zip(('solved again', 'changed'), answer.both):
+    for label, solved in zip(HEADS, answer.both):
         end = f'{solved.status} after {solved.iterations} iterations'
         console.print(f'{label}: {end}', highlight=False)
     console.print(_verdict(answer), highlight=False)
@@ -197,8 +198,8 @@ def _table(title, *columns):
     return table
 
 
-def _heads(answer, suffix=''):
-    return [f'{head}{suffix}' for head, _ in zip(('again', 'changed'), answer.both)]
+def _heads(answer):
+    return [head for head, _ in zip(HEADS, answer.both)]
 
 
 def _commands(answer):
@@ -211,18 +212,29 @@ def _commands(answer):
 
 
 def _terms(answer):
-    table = _table('cost', 'term', *_heads(answer), *_heads(answer, ': weight'))
+    columns = ['weight', 'value', 'share']
+    if answer.changed:
+        columns += [f'{column}\nchanged' for column in columns]
+    table = _table('cost of the plan', 'term', *columns)
     for name in dict.fromkeys(name for solved in answer.both for name in solved.terms):
-        terms = (_number(solved.terms.get(name), '.4f') for solved in answer.both)
-        weights = (_number(solved.weights.get(name), '.4g') for solved in answer.both)
-        table.add_row(name, *terms, *weights)
+        table.add_row(name, *(cell for solved in answer.both for cell in _term(solved, name)))
     table.add_section()
-    table.add_row('sum', *(f'{solved.cost:.4f}' for solved in answer.both))
+    sums = (('', f'{solved.cost:.4f}', '100 %') for solved in answer.both)
+    table.add_row('sum', *(cell for cells in sums for cell in cells))
+    table.caption = 'value: weight x squared error, summed over the horizon; share: of the cost'
+    table.caption_justify = 'left'
     return table
 
 
-def _number(value, form):
-    return '–' if value is None else f'{value:{form}}'
+def _term(solved, name):
+    """Return weight, value and share of the cost of a term."""
+    value, weight = solved.terms.get(name), solved.weights.get(name)
+    share = None if value is None or not solved.cost else 100 * value / solved.cost
+    return _number(weight, '.4g'), _number(value, '.4f'), _number(share, '.0f', ' %')
+
+
+def _number(value, form, unit=''):
+    return '–' if value is None else f'{value:{form}}{unit}'
 
 
 def _distances(answer):
@@ -230,7 +242,9 @@ def _distances(answer):
     by_name = [{d.name: d for d in solved.distances} for solved in answer.both]
     for name in dict.fromkeys(name for distances in by_name for name in distances):
         table.add_row(name, *(_least_distance(distances.get(name)) for distances in by_name))
-    table.caption = 'at a stage; inside: the stages nearer than the safety distance'
+    table.caption = (
+        'at a stage: so many steps of the prediction ahead; inside: nearer than the safety distance'
+    )
     table.caption_justify = 'left'
     return table
 
@@ -244,7 +258,9 @@ def _least_distance(distance):
 
 
 def _limits(answer):
-    table = _table('limits in force', 'limit', 'value', 'unit', 'stages', 'multiplier')
+    table = _table('limits in force', 'limit', 'value', 'unit', 'at stages', 'multiplier')
+    table.caption = 'multiplier: cost saved per SI unit by which the limit is relaxed, the largest'
+    table.caption_justify = 'left'
     for label, solved in zip(_heads(answer), answer.both):
         for limit in solved.active:
             stages = f'{limit.first}–{limit.last}' if limit.last > limit.first else f'{limit.first}'
@@ -261,8 +277,8 @@ def _limits(answer):
 
 
 def _sensitivities(answer):
-    columns = ('weight', 'value', 'cost', 'by differences', 'least V2O, mm')
-    table = _table('when a weight grows by one percent', *columns)
+    columns = ('term', 'weight', 'cost', 'by differences', 'obstacle distance, mm')
+    table = _table('what changes when a weight grows by one percent', *columns)
     for entry in answer.sensitivities:
         table.add_row(
             entry.weight,

@@ -23,7 +23,8 @@ KEYS = """verdict completed finish_at_m collided collided_by left_road left_road
     planned_brake_onset_at_m planned_brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 held_lat_acc_mps2
     lateral_limit_use_plant rms_lat_jerk_mps3 peak_lat_acc_share
-    peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks"""
+    peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks
+    stopped_early"""
 
 
 def with_obstacle(scene, x, y, vx=0.0, vy=0.0, radius=1.0, number=1):

@@ -49,5 +49,15 @@ def test_solve_times_and_fallbacks_are_the_controllers_own(make_drive):
     assert result['fallbacks'] == 3
 
 
+def test_a_solve_that_stopped_early_counts_where_its_plan_was_followed(make_drive):
+    driven = make_drive()
+    fallback, converged = np.zeros(100, dtype=bool), np.ones(100, dtype=bool)
+    fallback[:3], converged[:7] = True, False
+    ticks = driven.ticks._replace(fallback=fallback, converged=converged)
+    assert metrics.compute_metrics(driven._replace(ticks=ticks))['stopped_early'] == 4
+    unknown = driven.ticks._replace(converged=converged[:0])
+    assert metrics.compute_metrics(driven._replace(ticks=unknown))['stopped_early'] == 0
+
+
 def test_without_a_single_solve_there_are_no_solve_times():
     assert driving.time_statistics(np.array([])) == dict.fromkeys(('mean', 'p50', 'p99', 'max'))

@@ -300,6 +300,12 @@ def test_a_tyre_property_file_is_recorded_as_the_tyre_that_the_plant_reads(
 
 REFUSED_SETTINGS = [
     ('plant.friction=1e-1x', 'friction: must be a number'),
+    ('plant.friction=', 'plant.friction: friction: has no value; allowed 0.05 to 1.5'),
+    (
+        'controller.tolerances.lag_m=',
+        'controller.tolerances.lag_m: tolerances.lag_m: has no value; allowed 0.001 to 1000 m',
+    ),
+    ('controller.tolerances=1', 'tolerances: is a group, not a parameter; allowed tolerances.'),
     ('plant.frictoin=1', "did you mean 'friction'"),
     ('plant.tyre_set=nosuch.yaml', 'nosuch.yaml'),
     ('plant.plant_params=1', 'plant_params: must be a text'),

@@ -234,7 +234,7 @@ def stopped_early(run):
     ticks = run.drive.ticks
     if len(ticks.converged) != len(ticks.fallback):  # not known
         return 0
-    return int(np.count_nonzero(~ticks.fallback & ~ticks.converged))
+    return int(np.count_nonzero(~np.asarray(ticks.fallback, bool) & ~ticks.converged))
 
 
 def _peak_sideslip_row(run):
