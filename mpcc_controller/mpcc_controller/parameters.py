@@ -198,23 +198,29 @@ class FrictionEstimate(Struct):
     actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
 
 
+PositionBias = Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')]
+PositionNoise = Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')]
+AngleBias = Annotated[float, Range(-0.5, 0.5, 'rad')]
+SpeedNoise = Annotated[float, Range(0.0, 5.0, 'm/s, standard deviation')]
+
+
 class MeasurementErrors(Struct):
     """Errors that the controller adds to what it receives, a test option; left out: none."""
 
     seed: Annotated[int, Range(0, 2**31 - 1, '-, of noise and dropouts; left out: 0')] | None
-    ahead_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
-    left_bias_m: Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')] | None
-    yaw_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None  # constant error of the heading
+    ahead_bias_m: PositionBias | None
+    left_bias_m: PositionBias | None
+    yaw_bias_rad: AngleBias | None  # constant error of the heading
     speed_error: Annotated[float, Range(-0.5, 0.5, 'share of the speed')] | None
     # constant error of the sideslip angle
-    sideslip_bias_rad: Annotated[float, Range(-0.5, 0.5, 'rad')] | None
-    position_noise_m: Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')] | None
+    sideslip_bias_rad: AngleBias | None
+    position_noise_m: PositionNoise | None
     yaw_noise_rad: Annotated[float, Range(0.0, 0.5, 'rad, standard deviation')] | None
-    speed_noise_mps: Annotated[float, Range(0.0, 5.0, 'm/s, standard deviation')] | None
-    lateral_speed_noise_mps: Annotated[float, Range(0.0, 5.0, 'm/s, standard deviation')] | None
+    speed_noise_mps: SpeedNoise | None
+    lateral_speed_noise_mps: SpeedNoise | None
     yaw_rate_noise_radps: Annotated[float, Range(0.0, 1.0, 'rad/s, standard deviation')] | None
     obstacle_range_m: Annotated[float, Range(0.1, 1e4, 'm, farther ones are not seen')] | None
-    obstacle_noise_m: Annotated[float, Range(0.0, 5.0, 'm, standard deviation per axis')] | None
+    obstacle_noise_m: PositionNoise | None
     obstacle_dropout: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
     obstacle_dropout_s: Annotated[float, Range(0.01, 10.0, 's, each; left out: 0.05')] | None
 

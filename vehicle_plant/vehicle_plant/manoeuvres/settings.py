@@ -9,6 +9,7 @@ from vehicle_plant.parameters import config_file
 Speed = Annotated[float, Range(3.0, 60.0, 'm/s')]
 Acceleration = Annotated[float, Range(0.1, 12.0, 'm/s^2')]
 Duration = Annotated[float, Range(0.05, 60.0, 's')]
+FREQUENCIES = Range(0.02, 8.0, 'Hz')
 Share = Annotated[float, Range(0.0, 1.0, '-')]
 
 
@@ -40,10 +41,10 @@ class SineSweep(FromSpeed):
     """Sines of small amplitude, one after the other."""
 
     ay_mps2: Acceleration
-    frequencies_hz: Annotated[tuple[float, ...], Range(0.02, 8.0, 'Hz')]
+    frequencies_hz: Annotated[tuple[float, ...], FREQUENCIES]
     periods: Annotated[int, Range(1, 100, '-')]
     settle_s: Duration
-    rigid_up_to_hz: Annotated[float, Range(0.02, 8.0, 'Hz')]
+    rigid_up_to_hz: Annotated[float, FREQUENCIES]
 
 
 class StraightBraking(FromSpeed):
