@@ -11,6 +11,9 @@ import yaml
 
 # YAML 1.1 reads 1e-6 as text; ROS reads it as a number
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
+# libyaml parses ten times faster than Python, but PyYAML may be built without it
+_FAST = getattr(yaml, 'CSafeLoader', None)
+_FAST_DEPTH = 100  # composing recurses, in libyaml on the stack of the process
 
 
 class YamlError(ValueError):
@@ -82,7 +85,7 @@ class Item(NamedTuple):
             return {name: item._value() for name, item in self.items().items()}
         if isinstance(self.node, yaml.SequenceNode):
             return [item._value() for item in self.elements()]
-        if self.node.style is None and _EXPONENT.fullmatch(self.node.value):
+        if not self.node.style and _EXPONENT.fullmatch(self.node.value):
             return float(self.node.value)
         loader = yaml.SafeLoader('')
         try:
@@ -138,6 +141,8 @@ def read(path: Path) -> Item:
         raise YamlError(f'{path}:{line}: no valid YAML: {error.problem}') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise YamlError(f'{path}:1: no valid YAML: {error}') from None
+    except RecursionError:
+        raise YamlError(f'{path}:1: is nested too deeply') from None
     if node is None:
         raise YamlError(f'{path}:1: the file is empty')
     return Item(path, '', node)
@@ -146,7 +151,23 @@ def read(path: Path) -> Item:
 @lru_cache(maxsize=32)
 def _compose(text):
     """Return the root node; the same few files are read again for every run of a program."""
+    try:
+        if _FAST and not _nests_deeply(text):
+            return yaml.compose(text, Loader=_FAST)
+    except yaml.YAMLError:
+        pass  # told in the words of the other parser, however PyYAML was built
     return yaml.compose(text, Loader=yaml.SafeLoader)
+
+
+def _nests_deeply(text):
+    """Return whether collections nest beyond _FAST_DEPTH; the events of a parser are flat."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_FAST):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _FAST_DEPTH:
+            return True
+    return False
 
 
 def closest(name: str, known: Iterable[str]) -> str:

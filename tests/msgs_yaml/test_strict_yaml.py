@@ -1,0 +1,77 @@
+"""YAML is read as PyYAML's own parser reads it, also where libyaml does the work."""
+
+import pytest
+
+from msgs_yaml import share, strict_yaml
+
+FILES = [
+    share.path('msgs_yaml', 'topics.yaml'),
+    share.path('mpcc_controller', 'config', 'mpcc.yaml'),
+    share.path('vehicle_plant', 'config', 'bmw_545i.yaml'),
+    share.path('scenario_publisher', 'scenarios', 'double_lane_change.yaml'),
+]
+WRONG = ['a: [1', 'a: b: c', 'a: "b', '\tb: 1', 'a: @b', '- a\nb: 1', '{a: 1}}', '? [']
+
+
+@pytest.fixture
+def each_parser(monkeypatch):
+    """Return a function that calls another one with libyaml and without it."""
+
+    def call(function, *arguments):
+        results = []
+        for fast in (strict_yaml._FAST, None):
+            monkeypatch.setattr(strict_yaml, '_FAST', fast)
+            strict_yaml._compose.cache_clear()
+            results.append(function(*arguments))
+        return results
+
+    return call
+
+
+def described(item):
+    """Return the value of a node, and key and line of each in it."""
+    if isinstance(item.node, strict_yaml.yaml.MappingNode):
+        inner = [described(one) for one in item.items().values()]
+    elif isinstance(item.node, strict_yaml.yaml.SequenceNode):
+        inner = [described(one) for one in item.elements()]
+    else:
+        inner = item.value()
+    return item.key, item.line, inner
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.name)
+def test_libyaml_gives_the_same_values_and_lines(each_parser, file):
+    fast, slow = each_parser(lambda: described(strict_yaml.read(file)))
+    assert fast == slow
+
+
+@pytest.mark.parametrize('text', WRONG)
+def test_a_mistake_is_told_in_the_same_words(each_parser, text, tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text(text)
+
+    def told():
+        with pytest.raises(strict_yaml.YamlError, match='no valid YAML') as caught:
+            strict_yaml.read(file)
+        return str(caught.value)
+
+    fast, slow = each_parser(told)
+    assert fast == slow
+
+
+@pytest.mark.parametrize('depth', [99, 101, 10_000])
+def test_a_file_that_nests_deeply_is_read_or_refused(depth, tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text('[' * depth + ']' * depth)
+    if depth > 1000:
+        with pytest.raises(strict_yaml.YamlError, match='nested too deeply'):
+            strict_yaml.read(file)
+    else:
+        assert strict_yaml.read(file).elements()
+
+
+@pytest.mark.parametrize('text', ['1e-6', '1.5e3', '.5E2'])
+def test_an_exponent_without_a_dot_is_a_number_and_in_quotes_a_text(text, tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text(f'[{text}, "{text}"]')
+    assert strict_yaml.read(file).value() == [float(text), text]
