@@ -21,7 +21,9 @@ import hashlib
 import os
 import shlex
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -135,8 +137,8 @@ _MANOEUVRES = {
 
 def identify(
     plant: PlantParams, friction: float, manoeuvre: CircleParams, options: str = ''
-) -> tuple[str, 'Figure']:
-    """Drive, fit, and return the text of the file and the figure.
+) -> tuple[str, Callable[[], 'Figure']]:
+    """Drive, fit, and return the text of the file, and what draws the figure.
 
     Raises CircleError and ServoLagError for a car that cannot drive the manoeuvres.
 
@@ -165,7 +167,7 @@ def identify(
         rear=body.cog_to_rear_m + outline.rear_overhang_m,
         outline=outline,
     )
-    return text, draw(points, fits)
+    return text, partial(draw, points, fits)
 
 
 def digest(plant: PlantParams) -> str:
@@ -231,13 +233,13 @@ def main(arguments: list[str] | None = None) -> int:
         plant = parameters.load(parameters.car_file(options.car or parameters.DEFAULT_CAR, '--car'))
         if options.tyre:
             plant = replace(plant, tyre=parameters.load_tyre(options.tyre, '--tyre'))
-        text, figure = identify(plant, options.friction, manoeuvre, recorded)
+        text, draw_figure = identify(plant, options.friction, manoeuvre, recorded)
     except (CircleError, ServoLagError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
     before = _read_values(options.out)
     options.out.write_text(text)
     picture = options.figure or options.out.with_suffix('.png')
-    figure.savefig(picture, metadata={'Software': None})
+    draw_figure().savefig(picture, metadata={'Software': None})
     print(_describe_result(options.out, before))
     print(f'\nHow well the tyres fit: {picture}')
     print(f'Drive with it:\n  {_driving_command(options)}')
