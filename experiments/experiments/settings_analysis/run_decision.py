@@ -31,6 +31,7 @@ from experiments.study import tables
 from experiments.worker_pool import WorkerPool
 
 QUICK_TRIALS = {'exists': 12, 'baseline': 4}
+QUICK_HOLD_OUT = ('best', 'perturbations', 'neighbours')  # two of each
 TUNED_CELLS, TUNED_ROWS = 'frenet_tuned.yaml', 'frenet_tuned.csv'
 JUDGED_SEED, JUDGED = 1000, 8  # of the settings on which the tuned baseline is judged, per cell
 
@@ -171,8 +172,8 @@ def _exists(request, console) -> Sequence[Path]:
     trials = request.trials or (QUICK_TRIALS['exists'] if request.quick else picture.search.trials)
     if request.quick:
         kept = picture.hold_out
-        smaller = {'best': min(2, kept.best), 'perturbations': 2, 'neighbours': 2}
-        picture = pictures_of_study.with_hold_out(picture, **smaller)
+        few = {name: min(2, getattr(kept, name)) for name in QUICK_HOLD_OUT}
+        picture = pictures_of_study.with_hold_out(picture, **few)
     starts = pictures_of_study.admissible_points(plan, picture, trials)
     if request.folder is not None:
         study = study_tables.load(request.folder)

@@ -81,7 +81,7 @@ def test_a_search_goes_on_where_it_stopped(tmp_path):
 @pytest.mark.slow
 def test_the_search_writes_the_nearest_setting(tmp_path, monkeypatch):
     picture = pictures.load()
-    few = dataclasses.replace(picture.hold_out, perturbations=3, neighbours=3)
+    few = dataclasses.replace(picture.hold_out, perturbations=1, neighbours=1)
     small = dataclasses.replace(picture, hold_out=few)
     monkeypatch.setattr(pictures, 'load', lambda: small)
     run_decision.run(request('exists', tmp_path, trials=2), Console(quiet=True))
