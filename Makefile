@@ -136,8 +136,9 @@ coverage_whole: setup
 
 # Every test in one of three parts: those of the safety modules, traced; those that must have the
 # machine for themselves; all others. Each part runs, whatever failed before it. Of the second part
-# only the files are read that have such a test: to collect all takes as long as some of them.
-ALONE = $(shell grep -rlw --include='test_*.py' 'mark\.alone' tests)
+# only the files are read that have such a test: to collect all takes as long as some of them. Where
+# nodes may not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
+ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|wall_clock' tests)
 check: setup lint docs
 	failed=0; \
 	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \

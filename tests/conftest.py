@@ -1,5 +1,6 @@
 """Fixtures and marks of all tests: a ROS domain per module, capabilities of the machine."""
 
+import gc
 import os
 import signal
 import sys
@@ -8,11 +9,13 @@ from collections import Counter
 import capabilities
 import pytest
 import straight_drive
+import wall_clock as on_the_wall_clock
 from recorded_runs import DEMO, load_runs, run_experiment
 from session_cache import build_once
 
 from experiments.run.domain import reserved
 
+WAITING_S = 900  # for the drives of others, and for one of its own
 # A shell that starts the tests in the background ignores SIGINT, nohup ignores SIGHUP; the programs
 # that the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -29,11 +32,27 @@ def pytest_configure(config):
     os.environ.setdefault('MPCC_CACHE_DIR', str(config.rootpath / 'build/compiled'))
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    # what is imported and collected lives to the end: to look through it for garbage, again and
+    # again, takes as long as some of the tests
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items):
     for item in items:
         if 'dds' in getattr(item, 'fixturenames', ()):
             item.add_marker('ros')
+        if 'wall_clock' in getattr(item, 'fixturenames', ()):
+            item.add_marker(pytest.mark.timeout(WAITING_S))
+            if not on_the_wall_clock.may_set_priority():
+                item.add_marker('alone')
     # modules of many costly tests first: in parallel, none of them is the last that is waited for
     costly = Counter(item.path for item in items if is_costly(item))
     items.sort(key=lambda item: -costly[item.path])
@@ -55,6 +74,15 @@ def dds():
 
     Nodes that `experiments run` starts get a free domain from it, other ones from `domain`.
     """
+
+
+@pytest.fixture(scope='session')
+def wall_clock(dds):
+    """Return the module `wall_clock`, for nodes that drive on it with real-time priority.
+
+    What depends on this is marked as `alone` where the user may not set that.
+    """
+    return on_the_wall_clock
 
 
 @pytest.fixture(scope='module')

@@ -32,11 +32,11 @@ NICE = -10  # on the wall clock, where the user may: other processes are not wha
 class NodeGraph:
     """Nodes of one run on a domain of their own; a context manager that leaves no process."""
 
-    def __init__(self, folder: Path, domain: int, mode='lockstep', scenario='straight', **settings):
-        """`settings` are {dotted name: value} of the parameters, by role."""
+    def __init__(self, folder: Path, domain: int, mode='lockstep', road='straight', **settings):
+        """`road` is a scenario, `settings` are {dotted name: value} of parameters, by role."""
         self.folder, self.running, self.mode = folder, {}, mode
         self.bag = folder / node_config.BAG_FOLDER
-        facts = inputs.load_facts(scenario)
+        facts = inputs.load_facts(road)
         nodes = node_config.build_mpcc_nodes(facts, mode, folder, settings)
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role

@@ -11,7 +11,6 @@ from straight_road import write_straight
 from bags.storage import cdr, read
 from msgs_yaml import contract
 
-pytestmark = pytest.mark.alone
 REFERENCE, OBSTACLES = '/scenario/reference', '/scenario/obstacles'
 # a decimetre between poses, of which there are 39,801
 LONG = {
@@ -31,11 +30,15 @@ def processor_s(process):
 
 
 @pytest.fixture(scope='module')
-def drive(domain, tmp_path_factory):
+def drive(domain, tmp_path_factory, wall_clock):
     """Drive a few seconds; return the bag, and the scenario's use of the processor meanwhile."""
     folder = tmp_path_factory.mktemp('long')
     scenario = write_straight(folder, LONG)
-    with NodeGraph(folder, domain, 'realtime', scenario, plant=DRIVEN) as graph:
+    settings = wall_clock.with_priority(plant=DRIVEN)
+    with (
+        wall_clock.own_drive(),
+        NodeGraph(folder, domain, 'realtime', scenario, **settings) as graph,
+    ):
         for role in ROLES:
             graph.start(role)
         graph.wait_for('controller', 'started from the actuators')

@@ -13,7 +13,6 @@ from bags.evaluation import tick_timing
 from bags.storage import read
 from msgs_yaml import decode
 
-pytestmark = [pytest.mark.alone, pytest.mark.usefixtures('dds')]
 SECONDS = 240  # of wall time; the comparison takes most of it
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
 OWN = ('wait', 'prepare', 'solve')  # what the controller says of its times
@@ -21,19 +20,16 @@ TICK_NS = 50_000_000
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory):
+def bag(tmp_path_factory, wall_clock):
     """Four seconds of the double lane change."""
     out = tmp_path_factory.mktemp('realtime')
     command = [sys.executable, '-m', 'experiments.cli', *ON_THE_WALL_CLOCK]
     command += ['--out', out, '--set', 'plant.stop.time_s=4.0']
     # a command that comes late because other processes have the machine does not stop the car
     command += ['--set', 'plant.command_age_s=1.0']
-    result = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
+    command += wall_clock.options()
+    with wall_clock.own_drive():
+        result = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     output = result.stdout + result.stderr
     # it is cut short before the finish line, and says so; nothing else may end it
     assert result.returncode == 1, output

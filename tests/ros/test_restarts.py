@@ -99,10 +99,14 @@ def test_in_lockstep_a_scenario_started_again_is_believed_again(whys_in_lockstep
 
 
 @pytest.fixture(scope='module')
-def realtime(highway, tmp_path_factory, domain):
+def realtime(highway, tmp_path_factory, domain, wall_clock):
     """Return what was recorded of one drive in which every node was started again."""
     folder = tmp_path_factory.mktemp('restarts')
-    with NodeGraph(folder, domain, 'realtime', highway, **HOLDS) as graph:
+    settings = wall_clock.with_priority(**HOLDS)
+    with (
+        wall_clock.own_drive(),
+        NodeGraph(folder, domain, 'realtime', highway, **settings) as graph,
+    ):
         begin(graph)
         restart(graph, 'controller')
         graph.wait_for('controller', 'started from the actuators', PATIENCE_S)
@@ -136,7 +140,6 @@ def realtime(highway, tmp_path_factory, domain):
     )
 
 
-@pytest.mark.alone
 def test_a_controller_started_again_drives_on(realtime):
     steps = np.diff([one.stamp_ns for one in realtime.first_whys])
     assert (steps > 0).all()
@@ -145,14 +148,12 @@ def test_a_controller_started_again_drives_on(realtime):
     assert drives(realtime.first_whys[new:])
 
 
-@pytest.mark.alone
 def test_a_scenario_started_again_is_believed_again(realtime):
     reasons = [one.values['reason'] for one in realtime.second_whys]
     last = len(reasons) - reasons[::-1].index('obstacles_stale')
     assert drives(realtime.second_whys[last:])
 
 
-@pytest.mark.alone
 def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(realtime):
     assert realtime.folder_in_use.exit_code != 0
     assert 'out: ' in realtime.folder_in_use.log
@@ -160,7 +161,6 @@ def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(realti
     assert drives(realtime.second_whys)
 
 
-@pytest.mark.alone
 def test_a_plant_started_again_is_a_new_run(realtime):
     x_m = realtime.second_x_m
     back = int(np.argmin(np.diff(x_m))) + 1
