@@ -174,7 +174,7 @@ def serves(home, words):
     try:
         assert 'ws://127.0.0.1:' in server.stdout.readline()
         server.send_signal(signal.SIGTERM)
-        said, _ = server.communicate(timeout=60)
+        said, _ = server.communicate(timeout=240)
         assert server.returncode == 0, said
     finally:
         server.kill()

@@ -63,16 +63,17 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
 
 @pytest.mark.slow
 def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(kept):
-    tasks = [('1 / 0',), (EXITS,), (WAITS,), ('2**3',)]
+    tasks = [('1 / 0',), (EXITS,), ('2**3',)]
     with ClusterPool(kept.address, same) as pool:
-        ended = {one.number: one for one in pool.finish_each(eval, tasks, limit_s=8.0)}
+        ended = {one.number: one for one in pool.finish_each(eval, tasks)}
+        # one that has a limit is given to a process that has imported what it needs: how long that
+        # takes depends on what else the machine does
+        waiting = {one.number: one for one in pool.finish_each(eval, [('2**3',), (WAITS,)], (), 8)}
         assert pool.run(eval, [('1',), ('2',)], int) == [1, 2]
-    assert ended[3].value == 8
-    assert [str(ended[number].error) for number in range(3)] == [
-        'division by zero',
-        'its process ended with exit code 3',
-        'its process was ended after 8 s',
-    ]
+    assert ended[2].value == waiting[0].value == 8
+    assert str(ended[0].error) == 'division by zero'
+    assert str(ended[1].error) == 'its process ended with exit code 3'
+    assert str(waiting[1].error) == 'its process was ended after 8 s'
 
 
 @pytest.mark.slow

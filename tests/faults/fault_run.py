@@ -22,11 +22,11 @@ from node_runtime import shutdown
 START_NS = 1_000_000_000  # of simulated time
 POLL_S = 0.01
 NICE = -15  # of the group of processes that is a session
-START_S = 40.0  # of wall time, until the fault is due
-DRIVE_S = 40.0  # of wall time, from then on
+START_S = 120.0  # of wall time, until the fault is due
+DRIVE_S = 120.0  # of wall time, from then on
 WITHOUT_PLANT_S = 1.5  # recorded after the plant is gone
 SETTLE_S = 0.3
-END_S = 12.0  # to end after SIGINT; the recorder completes its bag
+END_S = 60.0  # to end after SIGINT; the recorder completes its bag
 TIMEOUT_S = 1.0  # without a command, in lockstep
 
 

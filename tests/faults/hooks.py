@@ -85,7 +85,7 @@ class MachineClock:
         self.library = folder / 'jumping_clock.so'
         source = HERE / 'jumping_clock.c'
         command = ['gcc', '-O2', '-fPIC', '-shared', '-o', str(self.library), str(source)]
-        subprocess.run(command, check=True, timeout=60)
+        subprocess.run(command, check=True, timeout=240)
 
     def environment(self) -> dict[str, str]:
         """Return the environment variables of the nodes."""

@@ -63,7 +63,7 @@ def waited(folder, wait_s, jump_s, after_s):
         env=clock.environment(),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert result.returncode == 0, result.stderr
     return tuple(map(float, result.stdout.split()))

@@ -81,7 +81,7 @@ def test_a_stop_of_the_watchers_is_detected():
         watcher.send_signal(signal.SIGSTOP)
         time.sleep(0.3)
         watcher.send_signal(signal.SIGCONT)
-        output, _ = watcher.communicate('go on\n', timeout=30)
+        output, _ = watcher.communicate('go on\n', timeout=240)
     assert float(output) > 0.2
 
 

@@ -130,7 +130,7 @@ def process(harness, tmp_path, request):
         yield started
     finally:
         started.send_signal(signal.SIGTERM)
-        code = started.wait(10)
+        code = started.wait(60)
         print(started.text())  # shown by pytest when something fails
         assert code == 0
         log.close()

@@ -13,7 +13,7 @@ from node_runtime import ros, spin_node
 from node_runtime.input_monitor import ERROR, OK, WARN
 from node_runtime.subscriptions_node import PublisherMonitor
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 TOPIC = '/controller/command'
 WELL = Health(1, 'plant', OK, 'running', {})
 

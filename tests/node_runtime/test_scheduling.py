@@ -33,7 +33,7 @@ def look(prefix=(), **options):
         [*prefix, sys.executable, '-c', LOOK, json.dumps(PLAIN | options)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -32,7 +32,7 @@ def machine(tmp_path):
             program.chmod(0o755)
         given = {'PATH': str(tmp_path), 'TMPDIR': str(tmp_path), **dict(environment)}
         command = [tmp_path / 'bash', ROOT / '.ci' / 'run']
-        result = subprocess.run(command, env=given, capture_output=True, text=True, timeout=60)
+        result = subprocess.run(command, env=given, capture_output=True, text=True, timeout=240)
         return result.returncode, result.stdout + result.stderr
 
     return run

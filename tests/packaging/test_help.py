@@ -34,7 +34,7 @@ print([name for name in {slow} if name in sys.modules])
 def slow_imports_of_help(module, commands, slow):
     script = SCRIPT.format(module=module, commands=commands, slow=slow)
     command = [sys.executable, '-c', script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert not done.stderr
     return done.stdout
 

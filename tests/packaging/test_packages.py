@@ -48,7 +48,7 @@ def prints_its_module(executable, environment, domain):
         env={**environment, 'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     return result.returncode, result.stdout + result.stderr
 

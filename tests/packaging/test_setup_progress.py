@@ -55,7 +55,7 @@ def make(tmp_path):
 
 def run(command, **more):
     environment = {k: v for k, v in os.environ.items() if k != 'PIP_INDEX_URL'} | more
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, env=environment)
 
 
 def test_without_a_terminal_progress_is_a_few_lines(make):
@@ -74,7 +74,7 @@ def test_without_a_terminal_progress_is_a_few_lines(make):
 
 def test_on_a_terminal_progress_is_a_line_that_changes(make):
     ours, its = pty.openpty()
-    done = subprocess.run(make(INSTALLS), stdout=its, stderr=its, timeout=60)
+    done = subprocess.run(make(INSTALLS), stdout=its, stderr=its, timeout=240)
     os.close(its)
     text = b''
     try:

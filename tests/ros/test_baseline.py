@@ -68,7 +68,7 @@ def test_a_folder_without_a_bag_has_no_figure(tmp_path):
         [sys.executable, '-m', 'bags.cli', 'distances', tmp_path / 'nothing'],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert missing.returncode == 1
     assert missing.stderr.startswith('error: ')

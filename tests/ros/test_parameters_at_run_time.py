@@ -21,7 +21,7 @@ from node_runtime.parameters import RUN_TIME
 
 pytestmark = pytest.mark.usefixtures('domain')
 OF_ROS = ('use_sim_time', 'start_type_description_service')
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 MPCC = parameters.load(ControllerParams, share.path('mpcc_controller', 'config', 'mpcc.yaml'))
 CHANGEABLE = dict.fromkeys(ROLES, frozenset()) | {'controller': run_time_parameters.names(MPCC)}
 

@@ -23,7 +23,7 @@ def repeat(folder, failing):
         env={**os.environ, 'PYTHON': str(program), 'TMPDIR': str(folder)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
 
 

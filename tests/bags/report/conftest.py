@@ -174,7 +174,7 @@ def browse(tmp_path_factory):
     yield run
     process.terminate()
     try:
-        process.wait(10)
+        process.wait(60)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

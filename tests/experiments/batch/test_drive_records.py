@@ -63,7 +63,7 @@ def test_a_damaged_record_is_left_out(tmp_path, line):
 def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_path):
     """A limit of the size of files stands for a full disk."""
     filled = subprocess.run(
-        [sys.executable, '-c', FILLING, tmp_path], capture_output=True, text=True, timeout=60
+        [sys.executable, '-c', FILLING, tmp_path], capture_output=True, text=True, timeout=240
     )
     assert 'drives.jsonl: no space left; the drives before this one are kept' in filled.stderr
     with DriveRecords(tmp_path) as records:

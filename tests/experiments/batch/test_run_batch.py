@@ -21,13 +21,11 @@ from experiments.batch.drive_plan import Combination
 from experiments.configuration import node_config
 from experiments.study import code_version
 
-TIMEOUT_S = 60.0
+TIMEOUT_S = 240.0
 RUNS = 10
 # wall and processor times differ from drive to drive
 TIMES = ('wall_s', 'cpu_s', 'solve_ms.', 'solve_cpu_ms.', 'solver.time_')
-
-# s of a drive: one that does not hang takes less, also in a new process on a busy machine
-LIMIT_S = 12.0
+LIMIT_S = 3.0  # of a drive that hangs
 
 
 def read_rows(folder):
@@ -142,10 +140,22 @@ def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_s
     ]
 
 
-def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_path):
-    faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.HANGS, faulty_drives.RAISES]
-    study = write_study(set={'plant.friction': [*faults, 0.9]})
+def test_a_drive_that_hangs_costs_its_row(write_study, tmp_path):
+    # alone: what a drive that does not hang may take depends on what else the machine does
+    study = write_study(set={'plant.friction': [faulty_drives.HANGS]}, runs=1)
     request = run_batch.Request(study, tmp_path, jobs=1, limit_s=LIMIT_S)
+    console = Console(quiet=True)
+    assert run_batch.run(request, console, faulty_drives.simulate_or_fail) == 1
+    assert [row['error'] for row in read_rows(tmp_path)] == ['its process was ended after 3 s']
+    # it is tried again
+    assert run_batch.run(request._replace(limit_s=TIMEOUT_S), console) == 0
+    assert [row['completed'] for row in read_rows(tmp_path)] == [True]
+
+
+def test_a_drive_that_crashes_or_raises_costs_its_row(write_study, tmp_path):
+    faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.RAISES]
+    study = write_study(set={'plant.friction': [*faults, 0.9]})
+    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=TIMEOUT_S)
     console = Console(quiet=True)
     # as perturbed, no further run has the friction of a fault
     assert run_batch.run(request, console, faulty_drives.simulate_or_fail) == 1
@@ -153,12 +163,11 @@ def test_a_drive_that_crashes_hangs_or_raises_costs_its_row(write_study, tmp_pat
     assert [row['error'] for row in rows[::2]] == [
         'its process was ended by SIGSEGV',
         'its process ended with exit code 7',
-        f'its process was ended after {LIMIT_S:g} s',
         'ZeroDivisionError: nothing to divide by',
         '',
     ]
     good = [row for row in rows if not row['error']]
-    assert len(good) == 6
+    assert len(good) == 5
     assert all(row['completed'] for row in good)
     # they are tried again, the others are not
     kept = records(tmp_path)
@@ -220,7 +229,7 @@ def test_unusable_scenarios_and_controllers_are_named(write_study, tmp_path, giv
     (tmp_path / 'bad.yaml').write_text(
         '/**: {ros__parameters: {base: mpcc.yaml, safety: {obstacle_m: -1.0}}}'
     )
-    request = run_batch.Request(write_study(**given), tmp_path / 'out', jobs=1, limit_s=60.0)
+    request = run_batch.Request(write_study(**given), tmp_path / 'out', jobs=1, limit_s=TIMEOUT_S)
     with pytest.raises(BagError, match=f'study.yaml: {what}'):
         run_batch.run(request, Console(quiet=True))
 
@@ -228,6 +237,6 @@ def test_unusable_scenarios_and_controllers_are_named(write_study, tmp_path, giv
 def test_two_scenarios_of_one_name_are_refused(write_study, short_road, tmp_path):
     short_road.with_name('copy.yaml').write_text(short_road.read_text())
     study = write_study(scenarios=['./short_road.yaml', './copy.yaml'])
-    request = run_batch.Request(study, tmp_path / 'out', jobs=1, limit_s=60.0)
+    request = run_batch.Request(study, tmp_path / 'out', jobs=1, limit_s=TIMEOUT_S)
     with pytest.raises(BagError, match=r"copy\.yaml have one name, 'short_road'"):
         run_batch.run(request, Console(quiet=True))

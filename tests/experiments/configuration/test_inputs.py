@@ -377,7 +377,7 @@ def test_a_folder_below_one_that_may_not_be_entered_is_refused_with_its_option(t
     out = locked / 'runs'
     command = [sys.executable, '-m', 'experiments.cli', 'run', 'straight', '--out', str(out)]
     done = subprocess.run(
-        [*ORDINARY_USER, *command], capture_output=True, text=True, timeout=60, cwd=tmp_path
+        [*ORDINARY_USER, *command], capture_output=True, text=True, timeout=240, cwd=tmp_path
     )
     assert done.returncode == 1
     expected = f'error: --out {out}: cannot create the folder {out}/straight: Permission denied\n'
@@ -403,7 +403,7 @@ def test_a_mistake_is_reported_without_slow_imports(mistake, slow):
         f'print([name for name in {slow!r} if name in sys.modules])\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=240
     )
     assert done.stdout == '[]\n', done.stdout + done.stderr
 

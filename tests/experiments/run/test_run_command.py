@@ -51,7 +51,7 @@ def test_a_signal_at_the_command_leaves_no_process_and_keeps_the_recording(
     # the impatient press twice
     time.sleep(0.1)
     command.send_signal(number)
-    _, stderr = command.communicate(timeout=30)
+    _, stderr = command.communicate(timeout=240)
     assert command.returncode == code
     kept = tmp_path / 'runs/straight/mpcc.interrupted'
     assert stderr == f'interrupted: every node was stopped; kept: {os.path.relpath(kept)}\n'
@@ -76,7 +76,7 @@ def test_a_hang_up_that_is_ignored_does_not_end_a_run_under_nohup(tmp_path, pref
         wait_until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
         process.send_signal(signal.SIGHUP)
         release.touch()
-        process.communicate(timeout=60)
+        process.communicate(timeout=240)
     finally:
         process.kill()
         process.communicate()
@@ -97,7 +97,7 @@ def test_an_interrupt_before_anything_was_recorded_leaves_no_folder(tmp_path, pr
         ],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert done.returncode == 130
     assert done.stderr == 'interrupted: every node was stopped; kept: nothing\n'
@@ -121,7 +121,7 @@ def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
         recording = 'runs/straight/.mpcc_no_ca.*/logs/recording'
         wait_until(lambda: list(tmp_path.glob(recording)), 60.0, 'the second run records nothing')
         process.send_signal(signal.SIGINT)
-        _, stderr = process.communicate(timeout=30)
+        _, stderr = process.communicate(timeout=240)
     finally:
         process.kill()
     kept = 'runs/straight/mpcc, runs/straight/mpcc_no_ca.interrupted'
@@ -134,7 +134,7 @@ def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_the_rem
 ):
     wait_until(lambda: len(left_over(tmp_path)) >= 4, 60.0, 'not every node was started')
     command.kill()
-    command.communicate(timeout=10)
+    command.communicate(timeout=240)
     wait_until(lambda: not left_over(tmp_path), 30.0, lambda: f'left: {left_over(tmp_path)}')
     (left,) = (tmp_path / 'runs/straight').iterdir()
     (line,) = staging.recover(tmp_path / 'runs/straight')
@@ -147,7 +147,7 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
         [*RUN, '--out', tmp_path / 'runs'],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert done.returncode == 1
     assert 'mpcc: controller_node ended early with exit code 4' in done.stderr
@@ -162,7 +162,7 @@ def test_without_a_compiler_one_warning_names_the_consequence(tmp_path, prefix):
         env={**os.environ, 'PATH': str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
     )
     assert done.stdout.count('no C compiler found') == 1
     assert 'slower' in done.stdout
@@ -207,7 +207,7 @@ def test_a_real_run_that_is_ended_leaves_a_closed_bag_with_its_recording(tmp_pat
             assert command.poll() is None, command.stderr.read()
             time.sleep(0.05)
         end(command)
-        _, stderr = command.communicate(timeout=120)
+        _, stderr = command.communicate(timeout=240)
     finally:
         command.kill()
     assert command.returncode == code, stderr
