@@ -45,6 +45,7 @@ else:
 T = TypeVar('T')
 SCALARS = (bool, int, float, str)
 BASE = 'base'
+NO_UNIT = '-'  # of a Range whose numbers are shares or counts
 LOWER_END, UPPER_END = '_min', '_max'  # of the names of a range's two ends
 SWITCH = 'on'  # parameter of a group: the others are needed where it is true
 _ANY = {bool: 'true or false', str: 'any text'}
@@ -85,7 +86,8 @@ class Range:
     @property
     def allowed(self) -> str:
         """The allowed values as text."""
-        return f'{self.low:g} to {self.high:g} {self.unit}'
+        unit = '' if self.unit == NO_UNIT else f' {self.unit}'
+        return f'{self.low:g} to {self.high:g}{unit}'
 
     def fault(self, kind: type, value: Any) -> str:
         """Return why a value is no such int or float, as `must be finite, is`, or ''."""
@@ -94,7 +96,7 @@ class Range:
         # math.isfinite raises for a whole number beyond all floats
         if isinstance(value, float) and not math.isfinite(value):
             return 'must be finite, is'
-        return '' if self.low <= value <= self.high else 'is out of range with'
+        return '' if self.low <= value <= self.high else 'is'
 
 
 @dataclass(frozen=True, init=False)
@@ -217,10 +219,9 @@ def _check_ends(values, known, source):
             continue
         high = values[upper]
         if low is not None and high is not None and low > high:
-            unit = known[key].rule.unit
             raise ParameterError(
                 f'{source(key)}: {key}: is {low:g}, above {upper}, {high:g}; '
-                f'allowed {known[key].rule.low:g} to {high:g} {unit}'
+                f'allowed {dataclasses.replace(known[key].rule, high=high).allowed}'
             )
 
 

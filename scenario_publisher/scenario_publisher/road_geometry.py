@@ -163,7 +163,7 @@ def _edge(block, side, key, centre, spacing):
 def _check_edge_table(table, side, keys):
     low, high = sorted((side * MIN_EDGE_OFFSET, side * MAX_EDGE_OFFSET))
     for i in np.flatnonzero((table[:, 1] < low) | (table[:, 1] > high)):
-        what = f'is out of range with {table[i, 1]:g} (left is positive, edges must not cross)'
+        what = f'is {table[i, 1]:g} (left is positive, edges must not cross)'
         raise KeyedError(keys[i], f'{what}; allowed {low:g} to {high:g} m')
     for i in np.flatnonzero(np.abs(np.diff(table[:, 1])) > MAX_EDGE_SLOPE * np.diff(table[:, 0])):
         s, offset = table[i + 1] - table[i]

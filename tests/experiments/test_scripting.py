@@ -154,7 +154,7 @@ def test_a_plant_that_does_not_exist_is_named_by_its_argument():
         ({'settings': {SPEED: []}}, 'settings: scenario.speed_mps: is an empty list'),
         (
             {'settings': [{SPEED: 15}, {SPEED: -1}]},
-            "['scenario.speed_mps']: is out of range with -1",
+            "['scenario.speed_mps']: is -1",
         ),
         ({'jobs': 0}, 'jobs: is 0; allowed a whole number from 1'),
     ],

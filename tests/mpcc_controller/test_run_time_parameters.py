@@ -67,7 +67,7 @@ def test_the_names_are_the_numbers_of_weights_and_limits_that_have_a_value(param
 @pytest.mark.parametrize(
     ('changes', 'error'),
     [
-        ({'tolerances.lag_m': 0.0}, 'tolerances.lag_m: is out of range with 0.0; allowed 0.001'),
+        ({'tolerances.lag_m': 0.0}, 'tolerances.lag_m: is 0.0; allowed 0.001'),
         ({'tolerances.lag_m': float('nan')}, 'tolerances.lag_m: must be finite'),
         ({'tolerances.lag_m': None}, 'tolerances.lag_m: must be a number, is None'),
         (

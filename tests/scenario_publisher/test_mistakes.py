@@ -37,9 +37,9 @@ MISTAKES = {
     'schema of another version': ('schema', 2, "is '2'; allowed 1"),
     'name that is no folder': ('name', '../up', 'allowed 1 to 64 of a-z'),
     'unknown key': ('stop.progres_m', 1.0, r"unknown key; did you mean 'progress_m'\?; allowed"),
-    'friction': ('friction', 0.0, 'out of range with .*; allowed 0.05 to 1.5 -'),
+    'friction': ('friction', 0.0, 'is .*; allowed 0.05 to 1.5'),
     'not finite': ('road.edges.left.offset_m', float('nan'), 'must be finite'),
-    'speed': ('speed.constant_mps', 500.0, 'out of range'),
+    'speed': ('speed.constant_mps', 500.0, 'is .*; allowed'),
     'edge on the other side': ('road.edges.left.offset_m', -1.0, r'must not cross\); allowed 0.5'),
     'right edge on the left': ('road.edges.right.offset_m', 4.5, r'allowed -100 to -0.5 m'),
     'edge beyond the centre of the bend': (

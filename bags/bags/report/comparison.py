@@ -37,6 +37,7 @@ class Comparison(NamedTuple):
     sheet: Path
     figures: list[Path]
     report: Path
+    replaced: tuple[str, ...] = ()  # the runs of the comparison that was in its place
 
 
 def compare_bags(
@@ -122,6 +123,7 @@ def compare_drives(
     values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
+    replaced = _compared_runs(file)
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
     table_file = out / metrics_table.CSV_FILE
     table_file.write_text(metrics_table.metrics_csv(by_run))
@@ -134,7 +136,15 @@ def compare_drives(
         data = page.ReportData(values, runs, logs, claimed, overlays)
         report = page.write_report(data, out / page.REPORT_FILE)
     drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
-    return Comparison(values, file, table_file, drawn, report)
+    return Comparison(values, file, table_file, drawn, report, replaced)
+
+
+def _compared_runs(file):
+    """Return the names of the runs in a comparison.json, () where there is none to be read."""
+    try:
+        return tuple(json.loads(file.read_text())['runs'])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
@@ -150,6 +160,9 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
     for name, invalid in comparison.values.get(KEY, {}).items():
         for line in describe_invalid({KEY: invalid}):
             print_text(console, f'{name}: {line}', 'red')
+    if comparison.replaced:
+        what = f'replaces the comparison that was there, of {", ".join(comparison.replaced)}'
+        print_text(console, f'{what}; --out DIR keeps both')
     figure = next(path for path in comparison.figures if path.suffix == '.png')
     places = {
         'numbers': comparison.file,

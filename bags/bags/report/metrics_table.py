@@ -18,8 +18,16 @@ from bags.figures.style import TUNED
 
 CSV_FILE = 'comparison.csv'
 COLOURS = {True: 'green', False: 'red', None: ''}
-PAPER_NOTE = 'paper: its MPCC with FORCESPro on a dSPACE DS6001'
+PAPER_NOTE = (
+    'paper: solve times printed there for its MPCC (FORCESPro on a dSPACE DS6001, another '
+    'computer); no other row has a number of the paper'
+)
+COLOUR_NOTE = (
+    'Green is as it should be, red is not. Without colour: neither good nor bad, or good in a run '
+    'that left the road or lost control'
+)
 ABSENT = '–'
+SPUN = 'spun'  # value of lost_how
 
 
 class Cell(NamedTuple):
@@ -59,6 +67,8 @@ def _lines(metric, runs) -> Iterator[Line]:
 
 def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
     """Return the single value of a metric as text; `run` are all metrics of its run."""
+    if metric.until_spin and run.get('lost_how') == SPUN:
+        return Cell(SPUN)
     if value is None:
         return Cell(ABSENT)
     if isinstance(value, bool):

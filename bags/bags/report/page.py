@@ -134,6 +134,7 @@ def report_html(data: ReportData) -> str:
         panels=divs,
         lines=metrics_table.table_lines(data.values['runs']),
         paper_note=metrics_table.PAPER_NOTE,
+        colour_note=metrics_table.COLOUR_NOTE,
         good=GOOD,
         claims=data.claims,
         reasons={key: text for claim in data.claims for key, text in claim.reasons.items()},

@@ -6,18 +6,23 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.evaluation.drive import drive_from_columns
+from bags.evaluation.metrics import outcome
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import compute_series
 from bags.storage import read
 from bags.storage.invalid_messages import drop_invalid
 from experiments.replay import recorded_ticks
 
+LOSS = 'loss'
 # events, and what they are
 EVENTS = {
     'closest': 'least distance to an obstacle',
     'edge': 'least distance to a road edge',
     'sideslip': 'largest sideslip angle',
     'fallback': 'first tick without a fresh plan',
+    LOSS: 'before the car first collided, left the road or slid',
 }
+LEAD_S = 1.0  # from the tick of LOSS to that
 NS = 1e-9  # s
 
 
@@ -72,6 +77,8 @@ def _find(moment, bag, drive, series, stamps, t, station):
         return max(int(np.argmax(station > moment.station)) - 1, 0), ''
     if moment.event == 'fallback':
         return _first_fallback(bag, drive)
+    if moment.event == LOSS:
+        return _before_loss(bag, drive, series, stamps)
     row, because = _extreme(bag, moment.event, series)
     stamp = drive.motion.stamp_ns[row]
     return max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0), because
@@ -87,6 +94,34 @@ def _first_fallback(bag, drive):
     if not rows.size:
         raise BagError(f'{bag.path}: every tick followed a fresh plan')
     return int(rows[0]), EVENTS['fallback']
+
+
+def _before_loss(bag, drive, series, stamps):
+    run = EvaluatedDrive(drive, series)
+    rows, beyond = outcome.outline_beyond_edge(run)
+    sideslip = np.degrees(np.abs(np.nan_to_num(series.sideslip)))
+    touched = {
+        **{f'collided with obstacle {name}': gap for name, gap in series.v2o.items()},
+        **{
+            f'collided with obstacle {name} (outline)': g for name, g in series.outline_gaps.items()
+        },
+    }
+    losses = [
+        *((np.flatnonzero(gap < 0.0), what) for what, gap in touched.items()),
+        (rows[beyond > 0.0], 'left the road'),
+        (np.flatnonzero(sideslip > outcome.SLIDING_DEG), 'slid'),
+    ]
+    first = [(int(where[0]), what) for where, what in losses if len(where)]
+    if not first:
+        raise BagError(
+            f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '
+            'the least distance to an obstacle'
+        )
+    row, what = min(first)
+    stamp = drive.motion.stamp_ns[row] - LEAD_S / NS
+    number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
+    lead = (drive.motion.stamp_ns[row] - stamps[number]) * NS
+    return number, f'{lead:.1f} s before it {what} at {series.station[row]:.0f} m'
 
 
 def _extreme(bag, event, series):

@@ -32,7 +32,11 @@ def _find(name, folder, scn):
     if info.get('scenario_sha256') != provenance.digest(scn.text):
         what = info.get('scenario', 'an unknown one')
         which = f'another version of {what}' if what == scn.name else f'another scenario, {what}'
-        raise BagError(f'--beside {name}: {os.path.relpath(path)} drove {which}')
+        raise BagError(
+            f'--beside {name}: {os.path.relpath(path)} drove {which}; drive its controller in this '
+            'one too (a second --controller), or show runs of several scenarios with '
+            '`bags overview`'
+        )
     return path
 
 
@@ -46,7 +50,8 @@ def describe_other_plants(paths: Sequence[Path]) -> list[str]:
     differing = {path: describe_plants(reference, read.run_info(path)) for path in others}
     return [
         f'{path.name} drove another plant than {first.name}: {what}; what differs between them is '
-        'not of the controllers alone'
+        f'not of the controllers alone. To compare controllers, drive {path.name} once more with '
+        'the plant of the others (the same --set plant. options) and a --label of its own'
         for path, what in differing.items()
         if what
     ]

@@ -57,6 +57,7 @@ class RunOutcome(NamedTuple):
     message: str
     bag: Path | None  # where the bag was kept
     older: Path | None = None  # where the bag went that was in its place, if that was kept
+    has_replaced: bool = False  # whether that bag was removed
 
 
 def run_once(
@@ -108,7 +109,9 @@ def run_once(
             (staging.logs / TRACEBACK).write_text(traceback.format_exc())
         message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
         return RunOutcome(name, False, _keep_failed(staging, message), None)
-    return RunOutcome(name, code == FINISHED, message, staging.final, staging.older)
+    return RunOutcome(
+        name, code == FINISHED, message, staging.final, staging.older, staging.has_replaced
+    )
 
 
 def _keep_failed(staging, message):

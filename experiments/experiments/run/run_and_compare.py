@@ -1,6 +1,7 @@
 """Runs of several controllers through one scenario, one after the other, and their comparison."""
 
 import os
+import shlex
 import threading
 from collections.abc import Sequence
 from functools import cache
@@ -52,16 +53,13 @@ def run(request: Request, console: Console) -> int:
     any case.
     """
     # refused before a scenario loads SciPy
-    node_config.find_controllers(request.controllers, request.label, programs=True)
+    controllers = node_config.find_controllers(request.controllers, request.label, programs=True)
     scn = inputs.load_scenario(request.scenario)
     expect = _check_expectations(scn.expect, request.scenario)
     others = earlier_runs.find(request.beside, request.out / scn.name, scn)
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
-    for outcome in outcomes:
-        if outcome.older:
-            what = f'{outcome.controller}: the run that was there is kept as'
-            print_text(console, f'{what} {os.path.relpath(outcome.older)}')
+    _show_earlier_runs(outcomes, request.overwrite, console)
     completed = [outcome.completed for outcome in outcomes]
     if bags:
         _begin_import().join()
@@ -80,12 +78,46 @@ def run(request: Request, console: Console) -> int:
             print_text(console, text)
         runs = compared.values['runs']
         _show_disagreement(outcomes, runs, console)
+        _show_why(outcomes, controllers, runs, console)
         if expect:
             # instead of completion: a run that is to end in a stop never completes
             is_met = _meet_expectations(expect, runs, console)
             return 0 if is_met and len(runs) == len(outcomes) else 1
         completed += [run['completed'] for run in runs.values()]
     return 0 if all(completed) else 1
+
+
+def _show_earlier_runs(outcomes, overwrites, console):
+    """Say what became of the runs that were where the new ones are."""
+    for outcome in outcomes:
+        if outcome.older:
+            what = f'the run that was there is kept as {os.path.relpath(outcome.older)}'
+        elif outcome.has_replaced:
+            why = '--overwrite' if overwrites else 'of the same scenario, code and parameters'
+            what = f'replaces the run that was there ({why}); --label NAME keeps both'
+        else:
+            continue
+        print_text(console, f'{outcome.controller}: {what}')
+
+
+def _show_why(outcomes, controllers, runs, console):
+    """Print for each car that was lost the command that shows what its controller planned."""
+    # imported late: it loads the reading of bags
+    from experiments.replay import tick_choice
+
+    programs = {controller.run_name for controller in controllers if controller.program}
+    for outcome in outcomes:
+        metrics = runs.get(outcome.controller)
+        # a program of the user has no problem that could be solved again
+        if not metrics or not outcome.bag or outcome.controller in programs:
+            continue
+        if metrics['collided'] or metrics['left_road'] or metrics['lost']:
+            bag = shlex.quote(os.path.relpath(outcome.bag))
+            print_text(
+                console,
+                f'{outcome.controller}: what it planned {tick_choice.LEAD_S:g} s before it was '
+                f'lost: experiments resolve {bag} --at {tick_choice.LOSS}',
+            )
 
 
 def _check_expectations(expect, scenario_name):

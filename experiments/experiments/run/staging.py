@@ -75,6 +75,7 @@ class StagingDirectory:
         self.bag = self.root / name
         self.keeps_older = True  # whether `keep` leaves the older bag under a number
         self.older: Path | None = None  # where it did
+        self.has_replaced = False  # whether `keep` removed it
         self.logs = self.root / LOGS
         try:
             (self.root / MARKER_FILE).touch()
@@ -151,6 +152,7 @@ class StagingDirectory:
             raise
         if aside == OLDER and old.exists():
             self.older = _number(old, target)
+        self.has_replaced = aside == REPLACED and old.exists()
         shutil.rmtree(target / REPLACED, ignore_errors=True)
         (target / MARKER_FILE).unlink(missing_ok=True)
         self.discard()

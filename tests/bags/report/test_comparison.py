@@ -162,6 +162,23 @@ def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
     most = next(line for line in shown.splitlines() if 'solve time, max' in line)
     assert most.split()[-1] == '18.6'
     assert 'comparison.json' in shown
+    assert 'replaces' not in shown
+    assert metrics_table.PAPER_NOTE.split()[-1] in shown
+
+
+def test_a_comparison_in_the_place_of_another_says_so_and_how_to_keep_both(comparison):
+    again = comparison._replace(replaced=('mpcc', 'frenet'))
+    console = Console(file=io.StringIO(), width=140)
+    show_comparison(again, console)
+    said = 'replaces the comparison that was there, of mpcc, frenet; --out DIR keeps both'
+    assert said in console.file.getvalue()
+
+
+def test_the_runs_of_the_comparison_that_was_there_are_read_from_it(drives, comparison, tmp_path):
+    assert comparison.replaced == ()
+    (tmp_path / 'comparison.json').write_text(comparison.file.read_text())
+    only = {'mpcc': drives['mpcc']}
+    assert compare_drives(only, tmp_path).replaced == tuple(drives)
 
 
 def test_three_controllers_fit_into_a_plain_terminal(make_drive):

@@ -215,7 +215,7 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
     [
         ({}, 'bag: is missing'),
         ({'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
-        ({'rate': 0.0}, 'rate: is out of range with 0.0'),
+        ({'rate': 0.0}, 'rate: is 0.0'),
         ({'bag': None, 'paused': 'true'}, 'paused: is true, but no keyboard'),
         ({'speed': 2.0}, 'speed: this node has no such parameter'),
     ],

@@ -53,9 +53,23 @@ def test_the_nearest_edge_is_named(choose):
     assert choose(event='edge').because.startswith('least distance to the ')
 
 
+def test_loss_is_a_second_before_the_car_was_lost_first(choose, golden):
+    chosen = choose('mpcc_no_ca', event='loss')
+    assert chosen.because.startswith('1.0 s before it collided with obstacle 1')
+    ticks = recorded_ticks.read_ticks(golden('mpcc_no_ca'))
+    gaps = np.array(
+        [
+            min(np.hypot(o.X - s.X, o.Y - s.Y) - o.r_obs - 1.1 for o in obstacles.items)
+            for s, obstacles in ((tick.inputs.state, tick.inputs.obstacles) for tick in ticks)
+        ]
+    )
+    assert np.argmax(gaps < 0.0) - chosen.number in (20, 21)
+
+
 @pytest.mark.parametrize(
     ('named', 'text'),
     [
+        ({'event': 'loss'}, 'the car neither collided nor left the road nor slid'),
         ({'time': 99.0}, 'no tick at time 99 s; it has 0 to '),
         ({'station': -50.0}, 'no tick at station -50 m; it has '),
         ({'tick': 9999}, 'no tick 9999; it has 0 to '),

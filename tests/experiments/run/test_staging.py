@@ -93,12 +93,14 @@ def test_an_older_bag_gets_the_first_free_number(tmp_path, staged):
     assert staged.older == tmp_path / 'mpcc@2'
     assert (staged.older / 'metadata.yaml').read_text() == 'old'
     assert (staged.final / 'metadata.yaml').read_text() == 'new'
+    assert not staged.has_replaced
 
 
 def test_an_older_bag_is_removed_on_request(tmp_path, staged):
     staged.keeps_older = False
     staged.keep()
     assert staged.older is None
+    assert staged.has_replaced
     assert [path.name for path in tmp_path.iterdir()] == ['mpcc']
 
 

@@ -61,14 +61,17 @@ def peak_brake_mps2(run):
     return max(0.0, -float(np.min(ax))) if ax.size else None
 
 
-@metric('peak sideslip angle', 'deg', 1)
+@metric('peak sideslip angle', 'deg', 1, until_spin=True)
 def peak_sideslip_deg(run):
-    """Largest sideslip angle at the centre of gravity; None of a car that hardly moves."""
+    """Largest sideslip angle at the centre of gravity; None of a car that hardly moves.
+
+    The table shows none of a car that spun, since backwards it reaches any angle.
+    """
     peak = run.value(_peak_sideslip_row)
     return None if peak is None else float(np.degrees(np.abs(run.series.sideslip[peak])))
 
 
-@metric('  at station', 'm', 1)
+@metric('  at station', 'm', 1, until_spin=True)
 def peak_sideslip_at_m(run):
     """Station of the largest sideslip angle."""
     peak = run.value(_peak_sideslip_row)

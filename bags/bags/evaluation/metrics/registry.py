@@ -43,6 +43,7 @@ class Metric(NamedTuple):
     decimals: int
     good_when: bool | None = None  # of a yes or no: which of both is good
     yes: str = 'yes'  # how a yes is shown; names of other metrics in braces are filled in
+    until_spin: bool = False  # whether the value of a car that spun says nothing, and is not shown
     optional: bool = False  # no row where no run has a value
     row_after: str = ''  # metric whose row is above this one; '' where that is the one before
     # of a dictionary, by key: what `{}` in the title stands for, and the value of the paper
