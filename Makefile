@@ -5,6 +5,7 @@
 # make study     the wide sweeps over speeds, clearances and 40,000 settings (hours; goes on where it stopped)
 # make setup     .venv with everything; run it after an edit: packages are installed as copies
 # make editable  the same, but packages run from their source: every edit counts at once
+# make result    tables and pages of the study over many settings, from its drives (RUNS="DIR ...")
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
@@ -22,7 +23,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs notebooks coverage coverage_whole paper study bench realtime faults soak repeat golden identify lint setup editable \
+.PHONY: help demo test check docs notebooks coverage coverage_whole paper study result bench realtime faults soak repeat golden identify lint setup editable \
   requirements wheels wheels_test version clean
 
 PYTHON ?= python3
@@ -168,9 +169,15 @@ soak: setup
 repeat: setup
 	PYTHON=$(BIN)/python tests/ros/repeat.sh
 
+# of the study over many settings: where its drives are, and the pages with blocks about it
+RUNS ?= $(addprefix build/settings/,confirmatory repetition levels)
+RESULT_PAGES := README.md $(addprefix docs/,results.md who_avoids.md early_braking.md)
+WRITE_RESULT := $(BIN)/experiments study result $(addprefix --page ,$(RESULT_PAGES))
+
 paper: setup
 	@$(BIN)/experiments paper
 	@$(BIN)/experiments paper --page docs/one_point.md
+	@$(WRITE_RESULT)
 	@$(BIN)/experiments study settings --out build/settings/small --count 48
 	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 
@@ -180,14 +187,18 @@ study: setup
 	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory
 	@$(BIN)/experiments study settings --out build/settings/repetition --preregistered repetition
 	@$(BIN)/experiments study settings --out build/settings/levels --preregistered levels
-	@for run in confirmatory repetition levels; do \
-	  $(BIN)/experiments study decide build/settings/$$run --out paper/settings/$$run || exit 1; done
-	@$(BIN)/experiments study result --page README.md
+	@$(MAKE) --no-print-directory result
 	@$(BIN)/experiments study exists build/settings/confirmatory
 	@$(BIN)/experiments study baseline build/settings/confirmatory
 	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory \
 	  --tuned paper/settings/frenet_tuned.csv
 	@$(BIN)/experiments study decide build/settings/confirmatory --out paper/settings/tuned
+
+# decides the runs, each into paper/settings, the confirmatory one and its repetition as one, too
+result: setup
+	@$(WRITE_RESULT) $(RUNS)
+	$(BIN)/python bench/limit_before_contact.py $(RUNS) --figure docs/limit_before_contact \
+	  --page docs/threats.md
 
 golden: setup
 	@$(BIN)/experiments golden

@@ -36,8 +36,9 @@ QUICK_SWEEP = {'sweep_runs': 1, 'speeds_kph': (65.0, 75.0, 85.0), 'clearances_m'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments study`."""
     parser.add_argument('part', choices=PARTS, help='the part of the study')
-    text = 'decide, exists, baseline: what `experiments study settings` wrote'
-    parser.add_argument('folder', nargs='?', type=Path, metavar='DIR', help=text)
+    text = 'decide, exists, baseline, result: what `experiments study settings` wrote; several are '
+    text += 'decided as one by decide, each alone by result'
+    parser.add_argument('folders', nargs='*', type=Path, metavar='DIR', help=text)
     add_out(parser, OUT, 'the tables')
     parser.add_argument(
         '--runs', type=int, metavar='N', help='paired runs (default: 60; limit: 20 per speed)'
@@ -85,8 +86,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--screen', action='store_true', help=text)
     text = 'settings: seed, count and screening of a run of the preregistration'
     parser.add_argument('--preregistered', metavar='RUN', help=text)
-    text = 'result: write it between the comments <!-- result --> and <!-- /result --> of a page'
-    parser.add_argument('--page', type=Path, metavar='FILE', help=text)
+    text = (
+        'result: a page whose blocks about the study, as from <!-- result --> to <!-- /result -->,'
+    )
+    parser.add_argument(
+        '--page',
+        action='append',
+        default=[],
+        dest='pages',
+        type=Path,
+        metavar='FILE',
+        help=f'{text} are written anew; may be repeated',
+    )
     parser.add_argument('--number', type=int, metavar='N', help='setting: its number')
     parser.add_argument(
         '--trials', type=positive_count, metavar='N', help='exists, baseline: sets that are tried'

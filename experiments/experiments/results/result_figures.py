@@ -161,7 +161,7 @@ def write_surface(
             note = f'{holds.sum()} of {holds.size}, no surface'
         else:
             note = f'{holds.sum()} of {holds.size}, skill {surface.skill:.2f}'
-            _draw_surface(axes, surface)
+            draw_surface(axes, surface)
         axes.plot(x[holds], y[holds], 'o', ms=3.0, mfc=style.INK, mec='white', mew=0.4)
         axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
         axes.set_title(f'{axes.get_title(loc="left")} ({note})'.lstrip())
@@ -177,7 +177,8 @@ def write_surface(
     return paths
 
 
-def _draw_surface(axes, surface):
+def draw_surface(axes, surface: success_surface.Surface) -> None:
+    """Draw a surface: colours and contours of the share; dashed where it is surely 0.9."""
     grid = (surface.x, surface.y)
     axes.pcolormesh(*grid, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True)
     lines = axes.contour(*grid, surface.share, CONTOURS, colors='k', linewidths=1.0)

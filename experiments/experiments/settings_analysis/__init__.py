@@ -8,7 +8,13 @@ study_tables        the tables of a study as data frames
 decide              all of that for one study
 decision_figures    its figures
 decision_report     its files
-result_text         its claims in a few sentences, for a page
+who_avoids          in which settings each controller avoids
+early_braking       who brakes when, and what comes with it
+dimension_shares    how often something happens over each dimension
+outcome_figures     figures of who avoids and who brakes
+outcome_report      their files, and what they say in pages
+result_text         the claims in a few sentences, for a page
+published           every block of a page about the study
 sensitivity         what else the tables say, which enters no verdict
 picture             the paper's picture as numbers, and the distance from it
 picture_search      the search for the setting that is nearest to it

@@ -318,7 +318,10 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
                 'drivers': driver_names(results.drivers.get((result.baseline, result.claim))),
                 'counterexample': None
                 if example is None or result.baseline == arms.TUNED  # needs its table, too
-                else {'setting': example, 'command': command_of(study, example)},
+                else {
+                    'setting': study_tables.origin(study, example)[1],
+                    'command': command_of(study, example),
+                },
             }
         )
     return [_finite(entry) for entry in entries]
@@ -326,7 +329,8 @@ def claim_entries(study: Study, results: Results) -> list[dict[str, Any]]:
 
 def command_of(study: Study, number: int) -> str:
     """Return the command that drives one setting of a study."""
-    return f'experiments study setting --number {number} --seed {study.seed}'
+    seed, own_number = study_tables.origin(study, number)
+    return f'experiments study setting --number {own_number} --seed {seed}'
 
 
 def _finite(entry: Mapping[str, Any]) -> dict[str, Any]:

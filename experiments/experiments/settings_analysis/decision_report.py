@@ -11,7 +11,13 @@ import pandas as pd
 from experiments.settings import arms
 from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import LEVELS
-from experiments.settings_analysis import decide, decision_figures, sensitivity, study_tables
+from experiments.settings_analysis import (
+    decide,
+    decision_figures,
+    outcome_report,
+    sensitivity,
+    study_tables,
+)
 from experiments.settings_analysis.decide import Results
 from experiments.settings_analysis.study_tables import Study
 from experiments.study import tables
@@ -22,24 +28,19 @@ ACCEPTED_SETTINGS = 'accepted'
 COMMAND = 'experiments study decide'
 
 
-def run(folder: Path, out: Path) -> list[Path]:
-    """Decide the study of a folder and write everything into `out`; return the paths.
+def run(folders: Sequence[Path], out: Path) -> list[Path]:
+    """Decide the study of a folder, or of several as one, into `out`; return the paths.
 
     Raises BagError.
     """
-    study = study_tables.load(folder)
+    studies = [study_tables.load(folder) for folder in folders]
+    study = studies[0] if len(studies) == 1 else study_tables.pool(studies)
     return write(study, decide.decide(study), out)
 
 
 def write(study: Study, results: Results, out: Path) -> list[Path]:
     """Write tables, claims.json and figures into the folder `out`; return the paths."""
-    out.mkdir(parents=True, exist_ok=True)
-    claims = decide.claim_entries(study, results)
-    origin = _origin(study)
-    paths = [out / f'{CLAIMS}.json']
-    paths[0].write_text(
-        tables.dump_json({'provenance': origin, 'counts': results.counts, 'claims': claims})
-    )
+    paths = write_claims(study, results, out)
     paths += _write_table(
         out, VERDICTS, _verdict_rows(study, results), verdict_text(study, results)
     )
@@ -55,23 +56,43 @@ def write(study: Study, results: Results, out: Path) -> list[Path]:
         paths += decision_figures.write_maps(study, baseline, out / f'map_{baseline}')
     paths += decision_figures.write_causes(results, out / 'causes')
     paths += decision_figures.write_drivers(study, results, out / 'drivers')
-    return paths
+    return paths + outcome_report.write(study, out)
+
+
+def write_claims(study: Study, results: Results, out: Path) -> list[Path]:
+    """Write claims.json into the folder `out`, which it makes; return its path."""
+    out.mkdir(parents=True, exist_ok=True)
+    claims = decide.claim_entries(study, results)
+    content = {'provenance': _origin(study), 'counts': results.counts, 'claims': claims}
+    path = out / f'{CLAIMS}.json'
+    path.write_text(tables.dump_json(content))
+    return [path]
 
 
 def _origin(study):
     return {
         'command': COMMAND,
+        'run': study.run,
         'seed': study.seed,
+        'seeds': study.seeds,
         'screened': study.is_screened,
         'departures': study.departures,
+        'otherwise_driven': study.otherwise_driven,
+        'failed_drives': study.failed,
         'censored_onsets': study_tables.censored_onsets(study),
         'settings': study.settings,
         'drives': len(study.drives),
         'preregistration_sha256': study.plan.digest,
-        'study': {name: study.notes[name] for name in ('git_commit', 'points', 'rejected')},
+        'study': _notes(study),
         'versions': provenance.versions(),
         'machine': provenance.machine(),
     }
+
+
+def _notes(study):
+    if study.parts:
+        return {part.run: _notes(part) for part in study.parts}
+    return {name: study.notes[name] for name in ('git_commit', 'points', 'rejected')}
 
 
 def _write_table(out, stem, rows: Sequence[Mapping[str, Any]], text):
@@ -121,7 +142,7 @@ def verdict_text(study: Study, results: Results) -> str:
     lines = [
         '# The claims over many settings',
         '',
-        f'{study.settings:,} settings, {len(study.drives):,} drives, seed {study.seed}. '
+        f'{study.settings:,} settings, {len(study.drives):,} drives, {_seeds(study)}. '
         f'A claim is *reproduced* where the whole interval of its share lies above '
         f'{rule.holds_from:g}, *not reproduced* where it lies below {rule.rare_below:g}, *in part* '
         'where it lies between, each whatever the undetermined settings are, else it is *open*. '
@@ -191,6 +212,13 @@ def _strata_table(study, judged):
         for result in judged
     ]
     return tables.markdown_table(header, rows)
+
+
+def _seeds(study):
+    if not study.parts:
+        return f'seed {study.seed}'
+    runs = ' and '.join(f'{part.run} (seed {part.seed})' for part in study.parts)
+    return f'the runs {runs} pooled, which was not preregistered'
 
 
 def _departures(study):

@@ -1,105 +1,225 @@
-"""`experiments study result`: the decided claims in a few sentences, for a page."""
+"""The decided claims in five sentences and a figure, from claims.json of the preregistered runs.
+
+The verdicts are those of the confirmatory run. Where its repetition from another seed is decided,
+the text says whether it changes one, and where both are pooled the counts are those of both.
+"""
 
 import json
+import posixpath
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bags.errors import BagError
+from experiments.settings import preregistration
 from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.preregistration import RUNS
+from experiments.settings_analysis.study_tables import POOLED
+from experiments.settings_analysis.verdicts import OPEN
 
-BLOCK = 'result'  # of the page
 FILE = 'claims.json'
-# what holds, and where; in the order in which it is printed
-SENTENCES = {
-    'unsafe_area': 'the baseline enters an unsafe area and the MPCC does not',
-    'sideslip': 'the baseline slides with at least 6 deg and the MPCC with at most 4 deg',
-    'brake_onset': 'the MPCC brakes at least 10 m earlier',
-    'min_speed': 'the MPCC keeps a least speed higher by at least 0.5 m/s',
-    'conjunction': 'all four hold at once',
+FIGURE = 'Share of the settings in which each claim holds, with intervals'
+WIDTH = 118
+NAMES = {
+    'unsafe_area': 'the unsafe area',
+    'sideslip': 'the sideslip',
+    'min_speed': 'the least speed',
+    'brake_onset': 'the onset of braking',
+    'conjunction': 'all of these at once',
 }
 
 
-def write(folder: Path, page: Path | None) -> str:
-    """Return the text about the decided runs in a folder; put it into the block of a page.
+class Run(NamedTuple):
+    """A decided run, as far as the verdicts that count go."""
 
-    The confirmatory run is needed, its repetition is not. Raises BagError.
+    origin: Mapping[str, Any]
+    accepted: int  # settings at P3, any S
+    claims: Mapping[str, Mapping[str, Any]]  # from the confirmatory version of the baseline
+
+    def __repr__(self) -> str:
+        return f'Run({self.origin["settings"]} settings, {self.accepted} accepted)'
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """The verdict by claim."""
+        return {key: claim['verdict'] for key, claim in self.claims.items()}
+
+
+def build(folder: Path, root: str = '.') -> str:
+    """Return the text about the decided runs of a folder; links are relative to `root`.
+
+    The confirmatory run is needed, its repetition and both pooled are not. Raises BagError for a
+    run of another design than that preregistered; drives without a result are stated.
     """
-    from experiments import page_block
+    confirmatory = read(folder / RUNS[0] / FILE, RUNS[0])
+    repetition, pooled = (
+        read(folder / name / FILE, name) if (folder / name / FILE).exists() else None
+        for name in (RUNS[1], POOLED)
+    )
+    shown, name = (pooled, POOLED) if pooled else (confirmatory, RUNS[0])
+    sentences = [
+        _settings(confirmatory, repetition if pooled else None, shown, root),
+        _verdicts(confirmatory, root),
+        _distances(shown),
+        _speeds(shown),
+        f'{_provisos(confirmatory, repetition, pooled)} ({_links(name, root)}).',
+    ]
+    lines = [
+        textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+        for text in sentences
+        if text
+    ]
+    figure = _link(FIGURE, f'paper/settings/{name}/shares.png', root)
+    return '\n'.join([*lines, '', f'!{figure}', ''])
 
-    confirmatory = _read(folder / RUNS[0] / FILE)
-    again = folder / RUNS[1] / FILE
-    text = build(confirmatory, _read(again) if again.exists() else None)
-    if page:
-        page_block.replace(page, BLOCK, f'\n{text}')
+
+def read(file: Path, name: str) -> Run:
+    """Return what claims.json says from the confirmatory version of the baseline.
+
+    Raises BagError for another file, and for that of another run than the one named.
+    """
+    try:
+        content = json.loads(file.read_text(encoding='utf-8'))
+        origin = content['provenance']
+        run, otherwise_driven = origin['run'], origin['otherwise_driven']
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        text = f'{file}: is no result of `experiments study decide`: {error}'
+        raise BagError(text) from None
+    if run != name:
+        raise BagError(f'{file}: is of the run {run}; allowed {name}')
+    if otherwise_driven:
+        raise BagError(f'{file}: the run is not as preregistered: {"; ".join(otherwise_driven)}')
+    plan = preregistration.load()
+    baseline = plan.decision.confirmatory
+    accepted = next(
+        row[ACCEPTED]
+        for row in content['counts']
+        if row['baseline'] == baseline and row['least'] == plan.decision.from_level
+    )
+    claims = {claim['key']: claim for claim in content['claims'] if claim['baseline'] == baseline}
+    return Run(origin, accepted, claims)
+
+
+def _settings(confirmatory, repetition, shown, root):
+    design = _link('design', 'docs/settings_study.md', root)
+    count = f'{confirmatory.origin["settings"]:,} settings were'
+    if repetition:
+        count = f'{count.removesuffix(" were")}, and as many of another seed, were'
+    return (
+        f'The paper prints neither geometry, nor speed, nor weights: {count} drawn at random '
+        f'by a {design} fixed beforehand, and {shown.accepted:,} of them meet the '
+        "paper's preconditions (without collision avoidance the car hits obstacle 1, "
+        'MPCC and baseline avoid both, all three reach the lateral limit of the plant).'
+    )
+
+
+def _verdicts(run, root):
+    rules = _link('rules', 'docs/settings_decision.md', root)
+    verdicts = run.verdicts
+    by_verdict = {
+        verdict: [key for key in NAMES if verdicts.get(key) == verdict]
+        for verdict in dict.fromkeys(verdicts.values())
+    }
+    if len(by_verdict) == 1:
+        said = f'every claim is {next(iter(by_verdict))}'
+    else:
+        said = '; '.join(
+            f'{verdict}: {_listed([NAMES[key] for key in keys])}'
+            for verdict, keys in by_verdict.items()
+        )
+    text = f'**By the {rules} fixed beforehand {said}**'
+    shares = [run.claims[key]['undetermined'] for key in by_verdict.get(OPEN, [])]
+    shares = [share for share in shares if share]
+    if not shares:
+        return f'{text}.'
+    least = max(abs(start.speed_mps) for start in preregistration.load().perturbations)
+    low, high = (round(100 * end) for end in (min(shares), max(shares)))
+    span = f'{low} %' if low == high else f'{low} to {high} %'
+    return (
+        f'{text}: in {span} of these settings a start that differs by {least:g} m/s or less '
+        'crashes or gives another answer.'
+    )
+
+
+def _distances(run):
+    area, slides = run.claims.get('unsafe_area'), run.claims.get('sideslip')
+    if not (area and slides and area['settings'] and slides['settings']):
+        return ''
+    text = (
+        "A baseline with the MPCC's tolerances enters an unsafe area that the MPCC keeps out of in "
+        f'{_count(area)}, and slides where the MPCC does not in {_count(slides)}'
+    )
+    nearer, more = area['median_difference'], slides['median_difference']
+    if nearer is None or more is None:
+        return f'{text}.'
+    return (
+        f'{text}; in the median the MPCC {"comes" if nearer < 0.0 else "stays"} '
+        f'{abs(nearer):.2f} m {"nearer" if nearer < 0.0 else "farther away"} and slides '
+        f'{abs(more):.1f} deg {"more" if more < 0.0 else "less"}.'
+    )
+
+
+def _speeds(run):
+    speed, brakes, together = (
+        run.claims.get(key) for key in ('min_speed', 'brake_onset', 'conjunction')
+    )
+    if not (speed and brakes and together and speed['settings']):
+        return ''
+    both = 'in none do both brake'
+    if brakes['settings']:
+        both = (
+            f'it brakes 10 m earlier or more in {brakes["holds"]:,} of the '
+            f'{brakes["settings"]:,} in which both brake'
+        )
+    return (
+        f'The MPCC keeps the higher least speed in {_count(speed)}, and {both}; all four claims '
+        f'hold together in {together["holds"] or "none"}.'
+    )
+
+
+def _count(claim):
+    return f'{claim["holds"]:,} of {claim["settings"]:,}'
+
+
+def _provisos(confirmatory, repetition, pooled):
+    origins = [run.origin for run in (confirmatory, repetition) if run]
+    failed = sum(sum(origin['failed_drives'].values()) for origin in origins)
+    drives = sum(origin['drives'] for origin in origins)
+    if failed:
+        result = f'{failed:,} of {drives:,} drives {"has" if failed == 1 else "have"} no result'
+    else:
+        result = f'All of {drives:,} drives have a result'
+    if not repetition:
+        return f'{result}; the repetition from another seed is not decided yet'
+    changed = _changed(confirmatory.verdicts, repetition.verdicts)
+    text = f'{result}; the repetition gives {changed}'
+    if pooled:
+        text += f', both seeds as one {_changed(confirmatory.verdicts, pooled.verdicts)}'
     return text
 
 
-def _read(file):
-    try:
-        return json.loads(file.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
-        text = f'{file}: is no result of `experiments study decide`: {error}'
-        raise BagError(text) from None
-
-
-def build(confirmatory: Mapping[str, Any], repetition: Mapping[str, Any] | None) -> str:
-    """Return the sentences from the contents of two claims.json."""
-    claims = {claim['key']: claim for claim in confirmatory['claims'] if claim['confirmatory']}
-    if not claims:
-        raise BagError('the run is not as preregistered: it confirms nothing')
-    origin = confirmatory['provenance']
-    (baseline,) = {claim['baseline'] for claim in claims.values()}
-    accepted = next(
-        row[ACCEPTED]
-        for row in confirmatory['counts']
-        if row['baseline'] == baseline and row['least'] == 'P1'
-    )
-    lines = [
-        'The paper prints neither geometry, nor speed, nor weights: '
-        f'{origin["settings"]:,} settings were drawn at random from all that is not printed, and '
-        f'in {accepted:,} of them its own preconditions hold (without collision avoidance the car '
-        'hits obstacle 1, MPCC and baseline avoid both, all three reach the lateral limit of the '
-        'car). Among these, where the claim has a meaning:',
-        '',
-        '| claim | holds | 95 % interval | verdict |',
-        '|---|---|---|---|',
+def _changed(verdicts: Mapping[str, str], others: Mapping[str, str]) -> str:
+    changed = [
+        f'{NAMES[key]} ({others.get(key)} instead of {verdict})'
+        for key, verdict in verdicts.items()
+        if others.get(key) != verdict
     ]
-    for key, text in SENTENCES.items():
-        if key in claims:
-            lines.append(_row(text, claims[key]))
-    lines += ['', _repeated(claims, repetition)] if repetition else []
-    return '\n'.join(lines) + '\n'
+    return f'another verdict on {_listed(changed)}' if changed else 'the same verdicts'
 
 
-def _row(text, claim):
-    if not claim['settings']:
-        return f'| {text} | – | – | open: no such setting |'
-    low, high = claim['interval']
-    where = ', both cars braking' if claim['level'].endswith('P4') else ''
-    return (
-        f'| {text} | {claim["holds"]} of {claim["settings"]}{where} | {low:.0%} to {high:.0%} '
-        f'| **{claim["verdict"]}** |'
-    )
+def _listed(texts: Sequence[str]) -> str:
+    return ' and '.join([', '.join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
-def _repeated(claims, repetition):
-    again = {
-        claim['key']: claim['verdict']
-        for claim in repetition['claims']
-        if claim['baseline'] == next(iter(claims.values()))['baseline']
+def _links(name, root):
+    places = {
+        'tables': f'paper/settings/{name}/verdicts.md',
+        'threats': 'docs/threats.md',
+        'one point': 'docs/one_point.md',
     }
-    changed = _changed(claims, again)
-    settings = f'{repetition["provenance"]["settings"]:,} settings of another seed'
-    if not changed:
-        return f'A repetition with {settings} gives the same verdicts.'
-    return f'A repetition with {settings} gives another verdict on {", ".join(changed)}.'
+    return ', '.join(_link(text, place, root) for text, place in places.items())
 
 
-def _changed(claims, again) -> Sequence[str]:
-    return [
-        f'{key} ({again.get(key)} instead of {claim["verdict"]})'
-        for key, claim in claims.items()
-        if again.get(key) != claim['verdict']
-    ]
+def _link(text, place, root):
+    return f'[{text}]({posixpath.normpath(posixpath.join(root, place))})'

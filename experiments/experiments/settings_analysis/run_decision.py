@@ -22,6 +22,7 @@ from experiments.settings_analysis import (
     existence_report,
     picture_search,
     pictures_of_study,
+    published,
     result_text,
     study_tables,
     tuned_table,
@@ -40,35 +41,50 @@ class Request(NamedTuple):
     """The arguments of the command."""
 
     part: str
-    folder: Path | None  # of a study
+    folders: Sequence[Path]  # of studies
     out: Path
     number: int | None  # of a setting
     seed: int
     trials: int | None
     jobs: int
     quick: bool
-    page: Path | None = None  # that gets the result
+    pages: Sequence[Path] = ()  # that get the results
 
 
 def run(request: Request, console: Console) -> int:
     """Do one part, print the files that it wrote; return the exit code. Raises BagError."""
-    if request.part == 'result':
-        console.print(result_text.write(request.out, request.page), markup=False, highlight=False)
-        return 0
-    parts = {'decide': _decide, 'setting': _setting, 'exists': _exists, 'baseline': _baseline}
+    parts = {
+        'decide': _decide,
+        'setting': _setting,
+        'exists': _exists,
+        'baseline': _baseline,
+        'result': _result,
+    }
     for path in parts[request.part](request, console):
         print_text(console, str(path))
     return 0
 
 
 def _folder(request):
-    if request.folder is None:
-        raise BagError(f'{request.part}: needs the DIR that `experiments study settings` wrote')
-    return request.folder
+    """Return the folder of the study, None without. Raises BagError for several."""
+    if len(request.folders) > 1:
+        raise BagError(f'{request.part}: takes one DIR, has {len(request.folders)}')
+    return request.folders[0] if request.folders else None
 
 
 def _decide(request, console):
-    return decision_report.run(_folder(request), request.out)
+    if not request.folders:
+        raise BagError('decide: needs the DIR that `experiments study settings` wrote')
+    return decision_report.run(request.folders, request.out)
+
+
+def _result(request, console) -> Sequence[Path]:
+    """Decide runs anew, if any are given; write what the decided ones say, or print it."""
+    paths = published.decide(request.folders, request.out)
+    if not request.pages:
+        text = result_text.build(request.out)
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    return [*paths, *published.write(request.out, request.pages)]
 
 
 def _setting(request, console) -> Sequence[Path]:
@@ -175,8 +191,8 @@ def _exists(request, console) -> Sequence[Path]:
         few = {name: min(2, getattr(kept, name)) for name in QUICK_HOLD_OUT}
         picture = pictures_of_study.with_hold_out(picture, **few)
     starts = pictures_of_study.admissible_points(plan, picture, trials)
-    if request.folder is not None:
-        study = study_tables.load(request.folder)
+    if folder := _folder(request):
+        study = study_tables.load(folder)
         starts = [*pictures_of_study.nearest(study, picture), *starts]
     with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
         candidates = []
@@ -222,8 +238,8 @@ def _baseline(request, console) -> Sequence[Path]:
     paths[0].write_text(tuned_table.dump(table))
     pd.DataFrame(rows).to_csv(paths[1], index=False, lineterminator='\n')
     pd.DataFrame(judged).to_csv(paths[2], index=False, lineterminator='\n')
-    if request.folder is not None:
-        demands = study_tables.load(request.folder).drives.drop_duplicates('setting')
+    if folder := _folder(request):
+        demands = study_tables.load(folder).drives.drop_duplicates('setting')
         chosen = tuned_table.by_setting(table, dict(zip(demands['setting'], demands['S'])))
         paths.append(request.out / TUNED_ROWS)
         chosen.to_csv(paths[-1], lineterminator='\n')

@@ -1,5 +1,6 @@
 """The tables of a study over many settings, as data frames with the levels that settings reach."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +15,8 @@ from experiments.settings.preregistration import LEVELS, RUNS, Preregistration
 from experiments.settings.run_settings import OUTCOMES, TABLE
 
 FACTORS = arms.FACTORS
+POOLED = 'pooled'  # instead of the name of a run
+NEXT_STUDY = 10_000_000  # what pooling adds to the numbers of settings, per study
 
 
 class Study(NamedTuple):
@@ -24,6 +27,7 @@ class Study(NamedTuple):
     outcomes: pd.DataFrame  # a row per setting, version of the baseline, perturbation
     seed: int
     notes: dict[str, str]  # provenance
+    parts: tuple['Study', ...] = ()  # the studies that were pooled
 
     def __repr__(self) -> str:
         return f'Study({self.settings} settings, {len(self.drives)} drives, seed {self.seed})'
@@ -34,19 +38,36 @@ class Study(NamedTuple):
         return int(self.drives['setting'].nunique())
 
     @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of the draws: one, but of a pooled study."""
+        return tuple(part.seed for part in self.parts) or (self.seed,)
+
+    @property
     def is_screened(self) -> bool:
         """Whether all controllers drove only where P1 to P3 could be met."""
+        if self.parts:
+            return any(part.is_screened for part in self.parts)
         return self.notes.get('screened') == 'true'
 
     @property
     def run(self) -> str:
         """The name of the preregistered run whose seed this is; that of the verdicts otherwise."""
+        if self.parts:
+            return POOLED
         by_seed = {getattr(self.plan.runs, name).seed: name for name in RUNS}
         return by_seed.get(self.seed, RUNS[0])
 
     @property
-    def departures(self) -> list[str]:
-        """What of the run is not as the preregistration has it, in words."""
+    def failed(self) -> dict[str, int]:
+        """The number of drives without a result, by arm that has such."""
+        counts = self.drives.loc[self.drives['error'] != '', 'arm'].value_counts()
+        return {str(arm): int(count) for arm, count in counts.items()}
+
+    @property
+    def otherwise_driven(self) -> list[str]:
+        """What of the design is not as the preregistration has it, in words."""
+        if self.parts:
+            return [f'{part.run}: {text}' for part in self.parts for text in part.otherwise_driven]
         planned = getattr(self.plan.runs, self.run)
         values = {
             'seed': (self.seed, planned.seed),
@@ -60,8 +81,13 @@ class Study(NamedTuple):
         ]
         if self.notes.get('interrupted') != 'false':
             departures.append('interrupted: drives are missing')
-        failed = self.drives.loc[self.drives['error'] != '', 'arm'].value_counts()
-        return departures + [f'{arm}: {count} drives failed' for arm, count in failed.items()]
+        return departures
+
+    @property
+    def departures(self) -> list[str]:
+        """What of the run is not as the preregistration has it, failed drives too, in words."""
+        failed = [f'{arm}: {count} drives failed' for arm, count in self.failed.items()]
+        return self.otherwise_driven + failed
 
     @property
     def is_confirmatory(self) -> bool:
@@ -92,6 +118,35 @@ def load(folder: Path) -> Study:
     if notes.get('preregistration') != plan.text:
         raise BagError(f'{folder / TABLE}: was made with another preregistration than {plan.path}')
     return Study(plan, drives, outcomes, int(notes['seed']), notes)
+
+
+def pool(studies: Sequence[Study]) -> Study:
+    """Return several studies of different seeds as one.
+
+    Settings are renumbered: `origin` tells seed and number of each. Raises BagError for studies of
+    one seed, or of which only some are screened.
+    """
+    seeds = [study.seed for study in studies]
+    if len(set(seeds)) < len(seeds):
+        raise BagError(f'pooled studies need different seeds, have {seeds}')
+    if len({study.is_screened for study in studies}) > 1:
+        raise BagError('screened studies cannot be pooled with others')
+    tables = [
+        [
+            table.assign(setting=table['setting'] + k * NEXT_STUDY)
+            for table in (study.drives, study.outcomes)
+        ]
+        for k, study in enumerate(studies)
+    ]
+    drives, outcomes = (pd.concat(part, ignore_index=True) for part in zip(*tables))
+    first = studies[0]
+    return Study(first.plan, drives, outcomes, first.seed, {}, parts=tuple(studies))
+
+
+def origin(study: Study, setting: int) -> tuple[int, int]:
+    """Return the seed and the number of a setting in the draws of that seed."""
+    part, number = divmod(setting, NEXT_STUDY)
+    return study.seeds[part], number
 
 
 def _read(file):

@@ -22,7 +22,7 @@ SEED = 7
 
 
 def request(part, out, **changes):
-    values = {'folder': None, 'number': None, 'seed': SEED, 'trials': None, 'jobs': 1}
+    values = {'folders': (), 'number': None, 'seed': SEED, 'trials': None, 'jobs': 1}
     return Request(**values | {'part': part, 'out': out, 'quick': True} | changes)
 
 
@@ -34,7 +34,7 @@ def test_what_is_missing_is_named(tmp_path, part):
 
 def test_a_folder_without_tables_is_refused(tmp_path):
     with pytest.raises(BagError, match=r'drives\.parquet'):
-        run_decision.run(request('decide', tmp_path, folder=tmp_path), Console(quiet=True))
+        run_decision.run(request('decide', tmp_path, folders=[tmp_path]), Console(quiet=True))
 
 
 @pytest.fixture(scope='module')
