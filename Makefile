@@ -171,13 +171,12 @@ repeat: setup
 
 # of the study over many settings: where its drives are, and the pages with blocks about it
 RUNS ?= $(addprefix build/settings/,confirmatory repetition levels)
-RESULT_PAGES := README.md $(addprefix docs/,results.md who_avoids.md early_braking.md)
-WRITE_RESULT := $(BIN)/experiments study result $(addprefix --page ,$(RESULT_PAGES))
+PAGES := $(addprefix --page ,README.md $(addprefix docs/,results.md who_avoids.md early_braking.md))
 
 paper: setup
 	@$(BIN)/experiments paper
 	@$(BIN)/experiments paper --page docs/one_point.md
-	@$(WRITE_RESULT)
+	@$(BIN)/experiments study result $(PAGES)
 	@$(BIN)/experiments study settings --out build/settings/small --count 48
 	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 
@@ -188,6 +187,8 @@ study: setup
 	@$(BIN)/experiments study settings --out build/settings/repetition --preregistered repetition
 	@$(BIN)/experiments study settings --out build/settings/levels --preregistered levels
 	@$(MAKE) --no-print-directory result
+	@$(BIN)/python bench/limit_before_contact.py build/settings/confirmatory \
+	  --figure docs/limit_before_contact --page docs/threats.md
 	@$(BIN)/experiments study exists build/settings/confirmatory
 	@$(BIN)/experiments study baseline build/settings/confirmatory
 	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory \
@@ -196,9 +197,7 @@ study: setup
 
 # decides the runs, each into paper/settings, the confirmatory one and its repetition as one, too
 result: setup
-	@$(WRITE_RESULT) $(RUNS)
-	$(BIN)/python bench/limit_before_contact.py $(RUNS) --figure docs/limit_before_contact \
-	  --page docs/threats.md
+	@$(BIN)/experiments study result $(RUNS) $(PAGES)
 
 golden: setup
 	@$(BIN)/experiments golden

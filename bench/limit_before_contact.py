@@ -36,7 +36,7 @@ from experiments.settings.preconditions import ACCEPTED
 from experiments.settings.primaries import CLAIMS
 from experiments.settings_analysis import study_tables
 from experiments.settings_analysis.study_tables import Study
-from experiments.wilson import wilson_interval
+from experiments.statistical_inference import wilson_interval
 from experiments.worker_pool import WorkerPool
 
 CARS = (arms.NO_CA, arms.MPCC, arms.MATCHED)

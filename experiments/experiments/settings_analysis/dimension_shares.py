@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.wilson import wilson_interval
+from experiments.statistical_inference import wilson_interval
 
 QUARTERS = 4
 
