@@ -55,5 +55,5 @@ def _number(value):
 
 
 def _range(shares):
-    values = [one['holds'] / one['of'] for one in shares if one['of']]
+    values = [group['holds'] / group['of'] for group in shares if group['of']]
     return float(np.ptp(values)) if values else 0.0

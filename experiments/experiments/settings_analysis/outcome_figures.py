@@ -93,10 +93,10 @@ def write_dimensions(
             places = np.arange(len(entry['groups']))
             for k, name in enumerate(names):
                 shares = entry[name]
-                middle = np.array([one['holds'] / max(1, one['of']) for one in shares])
+                middle = np.array([share['holds'] / max(1, share['of']) for share in shares])
                 spread = [
-                    middle - [one['low'] for one in shares],
-                    [one['high'] for one in shares] - middle,
+                    middle - [share['low'] for share in shares],
+                    [share['high'] for share in shares] - middle,
                 ]
                 place = places + 0.07 * (k - (len(names) - 1) / 2)
                 line = {'color': COLOURS[name], 'marker': 'o', 'ms': 4, 'capsize': 2, 'lw': 1.4}

@@ -122,13 +122,13 @@ def _verdicts(run, root):
         for verdict in dict.fromkeys(verdicts.values())
     }
     if len(by_verdict) == 1:
-        said = f'every claim is {next(iter(by_verdict))}'
+        statement = f'every claim is {next(iter(by_verdict))}'
     else:
-        said = '; '.join(
+        statement = '; '.join(
             f'{verdict}: {_listed([NAMES[key] for key in keys])}'
             for verdict, keys in by_verdict.items()
         )
-    text = f'**By the {rules} fixed beforehand {said}**'
+    text = f'**By the {rules} fixed beforehand {statement}**'
     shares = [run.claims[key]['undetermined'] for key in by_verdict.get(OPEN, [])]
     shares = [share for share in shares if share]
     if not shares:
