@@ -24,6 +24,7 @@ Common
     search_journal     the trials of a search, kept in a file
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
+    tick_events        events of a drive that name a tick
     plant_limit        the lateral acceleration that the plant reaches
     statistical_inference  interval of a share, correction of p-values
     page_block         the generated blocks of a page

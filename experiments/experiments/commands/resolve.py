@@ -19,10 +19,10 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out, print_text
+from experiments import tick_events
 from experiments.commands import add_list
 
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
-EVENTS = ('closest', 'edge', 'sideslip', 'fallback', 'loss')
 EXAMPLE = 'experiments resolve bags/reference/double_lane_change/mpcc --tick 45 --set weights.lag=0'
 EXIT_CODES = {1: 'solved again, the recorded tick gives another command'}
 
@@ -39,10 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     which.add_argument('--station', type=float, metavar='M', help='metres along the path')
     which.add_argument(
         '--at',
-        choices=EVENTS,
-        help='closest: at the least distance to an obstacle; edge: to a road edge; sideslip: at '
-        'the largest sideslip angle; fallback: the first without a fresh plan; loss: 1 s before '
-        'the car first collided, left the road or slid',
+        choices=tick_events.EVENTS,
+        help='; '.join(f'{event}: {meaning}' for event, meaning in tick_events.EVENTS.items()),
     )
     text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
     add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')

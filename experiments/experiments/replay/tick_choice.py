@@ -12,17 +12,8 @@ from bags.evaluation.series import compute_series
 from bags.storage import read
 from bags.storage.invalid_messages import drop_invalid
 from experiments.replay import recorded_ticks
+from experiments.tick_events import EVENTS, LEAD_S, LOSS
 
-LOSS = 'loss'
-# events, and what they are
-EVENTS = {
-    'closest': 'least distance to an obstacle',
-    'edge': 'least distance to a road edge',
-    'sideslip': 'largest sideslip angle',
-    'fallback': 'first tick without a fresh plan',
-    LOSS: 'before the car first collided, left the road or slid',
-}
-LEAD_S = 1.0  # from the tick of LOSS to that
 NS = 1e-9  # s
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
+from experiments import tick_events
 from experiments.configuration import inputs, node_config, run_advice, set_option
 from experiments.progress import RunProgress
 from experiments.run import domain, earlier_runs, node_graph, staging
@@ -102,9 +103,6 @@ def _show_earlier_runs(outcomes, overwrites, console):
 
 def _show_why(outcomes, controllers, runs, console):
     """Print for each car that was lost the command that shows what its controller planned."""
-    # imported late: it loads the reading of bags
-    from experiments.replay import tick_choice
-
     programs = {controller.run_name for controller in controllers if controller.program}
     for outcome in outcomes:
         metrics = runs.get(outcome.controller)
@@ -115,8 +113,8 @@ def _show_why(outcomes, controllers, runs, console):
             bag = shlex.quote(os.path.relpath(outcome.bag))
             print_text(
                 console,
-                f'{outcome.controller}: what it planned {tick_choice.LEAD_S:g} s before it was '
-                f'lost: experiments resolve {bag} --at {tick_choice.LOSS}',
+                f'{outcome.controller}: what it planned {tick_events.LEAD_S:g} s before it was '
+                f'lost: experiments resolve {bag} --at {tick_events.LOSS}',
             )
 
 

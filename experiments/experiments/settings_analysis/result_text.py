@@ -192,11 +192,13 @@ def _provisos(confirmatory, repetition, pooled):
         result = f'All of {drives:,} drives have a result'
     if not repetition:
         return f'{result}; the repetition from another seed is not decided yet'
-    changed = _changed(confirmatory.verdicts, repetition.verdicts)
-    text = f'{result}; the repetition gives {changed}'
-    if pooled:
-        text += f', both seeds as one {_changed(confirmatory.verdicts, pooled.verdicts)}'
-    return text
+    again = _changed(confirmatory.verdicts, repetition.verdicts)
+    if not pooled:
+        return f'{result}; the repetition gives {again}'
+    together = _changed(confirmatory.verdicts, pooled.verdicts)
+    if again == together:
+        return f'{result}; the repetition gives {again}, and so do both seeds together'
+    return f'{result}; the repetition gives {again}, both seeds together {together}'
 
 
 def _changed(verdicts: Mapping[str, str], others: Mapping[str, str]) -> str:

@@ -83,7 +83,7 @@ def test_with_the_repetition_the_counts_are_those_of_both_seeds(runs):
     assert '240 of them meet' in text
     assert 'in 240 of 240' in text
     assert '1 of 3,840 drives has no result' in text
-    assert 'the repetition gives the same verdicts, both seeds as one the same verdicts' in text
+    assert 'the repetition gives the same verdicts, and so do both seeds together' in text
     assert '(../paper/settings/pooled/shares.png)' in text
 
 
