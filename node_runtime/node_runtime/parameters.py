@@ -321,7 +321,8 @@ def _read_chain(path, config, derived):
 
 def value_of(item: Item) -> Any:
     """Return the value of a parameter; EMPTY where the text has none."""
-    is_empty = item.node.id == 'scalar' and not item.node.value and item.node.style is None
+    # the style of a plain scalar is None in PyYAML's parser, '' in libyaml's
+    is_empty = item.node.id == 'scalar' and not item.node.value and not item.node.style
     return EMPTY if is_empty else item.value()
 
 

@@ -100,7 +100,7 @@ def home(tmp_path):
     for name in ('Makefile', 'requirements.txt'):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / '.venv').symlink_to(sys.prefix)
-    for name in ('bags/reference', 'experiments/config'):
+    for name in ('bags/reference', 'experiments/config', 'paper/picture'):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path

@@ -93,24 +93,24 @@ def test_a_ros_parameter_file_becomes_the_dataclass(tmp_path):
 MISTAKES = [
     ({'mass_kg': math.nan}, 'mass_kg: must be finite, is nan; allowed 100 to 5000 kg'),
     ({'mass_kg': math.inf}, 'mass_kg: must be finite, is inf; allowed 100 to 5000 kg'),
-    ({'mass_kg': 99.9}, 'mass_kg: is out of range with 99.9; allowed 100 to 5000 kg'),
+    ({'mass_kg': 99.9}, 'mass_kg: is 99.9; allowed 100 to 5000 kg'),
     ({'mass_kg': '1500'}, "mass_kg: must be a number, is '1500'; allowed 100 to 5000 kg"),
     ({'mass_kg': True}, 'mass_kg: must be a number, is True; allowed 100 to 5000 kg'),
     ({'mass_kg': None}, 'mass_kg: must be a number, is None; allowed 100 to 5000 kg'),
     ({'mass_kg': [1.0]}, r'mass_kg: must be a number, is \[1.0\]; allowed 100 to 5000 kg'),
-    ({'gears': 6.0}, 'gears: must be a whole number, is 6.0; allowed 1 to 8 -'),
-    ({'gears': 9}, 'gears: is out of range with 9; allowed 1 to 8 -'),
-    ({'gears': False}, 'gears: must be a whole number, is False; allowed 1 to 8 -'),
+    ({'gears': 6.0}, 'gears: must be a whole number, is 6.0; allowed 1 to 8'),
+    ({'gears': 9}, 'gears: is 9; allowed 1 to 8'),
+    ({'gears': False}, 'gears: must be a whole number, is False; allowed 1 to 8'),
     ({'kind': 'estat'}, "kind: is 'estat'; did you mean 'estate'.; allowed saloon or estate"),
     ({'kind': 3}, 'kind: must be a text, is 3; allowed saloon or estate'),
     ({'name': 3}, 'name: must be a text, is 3; allowed any text'),
-    ({'ratios': 3.0}, 'ratios: must be a list, is 3.0; allowed 0 to 10 -'),
-    ({'ratios': '123'}, "ratios: must be a list, is '123'; allowed 0 to 10 -"),
-    ({'ratios': [1.0, 11.0]}, 'ratios: is out of range with 11.0; allowed 0 to 10 -'),
-    ({'ratios': [1.0, 'x']}, "ratios: must be a number, is 'x'; allowed 0 to 10 -"),
+    ({'ratios': 3.0}, 'ratios: must be a list, is 3.0; allowed 0 to 10'),
+    ({'ratios': '123'}, "ratios: must be a list, is '123'; allowed 0 to 10"),
+    ({'ratios': [1.0, 11.0]}, 'ratios: is 11.0; allowed 0 to 10'),
+    ({'ratios': [1.0, 'x']}, "ratios: must be a number, is 'x'; allowed 0 to 10"),
     ({'front.driven': 1}, 'front.driven: must be true or false, is 1; allowed true or false'),
     ({'front.stifness': 1}, "front.stifness: unknown parameter; did you mean 'front.stiffness'"),
-    ({'front': 1}, 'front: unknown parameter'),
+    ({'front': 1}, 'front: is a group, not a parameter; allowed front'),
     ({'wings': 2}, 'wings: unknown parameter$'),
 ]
 
@@ -131,7 +131,7 @@ def test_a_missing_value_is_named(key):
 @pytest.mark.parametrize(
     ('line', 'text', 'error'),
     [
-        (3, '    mass_kg: 1  # kg', r'car.yaml:3: mass_kg: is out of range with 1; allowed 100 to'),
+        (3, '    mass_kg: 1  # kg', r'car.yaml:3: mass_kg: is 1; allowed 100 to'),
         (3, '    mas_kg: 1  # kg', r"car.yaml:3: mas_kg: unknown .* did you mean 'mass_kg'"),
         (3, '    mass_kg:  # kg', r'car.yaml:3: mass_kg: has no value; allowed 100 to 5000'),
         (9, '      stiffness: ', r'car.yaml:9: front.stiffness: has no value; allowed '),
@@ -156,7 +156,7 @@ def test_a_mistake_in_a_file_is_named_with_its_line(tmp_path, line, text, error)
 
 def test_a_value_missing_from_a_file_names_the_file(tmp_path):
     path = write(tmp_path, FILE.replace('    gears: 6  # -\n', ''))
-    with pytest.raises(ParameterError, match=r'car.yaml: gears: is missing; allowed 1 to 8 -'):
+    with pytest.raises(ParameterError, match=r'car.yaml: gears: is missing; allowed 1 to 8'):
         parameters.load(Car, path)
 
 
@@ -213,7 +213,7 @@ def test_an_optional_parameter_may_be_left_out_and_is_checked_when_it_is_not():
     assert parameters.build(Drive, {'name': 'a'}, 'here') == Drive(None, 'a')
     assert parameters.build(Drive, {'name': 'a', 'share': None}, 'here') == Drive(None, 'a')
     assert parameters.build(Drive, {'name': 'a', 'share': 1}, 'here') == Drive(1.0, 'a')
-    with pytest.raises(ParameterError, match='here: share: is out of range with 2; allowed 0 to 1'):
+    with pytest.raises(ParameterError, match='here: share: is 2; allowed 0 to 1'):
         parameters.build(Drive, {'name': 'a', 'share': 2}, 'here')
     with pytest.raises(ParameterError, match='name: is missing'):
         parameters.build(Drive, {'share': 1.0}, 'here')

@@ -174,7 +174,7 @@ def test_a_node_receives_nothing_while_it_shuts_down(run, tmp_path):
     ('arguments', 'error'),
     [
         (['-p', 'gian:=1.0'], "gian: this node has no such parameter; did you mean 'gain'?"),
-        (['-p', 'gain:=10'], 'gain: is out of range with 10; allowed 0 to 9 N'),
+        (['-p', 'gain:=10'], 'gain: is 10; allowed 0 to 9 N'),
         (['-p', 'gain:=many'], "gain: must be a number, is 'many'; allowed 0 to 9 N"),
         (['-p', 'mode:=fast'], "mode: is 'fast'; allowed lockstep or realtime"),
         (['-p', 'gain'], "Couldn't parse parameter override rule"),

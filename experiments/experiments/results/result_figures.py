@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pandas
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bags.errors import BagError
@@ -177,7 +178,7 @@ def write_surface(
     return paths
 
 
-def draw_surface(axes, surface: success_surface.Surface) -> None:
+def draw_surface(axes: Axes, surface: success_surface.Surface) -> None:
     """Draw a surface: colours and contours of the share; dashed where it is surely 0.9."""
     grid = (surface.x, surface.y)
     axes.pcolormesh(*grid, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True)

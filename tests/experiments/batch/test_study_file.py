@@ -45,7 +45,7 @@ from msgs_yaml import share
         (
             {'draw': {'scenario.speed_mps': {'uniform': [20, 101]}}, 'draws': 4},
             'draw.scenario.speed_mps',
-            'is out of range with 101.0; allowed 1 to 100 m/s',
+            'is 101.0; allowed 1 to 100 m/s',
         ),
         (
             {'draw': {'friction': {'uniform': [0.5, 1.0]}}, 'draws': 4},
