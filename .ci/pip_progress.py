@@ -21,7 +21,6 @@ from urllib.parse import urlsplit
 
 STEP = 20  # packages between two lines of a log
 POLL_S = 1.0  # between two looks at what is unpacked
-PYPI = 'https://pypi.org/simple'
 LOCAL = './'  # how the folder of a package is given
 # why a server was not reached, in what pip prints before it tries again
 RETRY = re.compile(r'WARNING: Retrying \(Retry\(total=(\d+)')
@@ -35,6 +34,8 @@ PACKAGE = re.compile(
     r'(?:(?:Collecting|Processing)|Requirement already satisfied:(?=.*\(from -r)) (\S+)'
 )
 DOWNLOAD = re.compile(r'\s+Downloading \S+ \(([0-9.]+) (kB|MB|GB)\)')
+# what pip says of a package where it reached no server
+NOT_FOUND = re.compile('ERROR: (No matching distribution|Could not find a version)')
 IN_MB = {'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 
 
@@ -149,26 +150,28 @@ class Complaints:
         if is_first:
             self._display.say(f'      no answer from {index_host()} ({self._reason}): trying again')
 
-    def describe_failure(self) -> list[str]:
-        """Return what to print after pip failed."""
-        if not self._gave_up:
+    def describe_end(self, code: int) -> list[str]:
+        """Return what to print after pip ended with a code: its errors, or what they come from."""
+        if not (code and self._gave_up):
             return self._errors
+        others = [line for line in self._errors if not NOT_FOUND.match(line)]
         return [
+            *others,
             f'error: could not reach {index_host()} ({self._reason}), where the packages come '
             'from: connect to the network (behind a proxy set HTTPS_PROXY, for a mirror '
-            'PIP_INDEX_URL), then give the same command again'
+            'PIP_INDEX_URL), then give the same command again',
         ]
 
 
 def index_host() -> str:
     """Return the name of the server of packages, without what a user may have put before it."""
-    url = os.environ.get('PIP_INDEX_URL') or PYPI
+    url = os.environ.get('PIP_INDEX_URL', '')
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         asked = [sys.executable, '-m', 'pip', 'config', 'get', 'global.index-url']
         answer = subprocess.run(asked, capture_output=True, text=True, timeout=30)
-        if not os.environ.get('PIP_INDEX_URL') and answer.returncode == 0 and answer.stdout.strip():
+        if not url and answer.returncode == 0:
             url = answer.stdout.strip()
-    return urlsplit(url).hostname or url
+    return urlsplit(url).hostname or 'the package index'
 
 
 def count_installed() -> int:
@@ -211,7 +214,7 @@ def main(command: Sequence[str]) -> int:
         other.join()
     finally:
         progress.close()
-    for line in complaints.describe_failure() if code else ():
+    for line in complaints.describe_end(code):
         print(line, file=sys.stderr)
     return code
 

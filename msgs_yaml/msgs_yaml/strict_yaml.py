@@ -152,7 +152,8 @@ def read(path: Path) -> Item:
 def _compose(text):
     """Return the root node; the same few files are read again for every run of a program."""
     try:
-        if _FAST and not _nests_deeply(text):
+        # libyaml takes tabs where YAML does not allow them
+        if _FAST and '\t' not in text and not _nests_deeply(text):
             return yaml.compose(text, Loader=_FAST)
     except yaml.YAMLError:
         pass  # told in the words of the other parser, however PyYAML was built

@@ -46,7 +46,7 @@ def judge(scn: Scenario, horizon_s: float) -> list[Advice]:
     horizon_s   how far ahead [s] the controller plans
     """
     demand = path_demand(scn)
-    grip, wide = _missing_grip(demand)
+    grip, wide = _missing_grip(driven_demand(scn))
     return [
         Advice(
             'the path goes on for the horizon behind the finish line',
@@ -82,6 +82,13 @@ def path_demand(scn: Scenario) -> PathDemand:
     for quadrilateral, value in zip(corners, scn.patches.friction):
         friction[_inside(quadrilateral, ref.X, ref.Y)] = value
     return PathDemand(station, ref.t - ref.t[0], speed, lateral, friction)
+
+
+def driven_demand(scn: Scenario) -> PathDemand:
+    """Return what the coarse path asks for from where the car starts to the finish line."""
+    demand = path_demand(scn)
+    end = int(np.searchsorted(demand.station, finish_station(scn))) + 1
+    return PathDemand(*(column[_start_row(scn) : end] for column in demand))
 
 
 def _inside(corners, X, Y):

@@ -35,7 +35,7 @@ CHECKS = (
     'the path has no jumps and lies on the road',
     'the stations of the desired speed increase',
     'every obstacle is on the road at some time of the run',
-    'the finish line lies on the path, ahead of the start',
+    'start and finish line lie on the path, the finish ahead of the start',
     'the start is on the road, along the path and free of obstacles',
     'friction patches lie on the road',
 )
@@ -212,9 +212,8 @@ def _build(file, text):
     with _checking(OBSTACLES):
         crowd = _place_actors(file.obstacles, road.centre)
         plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
-    with _checking(START):
-        start = _start(file.start, path, speed)
     with _checking(FINISH):
+        start = _start(file.start, path, speed)
         plausibility.check_stop_is_ahead(path, file.stop, start)
     with _checking(START):
         plausibility.check_start_along_path(start, path)

@@ -10,7 +10,17 @@ FILES = [
     share.path('vehicle_plant', 'config', 'bmw_545i.yaml'),
     share.path('scenario_publisher', 'scenarios', 'double_lane_change.yaml'),
 ]
-WRONG = ['a: [1', 'a: b: c', 'a: "b', '\tb: 1', 'a: @b', '- a\nb: 1', '{a: 1}}', '? [']
+WRONG = [
+    'a: [1',
+    'a: b: c',
+    'a: "b',
+    '\tb: 1',
+    'a: @b',
+    '- a\nb: 1',
+    '{a: 1}}',
+    '? [',
+    'a:\t1\nb: [',
+]
 
 
 @pytest.fixture
@@ -75,3 +85,16 @@ def test_an_exponent_without_a_dot_is_a_number_and_in_quotes_a_text(text, tmp_pa
     file = tmp_path / 'a.yaml'
     file.write_text(f'[{text}, "{text}"]')
     assert strict_yaml.read(file).value() == [float(text), text]
+
+
+def test_a_tab_before_a_value_is_refused_by_each_parser(each_parser, tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text('a:\t1\n')  # libyaml takes it
+
+    def read():
+        with pytest.raises(strict_yaml.YamlError, match='cannot start any token') as caught:
+            strict_yaml.read(file)
+        return str(caught.value)
+
+    fast, slow = each_parser(read)
+    assert fast == slow

@@ -35,6 +35,10 @@ echo "ERROR: Could not install packages due to an OSError: No space left on devi
 exit 1
 """
 
+CONFLICTS = """#!/bin/sh
+echo "ERROR: pip's dependency resolver does not take into account all that is installed" >&2
+"""
+
 
 @pytest.fixture
 def make(tmp_path):
@@ -109,3 +113,9 @@ def test_any_other_error_of_pip_is_shown(make):
     assert done.returncode != 0
     assert 'No space left on device' in done.stderr
     assert 'could not reach' not in done.stderr
+
+
+def test_an_error_of_a_pip_that_succeeds_is_shown(make):
+    done = run(make(CONFLICTS))
+    assert done.returncode == 0
+    assert "ERROR: pip's dependency resolver" in done.stderr

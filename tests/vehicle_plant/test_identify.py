@@ -1,5 +1,6 @@
 """The controller's tyre from circular driving."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -197,3 +198,12 @@ def test_less_friction_is_found_as_such(params, manoeuvre):
 def test_manoeuvre_that_does_not_end_is_an_error(params, manoeuvre):
     with pytest.raises(CircleError, match='front slip'):
         circular_driving.drive(params, 1.0, replace(manoeuvre, longest_s=5.0))
+
+
+def test_an_earlier_file_may_hold_anything(tmp_path, capsys):
+    out = tmp_path / 'car.yaml'
+    out.write_text('/**: {ros__parameters: {car: {mass_kg: abc, yaw_inertia_kgm2: }}}\n')
+    assert identify.main(['--out', str(out)]) == 0
+    table = capsys.readouterr().out
+    assert re.search(r'car.mass_kg +1850 +abc +kg', table)
+    assert 'Drive with it' in table

@@ -270,7 +270,10 @@ def _describe_result(path: Path, before: dict) -> str:
 
 
 def _number(value) -> str:
-    return '-' if value is None else f'{value:.6g}'
+    if value is None:
+        return '-'
+    # an earlier file may hold anything
+    return f'{value:.6g}' if isinstance(value, int | float) else str(value)
 
 
 def _driving_command(options: argparse.Namespace) -> str:

@@ -75,7 +75,9 @@ def _unreached_speed(scn, desired, start_mps, drive_n, body):
 
     On a straight road, with all of the drive force `drive_n` [N] from the start on.
     """
-    key, asked = max(desired, key=lambda pair: pair[1])
+    asked = float(advice.driven_demand(scn).speed.max())
+    # a speed table may be sampled between its rows
+    key = next((key for key, speed in desired if math.isclose(speed, asked, rel_tol=1e-3)), 'speed')
     if start_mps >= asked:
         return []
     drag = body.air_density_kgpm3 / 2 * body.drag_area_m2

@@ -28,11 +28,16 @@ def decide(folders: Sequence[Path], out: Path) -> list[Path]:
     """Decide each study into the folder of its run; the two that count as one, too.
 
     The confirmatory run and its repetition are pooled where both are given. Returns the paths.
-    Raises BagError for two studies of a run.
+    Raises BagError, before anything is written, for two studies of a run, and for one of another
+    seed, number of settings or screening than a preregistered run has.
     """
     runs: dict[str, Path] = {}
     for folder in folders:
-        name = study_tables.load(folder).run
+        study = study_tables.load(folder)
+        if study.otherwise_driven:
+            what = '; '.join(study.otherwise_driven)
+            raise BagError(f'{folder}: the run is not as preregistered: {what}')
+        name = study.run
         if name in runs:
             raise BagError(f'{folder}: is of the run {name}, as {runs[name]} is')
         runs[name] = folder

@@ -57,11 +57,15 @@ def build(folder: Path, root: str = '.') -> str:
         read(folder / name / FILE, name) if (folder / name / FILE).exists() else None
         for name in (RUNS[1], POOLED)
     )
+    if pooled and not _is_of(pooled, (confirmatory, repetition)):
+        raise BagError(
+            f'{folder / POOLED / FILE}: is not of the decided runs beside it; decide both at once'
+        )
     shown, name = (pooled, POOLED) if pooled else (confirmatory, RUNS[0])
     sentences = [
-        _settings(confirmatory, repetition if pooled else None, shown, root),
+        _settings(confirmatory, repetition, root),
         _verdicts(confirmatory, root),
-        _distances(shown),
+        _distances(shown, bool(pooled)),
         _speeds(shown),
         f'{_provisos(confirmatory, repetition, pooled)} ({_links(name, root)}).',
     ]
@@ -101,16 +105,31 @@ def read(file: Path, name: str) -> Run:
     return Run(origin, accepted, claims)
 
 
-def _settings(confirmatory, repetition, shown, root):
+def _is_of(pooled, runs):
+    """Return whether pooled numbers are those of two runs, by seeds and numbers of drives."""
+    if None in runs:
+        return False
+    seeds = [seed for run in runs for seed in run.origin['seeds']]
+    drives = sum(run.origin['drives'] for run in runs)
+    return pooled.origin['seeds'] == seeds and pooled.origin['drives'] == drives
+
+
+def _settings(confirmatory, repetition, root):
+    plan = preregistration.load()
     design = _link('design', 'docs/settings_study.md', root)
-    count = f'{confirmatory.origin["settings"]:,} settings were'
+    count = f'{confirmatory.origin["settings"]:,}'
+    accepted = f'{confirmatory.accepted:,}'
+    again = ''
     if repetition:
-        count = f'{count.removesuffix(" were")}, and as many of another seed, were'
+        again = f', and {repetition.origin["settings"]:,} of another seed to repeat it'
+        accepted += f' and {repetition.accepted:,}'
     return (
-        f'The paper prints neither geometry, nor speed, nor weights: {count} drawn at random '
-        f'by a {design} fixed beforehand, and {shown.accepted:,} of them meet the '
-        "paper's preconditions (without collision avoidance the car hits obstacle 1, "
-        'MPCC and baseline avoid both, all three reach the lateral limit of the plant).'
+        f'The paper prints neither geometry, nor speed, nor weights: {count} settings of them were '
+        f"drawn at random by a {design} fixed beforehand{again}. The paper's preconditions hold in "
+        f'{accepted} of them: without collision avoidance the car hits obstacle 1, the MPCC and a '
+        'baseline with the same tolerances avoid both, and all three reach '
+        f"{_percent(plan.preconditions.P3.least_limit_share)} of the plant's lateral limit "
+        'somewhere in the drive.'
     )
 
 
@@ -128,35 +147,47 @@ def _verdicts(run, root):
             f'{verdict}: {_listed([NAMES[key] for key in keys])}'
             for verdict, keys in by_verdict.items()
         )
+    plan = preregistration.load()
     text = f'**By the {rules} fixed beforehand {statement}**'
+    if OPEN in by_verdict:
+        text += (
+            f': neither reproduced (in more than {_percent(plan.decision.holds_from)} of the '
+            f'settings) nor not reproduced (in less than {_percent(plan.decision.rare_below)})'
+        )
     shares = [run.claims[key]['undetermined'] for key in by_verdict.get(OPEN, [])]
     shares = [share for share in shares if share]
     if not shares:
         return f'{text}.'
-    least = max(abs(start.speed_mps) for start in preregistration.load().perturbations)
+    least = max(abs(start.speed_mps) for start in plan.perturbations)
     low, high = (round(100 * end) for end in (min(shares), max(shares)))
     span = f'{low} %' if low == high else f'{low} to {high} %'
     return (
-        f'{text}: in {span} of these settings a start that differs by {least:g} m/s or less '
-        'crashes or gives another answer.'
+        f'{text}. Each setting is driven from starts that differ by {least:g} m/s or less: in '
+        f'{span} of the first {run.accepted:,}, by claim, these disagree, or one of them crashes '
+        'or does not tell, and a verdict has to hold however such settings are counted.'
     )
 
 
-def _distances(run):
+def _distances(run, is_pooled):
     area, slides = run.claims.get('unsafe_area'), run.claims.get('sideslip')
     if not (area and slides and area['settings'] and slides['settings']):
         return ''
+    limits = preregistration.load().primaries.sideslip
+    where = (
+        'Over both runs (pooling was not preregistered)' if is_pooled else 'By most of its starts'
+    )
     text = (
-        "A baseline with the MPCC's tolerances enters an unsafe area that the MPCC keeps out of in "
-        f'{_count(area)}, and slides where the MPCC does not in {_count(slides)}'
+        f'{where} the baseline enters a safety distance and the MPCC does not in {_count(area)} '
+        f'settings, and the baseline slides by {limits.baseline_deg:g} deg or more and the MPCC by '
+        f'{limits.mpcc_deg:g} deg or less in {_count(slides)}'
     )
     nearer, more = area['median_difference'], slides['median_difference']
     if nearer is None or more is None:
         return f'{text}.'
     return (
-        f'{text}; in the median the MPCC {"comes" if nearer < 0.0 else "stays"} '
-        f'{abs(nearer):.2f} m {"nearer" if nearer < 0.0 else "farther away"} and slides '
-        f'{abs(more):.1f} deg {"more" if more < 0.0 else "less"}.'
+        f'{text}; in the median the MPCC keeps {abs(nearer):.2f} m '
+        f'{"less" if nearer < 0.0 else "more"} distance to obstacles and edges than the baseline '
+        f'and has {abs(more):.1f} deg {"more" if more < 0.0 else "less"} sideslip.'
     )
 
 
@@ -166,16 +197,23 @@ def _speeds(run):
     )
     if not (speed and brakes and together and speed['settings']):
         return ''
-    both = 'in none do both brake'
+    primaries = preregistration.load().primaries
+    both = 'in none do both brake hard before obstacle 2'
     if brakes['settings']:
         both = (
-            f'it brakes 10 m earlier or more in {brakes["holds"]:,} of the '
-            f'{brakes["settings"]:,} in which both brake'
+            f'it begins to brake hard {primaries.brake_onset.earlier_m:g} m earlier or more '
+            f'in {brakes["holds"]:,} of the {brakes["settings"]:,} in which both do so before '
+            'obstacle 2'
         )
     return (
-        f'The MPCC keeps the higher least speed in {_count(speed)}, and {both}; all four claims '
-        f'hold together in {together["holds"] or "none"}.'
+        f'The least speed of the MPCC is higher by {primaries.min_speed.higher_mps:g} m/s or more '
+        f'in {_count(speed)}, and {both}; of these all four claims hold together in '
+        f'{together["holds"] or "none"}.'
     )
+
+
+def _percent(share):
+    return f'{100 * share:g} %'
 
 
 def _count(claim):

@@ -80,9 +80,10 @@ def least_peak(task: Task, speed: float, start: float | None = None) -> float:
             [None, there - here, -turned, sparse.csr_matrix((count, 1))],
         ]
     )
-    states, bounds = sparse.csr_matrix((count, 2 * len(x))), sparse.csr_matrix(np.ones((count, 1)))
+    states = sparse.csr_matrix((count, 2 * len(x)))
+    peak_column = sparse.csr_matrix(np.ones((count, 1)))
     identity = sparse.identity(count)
-    within = sparse.bmat([[states, identity, -bounds], [states, -identity, -bounds]])
+    within = sparse.bmat([[states, identity, -peak_column], [states, -identity, -peak_column]])
     bounds = [(0.0, 0.0), *zip(low[1:], high[1:]), (0.0, 0.0), *[(None, None)] * (2 * count)]
     solution = linprog(
         c=np.append(np.zeros(2 * len(x) + count), 1.0),

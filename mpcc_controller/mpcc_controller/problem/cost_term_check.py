@@ -112,4 +112,5 @@ def _explain(fault, quantities):
     hint = ''
     if 'Cannot compute the truth value' in str(fault) or '__bool__' in str(fault):
         hint = '; a term is an expression, use ca.if_else in place of if, and, or and max'
-    return f'{type(fault).__name__}: {str(fault).strip().splitlines()[-1]}{hint}'
+    lines = str(fault).strip().splitlines()
+    return ': '.join([type(fault).__name__, *lines[-1:]]) + hint

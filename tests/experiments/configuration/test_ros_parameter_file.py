@@ -77,3 +77,12 @@ def test_a_value_out_of_range_names_the_file_and_the_line(file, tmp_path):
     )
     with pytest.raises(BagError, match=rf'{file}:1: friction: .* allowed 0.05'):
         inputs.check_parameters(nodes)
+
+
+def test_a_parameter_without_a_value_is_refused(file, tmp_path):
+    file.write_text('controller: {ros__parameters: {tolerances: {lateral_jerk_mps3: }}}\n')
+    given = ros_parameter_file.read_files([str(file)])
+    facts, controller = inputs.load_facts('straight'), node_config.find_controller('mpcc')
+    nodes = node_config.build_nodes(facts, controller, 'lockstep', tmp_path, tmp_path, *given)
+    with pytest.raises(BagError, match='lateral_jerk_mps3: has no value; allowed'):
+        inputs.check_parameters(nodes)

@@ -144,13 +144,17 @@ def test_masses_and_axle_loads_of_a_file_fit_within_5_percent(check_car, tmp_pat
             assert count == 1
         file = tmp_path / f'{name}.yaml'
         file.write_text(text)
-        return check_car({'plant_params': str(file)})
+        return check_car({'plant_params': str(file), **others})
 
+    others = {}
     assert check('light', mass_kg=1770.0) == ''
     assert 'mass 1850 kg, the plant has 1750 kg' in check('lighter', mass_kg=1750.0)
     nose_heavy = check('nose', cog_to_front_m=1.34, cog_to_rear_m=1.55)
     assert 'plant: load of the front axle 934.6 kg, the plant has 992.2 kg' in nose_heavy
     assert 'load of the rear axle 915.4 kg, the plant has 857.8 kg' in nose_heavy
+    # another parameter of the car that is set by its name does not loosen the check
+    others = {'car.body.air_density_kgpm3': 1.1}
+    assert 'mass 1850 kg, the plant has 1750 kg' in check('lighter', mass_kg=1750.0)
 
 
 def test_a_drive_layout_of_the_controllers_own_is_deliberate(check_car):
@@ -184,6 +188,9 @@ def test_a_speed_that_the_car_cannot_reach_is_named_with_the_one_that_it_can(fin
     drive_n = inputs.controller_params('mpcc').limits.drive_n
     assert f'with {drive_n:.0f} N of drive' in warning
     assert 'from 10 m/s the car comes to' in warning
+    behind = {'stations_m': [0.0, 150.0, 160.0, 170.0], 'speeds_mps': [12.0, 12.0, 60.0, 60.0]}
+    later = {'speed': behind, 'start': fast['start'], 'stop': {'progress_m': 100.0, 'time_s': 20.0}}
+    assert not [text for text in find_warnings(later) if 'asks for up to' in text]
     modest = {'speed': {'constant_mps': 12.0}, 'start': {'progress_m': 0.0, 'speed_mps': 10.0}}
     assert not [text for text in find_warnings(modest) if 'asks for up to' in text]
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import pytest
 from synthetic_study import make_study
@@ -67,9 +68,10 @@ def runs(decided, tmp_path):
 
 def test_the_text_has_numbers_and_verdicts_and_states_the_drive_without_a_result(runs):
     text = ' '.join(result_text.build(runs(CONFIRMATORY)).split())
-    assert '120 settings were drawn at random' in text
-    assert '120 of them meet' in text
-    assert 'slides where the MPCC does not in 120 of 120' in text
+    assert '120 settings of them were drawn at random' in text
+    assert 'preconditions hold in 120 of them' in text
+    assert 'By most of its starts the baseline enters' in text
+    assert 'the MPCC by 4 deg or less in 120 of 120' in text
     assert 'reproduced: the unsafe area and the sideslip' in text
     assert 'not reproduced: the least speed and all of these at once' in text
     assert '1 of 1,920 drives has no result; the repetition from another seed is not' in text
@@ -79,8 +81,9 @@ def test_the_text_has_numbers_and_verdicts_and_states_the_drive_without_a_result
 
 def test_with_the_repetition_the_counts_are_those_of_both_seeds(runs):
     text = ' '.join(result_text.build(runs(CONFIRMATORY, REPETITION, POOLED), '..').split())
-    assert '120 settings, and as many of another seed, were drawn' in text
-    assert '240 of them meet' in text
+    assert 'fixed beforehand, and 120 of another seed to repeat it' in text
+    assert 'preconditions hold in 120 and 120 of them' in text
+    assert 'Over both runs (pooling was not preregistered) the baseline' in text
     assert 'in 240 of 240' in text
     assert '1 of 3,840 drives has no result' in text
     assert 'the repetition gives the same verdicts, and so do both seeds together' in text
@@ -118,7 +121,20 @@ def test_an_open_claim_says_how_often_starts_disagree(runs):
             one.update(verdict='open', undetermined=0.125)
 
     text = ' '.join(result_text.build(runs(CONFIRMATORY, edit=edit, of=CONFIRMATORY)).split())
-    assert 'every claim is open**: in 12 % of these settings a start that differs by 0.05' in text
+    assert 'every claim is open**: neither reproduced (in more than 50 % of the settings)' in text
+    assert 'starts that differ by 0.05 m/s or less: in 12 % of the first 120, by claim' in text
+
+
+def test_pooled_numbers_of_other_runs_are_refused(runs):
+    def edit(content):
+        content['provenance']['drives'] += 1
+
+    folder = runs(CONFIRMATORY, REPETITION, POOLED, edit=edit)
+    with pytest.raises(BagError, match=r'pooled.*is not of the decided runs beside it'):
+        result_text.build(folder)
+    shutil.rmtree(folder / REPETITION)
+    with pytest.raises(BagError, match=r'pooled.*is not of the decided runs beside it'):
+        result_text.build(folder)
 
 
 def test_without_a_decided_run_the_file_is_named(tmp_path):

@@ -28,6 +28,10 @@ def start(world, monkeypatch):
     return start
 
 
+def fail(q):
+    raise NotImplementedError
+
+
 def own(squared_error, name='own', parameter=JERK, **options):
     return CostTerm(name, parameter, squared_error, optional=True, **options)
 
@@ -65,6 +69,7 @@ def test_what_no_solver_can_use_is_refused_with_the_state(start, squared_error, 
         (lambda q: None, 'its squared error is of type NoneType'),
         (lambda q: q.x.r if q.x.r > 0 else 0, r'.*use ca\.if_else in place of if'),
         (lambda q: ca.sin(), 'NotImplementedError|TypeError'),
+        (fail, 'NotImplementedError$'),  # an exception without a text
     ],
 )
 def test_what_is_not_one_number_is_refused_with_what_to_write(start, squared_error, message):
