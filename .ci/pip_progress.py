@@ -34,8 +34,9 @@ PACKAGE = re.compile(
     r'(?:(?:Collecting|Processing)|Requirement already satisfied:(?=.*\(from -r)) (\S+)'
 )
 DOWNLOAD = re.compile(r'\s+Downloading \S+ \(([0-9.]+) (kB|MB|GB)\)')
-# what pip says of a package where it reached no server
+# what pip says where it reached no server: of a package that it looked for, of one that it fetched
 NOT_FOUND = re.compile('ERROR: (No matching distribution|Could not find a version)')
+NOT_FETCHED = re.compile('Max retries exceeded|timed out|[Cc]onnection')
 IN_MB = {'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 
 
@@ -152,7 +153,8 @@ class Complaints:
 
     def describe_end(self, code: int) -> list[str]:
         """Return what to print after pip ended with a code: its errors, or what they come from."""
-        if not (code and self._gave_up):
+        is_network = any(NOT_FOUND.match(e) or NOT_FETCHED.search(e) for e in self._errors)
+        if not (code and self._gave_up and is_network):
             return self._errors
         others = [line for line in self._errors if not NOT_FOUND.match(line)]
         return [

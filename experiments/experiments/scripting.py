@@ -31,9 +31,9 @@ from bags.analysis.run_set import RunSet
 from bags.errors import BagError
 from bags.storage.columns import Columns
 from experiments import simulation
-from experiments.batch.drive_plan import CHANGES
+from experiments.batch.drive_plan import CHANGES, PLANT_FILE
 from experiments.batch.study_file import SCENARIO_SETTINGS
-from experiments.configuration import inputs, node_config, set_option
+from experiments.configuration import inputs, set_option
 from experiments.simulation import Setup
 from experiments.worker_pool import WorkerPool
 from msgs_yaml import share
@@ -42,7 +42,6 @@ from scenario_publisher import scenario as scenarios
 from scenario_publisher.scenario import Scenario
 
 ROLES = ('controller', 'plant')
-PLANT_FILE = f'plant.{node_config.PLANT_DEFAULTS}'
 IN_MEMORY = 'the given scenario'  # begins errors about a scenario that is no file
 # from this many drives on, a process per core pays for its start
 MANY = 16
@@ -77,6 +76,7 @@ def drive(
     """
     task = _Task(scenario, controller, _with_plant(settings, plant), any_car)
     label = label or task.label(task.settings)
+    _check_problems([task])
     return task.run_of(_simulate(task.setup), label)
 
 
@@ -109,6 +109,7 @@ def drive_many(
             plants,
         )
     ]
+    _check_problems(tasks)
     varied = _varied(tasks)
     several_roads = len({task.setup.scn.name for task in tasks}) > 1
     labels = [task.label(varied, several_roads) for task in tasks]
@@ -117,7 +118,7 @@ def drive_many(
 
 
 class _Task:
-    """One drive, checked."""
+    """One drive, checked but for the problem of its controller (`_check_problems`)."""
 
     def __init__(self, scenario, controller, settings, any_car):
         self.settings = {name: _plain(value) for name, value in settings.items()}
@@ -130,8 +131,7 @@ class _Task:
         self.setup = simulation.prepare_scenario(
             scn, os.fspath(controller), by_role, source, origins, any_car
         )
-        checked = {inputs.CONTROLLER: (self.setup.params, self.setup.vehicle)}
-        inputs.check_problem(checked, os.fspath(controller))
+        self.problem = self.setup.params, self.setup.vehicle, os.fspath(controller)
 
     def label(self, shown: Iterable[str], with_scenario: bool = False) -> str:
         """Return the controller, and the settings `shown` that this drive has."""
@@ -150,6 +150,12 @@ class _Task:
         source = f'{setup.controller} in {setup.scn.name}'
         origin = Origin(source, simulation.run_info(setup), self.settings)
         return runs.from_tables(columns, origin, label)
+
+
+def _check_problems(tasks: Iterable[_Task]) -> None:
+    """Build the problem of each controller, equal ones once. Raises BagError."""
+    for params, vehicle, controller in dict.fromkeys(task.problem for task in tasks):
+        inputs.check_problem({inputs.CONTROLLER: (params, vehicle)}, controller)
 
 
 def _simulate(setup: Setup) -> dict[str, Columns]:

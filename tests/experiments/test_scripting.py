@@ -103,6 +103,14 @@ def test_a_grid_of_settings():
     assert list(frame['controller']) == ['mpcc', 'mpcc', 'frenet', 'frenet']
 
 
+def test_a_problem_is_checked_once_for_all_drives_that_solve_it(monkeypatch):
+    checked = []
+    monkeypatch.setattr(scripting.inputs, 'check_problem', lambda nodes, _: checked.append(nodes))
+    monkeypatch.setattr(scripting, '_simulate_all', lambda setups, jobs: setups[:0])
+    drive_many(ROAD, 'mpcc', {SPEED: [14.0, 15.0, 16.0], TOLERANCE: [0.4, 0.5]})
+    assert [nodes['controller'][0].tolerances.contouring_m for nodes in checked] == [0.4, 0.5]
+
+
 def test_processes_give_the_same_runs_and_need_no_main_guard(tmp_path):
     """A script as a newcomer writes it: its processes do not run it again."""
     (tmp_path / 'road.yaml').write_text(yaml.safe_dump(ROAD))

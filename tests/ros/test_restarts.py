@@ -150,8 +150,8 @@ def test_a_controller_started_again_drives_on(realtime):
 
 def test_a_scenario_started_again_is_believed_again(realtime):
     reasons = [one.values['reason'] for one in realtime.second_whys]
-    last = len(reasons) - reasons[::-1].index('obstacles_stale')
-    assert drives(realtime.second_whys[last:])
+    # the first time: on a busy machine obstacles may be late once more, at the very end
+    assert drives(realtime.second_whys[reasons.index('obstacles_stale') :])
 
 
 def test_a_recorder_started_again_needs_a_new_folder_and_takes_up_the_run(realtime):

@@ -26,6 +26,7 @@ from scenario_publisher.families import draw as families
 from vehicle_plant import initial_state
 
 CAR = f'plant.{inputs.PLANT_CAR}'
+PLANT_FILE = f'plant.{node_config.PLANT_DEFAULTS}'
 INSIDE = 0.3819660113  # share of a distribution: a value that is no whole number
 ANY_ROAD = 'straight'  # stands for the draws of a family where only parameters matter
 Pairs = tuple[tuple[str, Any], ...]  # names and values of settings
@@ -150,7 +151,7 @@ def prepare(combination: Combination, draw: Draw = NOT_DRAWN) -> Setup:
             settings.setdefault(role, {})[parameter] = value
     scn = _load(road, **changes) if isinstance(road, str) else _change(scene, changes)
     origins = {role: {name: f'{role}.{name}' for name in own} for role, own in settings.items()}
-    # what a study varies, it varies on purpose
+    # what a study varies, it varies on purpose: `describe_misfit` warns
     setup = simulation.prepare_scenario(
         scn, combination.controller, settings, source, origins, any_car=True
     )
@@ -186,6 +187,24 @@ def prepare_any(combination: Combination, words: Pairs = ()) -> Setup:
 def _any_draw(combination, words):
     road = ANY_ROAD if isinstance(combination.scenario, Family) else combination.scenario
     return combination._replace(scenario=road), Draw(0, words)
+
+
+def describe_misfit(setup: Setup, combination: Combination, words: Pairs) -> str:
+    """Return a line about a plant that is another car than the controller knows, '' for the same.
+
+    Only another file of parameters counts: single parameters of the plant are varied on purpose.
+    """
+    chosen = dict((*combination.settings, *words))
+    if PLANT_FILE not in chosen:
+        return ''
+    reasons = inputs.car_mismatches(setup.params, setup.vehicle, setup.plant, is_varied=True)
+    if not reasons:
+        return ''
+    return (
+        f'{PLANT_FILE}={chosen[PLANT_FILE]} is driven although car_file {setup.params.car_file} of '
+        f'{setup.controller} does not fit it: {"; ".join(reasons)}; `identify --car` writes one '
+        'for controller.car_file'
+    )
 
 
 def prepare_drive(drive: Drive) -> Setup:

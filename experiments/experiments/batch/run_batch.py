@@ -128,10 +128,12 @@ def prepare_plan(study: StudyFile, pool: TaskPool, progress: CountProgress) -> P
         checked[combination, some] = finished.value
         progress.show('checked', done, len(tasks))
     drive_plan.check_drawn(study, combinations)
+    for line in dict.fromkeys(misfit for *_, misfit in checked.values() if misfit):
+        progress.print_line(f'warning: {line}')
     names = [checked[combination, words[0]][:2] for combination in combinations]
     _refuse_equal_names(study, combinations, names)
     perturbations = drive_plan.draw_perturbations(study.runs, study.seed)
-    bases = {pair: base for pair, (_, _, base) in checked.items()}
+    bases = {pair: base for pair, (_, _, base, _) in checked.items()}
     plan = Plan(study, combinations, names, draws, perturbations, [], bases)
     keys = [
         drive_plan.drive_key(bases[drive.combination, drive.draw.words], drive)
@@ -141,10 +143,11 @@ def prepare_plan(study: StudyFile, pool: TaskPool, progress: CountProgress) -> P
 
 
 def _check(combination, words):
-    """Return scenario, controller and key of a combination, in a worker."""
+    """Return scenario, controller, key and `describe_misfit` of a combination, in a worker."""
     setup = drive_plan.prepare_any(combination, words)
     name = '' if isinstance(combination.scenario, Family) else setup.scn.name
-    return name, setup.controller, drive_plan.base_key(combination, words)
+    base = drive_plan.base_key(combination, words)
+    return name, setup.controller, base, drive_plan.describe_misfit(setup, combination, words)
 
 
 def _refuse_equal_names(study, combinations, names):

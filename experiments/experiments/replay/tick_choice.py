@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.errors import BagError
+from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
 from bags.evaluation.metrics import outcome
 from bags.evaluation.metrics.registry import EvaluatedDrive
@@ -88,31 +89,18 @@ def _first_fallback(bag, drive):
 
 
 def _before_loss(bag, drive, series, stamps):
-    run = EvaluatedDrive(drive, series)
-    rows, beyond = outcome.outline_beyond_edge(run)
-    sideslip = np.degrees(np.abs(np.nan_to_num(series.sideslip)))
-    touched = {
-        **{f'collided with obstacle {name}': gap for name, gap in series.v2o.items()},
-        **{
-            f'collided with obstacle {name} (outline)': g for name, g in series.outline_gaps.items()
-        },
-    }
-    losses = [
-        *((np.flatnonzero(gap < 0.0), what) for what, gap in touched.items()),
-        (rows[beyond > 0.0], 'left the road'),
-        (np.flatnonzero(sideslip > outcome.SLIDING_DEG), 'slid'),
-    ]
-    first = [(int(where[0]), what) for where, what in losses if len(where)]
-    if not first:
+    values = metrics.compute_metrics(drive, series)
+    losses = outcome.find_losses(EvaluatedDrive(drive, series), values)
+    if not losses:
         raise BagError(
             f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '
             'the least distance to an obstacle'
         )
-    row, what = min(first)
+    row, what = losses[0]
     stamp = drive.motion.stamp_ns[row] - LEAD_S / NS
     number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
     lead = (drive.motion.stamp_ns[row] - stamps[number]) * NS
-    return number, f'{lead:.1f} s before it {what} at {series.station[row]:.0f} m'
+    return number, f'{lead:.1f} s before it {what}'
 
 
 def _extreme(bag, event, series):

@@ -1,6 +1,7 @@
 """What plans are made with: parameters, car and formulation, which may change between ticks."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
-from stage_solver.stage_problem import Bounds, Plan
+from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Bounds, Plan
 
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
 
@@ -59,7 +60,7 @@ class PredictionModel:
         self.formulation = formulation.make(params, self.car)
         compiled_queries.library()  # compiled now, not when the first path is set
         symbolic = self.formulation.ocp
-        problem_check.check(self.formulation, params)
+        _check_problem(symbolic, params, self.car)
         self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
         self.evaluator = PlanEvaluator(symbolic)
         self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
@@ -118,3 +119,12 @@ class PredictionModel:
             driven = self.step(plan.X[0], plan.U[0], self.car)
             plan = plan._replace(X=np.vstack([plan.X[:1], driven, plan.X[2:]]))
         return solution._replace(plan=plan)
+
+
+@lru_cache(MAX_CACHED_PROBLEMS)
+def _check_problem(_, params, car):
+    """Check the problem of a controller; where many drives have the same one, once per process.
+
+    The symbols, first, are those that the formulation of these parameters has now.
+    """
+    problem_check.check(formulation.make(params, car), params)

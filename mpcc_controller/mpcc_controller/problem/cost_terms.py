@@ -4,10 +4,9 @@ This is the one list of them. The parameters of the weights, the columns `cost.*
 /controller/why, and the reports follow from it. A new term is an entry here and its parameter in
 `parameters.Tolerances`; docs/extending.md shows how.
 
-A weight is 1 / tolerance^2 for `tolerances.*`, and the value itself for `priorities.*`. A weight of
-0 (a tolerance of .inf) switches a term off without another compilation. A term that is not `in_use`
-is not in the problem at all: it costs no computing time, and the others are evaluated as before,
-bit for bit.
+A weight is 1 / tolerance^2 for `tolerances.*`, and the value itself for `priorities.*`. A priority
+of 0 switches a term off without another compilation. A term that is not `in_use` is not in the
+problem at all: it costs no computing time, and the others are evaluated as before, bit for bit.
 """
 
 from collections import namedtuple

@@ -174,6 +174,15 @@ def test_a_comparison_in_the_place_of_another_says_so_and_how_to_keep_both(compa
     assert said in console.file.getvalue()
 
 
+def test_ticks_in_which_the_solver_stopped_early_are_counted_below_the_table(comparison):
+    runs = {name: dict(values) for name, values in comparison.values['runs'].items()}
+    runs['own'] |= {'stopped_early': 3, 'ticks': 160}
+    console = Console(file=io.StringIO(), width=140)
+    show_comparison(comparison._replace(values=comparison.values | {'runs': runs}), console)
+    lines = [line for line in console.file.getvalue().splitlines() if 'stopped early' in line]
+    assert lines == ['own: solver stopped early in 3 of 160 ticks']
+
+
 def test_the_runs_of_the_comparison_that_was_there_are_read_from_it(drives, comparison, tmp_path):
     assert comparison.replaced == ()
     (tmp_path / 'comparison.json').write_text(comparison.file.read_text())

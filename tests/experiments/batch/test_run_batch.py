@@ -240,3 +240,16 @@ def test_two_scenarios_of_one_name_are_refused(write_study, short_road, tmp_path
     request = run_batch.Request(study, tmp_path / 'out', jobs=1, limit_s=TIMEOUT_S)
     with pytest.raises(BagError, match=r"copy\.yaml have one name, 'short_road'"):
         run_batch.run(request, Console(quiet=True))
+
+
+def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(
+    write_study, tmp_path, capsys
+):
+    cars = {'plant.plant_params': ['bmw_545i.yaml', 'bmw_320i.yaml'], 'plant.friction': [0.8, 1.0]}
+    study = write_study(set=cars, runs=1)
+    assert cli.main(['batch', str(study), '--out', str(tmp_path / 'cars'), '--jobs', '1']) == 0
+    printed = ' '.join(''.join(capsys.readouterr()).split())
+    assert printed.count('warning: plant.plant_params=bmw_320i.yaml is driven although') == 1
+    assert 'car_file car.yaml of mpcc_no_ca does not fit it: mass ' in printed
+    assert 'bmw_545i.yaml is driven' not in printed
+    assert len(read_rows(tmp_path / 'cars')) == 4

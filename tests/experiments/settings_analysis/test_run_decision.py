@@ -18,7 +18,8 @@ from experiments.settings_analysis import picture_search, run_decision
 from experiments.settings_analysis.run_decision import Request
 from experiments.worker_pool import WorkerPool
 
-SEED = 7
+# the first settings of this seed pose the problems of few solvers: each is compiled for 15 s
+SEED = 10
 
 
 def request(part, out, **changes):
@@ -82,7 +83,8 @@ def test_a_search_goes_on_where_it_stopped(tmp_path):
 def test_the_search_writes_the_nearest_setting(tmp_path, monkeypatch):
     picture = pictures.load()
     few = dataclasses.replace(picture.hold_out, perturbations=1, neighbours=1)
-    small = dataclasses.replace(picture, hold_out=few)
+    drawn = dataclasses.replace(picture.search, seed=SEED)
+    small = dataclasses.replace(picture, hold_out=few, search=drawn)
     monkeypatch.setattr(pictures, 'load', lambda: small)
     run_decision.run(request('exists', tmp_path, trials=2), Console(quiet=True))
     result = json.loads((tmp_path / 'existence.json').read_text())

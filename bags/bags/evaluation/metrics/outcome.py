@@ -242,7 +242,7 @@ def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
     A run that was completed begins with that; of any other one the events come in the order in
     which they happened, causes before what they led to.
     """
-    events = sorted([*_find_losses(run, values), *_find_collisions(run, values)])
+    events = find_losses(run, values)
     end = _find_end(run, values)
     events = [end, *events] if values['completed'] else sorted([*events, end], key=lambda e: e.row)
     parts = [event.text for event in events]
@@ -251,6 +251,11 @@ def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
     if not run.drive.ticks.answered_ns.size:
         parts.append('no command answered a state')
     return '; '.join(parts)
+
+
+def find_losses(run: EvaluatedDrive, values: dict) -> list[Event]:
+    """Return where the car slid, left the road and collided, in the order in which it happened."""
+    return sorted([*_find_departures(run, values), *_find_collisions(run, values)])
 
 
 def _find_end(run, values):
@@ -281,7 +286,7 @@ def _describe_reason(drive, values):
     return f' (reason of the controller: {reason}{below})'
 
 
-def _find_losses(run, values):
+def _find_departures(run, values):
     """Yield a spin or slide, and how the car left the road."""
     if values['lost']:
         row = int(np.argmax(_sideslip_deg(run) > SLIDING_DEG))
