@@ -37,6 +37,8 @@ DOWNLOAD = re.compile(r'\s+Downloading \S+ \(([0-9.]+) (kB|MB|GB)\)')
 # what pip says where it reached no server: of a package that it looked for, of one that it fetched
 NOT_FOUND = re.compile('ERROR: (No matching distribution|Could not find a version)')
 NOT_FETCHED = re.compile('Max retries exceeded|timed out|[Cc]onnection')
+# of a pip that is set up with folders: one for every package, where there is no such folder
+NO_FOLDER = re.compile("WARNING: Location '.*' is ignored")
 IN_MB = {'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 
 
@@ -132,6 +134,7 @@ class Complaints:
         self._errors: list[str] = []
         self._reason = ''
         self._gave_up = False
+        self._told_folder = False
 
     def read(self, line: str) -> None:
         """Take a line of pip's standard error."""
@@ -140,6 +143,10 @@ class Complaints:
             self._note(line, int(retry[1]))
         elif line.startswith('ERROR: '):
             self._errors.append(line)
+        elif NO_FOLDER.match(line):
+            if not self._told_folder:
+                self._display.say(f'      {line} (once for all packages)')
+            self._told_folder = True
         else:
             self._display.say(line)
 

@@ -105,8 +105,11 @@ def finish_station(scn: Scenario) -> float:
     station = _stations(scn)
     ahead = np.hypot(ref.X - scn.stop.X, ref.Y - scn.stop.Y)
     # of a path with laps the last pass
-    near = np.flatnonzero(ahead <= ahead.min() + 1e-3)
-    return float(station[near[-1]])
+    near = int(np.flatnonzero(ahead <= ahead.min() + 1e-3)[-1])
+    before, after = max(near - 1, 0), min(near + 1, len(station) - 1)
+    step = np.array([ref.X[after] - ref.X[before], ref.Y[after] - ref.Y[before]])
+    beyond = np.array([scn.stop.X - ref.X[near], scn.stop.Y - ref.Y[near]])
+    return float(station[near] + beyond @ step / np.linalg.norm(step))
 
 
 def start_station(scn: Scenario) -> float:

@@ -40,6 +40,11 @@ echo "WARNING: Retrying (Retry(total=0)) after connection broken by 'ReadTimeout
 echo "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE" >&2
 exit 1
 """
+NO_FOLDERS = """#!/bin/sh
+for name in alembic attrs bokeh; do
+  echo "WARNING: Location 'file:///no/$name/' is ignored: it is neither a file nor a directory." >&2
+done
+"""
 CONFLICTS = """#!/bin/sh
 echo "ERROR: pip's dependency resolver does not take into account all that is installed" >&2
 """
@@ -122,6 +127,13 @@ def test_any_other_error_of_pip_is_shown(make, pip, error):
     assert done.returncode != 0
     assert error in done.stderr
     assert 'could not reach' not in done.stderr
+
+
+def test_a_folder_that_is_missing_for_every_package_is_said_once(make):
+    done = run(make(NO_FOLDERS))
+    assert done.returncode == 0
+    assert done.stderr.count('is ignored') == 1
+    assert 'alembic' in done.stderr
 
 
 def test_an_error_of_a_pip_that_succeeds_is_shown(make):

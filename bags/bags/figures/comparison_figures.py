@@ -23,6 +23,7 @@ LONG_ROAD = 6.0  # length over width from which the lateral direction is drawn l
 STRETCH = 3.0
 CAR_WIDTH = 0.5  # of an outline, share of the width of the curves
 MARGIN_M = 1.0
+BESIDE_M = 5.0  # of a car, where an obstacle is drawn as a whole
 STILL_MPS = 0.05
 LABEL_ASIDE = 1.5  # points
 
@@ -63,8 +64,17 @@ def road_limits(runs):
         reach = np.linspace(along.min(), along.max(), 200)
         vertex = geometry.arc_length(edge)
         near.append(np.column_stack([np.interp(reach, vertex, axis) for axis in edge.T]))
+    near += [_extent(obstacle, drives) for obstacle in scene.obstacles]
     points = np.concatenate(near)
     return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+
+
+def _extent(obstacle, drives):
+    """Return corners (n, 2) around an obstacle wherever it is beside the cars."""
+    centres = np.column_stack([obstacle.x, obstacle.y])
+    low, high = drives.min(axis=0) - BESIDE_M, drives.max(axis=0) + BESIDE_M
+    centres = centres[((centres > low) & (centres < high)).all(axis=1)]
+    return np.concatenate([centres - obstacle.radius, centres + obstacle.radius])
 
 
 def road_aspect(runs):

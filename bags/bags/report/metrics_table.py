@@ -26,6 +26,7 @@ COLOUR_NOTE = (
     'Green is as it should be, red is not. Without colour: neither good nor bad, or good in a run '
     'that left the road or lost control'
 )
+OF_PAPER = 'double_lane_change'  # begins the name of each scenario after that of the paper
 ABSENT = '–'
 SPUN = 'spun'  # value of lost_how
 
@@ -97,7 +98,9 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json)."""
     runs = comparison['runs']
     table = narrow_table(f'Scenario {comparison["scenario"]}')
-    table.caption, table.caption_justify = PAPER_NOTE, 'left'
+    with_paper = has_paper_numbers(comparison['scenario'])
+    if with_paper:
+        table.caption, table.caption_justify = PAPER_NOTE, 'left'
     table.add_column('metric', no_wrap=True)
     table.add_column('unit', no_wrap=True)
     for name in runs:
@@ -105,11 +108,17 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
         # on two lines, so that three of them fit into 80 characters, too
         shown = f'{name.removesuffix(TUNED)}\n{TUNED[1:]}' if name.endswith(TUNED) else name
         table.add_column(f'{shown}, bag cut' if cut else shown, justify='right', no_wrap=True)
-    table.add_column('paper', justify='right', style='dim', no_wrap=True)
+    if with_paper:
+        table.add_column('paper', justify='right', style='dim', no_wrap=True)
     for line in table_lines(runs):
         cells = [Text(cell.text, COLOURS[cell.good]) for cell in line.cells]
-        table.add_row(line.title, line.unit, *cells, line.paper)
+        table.add_row(line.title, line.unit, *cells, *([line.paper] if with_paper else []))
     return table
+
+
+def has_paper_numbers(scenario: str) -> bool:
+    """Return whether the numbers of the paper belong beside the runs of a scenario."""
+    return scenario.startswith(OF_PAPER)
 
 
 def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:

@@ -103,6 +103,7 @@ def report_html(data: ReportData) -> str:
     runs = data.runs
     logs = {run.name: data.logs.get(run.name, EMPTY_LOG) for run in runs}
     infos = [logs[run.name].run_info for run in runs]
+    with_paper = metrics_table.has_paper_numbers(data.values['scenario'])
     view = animation.build_top_view(runs, logs, data.overlays)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
@@ -133,7 +134,7 @@ def report_html(data: ReportData) -> str:
         gg=divs.pop('gg'),
         panels=divs,
         lines=metrics_table.table_lines(data.values['runs']),
-        paper_note=metrics_table.PAPER_NOTE,
+        paper_note=metrics_table.PAPER_NOTE if with_paper else '',
         colour_note=metrics_table.COLOUR_NOTE,
         good=GOOD,
         claims=data.claims,

@@ -215,14 +215,23 @@ def check_car_fits(
     `checked` is from `check_parameters(nodes)`. The message says how to mend it: `setting` is how
     the caller names another file, `any_car` what allows such a run.
     """
+    for misfit in describe_misfit(nodes, checked):
+        raise BagError(
+            f'{misfit}. Write one that does: identify --car PLANT.yaml --out my_car.yaml, then '
+            f'{setting} (or drive as it is, with {any_car})'
+        )
+
+
+def describe_misfit(nodes: Sequence[Node], checked: Mapping[str, tuple[Any, Any]]) -> list[str]:
+    """Return in what the controller's car file is that of another car than the plant: one line.
+
+    None for the same car; `checked` is from `check_parameters(nodes)`.
+    """
     (params, vehicle), (_, plant) = checked[CONTROLLER], checked['plant']
     reasons = car_mismatches(params, vehicle, plant, _is_varied(nodes))
-    if reasons:
-        raise BagError(
-            f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}. Write one '
-            f'that does: identify --car PLANT.yaml --out my_car.yaml, then {setting} '
-            f'(or drive as it is, with {any_car})'
-        )
+    if not reasons:
+        return []
+    return [f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}']
 
 
 def _is_varied(nodes):

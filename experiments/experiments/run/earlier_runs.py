@@ -51,7 +51,8 @@ def describe_other_plants(paths: Sequence[Path]) -> list[str]:
     return [
         f'{path.name} drove another plant than {first.name}: {what}; what differs between them is '
         f'not of the controllers alone. To compare controllers, drive {path.name} once more with '
-        'the plant of the others (the same --set plant. options) and a --label of its own'
+        'the plant of the others (the same --set plant. options; for another car also its '
+        '--set controller.car_file, or --any-car) and a --label of its own'
         for path, what in differing.items()
         if what
     ]

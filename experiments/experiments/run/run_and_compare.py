@@ -180,7 +180,10 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
         if not controller.program:
             inputs.check_problem(checked, controller.name)
         loaded[controller.run_name] = inputs.loaded_facts(checked)
-        for text in run_advice.find_warnings(scn, facts, checked):
+        warnings = run_advice.find_warnings(scn, facts, checked)
+        if request.any_car and not controller.program:
+            warnings = [*inputs.describe_misfit(nodes, checked), *warnings]
+        for text in warnings:
             console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):

@@ -150,7 +150,8 @@ def test_a_controller_keeps_its_colour_whoever_else_drives():
 
 def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
     console = Console(file=io.StringIO(), width=140)
-    show_comparison(comparison, console)
+    of_paper = comparison._replace(values=comparison.values | {'scenario': 'double_lane_change'})
+    show_comparison(of_paper, console)
     shown = console.file.getvalue()
     for row in METRICS.values():
         # the car stays on the road: how far it left it has no row
@@ -164,6 +165,16 @@ def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
     assert 'comparison.json' in shown
     assert 'replaces' not in shown
     assert metrics_table.PAPER_NOTE.split()[-1] in shown
+
+
+def test_another_scenario_has_no_column_of_the_paper(comparison):
+    console = Console(file=io.StringIO(), width=140)
+    show_comparison(comparison, console)
+    shown = console.file.getvalue()
+    assert metrics_table.PAPER_NOTE.split()[-1] not in shown
+    (mean,) = (line for line in shown.splitlines() if 'solve time, mean' in line)
+    assert '15.6' not in mean
+    assert '<th scope="col">paper</th>' not in comparison.report.read_text()
 
 
 def test_a_comparison_in_the_place_of_another_says_so_and_how_to_keep_both(comparison):

@@ -55,6 +55,7 @@ def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
     (line,) = earlier_runs.describe_other_plants(paths)
     assert line.startswith('frenet drove another plant than mpcc: friction 1.0 and 0.2; ')
     assert 'drive frenet once more with the plant of the others' in line
+    assert '--any-car' in line
 
 
 def test_a_run_that_got_a_number_is_compared_under_it(tmp_path):
