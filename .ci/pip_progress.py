@@ -3,8 +3,8 @@
     .venv/bin/python .ci/pip_progress.py .venv/bin/pip install -r requirements.txt
 
 On a terminal a single line changes, in a log there is a line per 20 packages. What pip says of its
-attempts to reach a server is left out; any other warning and error of pip is shown as it is. The
-exit code is that of pip.
+attempts to reach a server is left out, that a folder of packages is missing is said once; any other
+warning and error of pip is shown as it is. The exit code is that of pip.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ DOWNLOAD = re.compile(r'\s+Downloading \S+ \(([0-9.]+) (kB|MB|GB)\)')
 NOT_FOUND = re.compile('ERROR: (No matching distribution|Could not find a version)')
 NOT_FETCHED = re.compile('Max retries exceeded|timed out|[Cc]onnection')
 # of a pip that is set up with folders: one for every package, where there is no such folder
-NO_FOLDER = re.compile("WARNING: Location '.*' is ignored")
+NO_FOLDER = re.compile("WARNING: Location '.*' is ignored: it is neither a file nor a directory")
 IN_MB = {'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 
 
@@ -135,6 +135,7 @@ class Complaints:
         self._reason = ''
         self._gave_up = False
         self._told_folder = False
+        self._not_fetched = False  # whether an error tells of a connection
 
     def read(self, line: str) -> None:
         """Take a line of pip's standard error."""
@@ -143,11 +144,14 @@ class Complaints:
             self._note(line, int(retry[1]))
         elif line.startswith('ERROR: '):
             self._errors.append(line)
+            self._not_fetched |= bool(NOT_FOUND.match(line) or NOT_FETCHED.search(line))
         elif NO_FOLDER.match(line):
             if not self._told_folder:
                 self._display.say(f'      {line} (once for all packages)')
             self._told_folder = True
         else:
+            # with the lines of a traceback
+            self._not_fetched |= bool(NOT_FETCHED.search(line))
             self._display.say(line)
 
     def _note(self, line, left):
@@ -160,8 +164,7 @@ class Complaints:
 
     def describe_end(self, code: int) -> list[str]:
         """Return what to print after pip ended with a code: its errors, or what they come from."""
-        is_network = any(NOT_FOUND.match(e) or NOT_FETCHED.search(e) for e in self._errors)
-        if not (code and self._gave_up and is_network):
+        if not (code and self._gave_up and self._not_fetched):
             return self._errors
         others = [line for line in self._errors if not NOT_FOUND.match(line)]
         return [

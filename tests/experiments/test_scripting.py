@@ -11,6 +11,7 @@ import experiments
 from bags.errors import BagError
 from bags.evaluation import metrics
 from experiments import compare, drive, drive_many, scripting, simulation
+from mpcc_controller.driving import prediction_model
 from scenario_publisher import scenario
 
 ROAD = yaml.safe_load(scenario.load('straight').text)
@@ -109,6 +110,18 @@ def test_a_problem_is_checked_once_for_all_drives_that_solve_it(monkeypatch):
     monkeypatch.setattr(scripting, '_simulate_all', lambda setups, jobs: setups[:0])
     drive_many(ROAD, 'mpcc', {SPEED: [14.0, 15.0, 16.0], TOLERANCE: [0.4, 0.5]})
     assert [nodes['controller'][0].tolerances.contouring_m for nodes in checked] == [0.4, 0.5]
+
+
+def test_a_drive_does_not_check_its_problem_again(monkeypatch):
+    checked, check = [], prediction_model.problem_check.check
+    monkeypatch.setattr(
+        prediction_model.problem_check,
+        'check',
+        lambda formulation, params: (checked.append(params), check(formulation, params)),
+    )
+    tolerances = [0.401 + 0.001 * k for k in range(10)]
+    drive_many(ROAD, 'mpcc', {TOLERANCE: tolerances}, jobs=1)
+    assert [params.tolerances.contouring_m for params in checked] == pytest.approx(tolerances)
 
 
 def test_processes_give_the_same_runs_and_need_no_main_guard(tmp_path):

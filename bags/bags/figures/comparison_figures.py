@@ -72,7 +72,8 @@ def road_limits(runs):
 def _extent(obstacle, drives):
     """Return corners (n, 2) around an obstacle wherever it is beside the cars."""
     centres = np.column_stack([obstacle.x, obstacle.y])
-    low, high = drives.min(axis=0) - BESIDE_M, drives.max(axis=0) + BESIDE_M
+    reach = BESIDE_M + obstacle.radius
+    low, high = drives.min(axis=0) - reach, drives.max(axis=0) + reach
     centres = centres[((centres > low) & (centres < high)).all(axis=1)]
     return np.concatenate([centres - obstacle.radius, centres + obstacle.radius])
 

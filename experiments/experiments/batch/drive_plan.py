@@ -189,15 +189,20 @@ def _any_draw(combination, words):
     return combination._replace(scenario=road), Draw(0, words)
 
 
-def describe_misfit(setup: Setup, combination: Combination, words: Pairs) -> str:
-    """Return a line about a plant that is another car than the controller knows, '' for the same.
+def describe_misfit(combination: Combination, words: Pairs) -> str:
+    """Return a line about a plant file that is another car than the controller knows, '' for none.
 
-    Only another file of parameters counts: single parameters of the plant are varied on purpose.
+    The file alone counts: single parameters of the plant's car are varied on purpose.
     """
-    chosen = dict((*combination.settings, *words))
+    own, words = (
+        tuple(pair for pair in pairs if not pair[0].startswith(CAR))
+        for pairs in (combination.settings, words)
+    )
+    chosen = dict((*own, *words))
     if PLANT_FILE not in chosen:
         return ''
-    reasons = inputs.car_mismatches(setup.params, setup.vehicle, setup.plant, is_varied=True)
+    setup = prepare_any(combination._replace(settings=own), words)
+    reasons = inputs.car_mismatches(setup.params, setup.vehicle, setup.plant)
     if not reasons:
         return ''
     return (

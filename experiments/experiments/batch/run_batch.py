@@ -128,7 +128,7 @@ def prepare_plan(study: StudyFile, pool: TaskPool, progress: CountProgress) -> P
         checked[combination, some] = finished.value
         progress.show('checked', done, len(tasks))
     drive_plan.check_drawn(study, combinations)
-    for line in dict.fromkeys(misfit for *_, misfit in checked.values() if misfit):
+    for line in dict.fromkeys(checked[task][-1] for task in tasks if checked[task][-1]):
         progress.print_line(f'warning: {line}')
     names = [checked[combination, words[0]][:2] for combination in combinations]
     _refuse_equal_names(study, combinations, names)
@@ -147,7 +147,7 @@ def _check(combination, words):
     setup = drive_plan.prepare_any(combination, words)
     name = '' if isinstance(combination.scenario, Family) else setup.scn.name
     base = drive_plan.base_key(combination, words)
-    return name, setup.controller, base, drive_plan.describe_misfit(setup, combination, words)
+    return name, setup.controller, base, drive_plan.describe_misfit(combination, words)
 
 
 def _refuse_equal_names(study, combinations, names):

@@ -223,9 +223,9 @@ def check_car_fits(
 
 
 def describe_misfit(nodes: Sequence[Node], checked: Mapping[str, tuple[Any, Any]]) -> list[str]:
-    """Return in what the controller's car file is that of another car than the plant: one line.
+    """Return one line on how the controller's car file differs from the plant, [] if it fits.
 
-    None for the same car; `checked` is from `check_parameters(nodes)`.
+    `checked` is from `check_parameters(nodes)`.
     """
     (params, vehicle), (_, plant) = checked[CONTROLLER], checked['plant']
     reasons = car_mismatches(params, vehicle, plant, _is_varied(nodes))

@@ -24,8 +24,9 @@ from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
-from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Bounds, Plan
+from stage_solver.stage_problem import Bounds, Plan
 
+CHECKED = 1024  # problems that a process remembers as checked: those of a sweep
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
 
 
@@ -121,9 +122,9 @@ class PredictionModel:
         return solution._replace(plan=plan)
 
 
-@lru_cache(MAX_CACHED_PROBLEMS)
+@lru_cache(CHECKED)
 def _check_problem(_, params, car):
-    """Check the problem of a controller; where many drives have the same one, once per process.
+    """Check the problem of a controller; of the last CHECKED ones only those that are new.
 
     The symbols, first, are those that the formulation of these parameters has now.
     """

@@ -167,6 +167,16 @@ def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(comparison):
     assert metrics_table.PAPER_NOTE.split()[-1] in shown
 
 
+@pytest.mark.parametrize(('y_m', 'radius_m', 'is_seen'), [(-6.0, 3.0, True), (-40.0, 3.0, False)])
+def test_an_obstacle_beside_the_cars_is_drawn_as_a_whole(make_runs, drives, y_m, radius_m, is_seen):
+    drive = drives['mpcc']
+    stands = drive.scene.obstacles[0]
+    beside = stands._replace(y=np.full_like(stands.y, y_m), radius=radius_m)
+    scene = drive.scene._replace(obstacles=(beside,))
+    low, _ = comparison_figures.road_limits(make_runs({'mpcc': drive._replace(scene=scene)}))
+    assert (low[1] <= y_m - radius_m) == is_seen
+
+
 def test_another_scenario_has_no_column_of_the_paper(comparison):
     console = Console(file=io.StringIO(), width=140)
     show_comparison(comparison, console)

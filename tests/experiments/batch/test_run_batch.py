@@ -245,11 +245,14 @@ def test_two_scenarios_of_one_name_are_refused(write_study, short_road, tmp_path
 def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(
     write_study, tmp_path, capsys
 ):
-    cars = {'plant.plant_params': ['bmw_545i.yaml', 'bmw_320i.yaml'], 'plant.friction': [0.8, 1.0]}
+    cars = {
+        'plant.plant_params': ['bmw_545i.yaml', 'bmw_330i.yaml'],
+        'plant.car.body.mass_kg': [1850.0, 2400.0],
+    }
     study = write_study(set=cars, runs=1)
     assert cli.main(['batch', str(study), '--out', str(tmp_path / 'cars'), '--jobs', '1']) == 0
     printed = ' '.join(''.join(capsys.readouterr()).split())
-    assert printed.count('warning: plant.plant_params=bmw_320i.yaml is driven although') == 1
+    assert printed.count('warning: plant.plant_params=bmw_330i.yaml is driven although') == 1
     assert 'car_file car.yaml of mpcc_no_ca does not fit it: mass ' in printed
     assert 'bmw_545i.yaml is driven' not in printed
     assert len(read_rows(tmp_path / 'cars')) == 4
