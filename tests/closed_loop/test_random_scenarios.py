@@ -1,6 +1,6 @@
 """Random scenarios: no traceback, no hang, valid commands, and the right verdict.
 
-40 draws of a fixed series, so that a failure is due to the change under test. A failure names the
+60 draws of a fixed series, so that a failure is due to the change under test. A failure names the
 seed and the number of every draw with a finding. Another series, or a longer one:
 
     RANDOM_SEED=7 RANDOM_SCENARIOS=1000 python -m pytest tests/closed_loop/test_random_scenarios.py
@@ -16,10 +16,10 @@ import pytest
 import random_scenarios
 from draw_driver import LIMIT_S, Driver
 
-DRAWS = int(os.environ.get('RANDOM_SCENARIOS', '40'))
+DRAWS = int(os.environ.get('RANDOM_SCENARIOS', '60'))
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
 # share of runs that the independent evaluation may leave undecided, since they end near the finish
-# line: about 0.1 of them, and 0.25 of 40 is improbable
+# line: about 0.1 of them, and 0.25 of 60 is improbable
 UNSURE = 0.25
 
 

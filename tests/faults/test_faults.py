@@ -12,7 +12,7 @@ import wall_clock
 pytestmark = pytest.mark.ros
 NAME = 'FAULT_SEED'  # environment variable that repeats a selection
 # number by mode: those on the wall clock take about a minute
-SAMPLE = {'realtime': 5, 'lockstep': 4}
+SAMPLE = {'realtime': 6, 'lockstep': 6}
 
 
 def sample_faults(faults, seed):
