@@ -2,10 +2,9 @@
 #
 #   docker build -t mpcc .                        # builds
 #   docker build -t mpcc-test --target test .     # builds and tests
-#   docker run --rm --shm-size 512m -v "$PWD/runs:/runs" mpcc       # drives, compares, writes /runs
+#   docker run --rm -v "$PWD/runs:/runs" mpcc     # drives, compares, writes /runs
 #
-# Fast DDS keeps messages in shared memory, of which a container has 64 MB by default; --mode realtime
-# also takes --cap-add SYS_NICE.
+# --mode realtime takes --cap-add SYS_NICE.
 ARG BASE=ros:jazzy-ros-base-noble
 FROM ${BASE} AS build
 SHELL ["/bin/bash", "-euo", "pipefail", "-c"]

@@ -1,4 +1,4 @@
-"""Does a node graph that runs for an hour keep growing? Memory, open files, threads, shared memory.
+"""Does a node graph that runs for an hour keep growing? Memory, open files, threads.
 
     .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
     .venv/bin/python bench/soak.py --mode realtime --minutes 10
@@ -9,9 +9,9 @@ one life of the controller and six of every other node. From the first command o
 node is looked at twice a second, in a short soak more often. After the first fifth of its life, 12
 s at least, in which the writers fill their histories, no node may grow: the program fails when it
 holds more than 3 MB more memory in the end than then (2 MB in a minute or less; medians over a
-tenth of the life, three looks at least), or more files, threads or DDS segments. The recorder may
-grow by 45 MB more in a minute or less: while Fast DDS sends a lost packet of /clock again, which
-takes 3 s and happens on a busy machine, it keeps up to 30,000 messages
+tenth of the life, three looks at least), or more files or threads. The recorder may grow by 45
+MB more in a minute or less: while Fast DDS sends a lost packet of /clock again, which may take some
+time on a busy machine, it keeps up to 30,000 messages
 (`bags.storage.message_filing`) of about 1.3 kB; 9 and 27 MB were seen. It fails, too, when a drive
 ends early, and stops by itself when one takes ten times what it simulates. On the wall clock the
 nodes run with real-time priority where the user may give it.
@@ -61,7 +61,6 @@ class Look(NamedTuple):
     memory_mb: float
     files: int
     threads: int
-    segments: int  # of shared memory, of DDS
 
 
 def look(pid: int) -> Look | None:
@@ -69,7 +68,6 @@ def look(pid: int) -> Look | None:
     folder = Path('/proc', str(pid))
     try:
         status = dict(line.split(':', 1) for line in (folder / 'status').read_text().splitlines())
-        maps = (folder / 'maps').read_text().splitlines()
         files = list((folder / 'fd').iterdir())
     except OSError:
         return None
@@ -79,7 +77,6 @@ def look(pid: int) -> Look | None:
         memory_mb=int(status['VmRSS'].split()[0]) / 1e3,
         files=len(files),
         threads=int(status['Threads']),
-        segments=len({line.split()[-1] for line in maps if '/dev/shm/fastrtps' in line}),
     )
 
 
@@ -189,7 +186,7 @@ def main() -> int:
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, domain.reserved(os.environ) as number:
         found = soak(given.mode, given.minutes, Path(folder), number)
-    heads = ('memory [MB]', 'files', 'threads', 'DDS segments')
+    heads = ('memory [MB]', 'files', 'threads')
     print(f'{"node":<11} {"looks":>6} ' + ' '.join(f'{head:>18}' for head in heads))
     print('\n'.join(map(row, found)))
     grew = any(one.grew for one in found)

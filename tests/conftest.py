@@ -14,6 +14,7 @@ from recorded_runs import DEMO, load_runs, run_experiment
 from session_cache import build_once
 
 from experiments.run.domain import reserved
+from node_runtime import transport
 
 WAITING_S = 900  # for the drives of others, and for one of its own
 # A shell that starts the tests in the background ignores SIGINT, nohup ignores SIGHUP; the programs
@@ -26,8 +27,9 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 def pytest_configure(config):
     # the settings of the shell must not decide which nodes a test sees
-    os.environ.pop('ROS_DOMAIN_ID', None)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    for name in ('ROS_DOMAIN_ID', *transport.CHOICES, transport.PEERS, transport.LOCALHOST_ONLY):
+        os.environ.pop(name, None)
+    os.environ[transport.RANGE] = transport.LOCALHOST
     # one cache for all workers and for the nodes that they start; kept for the next session
     os.environ.setdefault('MPCC_CACHE_DIR', str(config.rootpath / 'build/compiled'))
 

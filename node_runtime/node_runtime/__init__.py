@@ -11,6 +11,7 @@ Topics
     ros                 publishers, subscriptions and QoS from the contract
     subscriptions_node  bounded decoding, polled subscriptions, publisher monitor
     input_monitor       age of an input against its limit, as a diagnostic level
+    transport           UDP within this machine, unless the user chose another transport
 Life cycle
     managed_node        configure, activate, deactivate, clean up: the life cycle of ROS 2
     spin_node           run a node from its command line to its exit code

@@ -17,13 +17,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from node_runtime import node_parameters, parameters, ros, scheduling, shutdown
+from node_runtime import node_parameters, parameters, ros, scheduling, shutdown, transport
 from node_runtime.managed_node import REFUSALS, ManagedNode
 from node_runtime.parameters import ParameterError
 
 # also because EventsExecutor without a time-out runs no callback in the wheels of Jazzy
 _WAKE_S = 0.1  # longest time until a signal is noticed
-_FLUSH_S = 5.0  # a lost packet is sent again with the next heartbeat, after 3 s
+_FLUSH_S = 5.0  # with the profiles of others a lost message is sent again after 3 s
 _SHUTDOWN_S = 4.0  # usually it takes a tenth of a second
 FAST_DDS = 'rmw_fastrtps'
 EXIT_CONFIGURATION = os.EX_CONFIG
@@ -52,11 +52,11 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
     EXIT_CONFIGURATION; an error in a callback is printed and gives 1. Then `node.close()` is
     called, if there is one, without a time limit, and the node is destroyed; if the middleware
     hangs there, the process prints its traceback and ends after 4 s with the same exit code. DDS
-    discovery is limited to this machine unless the environment sets ROS_AUTOMATIC_DISCOVERY_RANGE.
-    Call it from the main thread, as the last action of a process: from its end on both signals are
-    ignored.
+    discovery is limited to this machine unless the environment sets ROS_AUTOMATIC_DISCOVERY_RANGE
+    (`transport.configure`). Call it from the main thread, as the last action of a process: from its
+    end on both signals are ignored.
     """
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    transport.configure(os.environ)
     with shutdown.signals_as_interrupts():
         return _spin(make_node, args)
 

@@ -11,7 +11,7 @@ BENCH = Path(__file__).parents[2] / 'bench'
 
 HOUR, SHORT = 60.0, 0.4  # minutes
 RESTARTED = ('recorder', 'scenario', 'plant')
-LOOK = soak.Look(100.0, 20, 15, 4)
+LOOK = soak.Look(100.0, 20, 15)
 # looks: warm from the sixth tenth on at the latest, so that the two medians share none
 ENOUGH = 10
 
@@ -20,14 +20,14 @@ def test_what_stays_as_it_is_did_not_grow():
     assert soak.growth('plant', [LOOK] * 100, HOUR).grew == []
 
 
-def test_more_memory_files_threads_and_segments_in_the_end_are_growth():
-    for change in ({'memory_mb': 104.0}, {'files': 21}, {'threads': 16}, {'segments': 5}):
+def test_more_memory_files_and_threads_in_the_end_are_growth():
+    for change in ({'memory_mb': 104.0}, {'files': 21}, {'threads': 16}):
         looks = [LOOK] * 60 + [LOOK._replace(**change)] * 40
         assert soak.growth('plant', looks, HOUR).grew == list(change)
 
 
-def test_a_short_soak_is_held_to_less_memory_and_to_the_same_files_threads_and_segments():
-    for change in ({'memory_mb': 102.5}, {'files': 21}, {'threads': 16}, {'segments': 5}):
+def test_a_short_soak_is_held_to_less_memory_and_to_the_same_files_and_threads():
+    for change in ({'memory_mb': 102.5}, {'files': 21}, {'threads': 16}):
         looks = [LOOK] * 60 + [LOOK._replace(**change)] * 40
         assert soak.growth('plant', looks, SHORT).grew == list(change)
     looks = [LOOK] * 60 + [LOOK._replace(memory_mb=102.5)] * 40

@@ -28,7 +28,6 @@ class TestNode(Node):
         super().__init__('test_node')
         self.params = ros.declare(self, Params, Path({defaults!r}))
         self.imu = ros.publisher(self, '/vehicle/imu')
-        print('range', __import__('os').environ['ROS_AUTOMATIC_DISCOVERY_RANGE'], flush=True)
         print('gain', self.params.gain, flush=True)
         self.create_timer(0.05, self.on_timer)
         {start}

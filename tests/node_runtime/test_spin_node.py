@@ -200,9 +200,3 @@ def test_a_typo_in_a_parameter_file_stops_the_node(run, tmp_path):
 def test_parameters_come_from_the_command_line(run):
     node = run('--ros-args', '-p', 'gain:=1', '-p', 'use_sim_time:=true')
     assert node.until('gain') == 'gain 1.0'
-
-
-def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(run):
-    assert run().until('range') == 'range LOCALHOST'
-    other = run(ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
-    assert other.until('range') == 'range SUBNET'

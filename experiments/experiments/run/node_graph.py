@@ -20,15 +20,11 @@ from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.live_position import PositionReader
 from experiments.run.processes import Process, ProcessError
 from experiments.run.staging import StagingDirectory
-from msgs_yaml import share
 
 POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of the growing bag
 NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
 RECORDER_S = 30.0  # to write the messages still queued, and to complete the bag
 SETTLE_S = 0.3
-# unless the user's environment names other profiles of Fast DDS
-PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-LOCKSTEP_PROFILES = ('config', 'fast_dds_lockstep.xml')
 TRACEBACK = 'traceback.txt'  # beside the logs of the nodes
 # the prefix of ROS before a message: [INFO] [1700000000.123456789] [plant]:
 PREFIX = re.compile(r'^(\[[^\]]*\] ?)+: ')
@@ -127,8 +123,6 @@ def _keep_failed(staging, message):
 def _drive(nodes, settings, staging, interrupt, progress, reader):
     """Run the nodes and keep the bag; return the last message of the plant and its exit code."""
     environment = processes.node_environment(settings.domain, staging.logs)
-    if settings.mode == 'lockstep':
-        environment = {PROFILES: str(share.path('experiments', *LOCKSTEP_PROFILES)), **environment}
     cores = _cores(settings.mode)
     running: dict[str, Process] = {}
     try:

@@ -1,0 +1,95 @@
+"""Over what the messages of a node travel: what the environment decides, and what the system shows.
+
+That Fast DDS takes the profiles is seen from outside: sockets and mappings of a real process.
+"""
+
+import contextlib
+import os
+import socket
+import struct
+from pathlib import Path
+
+import pytest
+
+from node_runtime import transport
+
+RANGE, PROFILES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
+SHARED_MEMORY = '/dev/shm/fastrtps_'
+
+
+def configured(**environment):
+    transport.configure(environment)
+    return environment
+
+
+def test_a_profile_keeps_nodes_on_this_machine_unless_the_user_opens_it():
+    for given in ({}, {RANGE: 'LOCALHOST'}):
+        found = configured(**given)
+        assert Path(found[PROFILES]).name == 'fast_dds_localhost.xml'
+        assert found[RANGE] == 'SYSTEM_DEFAULT'  # its own LOCALHOST adds shared memory
+    found = configured(**{RANGE: 'SUBNET'})
+    assert Path(found[PROFILES]).name == 'fast_dds_subnet.xml'
+    assert found[RANGE] == 'SUBNET'
+
+
+@pytest.mark.parametrize(
+    'choice',
+    [
+        {PROFILES: 'mine.xml'},
+        {'FASTDDS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'},
+        {'ROS_LOCALHOST_ONLY': '1'},
+        {'ROS_STATIC_PEERS': '192.168.1.20'},
+        {RANGE: 'OFF'},
+        {RANGE: 'SYSTEM_DEFAULT'},
+    ],
+    ids=str,
+)
+def test_what_the_user_has_chosen_stays(choice):
+    assert configured(**choice) == {RANGE: 'LOCALHOST', **choice}
+
+
+def test_named_hosts_are_added_to_the_subnet():
+    found = configured(**{RANGE: 'SUBNET', 'ROS_STATIC_PEERS': '192.168.1.20'})
+    assert Path(found[PROFILES]).name == 'fast_dds_subnet.xml'
+
+
+@pytest.mark.parametrize('given', [{}, {RANGE: 'SUBNET'}], ids=str)
+def test_a_second_call_changes_nothing(given):
+    once = configured(**given)
+    assert configured(**once) == once
+
+
+def addresses(pid):
+    """Return the addresses that the UDP sockets of a process are bound to."""
+    inodes = set()
+    for descriptor in Path(f'/proc/{pid}/fd').iterdir():
+        with contextlib.suppress(FileNotFoundError):  # it may be closed meanwhile
+            inodes.add(os.readlink(descriptor))
+    rows = [line.split() for line in Path(f'/proc/{pid}/net/udp').read_text().splitlines()[1:]]
+    bound = {row[1].partition(':')[0] for row in rows if f'socket:[{row[9]}]' in inodes}
+    return {socket.inet_ntoa(struct.pack('=I', int(one, 16))) for one in bound}
+
+
+def mappings(pid):
+    return Path(f'/proc/{pid}/maps').read_text()
+
+
+def test_by_default_a_node_uses_the_loopback_interface_and_no_shared_memory(run):
+    node = run()
+    node.until('tick')
+    assert addresses(node.popen.pid) == {'127.0.0.1'}
+    assert SHARED_MEMORY not in mappings(node.popen.pid)
+
+
+def test_with_subnet_a_node_listens_on_every_interface_and_uses_no_shared_memory(run):
+    node = run(**{RANGE: 'SUBNET'})
+    node.until('tick')
+    assert '0.0.0.0' in addresses(node.popen.pid)
+    assert SHARED_MEMORY not in mappings(node.popen.pid)
+
+
+def test_the_user_may_choose_shared_memory(run):
+    node = run(FASTDDS_BUILTIN_TRANSPORTS='DEFAULT')
+    node.until('tick')
+    assert SHARED_MEMORY in mappings(node.popen.pid)
