@@ -22,6 +22,7 @@ from functools import partial
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
 
 from node_runtime import transport
@@ -139,7 +140,7 @@ def main() -> int:
     clean = {name: value for name, value in os.environ.items() if name not in taken}
     clean['ROS_DOMAIN_ID'] = str(given.domain)
     ours = dict(clean)
-    transport.configure(ours)
+    transport.configure(ours, get_rmw_implementation_identifier())
     deaf = 0
     for name, environment in (('shared memory', clean | SHARED_MEMORY), ('ours', ours)):
         times = hearing_times(given.kills, environment)

@@ -151,14 +151,14 @@ def _start(node, folder, monitor, given):
 
 def generate_launch_description():
     """Return what `ros2 launch` runs."""
-    environment = processes.common_environment()
+    defaults, fixed = processes.DEFAULT_ENVIRONMENT, processes.FIXED_ENVIRONMENT
+    environment = {**defaults, **os.environ, **fixed}
     return LaunchDescription(
         [
             *DECLARED,
             *(
-                actions.SetEnvironmentVariable(name, value)
-                for name, value in environment.items()
-                if os.environ.get(name) != value
+                actions.SetEnvironmentVariable(name, environment[name])
+                for name in (*defaults, *fixed)
             ),
             actions.OpaqueFunction(function=start_nodes),
         ]

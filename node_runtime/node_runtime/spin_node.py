@@ -25,7 +25,6 @@ from node_runtime.parameters import ParameterError
 _WAKE_S = 0.1  # longest time until a signal is noticed
 _FLUSH_S = 5.0  # with the profiles of others a lost message is sent again after 3 s
 _SHUTDOWN_S = 4.0  # usually it takes a tenth of a second
-FAST_DDS = 'rmw_fastrtps'
 EXIT_CONFIGURATION = os.EX_CONFIG
 _EXIT_ERROR = 1
 EXIT_CODES = {
@@ -56,7 +55,7 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
     (`transport.configure`). Call it from the main thread, as the last action of a process: from its
     end on both signals are ignored.
     """
-    transport.configure(os.environ)
+    transport.configure(os.environ, get_rmw_implementation_identifier())
     with shutdown.signals_as_interrupts():
         return _spin(make_node, args)
 
@@ -96,7 +95,7 @@ def _ignore_signals():
 
 def _drop_incoming():
     # other middlewares may wake their own threads with a packet
-    if get_rmw_implementation_identifier().startswith(FAST_DDS):
+    if get_rmw_implementation_identifier().startswith(transport.FAST_DDS):
         shutdown.drop_incoming()
 
 

@@ -71,7 +71,9 @@ class FaultRun:
         overrides['plant']['lockstep_timeout_s'] = TIMEOUT_S
         found = node_config.build_mpcc_nodes(facts, fault.mode, folder, overrides)
         self.nodes = {node.role: node for node in found}
-        self.environment = processes.node_environment(domain, folder)
+        # independent of the shell
+        here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self.environment = processes.node_environment(domain, folder) | here
         self.clock = hooks.MachineClock(folder) if fault.action == 'clock_s' else None
         self.running: dict[str, Process] = {}
         self.expected_exits: list[Process] = []  # processes that the fault ends

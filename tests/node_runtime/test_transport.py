@@ -17,8 +17,8 @@ RANGE, PROFILES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'FASTRTPS_DEFAULT_PROFILES_FI
 SHARED_MEMORY = '/dev/shm/fastrtps_'
 
 
-def configured(**environment):
-    transport.configure(environment)
+def configured(middleware='rmw_fastrtps_cpp', **environment):
+    transport.configure(environment, middleware)
     return environment
 
 
@@ -47,6 +47,13 @@ def test_a_profile_keeps_nodes_on_this_machine_unless_the_user_opens_it():
 )
 def test_what_the_user_has_chosen_stays(choice):
     assert configured(**choice) == {RANGE: 'LOCALHOST', **choice}
+
+
+@pytest.mark.parametrize('given', [{}, {RANGE: 'LOCALHOST'}, {RANGE: 'SUBNET'}], ids=str)
+def test_another_middleware_keeps_its_range(given):
+    """To it, SYSTEM_DEFAULT might mean the whole subnet."""
+    found = configured('rmw_cyclonedds_cpp', **given)
+    assert found == {RANGE: 'LOCALHOST', **given}
 
 
 def test_named_hosts_are_added_to_the_subnet():

@@ -41,7 +41,9 @@ class NodeGraph:
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
         self.namespace = ''  # of every node, '' for the root
-        self.environment = processes.node_environment(domain, folder)
+        # independent of the shell
+        here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self.environment = processes.node_environment(domain, folder) | here
 
     def __enter__(self):
         return self

@@ -19,7 +19,6 @@ from wait_until import wait_until
 from bags.storage import read
 from experiments.run import processes
 from experiments.run.domain import reserved
-from node_runtime import transport
 from node_runtime.parameters import RUN_TIME
 from stage_solver import compile_cache
 
@@ -131,8 +130,7 @@ def hosts():
 def test_nodes_on_two_hosts_form_one_node_graph(hosts, tmp_path, domain):
     there = dict(zip(ROLES, (hosts[0], hosts[0], hosts[1], hosts[1])))
     with NodeGraph(tmp_path, domain, **SHORT) as graph:
-        graph.environment[transport.RANGE] = transport.SUBNET
-        del graph.environment[transport.PROFILES]  # those of the other range
+        graph.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
         for role in ROLES:
             graph.prefix[role] = ['ip', 'netns', 'exec', there[role]]
             graph.start(role)
@@ -147,8 +145,7 @@ def test_by_default_nodes_on_two_hosts_do_not_see_each_other(hosts, tmp_path, do
     with NodeGraph(tmp_path, domain, **SHORT) as graph:
         graph.prefix = {'scenario': ['ip', 'netns', 'exec', hosts[0]]}
         graph.prefix |= {'controller': ['ip', 'netns', 'exec', hosts[1]]}
-        for name in (transport.RANGE, transport.PROFILES):
-            del graph.environment[name]
+        del graph.environment['ROS_AUTOMATIC_DISCOVERY_RANGE']
         for role in ('scenario', 'controller'):
             graph.start(role)
         graph.wait_for('controller', 'ready')

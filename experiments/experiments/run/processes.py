@@ -16,11 +16,13 @@ from typing import NamedTuple
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Node
 from msgs_yaml import share
-from node_runtime import shutdown, transport
+from node_runtime import shutdown
 
 INTERRUPT_S = 12.0  # to end after SIGINT: the last messages take 5 s at most, shutdown 4
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AUTOGROUP = Path('/proc/self/autogroup')
+# for every node, unless the user's environment sets it: discovery on this machine only
+DEFAULT_ENVIRONMENT = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 # for every node: one thread, the matrices are small
 FIXED_ENVIRONMENT = {'OPENBLAS_NUM_THREADS': '1'}
 TAIL_LINES = 15
@@ -143,21 +145,15 @@ def last_line(log: Path) -> str:
     return next((line for line in reversed(lines) if line.strip()), '')
 
 
-def common_environment() -> dict[str, str]:
-    """Return the environment of this process with what every node needs.
-
-    Nodes are reachable from this machine only, unless the user's environment says otherwise
-    (`node_runtime.transport.configure`): so are controllers that are programs of the user.
-    """
-    environment = {**os.environ, **FIXED_ENVIRONMENT}
-    transport.configure(environment)
-    return environment
-
-
 def node_environment(domain: int, logs: Path) -> dict[str, str]:
-    """Return the environment of nodes in a ROS domain, with their logs in a folder."""
+    """Return the environment of nodes in a ROS domain, reachable from this machine only.
+
+    The user's ROS_AUTOMATIC_DISCOVERY_RANGE overrides the latter.
+    """
     return {
-        **common_environment(),
+        **DEFAULT_ENVIRONMENT,
+        **os.environ,
+        **FIXED_ENVIRONMENT,
         'ROS_DOMAIN_ID': str(domain),
         'ROS_LOG_DIR': str(logs),
         'RCUTILS_COLORIZED_OUTPUT': '0',

@@ -241,7 +241,7 @@ def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, la
     text = output(tmp_path)
     assert r'\"safety.obstacle_m\": 0.1' in text
     assert 'OPENBLAS_NUM_THREADS=1' in text
-    assert 'fast_dds_localhost.xml' in text
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in text
     assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()
 
 

@@ -306,7 +306,7 @@ def test_each_node_gets_the_domain_and_the_parameters_of_the_scenario(drive, pre
     plant = (bag / 'logs/plant_node.log').read_text()
     for line in (
         'ROS_DOMAIN_ID=50',
-        'fast_dds_localhost.xml',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST',
         'OPENBLAS_NUM_THREADS=1',
         'friction: 0.8',
         'start.speed_mps: 20.0',
