@@ -1,6 +1,6 @@
 """How often does a process that was killed and started again not hear the others, by transport?
 
-    .venv/bin/python bench/restarts.py [--kills 60] [--domain 35]
+    .venv/bin/python bench/restarts.py [--kills 60]
 
 One process publishes at 1 kHz, two at 20 Hz; a fourth hears all of them. It is killed (SIGKILL)
 after a random time and started again: first one that ends properly at once, as a recorder whose
@@ -13,7 +13,6 @@ import argparse
 import os
 import random
 import selectors
-import statistics
 import subprocess
 import sys
 import time
@@ -25,13 +24,14 @@ from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 from std_msgs.msg import String
 
+from experiments.run import domain
 from node_runtime import transport
 
 PERIODS_S = {'fast': 0.001, 'slow_1': 0.05, 'slow_2': 0.05}
 TOPICS = 4  # per publisher
 MESSAGE = String(data='x' * 600)  # about as long as a state
 LONGEST_LIFE_S = 0.3
-DEAF_S = 20.0  # in more than a minute none of the deaf began to hear
+DEAF_S = 20.0
 ENDS_AT_ONCE = 'ends_at_once'
 SHARED_MEMORY = {transport.RANGE: transport.LOCALHOST, 'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}
 
@@ -126,7 +126,6 @@ def main() -> int:
     """Print a line per transport; return 1 when ours left a process deaf."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--kills', type=int, default=60)
-    parser.add_argument('--domain', type=int, default=35)
     parser.add_argument(
         '--role', choices=(*PERIODS_S, 'listener', ENDS_AT_ONCE), help=argparse.SUPPRESS
     )
@@ -136,21 +135,20 @@ def main() -> int:
             given.role, lambda: publish(given.role)
         )()
         return 0
-    taken = (transport.RANGE, *transport.CHOICES, transport.PEERS, transport.LOCALHOST_ONLY)
-    clean = {name: value for name, value in os.environ.items() if name not in taken}
-    clean['ROS_DOMAIN_ID'] = str(given.domain)
+    clean = {name: text for name, text in os.environ.items() if name not in transport.VARIABLES}
     ours = dict(clean)
     transport.configure(ours, get_rmw_implementation_identifier())
     deaf = 0
-    for name, environment in (('shared memory', clean | SHARED_MEMORY), ('ours', ours)):
-        times = hearing_times(given.kills, environment)
-        heard = sorted(one for one in times if one is not None)
-        deaf = len(times) - len(heard)
-        print(
-            f'{name}: {deaf} of {len(times)} heard not all; the others after '
-            f'{statistics.median(heard):.1f} s, {heard[-1]:.1f} s at most',
-            flush=True,
-        )
+    with domain.reserved(os.environ) as number:
+        for name, environment in (('shared memory', clean | SHARED_MEMORY), ('ours', ours)):
+            found = hearing_times(given.kills, environment | {'ROS_DOMAIN_ID': str(number)})
+            heard = sorted(one for one in found if one is not None)
+            deaf = len(found) - len(heard)
+            print(f'{name}: {deaf} of {len(found)} did not hear all others', end='')
+            if heard:
+                median_s = heard[len(heard) // 2]
+                print(f'; the rest did after {median_s:.1f} s, {heard[-1]:.1f} s at most', end='')
+            print(flush=True)
     return int(deaf > 0)
 
 

@@ -27,7 +27,7 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 def pytest_configure(config):
     # the settings of the shell must not decide which nodes a test sees
-    for name in ('ROS_DOMAIN_ID', *transport.CHOICES, transport.PEERS, transport.LOCALHOST_ONLY):
+    for name in ('ROS_DOMAIN_ID', *transport.VARIABLES):
         os.environ.pop(name, None)
     os.environ[transport.RANGE] = transport.LOCALHOST
     # one cache for all workers and for the nodes that they start; kept for the next session

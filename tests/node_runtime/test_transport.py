@@ -8,9 +8,11 @@ import os
 import socket
 import struct
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
+from msgs_yaml import share
 from node_runtime import transport
 
 RANGE, PROFILES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -23,7 +25,7 @@ def configured(middleware='rmw_fastrtps_cpp', **environment):
 
 
 def test_a_profile_keeps_nodes_on_this_machine_unless_the_user_opens_it():
-    for given in ({}, {RANGE: 'LOCALHOST'}):
+    for given in ({}, {RANGE: ''}, {RANGE: 'LOCALHOST'}):
         found = configured(**given)
         assert Path(found[PROFILES]).name == 'fast_dds_localhost.xml'
         assert found[RANGE] == 'SYSTEM_DEFAULT'  # its own LOCALHOST adds shared memory
@@ -36,7 +38,7 @@ def test_a_profile_keeps_nodes_on_this_machine_unless_the_user_opens_it():
     'choice',
     [
         {PROFILES: 'mine.xml'},
-        {'FASTDDS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'ROS_DISCOVERY_SERVER': '192.168.1.20:11811'},
         {'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'},
         {'ROS_LOCALHOST_ONLY': '1'},
         {'ROS_STATIC_PEERS': '192.168.1.20'},
@@ -47,6 +49,13 @@ def test_a_profile_keeps_nodes_on_this_machine_unless_the_user_opens_it():
 )
 def test_what_the_user_has_chosen_stays(choice):
     assert configured(**choice) == {RANGE: 'LOCALHOST', **choice}
+
+
+def test_a_file_of_profiles_in_the_working_directory_is_a_choice(tmp_path, monkeypatch):
+    """Fast DDS loads it after ours: without a range it might open the whole subnet."""
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<profiles/>')
+    monkeypatch.chdir(tmp_path)
+    assert configured() == {RANGE: 'LOCALHOST'}
 
 
 @pytest.mark.parametrize('given', [{}, {RANGE: 'LOCALHOST'}, {RANGE: 'SUBNET'}], ids=str)
@@ -82,8 +91,9 @@ def mappings(pid):
     return Path(f'/proc/{pid}/maps').read_text()
 
 
-def test_by_default_a_node_uses_the_loopback_interface_and_no_shared_memory(run):
-    node = run()
+@pytest.mark.parametrize('given', [{}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}], ids=str)
+def test_by_default_a_node_uses_the_loopback_interface_and_no_shared_memory(run, given):
+    node = run(**given)
     node.until('tick')
     assert addresses(node.popen.pid) == {'127.0.0.1'}
     assert SHARED_MEMORY not in mappings(node.popen.pid)
@@ -94,6 +104,16 @@ def test_with_subnet_a_node_listens_on_every_interface_and_uses_no_shared_memory
     node.until('tick')
     assert '0.0.0.0' in addresses(node.popen.pid)
     assert SHARED_MEMORY not in mappings(node.popen.pid)
+
+
+def test_every_profile_repeats_a_lost_message_after_a_tenth_of_a_second():
+    for name in ('fast_dds_localhost.xml', 'fast_dds_subnet.xml'):
+        root = ElementTree.parse(share.path('node_runtime', 'config', name)).getroot()
+        names = {'dds': 'http://www.eprosima.com'}
+        (period,) = root.findall(
+            "dds:data_writer[@is_default_profile='true']//dds:heartbeatPeriod", names
+        )
+        assert [part.text for part in period] == ['0', '100000000']  # s, ns
 
 
 def test_the_user_may_choose_shared_memory(run):
