@@ -32,7 +32,7 @@ TOPICS = 4  # per publisher
 MESSAGE = String(data='x' * 600)  # about as long as a state
 LONGEST_LIFE_S = 0.3
 DEAF_S = 20.0
-ENDS_AT_ONCE = 'ends_at_once'
+LISTENER, ENDS_AT_ONCE = 'listener', 'ends_at_once'  # roles beside the publishers
 SHARED_MEMORY = {transport.RANGE: transport.LOCALHOST, 'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}
 
 
@@ -49,7 +49,7 @@ def publish(name: str) -> None:
 def listen() -> None:
     """Print the name of each publisher once, when its first message comes, until killed."""
     rclpy.init()
-    node = rclpy.create_node('listener', start_parameter_services=False)
+    node = rclpy.create_node(LISTENER, start_parameter_services=False)
     heard = set()
 
     def hear(name, message):
@@ -66,7 +66,7 @@ def listen() -> None:
 def end_at_once() -> None:
     """Begin and end a node."""
     rclpy.init()
-    rclpy.create_node('listener').destroy_node()
+    rclpy.create_node(LISTENER).destroy_node()
     rclpy.shutdown()
 
 
@@ -86,7 +86,7 @@ def hearing_times(kills: int, environment: dict[str, str]) -> list[float | None]
 
     running = [start(name) for name in PERIODS_S]
     try:
-        running.append(start('listener'))
+        running.append(start(LISTENER))
         if _wait(running[-1]) is None:
             raise RuntimeError('the first process did not hear the others')
         found = []
@@ -94,7 +94,7 @@ def hearing_times(kills: int, environment: dict[str, str]) -> list[float | None]
             time.sleep(random.uniform(0.0, LONGEST_LIFE_S))
             _kill(running.pop())
             start(ENDS_AT_ONCE).communicate()
-            running.append(start('listener'))
+            running.append(start(LISTENER))
             found.append(_wait(running[-1]))
         return found
     finally:
@@ -126,14 +126,12 @@ def main() -> int:
     """Print a line per transport; return 1 when ours left a process deaf."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--kills', type=int, default=60)
-    parser.add_argument(
-        '--role', choices=(*PERIODS_S, 'listener', ENDS_AT_ONCE), help=argparse.SUPPRESS
-    )
+    roles = {name: partial(publish, name) for name in PERIODS_S}
+    roles |= {LISTENER: listen, ENDS_AT_ONCE: end_at_once}
+    parser.add_argument('--role', choices=roles, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.role:
-        {'listener': listen, ENDS_AT_ONCE: end_at_once}.get(
-            given.role, lambda: publish(given.role)
-        )()
+        roles[given.role]()
         return 0
     clean = {name: text for name, text in os.environ.items() if name not in transport.VARIABLES}
     ours = dict(clean)

@@ -1,4 +1,4 @@
-"""How the messages of a node travel: by UDP, within this machine unless the user opens it. No ROS.
+"""The transport of a node: UDP, within this machine unless the user opens it. No ROS.
 
 Shared memory, which Fast DDS prefers by default, does not always survive a process that is killed:
 the next one takes over its port, and a process that still writes to the old port may remove the new

@@ -1,6 +1,6 @@
-"""Over what the messages of a node travel: what the environment decides, and what the system shows.
+"""The transport of a node: what the environment decides, and what a real process then uses.
 
-That Fast DDS takes the profiles is seen from outside: sockets and mappings of a real process.
+Sockets and mappings of the process show that Fast DDS has taken the profile.
 """
 
 import contextlib
