@@ -9,7 +9,7 @@ ARG BASE=ros:jazzy-ros-base-noble
 FROM ${BASE} AS build
 SHELL ["/bin/bash", "-euo", "pipefail", "-c"]
 
-# compiler and headers: controller and plant are generated as C and compiled on first use
+# compiler and headers: controller and plant are generated as C and compiled
 RUN apt-get update && apt-get install -y --no-install-recommends \
       gcc libc6-dev python3-dev python3-venv python3-pip python3-rosdep \
       python3-colcon-common-extensions ros-jazzy-rmw-fastrtps-cpp ros-jazzy-ros2launch \
@@ -60,6 +60,7 @@ RUN source install/setup.bash && cd /repository \
 # -- the image that drives
 FROM build AS run
 ENV MPCC_CACHE_DIR=/var/cache/mpcc
+RUN source install/setup.bash && ros2 run experiments experiments compile
 VOLUME /runs
 ENTRYPOINT ["/bin/bash", "-c", "source /ws/install/setup.bash && exec \"$@\"", "--"]
 CMD ["ros2", "run", "experiments", "experiments", "run", "double_lane_change", "--out", "/runs"]

@@ -17,6 +17,7 @@ COMMANDS = (
     'replay-check',
     'resolve',
     'golden',
+    'compile',
     'tune',
     'study',
     'paper',

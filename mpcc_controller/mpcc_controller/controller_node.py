@@ -23,6 +23,8 @@ from node_runtime import parameters, ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter
 from node_runtime.managed_node import ManagedNode
+from node_runtime.parameters import ParameterError
+from stage_solver.compile_cache import CompileError
 
 NAME = 'controller'
 MPCC_CONFIG, FRENET_CONFIG = 'mpcc.yaml', 'frenet.yaml'
@@ -53,7 +55,10 @@ class ControllerNode(ManagedNode):
         self.log_cut_limits(self.vehicle)
         self.get_logger().info('preparing the solver')
         self.wall = SteadyClock()
-        self.controller = Controller(params, self.vehicle, mode == 'realtime')
+        try:
+            self.controller = Controller(params, self.vehicle, mode == 'realtime')
+        except CompileError as error:
+            raise ParameterError(str(error)) from None
         if self.present != params:
             self.controller.check_change(self.present)
             self.controller.change(self.present, self.changes)

@@ -26,7 +26,7 @@ Inside:
     compiled_functions   CasADi functions as machine code, and calls without copies
     validation           checks of the arguments of a solve
 
-Only CasADi and numpy are needed; with a C compiler each problem is compiled once per machine.
+CasADi, numpy and a C compiler are needed; each problem is compiled once per machine.
 """
 
 from importlib import import_module

@@ -1,53 +1,67 @@
 """Compile C source to a shared library once per machine, in a cache that processes share.
 
-The cache key covers everything that determines the machine code: source, compiler version, flags,
-and the CPU when the flags contain -march=native.
+A file of the cache is called NAME-CODE-COMPILER.so. CODE covers what the library is to do: source,
+flags, and the CPU when the flags contain -march=native; COMPILER is the version that made it. With
+a compiler its own library counts; without one that of any compiler does, so a machine that has none
+drives with what was built ahead. Beside each library is its checksum: nothing damaged is loaded.
 """
 
 import fcntl
 import hashlib
+import logging
 import os
 import platform
 import shlex
 import shutil
 import subprocess
 import tempfile
-import warnings
 from functools import cache
 from pathlib import Path
 
 _COMPILE_TIMEOUT_S = 900.0
 _MAX_LINES = 12
+_LOG = logging.getLogger(__name__)  # without a handler a warning is a line on stderr
+AHEAD = (
+    'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
+    'in which a machine of this kind has built the libraries'
+)
 
 
-class CompileError(RuntimeError):
-    """The C compiler failed; the text has the first lines of its output."""
+class CompileError(OSError):
+    """There is no library of a source, and none can be made; the text says why."""
 
 
-class NoCompilerWarning(RuntimeWarning):
-    """There is no C compiler; slower interpreted code runs instead."""
-
-
-def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path | None:
+def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path:
     """Return the shared library of a C source, from the cache or compiled now.
 
-    `name` is the prefix of the file name, `flags` follow -shared -fPIC. Returns None when the
-    machine has no C compiler ($CC, else gcc, else cc). Raises CompileError when it fails.
+    `name` is the prefix of the file name, `flags` follow -shared -fPIC; the compiler is $CC, else
+    gcc, else cc. A damaged library is compiled again, with a line in the log. Raises CompileError
+    when the compiler fails, is missing, or may not write into the folder of the cache.
     """
-    compiler = find_compiler()
+    compiler, folder = find_compiler(), cache_dir()
+    code = f'{name}-{_code(c_source, flags)}'
     if compiler is None:
-        return None
-    digest = _key(c_source, compiler, flags)
-    folder = cache_dir()
-    folder.mkdir(parents=True, exist_ok=True)
-    library = folder / f'{name}-{digest}.so'
-    if library.exists():
+        return _built_ahead(folder, code, name)
+    library = folder / f'{code}-{_digest(_version(compiler))[:8]}.so'
+    if _is_whole(library):
         return library
-    with open(folder / f'{name}-{digest}.lock', 'w') as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        # another process may have finished while this one waited
-        if not library.exists():
-            _compile(c_source, library, compiler, flags)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with open(library.with_suffix('.lock'), 'w') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            # another process may have finished while this one waited
+            if not _is_whole(library):
+                if library.exists():
+                    _LOG.warning('%s is damaged: it is compiled again', library)
+                _compile(c_source, library, compiler, flags)
+    except CompileError:
+        raise
+    except OSError as error:
+        reason = f'{error.filename or folder}: {error.strerror}'
+        raise CompileError(
+            f'compiled code cannot be kept in {folder} ({reason}); '
+            'let MPCC_CACHE_DIR name a folder that can be written'
+        ) from None
     return library
 
 
@@ -68,18 +82,37 @@ def find_compiler() -> str | None:
     return None
 
 
-@cache
-def warn_no_compiler(consequence: str) -> None:
-    """Warn with NoCompilerWarning, once per process and consequence."""
-    warnings.warn(f'no C compiler found: {consequence}', NoCompilerWarning, stacklevel=2)
+def _built_ahead(folder, code, name):
+    """Return the newest whole library of a code, by any compiler."""
+    libraries = sorted(folder.glob(f'{code}-*.so'), key=os.path.getmtime, reverse=True)
+    for library in libraries:
+        if _is_whole(library):
+            return library
+    lack = f'{libraries[0]} is damaged' if libraries else f'no library of it is in {folder}'
+    raise CompileError(f'no C compiler for {name}, and {lack}: {AHEAD}')
 
 
-def _key(c_source, compiler, flags):
-    parts = [c_source, _version(compiler), *flags]
+def _is_whole(library):
+    """Return whether a library is there, and as it was when it was compiled."""
+    try:
+        return _checksum_file(library).read_text() == _digest(library.read_bytes())
+    except OSError:
+        return False
+
+
+def _checksum_file(library):
+    return library.with_suffix('.sha256')
+
+
+def _code(c_source, flags):
+    parts = [c_source, *flags]
     if '-march=native' in flags:
         parts.append(_cpu())
-    text = '\0'.join(parts)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+    return _digest('\0'.join(parts))[:32]
+
+
+def _digest(content):
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 @cache
@@ -109,5 +142,8 @@ def _compile(c_source, library, compiler, flags):
         if result.returncode:
             head = '\n'.join(result.stderr.splitlines()[:_MAX_LINES])
             raise CompileError(f'{compiler} refuses {library.stem}:\n{head}')
-        # rename is atomic: readers see no library or a complete one
+        checksum = Path(folder, 'checksum')
+        checksum.write_text(_digest(built.read_bytes()))
+        # renames are atomic, and who sees one without the other waits for the lock
+        os.replace(checksum, _checksum_file(library))
         os.replace(built, library)

@@ -6,7 +6,6 @@ arguments.
 """
 
 import functools
-import warnings
 
 import casadi as ca
 import numpy as np
@@ -23,18 +22,10 @@ def compile_functions(
 ) -> dict[str, ca.Function]:
     """Return the functions loaded from a shared library called `name`.
 
-    Returns `functions` unchanged, with one warning, where there is no working C compiler.
+    Raises CompileError where there is neither a library of them nor a working C compiler.
     """
-    try:
-        source = c_source(tuple(functions.values()), name)
-        library = compile_cache.compile_library(source, name, flags)
-    except compile_cache.CompileError as error:
-        warnings.warn(f'{error}\nthe interpreter is used instead', RuntimeWarning, stacklevel=2)
-        return functions
-    if library is None:
-        consequence = 'the control problem is interpreted, two to five times slower'
-        compile_cache.warn_no_compiler(consequence)
-        return functions
+    source = c_source(tuple(functions.values()), name)
+    library = compile_cache.compile_library(source, name, flags)
     return {name: ca.external(name, str(library)) for name in functions}
 
 

@@ -2,8 +2,6 @@
 
 import ctypes
 import math
-import warnings
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +9,6 @@ import numpy as np
 
 from stage_solver import compile_cache, riccati_codegen, validation
 from stage_solver.nlpsol_backend import INFEASIBLE, ITERATION_LIMIT, TIME_LIMIT
-from stage_solver.nlpsol_solver import NlpsolSolver
 from stage_solver.solution import (
     FAILED,
     ONE_STEP,
@@ -24,7 +21,6 @@ from stage_solver.solution import (
 )
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
-FALLBACK = 'fatrop'
 # doubles in a vector of the CPU, by Linux's name of the instruction set
 LANES = (('avx512f', 8), ('avx2', 4))
 MIN_LANES = 2
@@ -68,22 +64,14 @@ class Call(ctypes.Structure):
 
 
 def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
-    """Return the solver, or fatrop with one warning where there is no working C compiler."""
-    try:
-        library = compile_solver(problem)
-    except compile_cache.CompileError as error:
-        warnings.warn(f'{error}\n{FALLBACK} is used instead', RuntimeWarning, stacklevel=2)
-    else:
-        if library is not None:
-            return RiccatiSolver(problem, options, library)
-        compile_cache.warn_no_compiler(f'{FALLBACK} replaces the riccati solver, many times slower')
-    return NlpsolSolver(problem, replace(options, name=FALLBACK, compiled=False))
+    """Return the solver; CompileError as `compile_solver`."""
+    return RiccatiSolver(problem, options, compile_solver(problem))
 
 
-def compile_solver(problem: StageProblem) -> Path | None:
+def compile_solver(problem: StageProblem) -> Path:
     """Return the solver of a problem as machine code, from the cache or compiled now.
 
-    None without a C compiler; raises CompileError when it fails.
+    Raises CompileError where there is neither a library of it nor a working C compiler.
     """
     source = riccati_codegen.source(problem)
     flags = (*riccati_codegen.FLAGS, f'-DW={lanes()}')

@@ -54,7 +54,7 @@ class Solution(NamedTuple):
 class StageSolver(Protocol):
     """Solves one problem repeatedly with other initial states, parameters, bounds and guesses."""
 
-    name: str  # of the solver in use: 'fatrop' where it replaces 'riccati' without a C compiler
+    name: str  # of the solver
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.

@@ -269,6 +269,7 @@ RULES = [
     Rule(r'experiments resolve .*--tick .*--set ', says('solved again: ', 'changed: ')),
     Rule(r'bags info ', says('/vehicle/odometry', 'lockstep')),
     Rule(r'bags timing ', says('transport', 'solve')),
+    Rule(r'experiments compile ', says('the plant, mpcc_road')),
     Rule(r'experiments tune ', tunes),
     Rule(r'experiments study distributions', studies),
     Rule(r'experiments batch .*--out ', drives_a_batch),

@@ -27,15 +27,6 @@ def own_cache(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def broken_compiler(tmp_path, monkeypatch):
-    """Make $CC a compiler that fails with 'no headers'."""
-    path = tmp_path / 'broken-cc'
-    path.write_text('#!/bin/sh\n[ "$1" = --version ] && exit 0\necho no headers >&2; exit 1\n')
-    path.chmod(0o755)
-    monkeypatch.setenv('CC', str(path))
-
-
-@pytest.fixture
 def options():
     def make(name, **changes):
         standard = {'max_iterations': 200, 'tolerance': 1e-10, 'time_limit_s': None}

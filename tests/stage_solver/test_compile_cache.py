@@ -1,12 +1,12 @@
-"""C code is compiled once for all processes; without a compiler one warning names the loss."""
+"""C code is compiled once for all processes; what is damaged or missing is never loaded."""
 
 import ctypes
 import os
 import subprocess
 import sys
-import warnings
 
 import pytest
+from capabilities import ORDINARY_USER
 
 from stage_solver import compile_cache
 
@@ -89,24 +89,6 @@ def test_an_invalid_source_raises_with_the_output_of_the_compiler(cache):
     assert not list(cache.glob('*.so'))
 
 
-def test_without_a_compiler_there_is_no_library(monkeypatch):
-    monkeypatch.setenv('CC', 'no-such-compiler')
-    assert compile_cache.find_compiler() is None
-    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) is None
-    monkeypatch.delenv('CC')
-    monkeypatch.setenv('PATH', '')
-    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) is None
-
-
-def test_the_missing_compiler_is_warned_of_once():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter('always')
-        for _ in range(3):
-            compile_cache.warn_no_compiler('the test runs ten times slower')
-    assert [warning.category for warning in caught] == [compile_cache.NoCompilerWarning]
-    assert 'no C compiler found: the test runs ten times slower' in str(caught[0].message)
-
-
 def test_the_environment_sets_the_folder_of_the_cache(monkeypatch, tmp_path):
     monkeypatch.delenv('MPCC_CACHE_DIR')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
@@ -120,3 +102,99 @@ def test_the_environment_sets_the_folder_of_the_cache(monkeypatch, tmp_path):
 def test_the_cache_may_be_on_a_path_with_spaces(monkeypatch, tmp_path):
     monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'a cache'))
     assert os.path.exists(compile_cache.compile_library(SOURCE, 'twice', FLAGS))
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    """Return a function after which no compiler is found."""
+    return lambda: monkeypatch.setenv('CC', 'no-such-compiler')
+
+
+def truncate(library):
+    library.write_bytes(library.read_bytes()[:2000])
+
+
+def flip(library):
+    code = bytearray(library.read_bytes())
+    code[0x1000:0x1100] = bytes(byte ^ 0xFF for byte in code[0x1000:0x1100])
+    library.write_bytes(code)
+
+
+def empty(library):
+    library.write_bytes(b'')
+
+
+def lose_the_checksum(library):
+    library.with_suffix('.sha256').unlink()
+
+
+DAMAGES = pytest.mark.parametrize('damage', [truncate, flip, empty, lose_the_checksum])
+
+
+@needs_compiler
+@DAMAGES
+def test_a_damaged_library_is_compiled_again_with_one_line(damage, caplog):
+    damage(compile_cache.compile_library(SOURCE, 'twice', FLAGS))
+    for _ in range(2):
+        library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    assert twice(library, 21.0) == 42.0
+    assert [record.getMessage() for record in caplog.records] == [
+        f'{library} is damaged: it is compiled again'
+    ]
+
+
+@needs_compiler
+@DAMAGES
+def test_without_a_compiler_a_damaged_library_is_refused(damage, no_compiler):
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    damage(library)
+    no_compiler()
+    with pytest.raises(compile_cache.CompileError, match=rf'{library} is damaged.*MPCC_CACHE_DIR'):
+        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+
+
+@needs_compiler
+def test_without_a_compiler_what_any_compiler_has_built_is_loaded(no_compiler):
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    no_compiler()
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == library
+    with pytest.raises(compile_cache.CompileError, match='no library of it'):
+        compile_cache.compile_library(SOURCE, 'twice', ('-O1',))
+
+
+def test_without_compiler_and_library_the_error_names_both_ways_out(monkeypatch, cache):
+    monkeypatch.setenv('PATH', '')
+    with pytest.raises(compile_cache.CompileError) as caught:
+        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    assert str(caught.value) == (
+        f'no C compiler for twice, and no library of it is in {cache}: '
+        'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
+        'in which a machine of this kind has built the libraries'
+    )
+
+
+@needs_compiler
+def test_a_folder_that_cannot_be_written_serves_what_it_has_and_refuses_the_rest(cache):
+    """As a user who is not root, whom permissions do not bind."""
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    code = (
+        'from stage_solver import compile_cache;'
+        f'print(compile_cache.compile_library({SOURCE!r}, "twice", {FLAGS!r}));'
+        f'compile_cache.compile_library({SOURCE!r}, "thrice", {FLAGS!r})'
+    )
+    cache.chmod(0o555)
+    command = [*ORDINARY_USER, sys.executable, '-c', code]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    cache.chmod(0o755)
+    assert done.stdout == f'{library}\n'
+    assert (
+        f'CompileError: compiled code cannot be kept in {cache} ({cache}/thrice-'
+        in done.stderr.splitlines()[-1]
+    )
+    assert 'Permission denied); let MPCC_CACHE_DIR name a folder' in done.stderr
+
+
+def test_a_folder_that_cannot_be_made_is_refused_by_name(cache):
+    cache.write_text('a file')
+    with pytest.raises(compile_cache.CompileError, match=f'kept in {cache} .*MPCC_CACHE_DIR'):
+        compile_cache.compile_library(SOURCE, 'twice', FLAGS)

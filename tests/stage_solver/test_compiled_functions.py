@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stage_solver import compiled_functions, nlp_functions
-from stage_solver.solver import make_solver
 
 
 @pytest.fixture
@@ -59,16 +58,3 @@ def test_code_does_not_grow_with_the_horizon(slalom):
 
     # patterns do grow; the expanded graph would double
     assert length(50) < 1.35 * length(25)
-
-
-def test_without_a_compiler_the_functions_are_interpreted(slalom, options, monkeypatch):
-    expected = make_solver(slalom.problem, options('fatrop')).solve(*slalom.numbers)
-    monkeypatch.setenv('CC', 'no-such-compiler')
-    own = make_solver(slalom.problem, options('fatrop', compiled=True))
-    assert np.array_equal(own.solve(*slalom.numbers).plan.U, expected.plan.U)
-
-
-@pytest.mark.usefixtures('broken_compiler')
-def test_with_a_broken_compiler_the_functions_are_interpreted(functions):
-    with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*interpreter is used'):
-        assert compiled_functions.compile_functions(functions, 'slalom') is functions

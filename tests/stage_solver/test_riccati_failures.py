@@ -165,20 +165,6 @@ def test_other_numbers_are_not_compiled_anew(tight_slalom, riccati, own_cache):
     assert set(own_cache.iterdir()) == before
 
 
-def test_without_a_compiler_fatrop_takes_over(tight_slalom, riccati_options, riccati, monkeypatch):
-    expected = riccati(tight_slalom.problem).solve(*tight_slalom.numbers)
-    monkeypatch.setenv('CC', 'no-such-compiler')
-    replacement = riccati_solver.make_solver(tight_slalom.problem, riccati_options())
-    assert not isinstance(replacement, riccati_solver.RiccatiSolver)
-    assert replacement.solve(*tight_slalom.numbers).cost == pytest.approx(expected.cost, rel=1e-6)
-
-
-@pytest.mark.usefixtures('broken_compiler')
-def test_with_a_broken_compiler_fatrop_takes_over(tight_slalom, riccati_options):
-    with pytest.warns(RuntimeWarning, match=r'(?s)no headers.*fatrop is used'):
-        riccati_solver.make_solver(tight_slalom.problem, riccati_options())
-
-
 def double_integrator_that_costs(root, name):
     """A double integrator to 1 m, its speed costs `root(v)`; at rest in the guess."""
     x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u', 1), ca.SX.sym('p', 0)

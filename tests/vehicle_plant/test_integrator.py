@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from node_runtime import named_vector
-from stage_solver import compile_cache
 from vehicle_plant import integrator
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.state import State
@@ -62,21 +61,6 @@ def test_interpreted_equals_compiled(params, rng):
     fast = integrator.advance(x, set_points, p)[1]
     slow = integrator.advance_interpreted(x, set_points, p)
     assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
-
-
-def test_without_a_compiler_it_runs_interpreted_and_warns(params, monkeypatch):
-    monkeypatch.setenv('CC', '/nowhere/cc')
-    integrator.library.cache_clear()
-    integrator.compiled_advance.cache_clear()
-    try:
-        p = integrator.parameter_vector(params, 1.0)
-        x = rolling_state(params, Start(0.0, 0.0, 0.0, 20.0))
-        with pytest.warns(compile_cache.NoCompilerWarning, match='interpreted'):
-            rows = integrator.advance(x, np.zeros((4, 3)), p)[1]
-        assert rows[-1, PLACE[0]] == pytest.approx(0.06, rel=1e-3)
-    finally:
-        integrator.library.cache_clear()
-        integrator.compiled_advance.cache_clear()
 
 
 def test_parameters_change_nothing_but_numbers(params):

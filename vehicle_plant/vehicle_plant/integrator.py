@@ -4,7 +4,7 @@ Classical Runge-Kutta method of fourth order, 1 ms. The fastest modes are wheel 
 carcass (160 rad/s), wheel hop (75 rad/s) and the damping of a gripping brake (some 400 1/s): all
 within its stability limit of 2.8/ms, at every speed including standstill because slip is a state.
 Constraints (linings, mechanical stops) are projected after each step; there the order is one.
-Without a C compiler the same steps run interpreted.
+`advance_interpreted` defines the same steps without compiled code.
 
 `Model` says what is integrated. Every function takes one; without it, the double track.
 """
@@ -208,19 +208,15 @@ def _c_source(model) -> str:
 
 
 @cache
-def library(model: Model = DOUBLE_TRACK) -> Path | None:
-    """Return the compiled plant, or None without a C compiler."""
+def library(model: Model = DOUBLE_TRACK) -> Path:
+    """Return the compiled plant. Raises CompileError."""
     return compile_cache.compile_library(_c_source(model), model.name, FLAGS)
 
 
 @cache
 def compiled_advance(model: Model = DOUBLE_TRACK):
-    """Return the C function of the driver, or None without a C compiler, with one warning."""
-    path = library(model)
-    if path is None:
-        compile_cache.warn_no_compiler('the plant runs interpreted, about 20 times slower')
-        return None
-    function = ctypes.CDLL(str(path)).advance
+    """Return the C function of the driver. Raises CompileError."""
+    function = ctypes.CDLL(str(library(model))).advance
     pointer = ctypes.c_void_p
     function.argtypes = [*(pointer,) * 4, ctypes.c_double, pointer, ctypes.c_long]
     function.restype = ctypes.c_int
@@ -254,8 +250,6 @@ def advance(
 
 def _advance(x, set_points, p, h, patches, model):
     function = compiled_advance(model)
-    if function is None:
-        return _interpret(x, set_points, p, h, patches, model)
     rows = np.empty((len(set_points) - 1, row_size()))
     arrays = [np.array(x, dtype=float)]  # the C code advances it in place
     arrays += [np.ascontiguousarray(array, dtype=float) for array in (set_points, p)]

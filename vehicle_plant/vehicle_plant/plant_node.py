@@ -12,6 +12,7 @@ from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
+from stage_solver import compile_cache
 from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
 from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
@@ -38,9 +39,11 @@ class PlantNode(ManagedNode):
         """Load the files that the parameters name, compile the car if need be, join the graph."""
         self.plant = parameters.plant_params(self.params)
         self.patches = road_friction.patches_from_parameters(self.params.patches)
-        integrator.library(
-            plant_models.model_of(self.plant)
-        )  # compiles, if need be, before time starts
+        try:
+            # compiles, if need be, before time starts
+            integrator.library(plant_models.model_of(self.plant))
+        except compile_cache.CompileError as error:
+            raise ParameterError(str(error)) from None
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
         self.actuators_pub = ros.TemplatePublisher(self, '/vehicle/actuators')
         self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')

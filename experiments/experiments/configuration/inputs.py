@@ -191,7 +191,8 @@ def check_problem(checked: Mapping[str, tuple[Any, Any]], file: str = '') -> Non
         PredictionModel(*checked[CONTROLLER])
     except Exception as error:
         # an error of the user's source has no other place in its text
-        where = '' if isinstance(error, parameters.ParameterError) else f'{_place(error)}: '
+        is_refusal = isinstance(error, parameters.ParameterError | OSError)
+        where = '' if is_refusal else f'{_place(error)}: '
         named = f' ({file})' if file else ''
         raise BagError(f'the controller{named} would not start: {where}{error}') from error
 

@@ -120,10 +120,10 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
             raise BagError(
                 f'the controller {name_or_path!r} is a program: only `experiments run` drives it'
             )
-        return Controller(path.stem, _known_controllers()['mpcc'].absolute(), program)
+        return Controller(path.stem, known_controllers()['mpcc'].absolute(), program)
     is_path = os.sep in name_or_path or path.suffix == PYTHON
     if path.suffix not in YAML_SUFFIXES and not is_path:
-        known = _known_controllers()
+        known = known_controllers()
         if name_or_path not in known:
             raise BagError(
                 f'no controller {name_or_path!r}{_describe_unknown(name_or_path, known)}'
@@ -164,7 +164,7 @@ def _program(name_or_path):
 
 def _missing_file(path):
     """Return that a file is missing, and the one that may have been meant."""
-    shipped = _known_controllers()
+    shipped = known_controllers()
     if path.name == str(path) and path.stem in shipped:
         return f'there is no such file; did you mean {path.stem!r}, which comes with the package?'
     if path.suffix == PYTHON:
@@ -208,7 +208,7 @@ def find_controllers(
     return controllers
 
 
-def _known_controllers():
+def known_controllers() -> dict[str, Path]:
     """Return the controller files in config/ by name; a file without a car is no controller."""
     files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
     return {file.stem: file for file in files if 'car_file' in parameters.read_file(file).values}

@@ -19,12 +19,7 @@ from experiments.progress import RunProgress
 from experiments.run import domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
-from stage_solver import compile_cache
 
-NO_COMPILER = (
-    '[yellow]no C compiler found:[/] plant and controller run interpreted, several times slower; '
-    'what they compute stays the same. On Debian and Ubuntu: apt install gcc'
-)
 WARNING = '[yellow]warning, {}:[/] '
 
 
@@ -193,8 +188,6 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
 def _run_each(request, facts, controllers, loaded, overrides, folder, console):
     for line in staging.recover(folder):
         print_text(console, line)
-    if compile_cache.find_compiler() is None:
-        console.print(NO_COMPILER)
     outcomes = []
     try:
         with (

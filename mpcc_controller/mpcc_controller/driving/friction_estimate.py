@@ -72,7 +72,7 @@ class FrictionEstimator:
     def __init__(self, params: FrictionEstimate, car: Car, highest: float, compiled: bool = True):
         """`car` is that of friction `highest`, the most that is believed.
 
-        compiled: the model is machine code where there is a C compiler.
+        compiled: the model is machine code.
         """
         self._params = params
         count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1

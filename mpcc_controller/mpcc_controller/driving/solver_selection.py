@@ -49,8 +49,7 @@ def make_second_solver(
 ) -> StageSolver | None:
     """Return the solver to use after a failure of the first, None if that would be the same.
 
-    Its time limit is what the first solver leaves of `fallback_limit_s`. `first` decides, not the
-    parameters: without a C compiler it is fatrop where they name riccati.
+    Its time limit is what the first solver leaves of `fallback_limit_s`.
     """
     chosen = params.solver
     if chosen.fallback in ('none', first.name):

@@ -1,11 +1,10 @@
 """The queries of path and road edges as machine code (queries.c), for the callers in this folder.
 
 Each function of the C file does what the numpy function of the same purpose does, to rounding; the
-numpy functions define the results and replace the machine code where there is no C compiler.
+numpy functions define the results.
 """
 
 import ctypes
-import warnings
 from functools import cache
 from pathlib import Path
 
@@ -36,16 +35,9 @@ ARGUMENTS = {
 
 
 @cache
-def library() -> ctypes.CDLL | None:
-    """Return the compiled queries, or None without a working C compiler, with one warning."""
-    try:
-        path = compile_cache.compile_library(SOURCE.read_text(), 'path_queries', FLAGS)
-    except compile_cache.CompileError as error:
-        warnings.warn(f'{error}\nnumpy is used instead', RuntimeWarning, stacklevel=2)
-        return None
-    if path is None:
-        compile_cache.warn_no_compiler('path and road are evaluated by numpy, several times slower')
-        return None
+def library() -> ctypes.CDLL:
+    """Return the compiled queries. Raises CompileError."""
+    path = compile_cache.compile_library(SOURCE.read_text(), 'path_queries', FLAGS)
     loaded = ctypes.CDLL(str(path))
     loaded.disc_count.restype, loaded.disc_count.argtypes = LONG, (LONG,)
     for name, arguments in ARGUMENTS.items():
@@ -55,11 +47,9 @@ def library() -> ctypes.CDLL | None:
     return loaded
 
 
-def make_discs(X: np.ndarray, Y: np.ndarray) -> np.ndarray | None:
-    """Return discs (3, m) around blocks of the chords between points (n,); None uncompiled."""
+def make_discs(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+    """Return discs (3, m) around blocks of the chords between points (n,)."""
     compiled = library()
-    if compiled is None:
-        return None
     X, Y = row(X), row(Y)
     discs = np.empty((3, compiled.disc_count(len(X) - 1)))
     compiled.make_discs(len(X), X.ctypes.data, Y.ctypes.data, discs.ctypes.data)

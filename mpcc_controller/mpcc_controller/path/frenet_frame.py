@@ -98,9 +98,6 @@ def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
     bend keeps the foot at the closest pose of the path.
     """
     compiled = compiled_queries.library()
-    if compiled is None:
-        s = np.array([closest_node(path, *point, near) for point in zip(X, Y)])
-        return refine_by_numpy(path, X, Y, s)
     X, Y = compiled_queries.row(X), compiled_queries.row(Y)
     s, e = np.empty((2, len(X)))
     compiled.path_to_frenet(
@@ -125,8 +122,6 @@ def closest_node(path, X, Y, near):
 def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
     compiled = compiled_queries.library()
-    if compiled is None:
-        return refine_by_numpy(path, X, Y, s)
     X, Y, s = compiled_queries.row(X), compiled_queries.row(Y), np.array(s, float)
     e = np.empty(len(s))
     compiled.path_refine(

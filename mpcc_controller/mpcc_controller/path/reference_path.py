@@ -20,7 +20,7 @@ class ReferencePath(NamedTuple):
     """A path of n segments and its straight continuations: n + 2 arcs in order."""
 
     table: np.ndarray  # (6, n + 2): the rows of `arcs`, then `v`
-    discs: np.ndarray | None  # of `compiled_queries`
+    discs: np.ndarray  # of `compiled_queries`
 
     @property
     def arcs(self) -> Arc:
@@ -87,8 +87,6 @@ def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
     """
     compiled = compiled_queries.library()
     theta = compiled_queries.row(theta)
-    if compiled is None:
-        return arcs_by_numpy(path, theta)
     table, out = path.table, np.empty((5, *theta.shape))
     compiled.path_at(
         table.shape[1], table.ctypes.data, theta.size, theta.ctypes.data, out.ctypes.data
@@ -113,10 +111,9 @@ def project(path: ReferencePath, X: float, Y: float, near: float | None, reach: 
     crosses or repeats itself is not short-cut. With None all of it is searched; of several laps the
     first one within LAP_TOLERANCE_M of the closest is taken.
     """
-    compiled = compiled_queries.library()
-    if compiled is None or near is None:
+    if near is None:
         return project_by_numpy(path, X, Y, near, reach)
-    table = path.table
+    compiled, table = compiled_queries.library(), path.table
     return compiled.path_project(table.shape[1], table.ctypes.data, X, Y, near, reach)
 
 

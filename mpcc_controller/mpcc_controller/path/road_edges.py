@@ -20,7 +20,7 @@ class Polyline(NamedTuple):
     """Corners of an edge with its continuations."""
 
     table: np.ndarray  # (3, n) m: X and Y in the map, length s up to each corner
-    discs: np.ndarray | None  # of `compiled_queries`, without the continuations
+    discs: np.ndarray  # of `compiled_queries`, without the continuations
 
     @property
     def s(self) -> np.ndarray:
@@ -174,8 +174,6 @@ def _point(line, s):
 def edge_beside(line: Polyline, X, Y, window: float) -> Edge:
     """Return the parabolas tangent to the line where it is closest to positions (k,)."""
     compiled = compiled_queries.library()
-    if compiled is None:
-        return tangent_parabolas(line, closest(line, X, Y), window)
     X, Y = compiled_queries.row(X), compiled_queries.row(Y)
     out = np.empty((4, len(X)))
     compiled.edge_beside(

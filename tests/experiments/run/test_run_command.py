@@ -155,19 +155,6 @@ def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
     assert left_over(tmp_path) == []
 
 
-def test_without_a_compiler_one_warning_names_the_consequence(tmp_path, prefix):
-    prefix('mpcc_controller/controller_node', 'exit 4\n')
-    done = subprocess.run(
-        [*RUN, '--out', tmp_path / 'runs'],
-        env={**os.environ, 'PATH': str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
-    assert done.stdout.count('no C compiler found') == 1
-    assert 'slower' in done.stdout
-
-
 def recorded_bytes(folder):
     return sum(file.stat().st_size for file in folder.glob('.mpcc.*/mpcc/*.mcap'))
 

@@ -42,9 +42,3 @@ def solver_names(params, problem):
 )
 def test_the_second_solver_differs_from_the_first(solver_names, name, fallback, second):
     assert solver_names(name, fallback) == (name, second)
-
-
-def test_without_a_compiler_the_substitute_is_not_also_the_second_solver(solver_names, monkeypatch):
-    monkeypatch.setenv('CC', 'no-such-compiler')
-    assert solver_names('riccati', 'fatrop') == ('fatrop', None)
-    assert solver_names('riccati', 'ipopt') == ('fatrop', 'ipopt')

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from mpcc_controller.path import compiled_queries, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import Reference, RoadEdges
-from stage_solver import compile_cache
 
 EXACT = {'rel': 1e-12, 'abs': 1e-12}
 NEAR = {'rel': 1e-12, 'abs': 1e-10}  # m, of coordinates of some 100 m
@@ -128,31 +127,3 @@ def test_long_roads_are_searched_in_blocks():
     left, right = road_edges.edges_near(road, X, 0 * X, 4.0)
     assert pytest.approx(X, **EXACT) == left.X
     assert pytest.approx(np.full(51, -3.0), **EXACT) == right.Y
-
-
-def test_without_a_compiler_numpy_answers_the_same_queries(monkeypatch):
-    rng, points, turn = random_line(3, 60, 0.02, 2.0)
-    reference = Reference(0, *points.T, turn, np.arange(60.0))
-    X, Y = beside(rng, points, 20, 1.0)
-
-    def answers():
-        path, road = reference_path.build(reference), road_edges.build(RoadEdges(0, points, points))
-        arcs, v = reference_path.arcs_at(path, np.linspace(-5.0, 130.0, 20))
-        frenet = frenet_frame.to_frenet(path, X, Y, 30.0)
-        feet = reference_path.project(path, X[0], Y[0], 30.0, 200.0)
-        return np.concatenate(
-            [*arcs, v, *frenet, [feet], *road_edges.edge_beside(road.left, X, Y, 3.0)]
-        )
-
-    compiled = answers()
-    monkeypatch.setattr(compiled_queries, 'library', lambda: None)
-    assert answers() == pytest.approx(compiled, rel=1e-9, abs=1e-9)
-
-
-def test_a_broken_compiler_is_reported_and_numpy_answers(monkeypatch):
-    def refuse(*_):
-        raise compile_cache.CompileError('cc refuses path_queries')
-
-    monkeypatch.setattr(compile_cache, 'compile_library', refuse)
-    with pytest.warns(RuntimeWarning, match='cc refuses path_queries'):
-        assert compiled_queries.library.__wrapped__() is None

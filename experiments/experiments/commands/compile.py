@@ -1,0 +1,58 @@
+"""Compile the plant and controllers into the cache, so that they start without a C compiler.
+
+The cache is the folder $MPCC_CACHE_DIR, else mpcc in $XDG_CACHE_HOME, else ~/.cache/mpcc. What is
+there is not compiled again. It serves this machine and others with the same processor, the same
+version of CasADi and the same sources, whether or not they have a compiler.
+"""
+
+import argparse
+import os
+from itertools import count
+
+from rich.console import Console
+
+from experiments.commands import add_jobs
+
+HELP = 'compile plant and controllers ahead of their first drive'
+EXAMPLE = 'experiments compile mpcc_road ./my_controller.yaml'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments compile`."""
+    text = 'a name in mpcc_controller/config, or a YAML file (default: every name)'
+    parser.add_argument('controllers', nargs='*', metavar='CONTROLLER', help=text)
+    add_jobs(parser, 'what is compiled')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compile; return 0. Raises BagError, and CompileError without a working compiler."""
+    from experiments.configuration import node_config
+    from experiments.progress import CountProgress
+    from experiments.worker_pool import WorkerPool
+    from stage_solver import compile_cache
+
+    names = options.controllers or list(node_config.known_controllers())
+    files = [str(controller.config) for controller in node_config.find_controllers(names)]
+    console = Console()
+    tasks = [(None,), *((file,) for file in files)]
+    done = count(1)
+    with CountProgress(console) as progress, WorkerPool(options.jobs) as pool:
+        progress.show('compiling', 0, len(tasks))
+        pool.run(_prepare, tasks, lambda: progress.show('compiling', next(done), len(tasks)))
+    folder = os.path.relpath(compile_cache.cache_dir())
+    console.print(f'compiled, in {folder}: the plant, {", ".join(names)}', highlight=False)
+    return 0
+
+
+def _prepare(config):
+    """Make a controller as its node does, or the plant for None."""
+    from experiments.configuration import inputs
+    from mpcc_controller import car_file
+    from mpcc_controller.driving.controller import Controller
+    from vehicle_plant import integrator
+
+    if config is None:
+        integrator.library()
+    else:
+        params = inputs.controller_params(config)
+        Controller(params, car_file.load(params))
