@@ -129,6 +129,8 @@ class Limits(Struct):
     brake_front_share_min: Annotated[float, Range(0.0, 1.0, '-')]  # lambda_b, lower limit
     brake_front_share_max: Annotated[float, Range(0.0, 1.0, '-')]  # lambda_b, upper limit
     friction_use: Annotated[float, Range(0.1, 1.0, 'share of mu Fz (sf)')]
+    # the same of a driving force, which spins the wheels beyond it; left out: friction_use
+    drive_friction_use: Annotated[float, Range(0.1, 1.0, 'share of mu Fz')] | None
     least_speed_mps: Annotated[float, Range(1.0, 50.0, 'm/s, below it the car brakes to a stop')]
     # above the least speed, to drive on
     speed_hysteresis_mps: Annotated[float, Range(0.0, 10.0, 'm/s')]

@@ -4,12 +4,14 @@ The constrained quantities are those of `ocp.constraints`.
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
+from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
-from mpcc_controller.problem.ocp import Constraints, total_friction_use
+from mpcc_controller.problem.ocp import Constraints
 from stage_solver.stage_problem import Bounds
 
 FRICTION = ('front', 'rear', 'total')  # the rows of g that are shares of the friction
@@ -27,13 +29,16 @@ def build(
     restart), the friction bounds widen to what the rate limit of the force allows to reach: a state
     that cannot be changed must not make the problem infeasible.
     """
-    sf = friction_share(limits, car, Fx, horizon, dt)
+    driving, braking = friction_shares(limits, car, Fx, horizon, dt)
     constant = _without_friction(limits, horizon, state)
     g_high, g_low = constant.g_high.copy(), constant.g_low.copy()
     for name in FRICTION:
-        g_high[:, Constraints._fields.index(name)] = sf[:-1]
-        g_low[:, Constraints._fields.index(name)] = -sf[:-1]
-    return constant._replace(g_low=g_low, g_high=g_high, h_low=-sf[-1:], h_high=sf[-1:])
+        column = Constraints._fields.index(name)
+        g_high[:, column] = getattr(driving, name)[:-1]
+        g_low[:, column] = -getattr(braking, name)[:-1]
+    return constant._replace(
+        g_low=g_low, g_high=g_high, h_low=-braking.total[-1:], h_high=driving.total[-1:]
+    )
 
 
 @cache
@@ -73,11 +78,39 @@ def _without_friction(limits, horizon, state) -> Bounds:
     return Bounds(**arrays)
 
 
-def friction_share(limits: Limits, car: Car, Fx: float, horizon: int, dt: float) -> np.ndarray:
-    """Return the share of the friction that each stage (N + 1,) may use.
+class FrictionShares(NamedTuple):
+    """Shares of the friction (N + 1,) that the stages may use."""
 
-    It is the paper's sf, or more where the rate limit keeps the force above it.
+    front: np.ndarray
+    rear: np.ndarray
+    total: np.ndarray
+
+
+def friction_shares(
+    limits: Limits, car: Car, Fx: float, horizon: int, dt: float
+) -> tuple[FrictionShares, FrictionShares]:
+    """Return the shares of the friction that each stage may use to drive and to brake.
+
+    They are those of `limits`, or more where the rate limit keeps the force above them: what an
+    axle needs for the smallest force that can be reached. A driving force is shared between the
+    axles as the car does, a braking force as their friction is, within the limits of lambda_b.
     """
     smallest = np.maximum(abs(Fx) - limits.force_rate_nps * dt * np.arange(horizon + 1), 0)
-    required = np.abs(total_friction_use(np.copysign(smallest, Fx), car))
-    return np.maximum(limits.friction_use, (1 + MARGIN) * required)
+    Fz = single_track.loads(np.copysign(smallest, Fx), car)
+    front, rear = car.mu_f * Fz.f, car.mu_r * Fz.r
+    lambda_b = np.clip(
+        front / (front + rear), limits.brake_front_share_min, limits.brake_front_share_max
+    )
+    at_front = lambda_b if Fx < 0 else car.lambda_d
+    required = FrictionShares(
+        at_front * smallest / front, (1 - at_front) * smallest / rear, smallest / (front + rear)
+    )
+
+    def shares(use, is_present):
+        return FrictionShares(
+            *(np.maximum(use, (1 + MARGIN) * need * is_present) for need in required)
+        )
+
+    drive_use = limits.drive_friction_use
+    drive_use = limits.friction_use if drive_use is None else drive_use
+    return shares(drive_use, Fx > 0), shares(limits.friction_use, Fx < 0)

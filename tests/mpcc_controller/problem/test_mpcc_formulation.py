@@ -181,16 +181,49 @@ def test_friction_bounds_are_the_safety_factor(params, car):
     assert np.all(solver_bounds.h_low == -params.limits.friction_use)
 
 
-def test_a_force_beyond_a_slippery_road_leaves_the_problem_feasible(world):
+@quick
+@given(
+    Fx=st.floats(-17000.0, 6000.0),
+    friction=st.floats(0.05, 1.5),
+    lambda_d=st.floats(0.0, 1.0),
+    split=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)).map(sorted),
+    drive_use=st.one_of(st.none(), st.floats(0.1, 1.0)),
+)
+def test_whatever_the_force_on_whatever_road_there_is_a_plan(
+    world, Fx, friction, lambda_d, split, drive_use
+):
+    """The force falls as fast as it may, and some split within its bounds overloads no axle."""
+    params, vehicle = world.load(
+        model__friction=friction,
+        model__drive_front_share=lambda_d,
+        limits__brake_front_share_min=split[0],
+        limits__brake_front_share_max=split[1],
+        limits__drive_friction_use=drive_use,
+    )
+    limits, car = params.limits, stage_parameters.car(params, vehicle)
+    given_bounds = bounds.build(limits, car, Fx, N, DT)
+    fastest = np.maximum(abs(Fx) - limits.force_rate_nps * DT * np.arange(N + 1), 0)
+    for k, force in enumerate(np.copysign(fastest, Fx)):
+        Fz = single_track.loads(force, car)
+        front, rear = car.mu_f * Fz.f, car.mu_r * Fz.r
+        if k == N:
+            assert given_bounds.h_low[0] <= force / (front + rear) <= given_bounds.h_high[0]
+            break
+        best = np.clip(front / (front + rear), *split)
+        at_front = np.array([*np.linspace(*split, 101), best]) if Fx < 0 else np.array([lambda_d])
+        uses = np.column_stack((at_front * force / front, (1 - at_front) * force / rear))
+        low, high = given_bounds.g_low[k, :2], given_bounds.g_high[k, :2]
+        assert np.any(np.all((low <= uses) & (uses <= high), axis=1))
+
+
+def test_the_friction_bounds_are_back_where_the_force_may_be(world):
     params, vehicle = world.load(model__friction=0.3)
-    car = stage_parameters.car(params, vehicle)
     Fx = -12000.0
-    solver_bounds = bounds.build(params.limits, car, Fx, N, DT)
-    beyond = abs(ocp.total_friction_use(Fx, car))
-    assert beyond > 1 > params.limits.friction_use
-    assert solver_bounds.g_high[0, 0] > beyond
+    given_bounds = bounds.build(params.limits, stage_parameters.car(params, vehicle), Fx, N, DT)
     force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))
-    assert np.all(solver_bounds.g_high[force_gone:, :3] == params.limits.friction_use)
+    assert np.all(given_bounds.g_low[0, :2] < -1)
+    assert np.all(given_bounds.g_low[force_gone:, :3] == -params.limits.friction_use)
+    assert np.all(given_bounds.g_high[:, :3] == params.limits.friction_use)
 
 
 @quick
