@@ -69,7 +69,8 @@ class ControllerInputs:
         self._state_sub = subscriptions[TOPICS[STATE]]
         self.publishers = PublisherMonitor(node, subscriptions)
         self._slow_path = ChangeFilter()
-        self._refusals = {topic: RejectionLog(topic) for topic in (*TOPICS.values(), ACTUATORS)}
+        logged = (*TOPICS.values(), ACTUATORS, f'object of {TOPICS[OBSTACLES]}')
+        self._refusals = {topic: RejectionLog(topic) for topic in logged}
 
     def on_reference(self, raw: bytes) -> None:
         """Use the path."""
@@ -81,7 +82,7 @@ class ControllerInputs:
 
     def on_obstacles(self, raw: bytes) -> None:
         """Use the obstacles; in lockstep they complete the inputs of a step."""
-        self._use(OBSTACLES, subscriptions_node.read_obstacles, raw, self._set_obstacles)
+        self._use(OBSTACLES, self._read_obstacles, raw, self._set_obstacles)
 
     def on_odometry(self, raw: bytes) -> None:
         """Keep the state if it is to be answered."""
@@ -148,6 +149,19 @@ class ControllerInputs:
         if not fault:
             self._warn_of_slow_path()  # before a step, which may warn of its consequence
         return fault
+
+    def _read_obstacles(self, raw: bytes) -> Obstacles:
+        """Return the obstacles, without a stamp those of now; log and count refused objects."""
+        obstacles = subscriptions_node.read_obstacles(raw)
+        for kind, reason in obstacles.refused:
+            self._reject(f'object of {TOPICS[OBSTACLES]}', kind, reason)
+            self._watchdog.reject(OBSTACLES, reason)
+        if not obstacles.stamp_ns and ros.mode(self._node) == 'lockstep':
+            raise decode.DecodeError(
+                f'{TOPICS[OBSTACLES]}: without markers it has no stamp; allowed in lockstep: one '
+                'marker with the action DELETEALL and the stamp of the state'
+            )
+        return obstacles._replace(stamp_ns=obstacles.stamp_ns or self._wall.now_ns())
 
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)

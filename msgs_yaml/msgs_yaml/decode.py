@@ -6,21 +6,24 @@ of the same name in `encode`.
 """
 
 import struct
+from collections import Counter
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from msgs_yaml import conformance, conversions, flat_fields, types
+from msgs_yaml import conformance, contract, conversions, flat_fields, types
 
 UNIT_TOLERANCE = 1e-3  # of the squared length of a quaternion
 _CDR_ORDERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
 _STAMP_OFFSET = 4  # after the encapsulation header
 # visualization_msgs/Marker
 _ARROW, _CYLINDER, _LINE_STRIP = 0, 3, 4
-_ADD, _DELETEALL = 0, 3
+_ADD, _DELETE, _DELETEALL = 0, 2, 3
 _EDGES = '/scenario/road_edges'
 _OBSTACLES = '/scenario/obstacles'
+_OBJECTS = {'obstacle': _CYLINDER, 'velocity': _ARROW}
 
 
 class DecodeError(ValueError):
@@ -78,18 +81,34 @@ def road_edges(msg: Any) -> types.RoadEdges:
 
 
 def obstacles(msg: Any) -> types.Obstacles:
-    """Return the obstacles of /scenario/obstacles, in the order of their cylinders."""
-    _check(_OBSTACLES, msg)
-    added = [marker for marker in msg.markers if marker.action != _DELETEALL]
+    """Return the obstacles of /scenario/obstacles, in the order of their cylinders.
+
+    An object that breaks the contract is refused, the others are used. Raises DecodeError if there
+    are objects and none of them can be used: that would read as a free road.
+    """
+    most = contract.load().topics[_OBSTACLES].sizes['markers'].high
+    markers, refused = [*msg.markers[:most]], []
+    if len(msg.markers) > most:
+        refused.append(types.Refusal('number', f'more than {most} markers: the first are used'))
+    added = [marker for marker in markers if marker.action not in (_DELETE, _DELETEALL)]
+    stamp_ns = _most_frequent_stamp_ns(added or markers)
+    used: dict[str, dict[int, Any]] = {ns: {} for ns in _OBJECTS}
+    # marker by marker takes four times as long: only to find those that break the contract
+    check = _violations if _violations(added) else lambda markers: []
     for marker in added:
-        _expect(_OBSTACLES, marker, {'obstacle': _CYLINDER, 'velocity': _ARROW})
-    cylinders = _by_id([marker for marker in added if marker.ns == 'obstacle'])
-    arrows = _by_id([marker for marker in added if marker.ns == 'velocity'])
-    if arrows.keys() - cylinders.keys():
-        lost = min(arrows.keys() - cylinders.keys())
-        raise DecodeError(f'{_OBSTACLES}: velocity {lost} belongs to no obstacle; allowed same id')
+        kind, reason = _fault(marker, used, stamp_ns, check([marker]))
+        if kind:
+            refused.append(types.Refusal(kind, f'{marker.ns} {marker.id}: {reason}'))
+        else:
+            used[marker.ns][int(marker.id)] = marker
+    cylinders, arrows = used['obstacle'], used['velocity']
+    for number in arrows.keys() - cylinders.keys():
+        lost = f'velocity {number}: belongs to no obstacle; allowed same id'
+        refused.append(types.Refusal('velocity', lost))
+    if refused and not cylinders:
+        raise DecodeError(f'{_OBSTACLES}: {refused[0].reason}')
     items = tuple(_obstacle(c, arrows.get(number)) for number, c in cylinders.items())
-    return types.Obstacles(_stamp_ns(_OBSTACLES, msg.markers), items)
+    return types.Obstacles(stamp_ns, items, tuple(refused))
 
 
 def why(msg: Any) -> types.Why:
@@ -162,20 +181,48 @@ def _status(topic, msg):
     return stamp_ns, status.name, level, status.message, values
 
 
+def _most_frequent_stamp_ns(markers):
+    """Return the stamp of most of the markers, 0 without any."""
+    stamps = Counter(conversions.stamp_to_ns(marker.header.stamp) for marker in markers)
+    return stamps.most_common(1)[0][0] if stamps else 0
+
+
+def _violations(markers):
+    return conformance.check(_OBSTACLES, SimpleNamespace(markers=markers))
+
+
+def _fault(marker, used, stamp_ns, violations):
+    """Return what is wrong with a marker of an obstacle, a word and a reason; '' twice if nothing.
+
+    used         {ns: {id: marker}} of the markers before it
+    violations   of the contract, in its fields and header
+    """
+    if marker.ns not in used:
+        return 'ns', f'allowed ns {", ".join(used)}'
+    if marker.type != _OBJECTS[marker.ns]:
+        return 'type', f'type is {marker.type}; allowed {_OBJECTS[marker.ns]}'
+    if marker.action != _ADD:
+        return 'action', f'action is {marker.action}; allowed {_ADD} (ADD)'
+    if violations:
+        return 'field', str(violations[0]).removeprefix(f'{_OBSTACLES}: ')
+    if conversions.stamp_to_ns(marker.header.stamp) != stamp_ns:
+        return 'stamp', 'its stamp is not that of most markers; allowed one for all'
+    if marker.id in used[marker.ns]:
+        return 'id', 'another one before it has this id; allowed different ids'
+    if marker.ns == 'obstacle' and marker.scale.x != marker.scale.y:
+        x, y = marker.scale.x, marker.scale.y
+        return 'shape', f'scale.y is {y}; allowed scale.x = {x}, obstacles are round'
+    return '', ''
+
+
 def _obstacle(cylinder, arrow):
-    diameter = float(cylinder.scale.x)
-    if diameter != cylinder.scale.y:
-        raise DecodeError(
-            f'{_OBSTACLES}: scale.y of obstacle {cylinder.id} is {cylinder.scale.y}; '
-            f'allowed scale.x = {diameter}, obstacles are round'
-        )
     vX = vY = 0.0
     if arrow is not None:
         tail, tip = arrow.points
         vX, vY = float(tip.x) - float(tail.x), float(tip.y) - float(tail.y)
     position = cylinder.pose.position
-    X, Y = float(position.x), float(position.y)
-    return types.Obstacle(int(cylinder.id), X, Y, 0.5 * diameter, vX, vY)
+    X, Y, radius = float(position.x), float(position.y), 0.5 * float(cylinder.scale.x)
+    return types.Obstacle(int(cylinder.id), X, Y, radius, vX, vY)
 
 
 def _expect(topic, marker, kinds):
@@ -187,13 +234,6 @@ def _expect(topic, marker, kinds):
         raise DecodeError(f'{topic}: type is {marker.type}; allowed {allowed}')
     if marker.action != _ADD:
         raise DecodeError(f'{topic}: action is {marker.action}; allowed {_ADD} (ADD)')
-
-
-def _by_id(markers):
-    by_id = {int(marker.id): marker for marker in markers}
-    if len(by_id) != len(markers):
-        raise DecodeError(f'{_OBSTACLES}: two markers of one ns have one id; allowed different ids')
-    return by_id
 
 
 def _stamp_ns(topic, markers):

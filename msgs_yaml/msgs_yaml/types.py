@@ -98,11 +98,19 @@ class Obstacle(NamedTuple):
     vY: float  # m/s, map
 
 
+class Refusal(NamedTuple):
+    """Why an object of a message is not used."""
+
+    kind: str  # word: what is wrong with it
+    reason: str  # with its id and what is allowed
+
+
 class Obstacles(NamedTuple):
     """Every obstacle known at the stamp: /scenario/obstacles."""
 
-    stamp_ns: int
+    stamp_ns: int  # 0 of an array without markers, which has no stamp
     items: tuple[Obstacle, ...]
+    refused: tuple[Refusal, ...] = ()  # objects that are not among the items
 
 
 class Prediction(NamedTuple):

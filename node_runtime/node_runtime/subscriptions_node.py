@@ -45,14 +45,24 @@ def read_reference(raw: bytes) -> Reference:
 
 def read_road_edges(raw: bytes) -> RoadEdges:
     """Return the edges of a serialised /scenario/road_edges; see `read_reference`."""
-    _check_size(ROAD_EDGES, raw)
+    most, limit = _most_markers(ROAD_EDGES)
+    if _count(raw)[1] > most:
+        raise decode.DecodeError(f'{ROAD_EDGES}: markers is {_count(raw)[1]} long; allowed {most}')
+    _check_length(ROAD_EDGES, raw, limit)
     edges = raw_scenario.read_road_edges(raw)
     return _decode(ROAD_EDGES, raw, decode.road_edges) if edges is None else edges
 
 
 def read_obstacles(raw: bytes) -> Obstacles:
-    """Return the obstacles of a serialised /scenario/obstacles; see `read_reference`."""
-    _check_size(OBSTACLES, raw)
+    """Return the obstacles of a serialised /scenario/obstacles; see `read_reference`.
+
+    Of more markers than the contract allows no more are deserialised than show that.
+    """
+    most, limit = _most_markers(OBSTACLES)
+    order, count = _count(raw)
+    if count > most:
+        raw = raw[: _COUNT.start] + (most + 1).to_bytes(4, order) + raw[_COUNT.stop : limit]
+    _check_length(OBSTACLES, raw, limit)
     return decode.obstacles(ros.deserialize(OBSTACLES, raw))
 
 
@@ -77,17 +87,23 @@ def _decode(topic, raw, decoder):
     return decoder(ros.deserialize(topic, raw))
 
 
-def _check_size(topic, raw):
+def _check_length(topic, raw, limit):
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {limit}')
+
+
+def _most_markers(topic):
+    """Return the most markers of a topic, and the most bytes that they can have."""
     sizes = contract.load().topics[topic].sizes
     most = sizes['markers'].high
     points = max(allowed.high for key, allowed in sizes.items() if key.endswith('.points'))
-    limit = most * (_MARKER_BYTES + _POINT_BYTES * points)
-    is_little = raw[1:2] and raw[1] & 1
-    count = int.from_bytes(raw[_COUNT], 'little' if is_little else 'big')
-    if count > most:
-        raise decode.DecodeError(f'{topic}: markers is {count} long; allowed {most} at most')
-    if len(raw) > limit:
-        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {limit}')
+    return most, most * (_MARKER_BYTES + _POINT_BYTES * points)
+
+
+def _count(raw):
+    """Return the byte order and the number of markers of a serialised MarkerArray."""
+    order = 'little' if raw[1:2] and raw[1] & 1 else 'big'
+    return order, int.from_bytes(raw[_COUNT], order)
 
 
 class LatestMessage:

@@ -20,7 +20,7 @@ from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.watchdog import HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import decode, encode, share
-from msgs_yaml.types import Actuators, VehicleState
+from msgs_yaml.types import Actuators, Obstacle, Obstacles, VehicleState
 from node_runtime import node_parameters, ros, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.parameters import leaves
@@ -304,6 +304,48 @@ def test_a_path_as_slow_as_the_previous_one_is_not_warned_of_again(
         inputs.destroy()
         node.destroy_node()
     assert [line.split(' m/s')[0] for line in warnings] == 2 * ['/scenario/reference asks for 5.00']
+
+
+def test_an_obstacle_that_breaks_the_contract_is_refused_alone_and_counted(
+    harness, shared_controller
+):
+    """In realtime, where the ages of inputs count."""
+    warnings = []
+    node = Node('driver', context=harness.context)
+    node.declare_parameter(node_parameters.MODE, 'realtime')
+    node.get_logger = lambda: SimpleNamespace(warning=warnings.append)
+    clock, ages = SteadyClock(), shared_controller.params.ages
+    realtime = watchdog.make('realtime', HealthMonitor('controller'), ages)
+    inputs = ControllerInputs(
+        node, shared_controller, trigger.RealtimeTrigger(0.05), realtime, clock, lambda: None
+    )
+
+    def receive(items, damage=lambda message: None):
+        message = encode.obstacles(Obstacles(clock.now_ns(), items))
+        damage(message)
+        inputs.on_obstacles(ros.serialize(message))
+
+    def spoil(message):
+        message.markers[1].pose.position.x = math.nan
+
+    near, far = Obstacle(1, 20.0, 0.0, 1.0, 0.0, 0.0), Obstacle(2, 90.0, 0.0, 1.0, 0.0, 0.0)
+    try:
+        for _ in range(3):
+            receive((near, far), spoil)
+            assert shared_controller.scene.obstacles.items == (near,)
+        age = realtime.inputs['obstacles'].diagnostics(clock.now_ns())
+        assert (age['age.obstacles_refused'], age['age.obstacles_stale']) == (3, 0)
+        receive((near,), lambda message: message.markers.clear())
+        assert shared_controller.scene.obstacles.items == ()
+        receive((near, far))
+        receive((far, near), lambda message: (spoil(message), message.markers.pop(0)))
+        assert shared_controller.scene.obstacles.items == (near, far)
+    finally:
+        inputs.destroy()
+        node.destroy_node()
+    alone, whole = warnings
+    assert alone.startswith('object of /scenario/obstacles rejected (field): obstacle 2: ')
+    assert whole.startswith('/scenario/obstacles rejected (unreadable): ')
 
 
 def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):

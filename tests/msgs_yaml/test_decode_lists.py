@@ -1,16 +1,20 @@
 """Paths, edges and obstacles that violate the contract are rejected with field and range."""
 
 import math
+import re
 import time
+from functools import reduce
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker
 
 from msgs_yaml import decode, encode
 from msgs_yaml.types import Command, Obstacle, Obstacles, Prediction, Reference, RoadEdges
+from node_runtime import ros, subscriptions_node
 
 S = 1_000_000_000
 PATH = Reference(S, np.array([0.0, 10.0]), np.zeros(2), np.zeros(2), np.array([0.0, 0.5]))
@@ -94,7 +98,7 @@ def test_edges_are_one_left_and_one_right(rejects):
     rejects(decode.road_edges, message, 'markers have 2 stamps; allowed one for all')
 
 
-def test_a_moving_obstacle_is_a_cylinder_and_an_arrow_of_one_id(rejects):
+def test_a_moving_obstacle_is_a_cylinder_and_an_arrow_of_one_id():
     message = encode.obstacles(OBSTACLES)
     assert [(m.ns, m.type, m.id) for m in message.markers] == [
         ('obstacle', Marker.CYLINDER, 1),
@@ -102,17 +106,15 @@ def test_a_moving_obstacle_is_a_cylinder_and_an_arrow_of_one_id(rejects):
         ('velocity', Marker.ARROW, 2),
     ]
     assert message.markers[0].scale.x == 1.0
-    message.markers[2].id = 7
-    rejects(decode.obstacles, message, 'velocity 7 belongs to no obstacle')
 
 
-def test_no_obstacle_is_one_marker_that_deletes_all_and_carries_the_stamp(rejects):
+def test_no_obstacle_is_one_marker_that_deletes_all_and_carries_the_stamp():
     message = encode.obstacles(Obstacles(5 * S, ()))
     (marker,) = message.markers
     assert marker.action == Marker.DELETEALL
     assert decode.obstacles(message) == Obstacles(5 * S, ())
-    message.markers.clear()
-    rejects(decode.obstacles, message, 'markers is 0 long; allowed 1 to 400')
+    message.markers.clear()  # and the stamp with it
+    assert decode.obstacles(message) == Obstacles(0, ())
 
 
 def test_a_list_that_begins_by_deleting_all_is_understood():
@@ -127,23 +129,86 @@ def test_an_arrow_may_begin_anywhere_only_its_length_counts():
     assert decode.obstacles(message) == OBSTACLES
 
 
-@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, 1e3])
-def test_an_obstacle_without_a_size_is_rejected(rejects, value):
-    message = encode.obstacles(OBSTACLES)
-    message.markers[0].scale.x = message.markers[0].scale.y = value
-    rejects(decode.obstacles, message, r'scale.x \(2 r_obs\) is .*; allowed 0.01 to 100 m')
+def changed(**fields):
+    """Return a function that sets fields of a marker, as pose__position__x."""
+
+    def change(marker):
+        for path, value in fields.items():
+            *parents, name = path.split('__')
+            setattr(reduce(getattr, parents, marker), name, value)
+
+    return change
 
 
-def test_oval_twin_and_unknown_obstacles_are_rejected(rejects):
+LONE = Obstacle(9, 40.0, 1.0, 0.5, 0.0, 0.0)
+SIZE = r'scale.x \(2 r_obs\) is .*; allowed 0.01 to 100 m'
+FAULTS = {
+    'no size': (changed(scale__x=0.0, scale__y=0.0), 'field', SIZE),
+    'negative': (changed(scale__x=-1.0, scale__y=-1.0), 'field', SIZE),
+    'nan size': (changed(scale__x=math.nan), 'field', SIZE),
+    'giant': (changed(scale__x=1e3, scale__y=1e3), 'field', SIZE),
+    'nan place': (changed(pose__position__y=math.nan), 'field', r'position.y \(Y_obs\) is nan'),
+    'oval': (changed(scale__y=3.0), 'shape', 'scale.y is 3.0; allowed scale.x = 1.0'),
+    'cube': (changed(type=Marker.CUBE), 'type', 'type is 1; allowed 3'),
+    'twin': (changed(id=1), 'id', 'another one before it has this id'),
+    'foreign': (changed(ns='tree'), 'ns', 'allowed ns obstacle, velocity'),
+    'frame': (changed(header__frame_id='odom'), 'field', "frame_id is 'odom'; allowed 'map'"),
+    'no stamp': (changed(header__stamp=Time()), 'field', 'stamp is 0.000000000 s'),
+    'stamp': (changed(header__stamp=Time(sec=99)), 'stamp', 'not that of most markers'),
+    'action': (changed(action=77), 'action', 'action is 77; allowed 0'),
+}
+
+
+@pytest.mark.parametrize(('change', 'kind', 'reason'), FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize('place', ['first', 'last'])
+def test_an_object_that_breaks_the_contract_is_refused_alone(change, kind, reason, place):
     message = encode.obstacles(OBSTACLES)
-    message.markers[0].scale.y = 3.0
-    rejects(decode.obstacles, message, 'scale.y of obstacle 1 is 3.0; allowed scale.x = 1.0')
+    (marker,) = encode.obstacles(Obstacles(OBSTACLES.stamp_ns, (LONE,))).markers
+    change(marker)
+    message.markers.insert(0 if place == 'first' and kind != 'id' else 3, marker)
+    read = decode.obstacles(message)
+    assert (read.stamp_ns, read.items) == (OBSTACLES.stamp_ns, OBSTACLES.items)
+    (refusal,) = read.refused
+    assert refusal.kind == kind
+    assert re.fullmatch(f'{marker.ns} {marker.id}: .*{reason}.*', refusal.reason)
+
+
+@pytest.mark.parametrize('fault', FAULTS.keys() - {'twin', 'stamp'})
+def test_objects_none_of_which_can_be_used_are_no_free_road(rejects, fault):
+    change, _, reason = FAULTS[fault]
+    message = encode.obstacles(Obstacles(S, (LONE,)))
+    change(message.markers[0])
+    rejects(decode.obstacles, message, reason)
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        (changed(points=[Point()]), r'velocity 2: .*points is 1 long; allowed 2 to 2'),
+        (changed(points=[Point(), Point(x=math.inf)]), r'velocity 2: .*vX 1 s.* is inf'),
+        (changed(id=7), 'velocity 7: belongs to no obstacle'),
+    ],
+)
+def test_an_arrow_that_breaks_the_contract_costs_the_velocity_alone(change, reason):
     message = encode.obstacles(OBSTACLES)
-    message.markers[1].id = 1
-    rejects(decode.obstacles, message, 'have one id')
+    change(message.markers[2])
+    read = decode.obstacles(message)
+    still = [item._replace(vX=0.0, vY=0.0) for item in OBSTACLES.items]
+    assert read.items == tuple(still)
+    (refusal,) = read.refused
+    assert re.match(reason, refusal.reason)
+
+
+def test_markers_that_delete_are_no_objects():
     message = encode.obstacles(OBSTACLES)
-    message.markers[0].ns = 'tree'
-    rejects(decode.obstacles, message, "ns is 'tree'; allowed obstacle, velocity")
-    message = encode.obstacles(OBSTACLES)
-    message.markers[2].points.pop()
-    rejects(decode.obstacles, message, r'points is 1 long; allowed 2 to 2')
+    message.markers.append(Marker(ns='obstacle', id=3, action=Marker.DELETE))
+    assert decode.obstacles(message) == OBSTACLES
+
+
+@pytest.mark.parametrize('number', [401, 1000, 2500])
+def test_of_too_many_obstacles_the_first_are_used_at_once(number):
+    crowd = Obstacles(S, tuple(Obstacle(i, 1.0 * i, 0.0, 0.5, 0.0, 0.0) for i in range(number)))
+    read = subscriptions_node.read_obstacles(ros.serialize(encode.obstacles(crowd)))
+    assert read.items == crowd.items[:400]
+    (refusal,) = read.refused
+    assert refusal == ('number', 'more than 400 markers: the first are used')

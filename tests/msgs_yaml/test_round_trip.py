@@ -116,7 +116,7 @@ FORMS = {
     '/scenario/reference': paths(types.Reference, 2),
     '/controller/prediction': paths(types.Prediction, 1),
     '/scenario/road_edges': st.builds(types.RoadEdges, STAMP, lines(), lines()),
-    '/scenario/obstacles': st.builds(types.Obstacles, STAMP, obstacles()),
+    '/scenario/obstacles': st.builds(types.Obstacles, STAMP, obstacles(), st.just(())),
     '/controller/why': st.builds(
         types.Why, STAMP, st.integers(0, 2), st.text('ab é', max_size=9), VALUES
     ),

@@ -200,7 +200,7 @@ def _scene(columns):
         _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
         _polyline('/scenario/road_edges', edges.left),
         _polyline('/scenario/road_edges', edges.right),
-        messages.stamp_ns,
+        np.maximum.accumulate(messages.stamp_ns),  # an array without markers has no stamp
         tuple(_obstacle(number, messages.values) for number in ids),
     )
 

@@ -28,6 +28,8 @@ from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import UNIT_TOLERANCE
 
 KEY = 'invalid_messages'  # in JSON
+OBSTACLES = '/scenario/obstacles'
+OBJECTS = f'objects of {OBSTACLES}'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
 ORIENTATION = 'pose.pose.orientation'
 VEHICLE_TOPICS = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/vehicle/wheels')
@@ -64,15 +66,22 @@ def drop_invalid(bag: Bag) -> Bag:
 
 
 def count_invalid(bag: Bag) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return {'invalid_messages': {topic: {count, first}}} of a filtered bag, {} without any."""
+    """Return {'invalid_messages': {topic: {count, first}}} of a filtered bag, {} without any.
+
+    The objects that were refused of messages of obstacles are a topic of their own, OBJECTS.
+    """
     counts = {topic: invalid._asdict() for topic, invalid in bag.invalid.items()}
+    refused = [r for obstacles in bag.decoded.get(OBSTACLES, ()) for r in obstacles.refused]
+    if refused:
+        counts[OBJECTS] = {'count': len(refused), 'first': refused[0].reason}
     return {KEY: counts} if counts else {}
 
 
 def describe_invalid(summary: Mapping[str, Any]) -> Iterator[str]:
     """Yield a line per topic from a dictionary that contains the result of `count_invalid`."""
     for topic, invalid in summary.get(KEY, {}).items():
-        yield f'{invalid["count"]} invalid messages of {topic} were left out; {invalid["first"]}'
+        kind = topic if topic == OBJECTS else f'messages of {topic}'
+        yield f'{invalid["count"]} invalid {kind} were left out; {invalid["first"]}'
 
 
 def _check(recorded) -> tuple[list[Any] | None, dict[int, str]]:

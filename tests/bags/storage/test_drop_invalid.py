@@ -11,10 +11,15 @@ from hypothesis import strategies as st
 from bags.errors import BagError
 from bags.storage import message_filing, read
 from bags.storage.decoding import DECODE_ERRORS, decode_message
-from bags.storage.invalid_messages import drop_invalid, obeys_contract
+from bags.storage.invalid_messages import (
+    count_invalid,
+    describe_invalid,
+    drop_invalid,
+    obeys_contract,
+)
 from bags.storage.read import Bag, Recording
 from msgs_yaml import contract, encode
-from msgs_yaml.types import Actuators, Command, Imu, Obstacles, VehicleState, Wheels
+from msgs_yaml.types import Actuators, Command, Imu, Obstacle, Obstacles, VehicleState, Wheels
 from node_runtime import ros
 
 S = 1_000_000_000
@@ -127,10 +132,25 @@ def test_columns_check_no_range_and_sifting_does():
 def test_values_are_decoded_once_and_stay_those_of_their_messages():
     name = '/scenario/obstacles'
     messages = [ros.serialize(encode.obstacles(Obstacles(S + k, ()))) for k in range(3)]
-    broken = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
+    broken = messages[0][:-40]
     result = drop_invalid(bag({name: recording(name, [messages[0], broken, *messages[1:]])}))
     assert [value.stamp_ns - S for value in read.values(result, name)] == [0, 1, 2]
     assert drop_invalid(result) is result
+
+
+def test_an_object_that_breaks_the_contract_costs_no_message():
+    name = '/scenario/obstacles'
+    crowd = Obstacles(S, tuple(Obstacle(i, 10.0 * i, 0.0, 1.0, 0.0, 0.0) for i in (1, 2)))
+    message = encode.obstacles(crowd)
+    message.markers[1].scale.x = math.nan
+    empty = struct.pack('<4sI', b'\x00\x01\x00\x00', 0)
+    recorded = bag({name: recording(name, [ros.serialize(message), empty])})
+    result = drop_invalid(recorded)
+    assert [value.items for value in read.values(result, name)] == [crowd.items[:1], ()]
+    (line,) = describe_invalid(count_invalid(result))
+    told, reason = line.split('; ', 1)
+    assert told == '1 invalid objects of /scenario/obstacles were left out'
+    assert reason.startswith('obstacle 2: markers[obstacle].scale.x')
 
 
 def test_a_topic_that_the_contract_does_not_know_stays_as_it_is():
