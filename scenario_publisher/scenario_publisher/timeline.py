@@ -14,19 +14,25 @@ LATEST_NS = 2**31 * conversions.NS_PER_S  # ROS counts seconds in 32 bits
 
 
 class RateLimiter:
-    """Limits an action to a rate [Hz] of stamps."""
+    """Limits an action to a rate [Hz] of stamps; stamps that come late do not lower the rate."""
 
     def __init__(self, rate_hz: float):
         self._period_ns = round(conversions.NS_PER_S / rate_hz)
         self._last_ns = None
+        self._due_ns = 0
 
     def is_due(self, stamp_ns: int) -> bool:
         """Return whether the action is due at a stamp; if so, it counts as done."""
-        last = self._last_ns
+        last_ns, self._last_ns = self._last_ns, stamp_ns
         # time that jumps back starts another run
-        if last is not None and 0 <= stamp_ns - last < self._period_ns:
+        if last_ns is None or stamp_ns < last_ns:
+            self._due_ns = stamp_ns
+        if stamp_ns < self._due_ns:
             return False
-        self._last_ns = stamp_ns
+        self._due_ns += self._period_ns
+        # what a gap left out is not made up for
+        if self._due_ns <= stamp_ns:
+            self._due_ns = stamp_ns + self._period_ns
         return True
 
 
