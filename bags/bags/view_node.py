@@ -1,18 +1,16 @@
 """Shows the running nodes to Foxglove: every topic of the contract, as raw bytes."""
 
-import argparse
 import sys
 from functools import partial
 
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from bags.errors import BagError
 from bags.storage.message_filing import bag_topics
 from bags.viewers.foxglove_server import PORT, Server, connection_hint
 from bags.viewers.marker_scene import STATE, MarkerScene, ShapeParams
 from msgs_yaml import contract, decode, share
-from node_runtime import ros, spin_node
+from node_runtime import node_help, ros, spin_node
 from node_runtime.parameters import ParameterError
 
 REALTIME = 'realtime'  # its QoS serves both modes
@@ -60,10 +58,11 @@ class ViewNode(Node):
 
 def main() -> int:
     """Serve until SIGINT or SIGTERM."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--port', type=int, default=PORT)
-    args = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    return spin_node.spin(partial(ViewNode, args.port))
+    parser = node_help.parser(__doc__, '--port 8766 --ros-args -r __ns:=/car1')
+    parser.add_argument(
+        '--port', type=int, default=PORT, help='of the server (default: %(default)s)'
+    )
+    return spin_node.spin(partial(ViewNode, node_help.parse(parser).port))
 
 
 if __name__ == '__main__':

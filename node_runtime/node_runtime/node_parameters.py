@@ -35,6 +35,8 @@ READ_ONLY = (
 
 
 class _Common(Struct):
+    """Of every node."""
+
     # simulated time that waits for every answer, or the wall clock
     mode: Annotated[str, Choice(*contract.MODES)]
     recorders: Annotated[int, Range(0, 10, 'recorders that must be listening before it starts')]
