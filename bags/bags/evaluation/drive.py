@@ -18,6 +18,7 @@ from bags.storage import read
 from bags.storage.columns import Columns
 from bags.storage.invalid_messages import drop_invalid
 from bags.storage.read import LOCKSTEP
+from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import provenance
 
@@ -106,7 +107,8 @@ class Facts(NamedTuple):
     vehicle_radius: float  # m
     safe_obstacle: float  # m, D_sft,O
     safe_edge: float  # m, D_sft,E
-    friction: float  # peak lateral acceleration over g that the road offers
+    # of sliding tyres on this road, by the car file of the controller: mean of front and rear
+    friction: float
     tick_ns: int  # controller period
     stop: tuple[float, float]  # m, a point of the finish line
     armed_after: float  # m, travelled before the finish line counts
@@ -241,7 +243,7 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
             safe_obstacle=controller['safety.obstacle_m'],
             safe_edge=controller['safety.edge_m'],
             friction=plant['friction'] * sum(tyres) / len(tyres),
-            tick_ns=round(controller['model.step_s'] * NS_PER_S),
+            tick_ns=tick_period_ns(run_info),
             stop=(plant['stop.x_m'], plant['stop.y_m']),
             armed_after=plant['stop.armed_after_m'],
             least_speed=controller.get('limits.least_speed_mps'),
@@ -252,6 +254,19 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
         raise BagError(
             f'{name}: the run does not say {missing}; was it recorded by hand?'
         ) from None
+
+
+def tick_period_ns(run_info: Mapping[str, str]) -> int:
+    """Return the period of the controller [ns]: recorded, else that of the contract.
+
+    `run_info` is as `provenance.describe_run` has it, or empty.
+    """
+    parameters = json.loads(run_info.get('parameters', '{}'))
+    step_s = parameters.get('controller', {}).get('model.step_s')
+    if step_s is None:
+        rates_hz = contract.load().topics[CONTROLLER_TOPICS[0]].rate_hz
+        step_s = 1.0 / rates_hz[run_info.get('mode', LOCKSTEP)]
+    return round(step_s * NS_PER_S)
 
 
 def _lateral_limit(name, run_info):

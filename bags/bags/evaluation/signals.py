@@ -168,7 +168,7 @@ def ay_mps2(run):
 
 @signal('-')
 def friction_use(run):
-    """Measured acceleration over what the friction of the road allows: 1 is the friction circle."""
+    """Measured acceleration over µg, of the tyres that the controller believes in."""
     measured = _measured(run)
     if not measured:
         return None

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.evaluation.controller_log import WHY, is_answer, report_number
+from bags.evaluation.drive import tick_period_ns
 from bags.evaluation.metrics.driving import count_periods
 from bags.storage import read
 from bags.storage.decoding import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
 from bags.storage.read import LOCKSTEP, STATE
-from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Why
 
@@ -131,7 +131,7 @@ def count_ticks(bag: read.Bag) -> TickCounts:
     Raises BagError when there are no states or no commands.
     """
     mode = run_mode(bag)
-    period_ns = round(NS_PER_S / contract.load().topics[COMMAND].rate_hz[mode])
+    period_ns = tick_period_ns(bag.run_info)
     states = recording_stamps_ns(read.recording(bag, STATE))
     commands = recording_stamps_ns(read.recording(bag, COMMAND))
     answers = is_answer(commands, controller_reports(bag))

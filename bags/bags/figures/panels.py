@@ -239,13 +239,13 @@ def _draw_signal(ax, runs, name, **labels):
 
 
 def draw_gg(ax, runs):
-    """Draw the accelerations at the centre of gravity within the friction circle."""
+    """Draw the accelerations at the centre of gravity, and µg as the controller believes it."""
     for run in runs:
         acc = run.drive.accelerations
         ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 0.6 * run.look.width})
     circle, reach = friction_circle(runs)
     ax.plot(*circle, color=style.EDGE, lw=1.0)
-    note(ax, 'circle: friction limit µg')
+    note(ax, 'circle: µg, as the controller\nbelieves of sliding tyres')
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
     ax.set_aspect('equal', adjustable='box')
     # keeps its title level with those of its neighbours
@@ -254,7 +254,7 @@ def draw_gg(ax, runs):
 
 
 def friction_circle(runs):
-    """Return points (2, n) of the friction circle, and how far the axes go; all in m/s²."""
+    """Return points (2, n) of the circle of µg, and how far the axes go; all in m/s²."""
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     radius = GRAVITY * max(run.drive.facts.friction for run in runs)
     measured = [run.drive.accelerations for run in runs]

@@ -82,6 +82,15 @@ def test_a_tick_without_an_answer_or_with_a_late_one_is_missed():
     assert tick_timing.count_ticks(ring(20)).missed == 0
 
 
+def test_the_period_is_that_of_the_controller_that_drove():
+    # ten times a second instead of twenty times
+    slow = ring(20, latency_ms=lambda k: 80.0, answered=lambda k: k % 2 == 0)
+    told = json.dumps({'controller': {'model.step_s': 0.1}})
+    assert tick_timing.count_ticks(slow).missed == 10 + 11
+    slow = slow._replace(records={'run': {'mode': 'realtime', 'parameters': told}})
+    assert tick_timing.count_ticks(slow) == (10, 0, 0, 0)
+
+
 def test_a_command_without_a_state_answers_nothing():
     result = tick_timing.count_ticks(ring(20, blind=(5, 6)))
     assert result == (20, 2, 0, 2)

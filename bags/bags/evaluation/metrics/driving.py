@@ -184,13 +184,13 @@ def rms_lat_jerk_mps3(run):
 
 @metric(unit='-')
 def peak_lat_acc_share(run):
-    """Largest lateral acceleration as a share of what the friction of the road allows."""
+    """Largest lateral acceleration over µg, of the tyres that the controller believes in."""
     return _friction_share(run, run.value(peak_lat_acc_mps2))
 
 
 @metric(unit='-')
 def peak_brake_share(run):
-    """Largest deceleration as a share of what the friction of the road allows."""
+    """Largest deceleration over µg, of the tyres that the controller believes in."""
     return _friction_share(run, run.value(peak_brake_mps2))
 
 
