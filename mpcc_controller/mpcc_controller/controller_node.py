@@ -15,7 +15,7 @@ from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import TOO_SLOW, Controller
 from mpcc_controller.driving.tick import Arrival, TickInputs, unknown_state
-from mpcc_controller.driving.tick_report import OK
+from mpcc_controller.driving.tick_report import LEFT_OUT, OK
 from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
@@ -68,11 +68,8 @@ class ControllerNode(ManagedNode):
         self.publish_s: float | None = None  # publishing time of the last command
         self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step
         self.is_new, self.is_resumed = True, False
-        self.waiting_log, self.stale_log, self.stopping_log = (
-            ChangeFilter(),
-            ChangeFilter(),
-            ChangeFilter(),
-        )
+        self.waiting_log, self.stale_log = ChangeFilter(), ChangeFilter()
+        self.stopping_log, self.left_out_log = ChangeFilter(), ChangeFilter()
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
@@ -211,6 +208,11 @@ class ControllerNode(ManagedNode):
         stopping = self.stopping_text() if why.values['reason'] == TOO_SLOW else ''
         if self.stopping_log.has_changed(stopping) and stopping:
             self.get_logger().warning(stopping)
+        left_out = why.values.get(LEFT_OUT, 0)
+        if self.left_out_log.has_changed(str(left_out)) and left_out:
+            most = self.controller.params.surroundings.max_obstacles
+            text = f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
+            self.get_logger().warning(text)
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 

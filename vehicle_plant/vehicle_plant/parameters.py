@@ -8,6 +8,7 @@ from typing import Annotated
 
 from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
+from node_runtime.parameter_docs import GroupDoc, ParameterDoc
 from node_runtime.parameters import Choice, ParameterError, Range, Struct
 from vehicle_plant import tyre_property_file
 from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
@@ -23,7 +24,24 @@ _WITH_EVERY_MODEL = (
     *('outline.', 'steering.', 'force.', 'gate.', 'safe_stop.'),
     *(f'scaling.{axle}.{factor}' for axle in ('front', 'rear') for factor in ('LMUX', 'LMUY')),
 )
-START_FROM = Choice('reference', 'parameters')  # of start.from; the first is the default
+# of plant_node, beside those of its file; `from` is no name for a field
+EXTRAS = GroupDoc(
+    '',
+    'Of plant_node, not in a file of a car.',
+    tuple(
+        ParameterDoc(name, 'text', '-', None, None, words, default, False, meaning)
+        for name, words, default, meaning in (
+            ('plant_params', (), DEFAULT_CAR, 'file of the car: in config/, or a path'),
+            (
+                'start.from',
+                ('reference', 'parameters'),
+                'reference',
+                'where the car starts: at the first pose of the path at its speed there, or as the '
+                'other `start.` parameters say; `experiments run` sets parameters',
+            ),
+        )
+    ),
+)
 
 
 class StartParams(Struct):

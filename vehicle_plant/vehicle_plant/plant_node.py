@@ -30,9 +30,8 @@ class PlantNode(ManagedNode):
 
     def __init__(self):
         super().__init__(health.NODE)
-        self.starts_at_reference = self._declare_start()
-        about_car = 'file of the car: in config/, or a path'
-        car = self._declare_text('plant_params', parameters.DEFAULT_CAR, about_car)
+        car, start = (self._declare_text(doc) for doc in parameters.EXTRAS.parameters)
+        self.starts_at_reference = start == 'reference'
         self.params = ros.declare(self, parameters.NodeParams, parameters.car_file(car))
 
     def configure(self):
@@ -72,16 +71,13 @@ class PlantNode(ManagedNode):
         self.start_timer.cancel()
         self.mode.reset()
 
-    def _declare_start(self) -> bool:
-        choice = parameters.START_FROM
-        value = self._declare_text('start.from', choice.words[0], choice.allowed)
-        if value not in choice.words:
-            raise ParameterError(f'start.from is {value!r}; allowed {choice.allowed}')
-        return value == 'reference'
-
-    def _declare_text(self, name, default, description) -> str:
-        descriptor = ParameterDescriptor(description=description, read_only=True)
-        return self.declare_parameter(name, default, descriptor).value
+    def _declare_text(self, doc) -> str:
+        """Declare a parameter as documented; return its value. Raises ParameterError."""
+        descriptor = ParameterDescriptor(description=doc.meaning, read_only=True)
+        value = self.declare_parameter(doc.name, doc.default, descriptor).value
+        if doc.words and value not in doc.words:
+            raise ParameterError(f'{doc.name} is {value!r}; allowed {doc.allowed}')
+        return value
 
     def on_reference(self, raw):
         """Keep the path for the start."""

@@ -123,6 +123,7 @@ class RunSet(Sequence[Run]):
             return '\n'.join((f'RunSet of {len(self)}:', *map(repr, self)))
         scenarios = ', '.join(dict.fromkeys(run.scenario for run in self))
         values = {'scenario': scenarios, 'runs': {n: r.metrics for n, r in self.by_label.items()}}
+        values |= metrics_table.drives_of_paper(run.drive for run in self)
         out = io.StringIO()
         # plain text, also where rich would know a notebook or a terminal
         console = Console(file=out, width=WIDTH, color_system=None, force_jupyter=False)

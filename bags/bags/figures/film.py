@@ -119,8 +119,9 @@ def _sheet(runs, logs, options):
     """Return the figure, its strips, and the text of the time."""
     width = options.width_px
     road = width - PANEL_PX
-    scale = road / film_strip.WINDOW_M
-    heights = [max(LEAST_STRIP_PX, round(2 * film_strip.half_width(run) * scale)) for run in runs]
+    window = film_strip.window(logs.values())
+    halves = [film_strip.half_width(run, window) for run in runs]
+    heights = [max(LEAST_STRIP_PX, round(2 * half * road / window)) for half in halves]
     total = sum(heights) + GAP_PX * len(runs) + KEY_PX
     total += total % 2  # video wants even sizes
     figure = Figure(figsize=(width / DPI, total / DPI), dpi=DPI)
@@ -134,9 +135,8 @@ def _sheet(runs, logs, options):
     for run, height in zip(runs, heights):
         bottom -= height + GAP_PX
         panel = axes(0, bottom, (PANEL_PX, height), xlim=(0, PANEL_PX), ylim=(0, height))
-        strip = Strip(
-            panel, axes(PANEL_PX, bottom, (road, height)), run, logs.get(run.name, EMPTY_LOG)
-        )
+        log = logs.get(run.name, EMPTY_LOG)
+        strip = Strip(panel, axes(PANEL_PX, bottom, (road, height)), run, log, window)
         strips.append(strip)
     clock = figure.text(6 / width, KEY_PX / 2 / total, '', fontsize=film_strip.FONT, va='center')
     _key(figure, PANEL_PX / width, KEY_PX / total)

@@ -1,9 +1,11 @@
 """One run of a film: the road around the car from above, its speed, friction use and steering.
 
 The camera follows the car along the road and is turned with the road, so that the car drives to
-the right in every scenario; both directions have equal scales.
+the right in every scenario; both directions have equal scales. It sees as far ahead as the car
+plans, and the obstacles there: what the car reacts to is in the film.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +21,7 @@ from bags.figures import style
 from bags.figures.panels import Run
 from msgs_yaml.conversions import NS_PER_S
 
-WINDOW_M = 52.0  # of the road, along it
+WINDOW_M = 52.0  # of the road, along it, at least
 BEHIND = 0.28  # share of the window behind the car
 HALF_WIDTHS_M = (4.0, 14.0)  # of the road, that the camera shows
 MARGIN_M = 1.2  # beyond the edges
@@ -49,8 +51,8 @@ class Camera(NamedTuple):
 class Strip:
     """The artists of one run on two axes: `panel` for its numbers, counted in pixels, `road`."""
 
-    def __init__(self, panel, road, run: Run, log: ControllerLog):
-        self.run, self.log = run, log
+    def __init__(self, panel, road, run: Run, log: ControllerLog, window_m: float = WINDOW_M):
+        self.run, self.log, self.window_m = run, log, window_m
         self.t = run.series.t
         self.cameras = _cameras(run)
         self.use = friction_use(EvaluatedRun(run.drive, run.series, {}))
@@ -83,8 +85,8 @@ class Strip:
         scene, facts = self.run.drive.scene, self.run.drive.facts
         self.in_world = self.view + ax.transData
         world = {'transform': self.in_world}
-        half = half_width(self.run)
-        ax.set(xlim=(-BEHIND * WINDOW_M, (1 - BEHIND) * WINDOW_M), ylim=(-half, half))
+        half, window = half_width(self.run, self.window_m), self.window_m
+        ax.set(xlim=(-BEHIND * window, (1 - BEHIND) * window), ylim=(-half, half))
         ax.set_axis_off()
         surface = np.concatenate([scene.left, scene.right[::-1]])
         ax.add_patch(Polygon(surface, fc='#F0F0EE', ec='none', zorder=0, **world))
@@ -250,14 +252,41 @@ def _cameras(run):
     return centre[:, 0], centre[:, 1], heading
 
 
-def half_width(run: Run) -> float:
-    """Return how many metres of the road the camera shows to either side of its middle."""
+def window(logs: Iterable[ControllerLog]) -> float:
+    """Return how many metres along the road the camera shows: the longest plan is seen whole."""
+    plans = [plan for log in logs for plan in log.predictions if len(plan.X)]
+    reach = [np.hypot(plan.X - plan.X[0], plan.Y - plan.Y[0]).max() for plan in plans]
+    return max(WINDOW_M, max(reach, default=0.0) / (1 - BEHIND))
+
+
+def half_width(run: Run, window_m: float = WINDOW_M) -> float:
+    """Return how many metres the camera shows to either side of the middle of the road.
+
+    Obstacles in the window of `window_m` [m] along the road are in it, as far as its limit allows.
+    """
     scene = run.drive.scene
     points = np.column_stack([run.drive.motion.x, run.drive.motion.y])[::50]
     width = np.zeros(len(points))
     for edge, inside in ((scene.left, -1.0), (scene.right, 1.0)):
         width += np.maximum(inside * geometry.distance_to_polyline(points, edge), 0.0)
-    return float(np.clip(width.max() / 2 + MARGIN_M, *HALF_WIDTHS_M))
+    half = max(width.max() / 2, _farthest_obstacle(run, window_m))
+    return float(np.clip(half + MARGIN_M, *HALF_WIDTHS_M))
+
+
+def _farthest_obstacle(run, window_m):
+    """Return the largest distance [m] to an obstacle in the window from the road's middle."""
+    every = slice(None, None, 50)
+    x, y, heading = (column[every] for column in _cameras(run))
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    farthest = 0.0
+    for obstacle in run.drive.scene.obstacles:
+        at = obstacle_position(obstacle, run.drive.scene, run.drive.motion.stamp_ns[every])
+        offset = np.array([at[0] - x, at[1] - y])
+        along, across = np.sum(offset * ahead, axis=0), np.abs(np.sum(offset * left, axis=0))
+        seen = (along > -BEHIND * window_m) & (along < (1 - BEHIND) * window_m)
+        farthest = max(farthest, np.max(across[seen], initial=0.0))
+    return farthest
 
 
 def _posts(edge, outwards):

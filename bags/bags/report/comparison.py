@@ -116,6 +116,7 @@ def compare_drives(
     runs = panels.evaluate_runs(drives)
     by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     values = {'scenario': scenario, 'runs': by_run}
+    values |= metrics_table.drives_of_paper(drives.values())
     if overlays:
         values['overlays'] = {
             overlay.name: [*overlay.axes, *overlay.signals] for overlay in overlays

@@ -5,13 +5,15 @@ Rows, titles and units come from the registry of metrics.
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from bags.evaluation.drive import Drive
 from bags.evaluation.flattening import flatten
 from bags.evaluation.metrics.registry import Metric, table_metrics
 from bags.figures.style import TUNED
@@ -26,7 +28,9 @@ COLOUR_NOTE = (
     'Green is as it should be, red is not. Without colour: neither good nor bad, or good in a run '
     'that left the road or lost control'
 )
-OF_PAPER = 'double_lane_change'  # begins the name of each scenario after that of the paper
+OF_PAPER = 'of_paper'  # in comparison.json, where the runs drove the manoeuvre of the paper
+# x and y [m] of the obstacles of that manoeuvre, in the scenario `double_lane_change`
+PAPER_OBSTACLES_M = ((68.2, 1.10), (122.0, 2.45))
 ABSENT = '–'
 SPUN = 'spun'  # value of lost_how
 
@@ -98,7 +102,7 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json)."""
     runs = comparison['runs']
     table = narrow_table(f'Scenario {comparison["scenario"]}')
-    with_paper = has_paper_numbers(comparison['scenario'])
+    with_paper = comparison.get(OF_PAPER, False)
     if with_paper:
         table.caption, table.caption_justify = PAPER_NOTE, 'left'
     table.add_column('metric', no_wrap=True)
@@ -116,9 +120,19 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
     return table
 
 
-def has_paper_numbers(scenario: str) -> bool:
-    """Return whether the numbers of the paper belong beside the runs of a scenario."""
-    return scenario.startswith(OF_PAPER)
+def drives_of_paper(drives: Iterable[Drive]) -> dict[str, bool]:
+    """Return what comparison.json says of drives that all passed the obstacles of the paper."""
+    return {OF_PAPER: True} if all(map(_is_of_paper, drives)) else {}
+
+
+def _is_of_paper(drive):
+    places = [(obstacle.x, obstacle.y) for obstacle in drive.scene.obstacles]
+    if len(places) != len(PAPER_OBSTACLES_M):
+        return False
+    return all(
+        np.allclose(np.column_stack(place), expected)
+        for place, expected in zip(places, PAPER_OBSTACLES_M)
+    )
 
 
 def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:

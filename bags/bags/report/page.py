@@ -103,7 +103,7 @@ def report_html(data: ReportData) -> str:
     runs = data.runs
     logs = {run.name: data.logs.get(run.name, EMPTY_LOG) for run in runs}
     infos = [logs[run.name].run_info for run in runs]
-    with_paper = metrics_table.has_paper_numbers(data.values['scenario'])
+    with_paper = data.values.get(metrics_table.OF_PAPER, False)
     view = animation.build_top_view(runs, logs, data.overlays)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)

@@ -150,7 +150,8 @@ def recording(bag: Bag, topic: str) -> Recording:
         raise BagError(f'{bag.path}: no valid message of {topic} among {count}; {first}')
     if not has_messages(bag, topic):
         present = ', '.join(name for name in bag.recordings if has_messages(bag, name))
-        hint = closest(topic, bag.recordings)
+        # a known topic without messages is no misspelling
+        hint = '' if topic in bag.recordings else closest(topic, bag.recordings)
         raise BagError(f'{bag.path}: no message of {topic}; it has {present}{hint}')
     return bag.recordings[topic]
 

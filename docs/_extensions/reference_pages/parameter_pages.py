@@ -15,6 +15,7 @@ from node_runtime.parameter_docs import GroupDoc
 from reference_pages.markdown import code, table, text
 from scenario_publisher.scenario import NodeParams as ScenarioParams
 from vehicle_plant.circular_driving import CircleParams
+from vehicle_plant.parameters import EXTRAS
 from vehicle_plant.parameters import NodeParams as PlantParams
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
@@ -125,6 +126,8 @@ def pages() -> dict[str, str]:
 def _kind_page(kind):
     path = share.path(kind.package, 'config', kind.defaults)
     described = parameter_docs.describe(kind.cls, parameters.read_file(path, path.parent))
+    if kind.cls is PlantParams:
+        described = (EXTRAS, *described)
     changeable: Collection[str] = ()
     if kind.cls is ControllerParams:
         changeable = run_time_parameters.names(parameters.load(ControllerParams, path))

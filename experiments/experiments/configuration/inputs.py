@@ -37,8 +37,8 @@ LOADERS = {
 }
 # parameters that the plant declares besides those of its class
 PLANT_EXTRAS = {
-    'start.from': parameters.Leaf(str, False, plant_parameters.START_FROM),
-    node_config.PLANT_DEFAULTS: parameters.Leaf(str, False, None),
+    doc.name: parameters.Leaf(str, False, parameters.Choice(*doc.words) if doc.words else None)
+    for doc in plant_parameters.EXTRAS.parameters
 }
 OTHER_AXLE = 0.5  # from this difference on the controller drives the other axle
 # of masses and lengths, relative to the plant; a file of `identify` has those of the plant exactly

@@ -14,6 +14,7 @@ from msgs_yaml import share
 from msgs_yaml.strict_yaml import closest
 from node_runtime import node_parameters, parameter_docs, parameters
 from node_runtime.parameter_docs import GroupDoc, ParameterDoc
+from vehicle_plant import parameters as plant_parameters
 
 CAR_FILE, EVERY_NODE = 'car_file', 'NODE'
 FIRST = ('controller', 'plant', 'scenario', 'recorder')
@@ -47,6 +48,8 @@ def sections(controller: str = 'mpcc') -> tuple[Section, ...]:
             path = node_config.find_controller(controller).config
         file = parameters.read_file(path, share.path(package, 'config'))
         groups = parameter_docs.describe(inputs.LOADERS[role][0], file)
+        if role == 'plant':
+            groups = (plant_parameters.EXTRAS, *groups)
         listed.append(Section(role, HOW[role], path.name, groups))
     car = share.path('mpcc_controller', 'config', 'car.yaml')
     groups = parameter_docs.describe(CarParams, parameters.read_file(car))

@@ -25,6 +25,7 @@ from stage_solver.solution import SOLVED, Solution
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 RESUMED = 'resumed'  # in the report of the first step after a pause
+LEFT_OUT = 'obstacles.left_out'
 LINE_STAGES = 5  # of a candidate's plan one stage in this many is reported
 
 
@@ -82,7 +83,14 @@ class TickReporter:
         values |= _command(record.command, self._formulation.car, record.rejections)
         if record.resumed:
             values[RESUMED] = True
+        values |= self._left_out(record.scene)
         return values | _times(record) | self._changes
+
+    def _left_out(self, scene: Scene) -> dict:
+        """Return how many obstacles the problem has no room for, nothing where it has."""
+        known = scene.obstacles.items if scene.obstacles else ()
+        count = len(known) - self._params.surroundings.max_obstacles
+        return {LEFT_OUT: count} if count > 0 else {}
 
     def _plan_values(self, record) -> dict:
         attempt = record.attempt

@@ -124,6 +124,14 @@ def test_what_a_recording_lacks_is_named(make_drive, write_bag):
         run.signals  # noqa: B018
 
 
+def test_a_known_topic_without_messages_is_no_misspelling(make_drive, write_bag):
+    drive = make_drive(metres=20.0)
+    bag = read.load(write_bag(drive._replace(accelerations=without(drive.accelerations))))
+    with pytest.raises(BagError, match='no message of /vehicle/imu; it has') as refused:
+        read.recording(bag, '/vehicle/imu')
+    assert 'did you mean' not in str(refused.value)
+
+
 def test_without_an_inertial_unit_its_signals_are_absent(make_drive, write_bag):
     drive = make_drive(metres=20.0)
     run = bags.load(write_bag(drive._replace(accelerations=without(drive.accelerations))))

@@ -10,6 +10,7 @@ from PIL import Image
 from bags import cli
 from bags.errors import BagError
 from bags.evaluation.controller_log import EMPTY_LOG
+from bags.evaluation.drive import Obstacle
 from bags.figures import film, film_strip, panels
 from bags.figures.film import FilmOptions
 
@@ -65,6 +66,27 @@ def test_the_car_its_wheels_and_the_obstacles_are_where_the_bag_says(runs, logs)
     assert strip.speed.get_text() == '72 km/h'
     X, _ = strip.plan.get_data()
     assert X[0] == pytest.approx(motion.x[k], abs=0.01)
+
+
+def test_what_the_car_reacts_to_is_in_view(runs, logs, make_drive):
+    # a plan reaches 80 m ahead; someone comes from 9 m beside the middle of the road, 60 m ahead
+    plan = logs[runs[0].name].predictions[0]
+    far = plan._replace(X=plan.X[0] + np.linspace(0.0, 80.0, len(plan.X)))
+    log = logs[runs[0].name]._replace(predictions=[far])
+    item = make_drive()
+    still = np.zeros(101)
+    coming = Obstacle(1, still + 60.0, np.linspace(9.0, 4.0, 101), still, still - 2.0, 0.4)
+    (run,) = panels.evaluate_runs(
+        {'mpcc': item._replace(scene=item.scene._replace(obstacles=(coming,)))}
+    )
+    panel, road = Figure().subplots(1, 2)
+    window = film_strip.window([log])
+    strip = film_strip.Strip(panel, road, run, log, window)
+    strip.show(0.0)
+    for point in ((far.X[-1], 0.0), strip.obstacles[0][1][0].center):
+        x, y = strip.view.transform(point)
+        assert road.get_xlim()[0] <= x <= road.get_xlim()[1] + 1e-6
+        assert road.get_ylim()[0] <= y <= road.get_ylim()[1]
 
 
 def test_the_camera_turns_with_the_road(make_drive):

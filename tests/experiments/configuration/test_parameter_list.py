@@ -25,11 +25,18 @@ def test_every_parameter_of_every_node_is_listed():
         for role, (cls, _) in inputs.LOADERS.items()
         for name in parameters.leaves(cls)
     }
+    expected |= {f'plant.{name}' for name in inputs.PLANT_EXTRAS}
     assert expected <= rows().keys()
 
 
 def test_every_parameter_has_a_meaning():
     assert [name for name, row in rows().items() if not row.meaning] == []
+
+
+def test_where_the_car_starts_is_listed():
+    start = rows()['plant.start.from']
+    assert (start.default, start.allowed) == ('reference', 'reference or parameters')
+    assert 'plant.plant_params' in rows()
 
 
 def test_every_default_is_allowed():

@@ -32,6 +32,19 @@ def test_the_report_of_a_tick_is_complete_and_conforms_to_the_contract(controlle
     assert not conformance.check('/controller/why', encode.why(why))
 
 
+def test_obstacles_without_room_in_the_problem_are_counted(controller, world):
+    situation = world.lane_change()
+    near, *_ = situation.obstacles.items
+    row = tuple(near._replace(id=k, X=90.0 + 5.0 * k, Y=-8.0) for k in range(2, 8))
+    controller.set_obstacles(situation.obstacles._replace(items=(near, *row)))
+    *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
+    assert why.values['obstacles.left_out'] == 7 - controller.params.surroundings.max_obstacles
+    assert not conformance.check('/controller/why', encode.why(why))
+    controller.set_obstacles(situation.obstacles)
+    *_, why = world.tick(controller, world.rolling(X=41.0, stamp_ns=2 * TICK))
+    assert 'obstacles.left_out' not in why.values
+
+
 def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry(controller, world):
     x = world.rolling(X=69.0, Y=3.6, psi=0.0)
     *_, why = world.tick(controller, x)
