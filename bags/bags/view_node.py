@@ -10,7 +10,7 @@ from bags.storage.message_filing import bag_topics
 from bags.viewers.foxglove_server import PORT, Server, connection_hint
 from bags.viewers.marker_scene import STATE, MarkerScene, ShapeParams
 from msgs_yaml import contract, decode, share
-from node_runtime import node_help, ros, spin_node
+from node_runtime import help_node, ros, spin_node
 from node_runtime.parameters import ParameterError
 
 REALTIME = 'realtime'  # its QoS serves both modes
@@ -58,11 +58,11 @@ class ViewNode(Node):
 
 def main() -> int:
     """Serve until SIGINT or SIGTERM."""
-    parser = node_help.parser(__doc__, '--port 8766 --ros-args -r __ns:=/car1')
+    parser = help_node.parser(__doc__, '--port 8766 --ros-args -r __ns:=/car1')
     parser.add_argument(
         '--port', type=int, default=PORT, help='of the server (default: %(default)s)'
     )
-    return spin_node.spin(partial(ViewNode, node_help.parse(parser).port))
+    return spin_node.spin(partial(ViewNode, help_node.parse(parser).port))
 
 
 if __name__ == '__main__':

@@ -14,6 +14,7 @@ Topics
     transport           UDP within this machine, unless the user chose another transport
 Life cycle
     managed_node        configure, activate, deactivate, clean up: the life cycle of ROS 2
+    help_node           what a node prints for --help
     spin_node           run a node from its command line to its exit code
     shutdown            signals, exit in bounded time
     clocks              wall time that does not jump

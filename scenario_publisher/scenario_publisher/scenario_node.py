@@ -3,7 +3,7 @@
 import sys
 
 from msgs_yaml import contract, decode, encode, raw_scenario, share
-from node_runtime import node_help, ros, spin_node
+from node_runtime import help_node, ros, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.managed_node import ManagedNode
 from scenario_publisher import scenario
@@ -126,7 +126,7 @@ def main():
     """Run the node."""
     about = 'Publish the road, the path and the obstacles of a scenario.'
     example = '--ros-args -p mode:=realtime -p scenario:=moving_obstacle'
-    node_help.parse(node_help.parser(about, example))
+    help_node.parse(help_node.parser(about, example))
     return spin_node.spin(ScenarioNode)
 
 

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.decode import DecodeError
-from node_runtime import node_help, ros, spin_node, subscriptions_node
+from node_runtime import help_node, ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
@@ -169,7 +169,7 @@ def main() -> int:
     """Run the node."""
     about = 'Simulate the car: publish its state, and obey the commands of a controller.'
     example = '--ros-args -p mode:=realtime -p friction:=0.9'
-    node_help.parse(node_help.parser(about, example))
+    help_node.parse(help_node.parser(about, example))
     return spin_node.spin(PlantNode)
 
 
