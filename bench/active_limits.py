@@ -5,12 +5,10 @@ from problems import Problems
 
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import mpcc_formulation
-from mpcc_controller.problem.ocp import Constraints
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from stage_solver.stage_problem import Plan, StageProblem
 
 NEAR = 1e-3  # a limit nearer than this share of its scale is active
-FRICTION = ('front', 'rear', 'total')
 DEMANDING = ('obstacle', 'edge', 'friction')
 ACTUATORS = ('delta', 'Fx', 'd_delta', 'd_Fx', 'lambda_b')
 KINDS = (*DEMANDING, 'track', 'speed', 'actuator')
@@ -35,12 +33,16 @@ def _find_active_kinds(problem, insight, problems, k):
     terms = insight.evaluate(plan, P).costs
     active = {kind for kind, term in (('obstacle', terms.v2o), ('edge', terms.v2e)) if term.any()}
     bounds = problems.bounds_of(k)
-    g = Constraints(*problem.constraints(plan.X[:-1].T, plan.U.T, P[:-1].T).full())
-    low, high = Constraints(*bounds.g_low.T), Constraints(*bounds.g_high.T)
-    reached = {n: _reached(v, a, b, 1) for n, v, a, b in zip(g._fields, g, low, high)}
-    active |= {name for name in ('track', 'speed') if reached[name]}
-    if any(reached[name] for name in FRICTION):
+    g = problem.constraints(plan.X[:-1].T, plan.U.T, P[:-1].T).full()
+    front, rear, *track = (
+        _reached(*row, 1) for row in zip(g, bounds.g_low.T, bounds.g_high.T, strict=True)
+    )
+    if front or rear:
         active.add('friction')
+    if any(track):
+        active.add('track')
+    if terms.slow.any():
+        active.add('speed')
     x_low, x_high = State(*bounds.x_low[1:].T), State(*bounds.x_high[1:].T)
     u_low, u_high = Input(*bounds.u_low.T), Input(*bounds.u_high.T)
     values = State(*plan.X[1:].T)._asdict() | Input(*plan.U.T)._asdict()

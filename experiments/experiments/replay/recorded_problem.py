@@ -245,12 +245,14 @@ class Problem:
         P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
-        unit, unscaled, N = np.ones(1), np.ones(len(Constraints._fields)), problem.horizon
+        *axles, track = Constraints._fields
+        rows = (*axles, *(track,) * (g.shape[1] - len(axles)))
+        unit, unscaled, N = np.ones(1), np.ones(len(rows)), problem.horizon
         scale_x, scale_u = np.array(problem.scale_x), np.array(problem.scale_u)
         groups = (
             (problem.states, X[1:], bounds.x_low[1:], bounds.x_high[1:], m.x[1:], scale_x, 1),
             (problem.inputs, plan.U, bounds.u_low, bounds.u_high, m.u, scale_u),
-            (Constraints._fields, g, bounds.g_low, bounds.g_high, m.g, unscaled),
+            (rows, g, bounds.g_low, bounds.g_high, m.g, unscaled),
             (('total',), h, *(row[None] for row in (bounds.h_low, bounds.h_high, m.h)), unit, N),
         )
         return tuple(limit for group in groups for limit in find_active_limits(LimitGroup(*group)))

@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
     rejection: str  # why it must not be driven, '' if it may
     sides: Sides  # on which the plan passes the dangerous obstacles
     least_gap: float  # m, V2O to every obstacle over the horizon
-    off_road: float  # m, by which the slack lets the circle at the CoG leave the road
+    off_road: float  # m, by which the slack lets the circles leave the road
     contact_speed: float = 0.0  # m/s, relative, where the plan runs into an obstacle
     later: float = 0.0  # cost beyond the horizon, of taking up the desired speed again
 

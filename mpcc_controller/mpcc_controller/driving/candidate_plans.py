@@ -144,9 +144,7 @@ class CandidatePlans:
             return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
         plan = solution.plan
         gap = self._least_gap(plan.X)
-        # the slack serves the least speed as well
-        too_slow = np.maximum(self.params.limits.least_speed_mps - plan.X[:-1, 3], 0)
-        off_road = float(np.max(plan.U[:, 3] - too_slow))
+        off_road = float(np.max(plan.U[:, 3]))
         speed = self._contact_speed(plan.X) if gap < 0 else 0.0
         later = 0.0
         if self.params.candidates.regain_speed:

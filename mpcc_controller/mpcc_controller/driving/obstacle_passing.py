@@ -14,6 +14,7 @@ import numpy as np
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import reference_path
+from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.obstacle_motion import position, velocity
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle
@@ -102,8 +103,10 @@ def _gaps(X, scene, params) -> np.ndarray:
     for offset in params.body.circle_offsets_m:
         dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
         square = np.minimum(square, dX**2 + dY**2)
-    radii = np.array([o.r_obs for o in scene.obstacles.items]) + params.body.circle_radius_m
-    return np.sqrt(square) - radii[:, None]
+    t = params.model.step_s * np.arange(len(X))
+    radii = [stage_parameters.grown_radius(params, o, t) for o in scene.obstacles.items]
+    grown = np.array([np.broadcast_to(radius, t.shape) for radius in radii])
+    return np.sqrt(square) - grown - params.body.circle_radius_m
 
 
 @lru_cache(maxsize=16)

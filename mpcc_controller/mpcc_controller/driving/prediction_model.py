@@ -108,7 +108,13 @@ class PredictionModel:
         model, form = self.params.model, self.formulation
         parameters = form.stage_parameters(scene, guess_map.X)
         limits = bounds.build(
-            self.params.limits, self.car, x0.Fx, model.horizon, model.step_s, form.ocp.state
+            self.params.limits,
+            self.car,
+            x0.Fx,
+            model.horizon,
+            model.step_s,
+            form.ocp.state,
+            len(self.params.body.circle_offsets_m),
         )
         guess_local = form.to_local(guess_map, scene.path)
         return TickProblem(x0, scene, guess_map, guess_local, parameters, limits, sliding)

@@ -41,7 +41,7 @@ class Input(NamedTuple):
     d_delta: Any  # rad/s
     d_Fx: Any  # N/s
     lambda_b: Any  # -, front share of the braking force
-    slack: Any  # m beyond the road edge and m/s below the minimum speed
+    slack: Any  # m beyond the road edge
 
 
 class Car(NamedTuple):

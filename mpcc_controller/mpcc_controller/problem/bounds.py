@@ -11,29 +11,34 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
-from mpcc_controller.problem.ocp import Constraints
 from stage_solver.stage_problem import Bounds
 
-FRICTION = ('front', 'rear', 'total')  # the rows of g that are shares of the friction
+FRICTION = ('front', 'rear')  # the first rows of g, shares of the friction
 MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 
 
 def build(
-    limits: Limits, car: Car, Fx: float, horizon: int, dt: float, state: type = State
+    limits: Limits,
+    car: Car,
+    Fx: float,
+    horizon: int,
+    dt: float,
+    state: type = State,
+    circles: int = 1,
 ) -> Bounds:
     """Return the bounds for a plan that starts with the total force `Fx` [N].
 
-    `state` is the NamedTuple of the formulation's states; delta and Fx are bounded.
+    `state` is the NamedTuple of the formulation's states; delta and Fx are bounded. `circles` of
+    the vehicle are kept on the track.
 
     Where the force already exceeds its share of the friction (the friction dropped, or after a
     restart), the friction bounds widen to what the rate limit of the force allows to reach: a state
     that cannot be changed must not make the problem infeasible.
     """
     driving, braking = friction_shares(limits, car, Fx, horizon, dt)
-    constant = _without_friction(limits, horizon, state)
+    constant = _without_friction(limits, horizon, state, circles)
     g_high, g_low = constant.g_high.copy(), constant.g_low.copy()
-    for name in FRICTION:
-        column = Constraints._fields.index(name)
+    for column, name in enumerate(FRICTION):
         g_high[:, column] = getattr(driving, name)[:-1]
         g_low[:, column] = -getattr(braking, name)[:-1]
     return constant._replace(
@@ -42,7 +47,7 @@ def build(
 
 
 @cache
-def _without_friction(limits, horizon, state) -> Bounds:
+def _without_friction(limits, horizon, state, circles) -> Bounds:
     """Return the bounds that are equal at all times, as arrays that cannot be changed."""
     free = np.inf
     x_high = state(
@@ -63,9 +68,9 @@ def _without_friction(limits, horizon, state) -> Bounds:
         lambda_b=limits.brake_front_share_min,
         slack=-free,
     )
-    friction = dict.fromkeys(FRICTION, free)
-    g_high = Constraints(**friction, track=0.0, speed=free)
-    g_low = Constraints(**friction, track=-free, speed=limits.least_speed_mps)
+    friction = (free,) * len(FRICTION)
+    g_high = (*friction, *circles * (0.0,))
+    g_low = (*friction, *circles * (-free,))
     rows = {'x': horizon + 1, 'u': horizon, 'g': horizon, 'h': 1}
     limit = {'x': (x_low, x_high), 'u': (u_low, u_high), 'g': (g_low, g_high), 'h': (-free, free)}
     arrays = {

@@ -120,6 +120,8 @@ INPUTS = (
         absent_with=('brake_split', FIXED),
     ),
     CostTerm('slack', 'tolerances.slack_m', lambda q: q.u.slack**2, uses_input=True),
+    # what a slack of its own would cost: with that of the road, a slow car might leave it for free
+    CostTerm('slow', 'tolerances.slack_m', lambda q: ca.fmax(q.p.least_speed - q.x.vx, 0) ** 2),
     CostTerm(
         'jerk',
         'tolerances.lateral_jerk_mps3',
@@ -155,7 +157,7 @@ FRENET = (
 )
 
 # what is kept away from as long as it can be
-SOFT_LIMITS = (*(term.name for term in (*DISTANCES, *ENVELOPE)), 'slack')
+SOFT_LIMITS = (*(term.name for term in (*DISTANCES, *ENVELOPE)), 'slack', 'slow')
 
 # the weights that are tuned in every formulation
 TUNED = (

@@ -60,6 +60,7 @@ class FrenetStage(NamedTuple):
     D_sft: SafetyDistance
     body: VehicleCircles
     envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
+    least_speed: Any  # m/s
     kappa: Any  # 1/m, mean curvature of the path over the step, left positive
     v_ref: Any  # m/s
     edges: FrenetEdges
@@ -93,8 +94,7 @@ def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
 
 def distances(x: FrenetState, p: FrenetStage):
     """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
-    along, across = ca.cos(x.dpsi), ca.sin(x.dpsi)
-    points = [FrenetPoint(x.s + offset * along, x.e + offset * across) for offset in p.body.offsets]
+    points = [point_ahead(x, offset) for offset in p.body.offsets]
     return frenet_frame.distances(points, p)
 
 
@@ -107,9 +107,22 @@ def quantities(x: FrenetState, u: Input | None, p: FrenetStage, rules: Rules) ->
 
 def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     """Return the constrained quantities, the same as those of the MPCC."""
-    left, right = (frenet_frame.edge_offset(edge, x.s) for edge in p.edges)
-    gap = ca.sqrt((x.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
-    return ocp.constraints(x, u, p, gap - ((left - right) / 2 - distance.edge_radius(p.body)))
+    return ocp.constraints(
+        x, u, p, [_beyond_track(x, p, offset) for offset in ocp.track_offsets(p.body)]
+    )
+
+
+def _beyond_track(x, p, offset):
+    """Return how far [m] the circle `offset` ahead of the CoG is beyond the track."""
+    point = point_ahead(x, offset)
+    left, right = (frenet_frame.edge_offset(edge, point.s) for edge in p.edges)
+    gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
+    return gap - ((left - right) / 2 - distance.edge_radius(p.body))
+
+
+def point_ahead(x: FrenetState, offset) -> FrenetPoint:
+    """Return the point of the car `offset` [m] ahead of the CoG."""
+    return FrenetPoint(x.s + offset * ca.cos(x.dpsi), x.e + offset * ca.sin(x.dpsi))
 
 
 @cache

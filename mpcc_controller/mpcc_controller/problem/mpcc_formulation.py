@@ -42,6 +42,7 @@ class Stage(NamedTuple):
     D_sft: SafetyDistance
     body: VehicleCircles
     envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
+    least_speed: Any  # m/s
     path: Arc
     v_ref: Any  # m/s
     centre: Arc  # of the road, along the distance of the path
@@ -86,9 +87,17 @@ def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuanti
 
 def constraints(x: State, u: Input, p: Stage) -> Constraints:
     """Return the constrained quantities (paper, section 3.2)."""
-    centre = arc.pose_at(p.centre, x.theta)
-    gap = ca.sqrt((x.X - centre.X) ** 2 + (x.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
-    return ocp.constraints(x, u, p, gap - (p.half_width - distance.edge_radius(p.body)))
+    room = p.half_width - distance.edge_radius(p.body)
+    return ocp.constraints(
+        x, u, p, [_from_centre(x, p, offset) - room for offset in ocp.track_offsets(p.body)]
+    )
+
+
+def _from_centre(x, p, offset):
+    """Return how far [m] the point `offset` ahead of the CoG is from the centre of the road."""
+    point = distance.circle(x, offset, 0.0)
+    centre = arc.pose_at(p.centre, x.theta + offset)
+    return ca.sqrt((point.X - centre.X) ** 2 + (point.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
 
 
 @cache

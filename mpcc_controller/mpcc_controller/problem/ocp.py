@@ -4,7 +4,7 @@ A formulation defines its states, stage parameters, cost terms and constraints. 
 the sum of the cost and the evaluation of plans are the same for all.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -46,13 +46,14 @@ class NarrowCircles(NamedTuple):
 
 
 class Constraints(NamedTuple):
-    """The constrained quantities of a stage, in the order of the rows of g."""
+    """The constrained quantities of a stage, in the order of the rows of g.
+
+    The total force over the friction of both axles is between those of the axles.
+    """
 
     front: Any  # -, longitudinal force over friction, front axle
     rear: Any  # -, rear axle
-    total: Any  # -, both axles together
-    track: Any  # m, beyond the road (less the slack)
-    speed: Any  # m/s (plus the slack)
+    track: tuple  # m, beyond the road (less the slack), of every `track_offsets`
 
 
 class SymbolicOcp(NamedTuple):
@@ -91,6 +92,7 @@ def common_template(circles: int, rules: Rules) -> dict[str, Any]:
         'D_sft': SafetyDistance(*SafetyDistance._fields),
         'body': rules.body(*rules.body._fields)._replace(offsets=('offset',) * circles),
         'envelope': limits(*limits._fields),
+        'least_speed': 'least_speed',
     }
 
 
@@ -111,20 +113,34 @@ def symbols(ocp: SymbolicOcp) -> Symbols:
     return Symbols((xs, us, ps), x, u, named_vector.build(ocp.template, ca.vertsplit(ps)))
 
 
-def constraints(x, u: Input, p, beyond_track) -> Constraints:
+def constraints(x, u: Input, p, beyond_track: Sequence) -> Constraints:
     """Return the constrained quantities (paper, section 3.2).
 
-    `beyond_track` [m] is how far the centre of gravity is beyond the track, negative on it.
+    `beyond_track` [m] is how far each circle is beyond the track, negative on it.
     """
     Fz = single_track.loads(x.Fx, p.car)
     F = single_track.split(x.Fx, u.lambda_b, p.car)
     return Constraints(
         front=F.f / (p.car.mu_f * Fz.f),
         rear=F.r / (p.car.mu_r * Fz.r),
-        total=total_friction_use(x.Fx, p.car),
-        track=beyond_track - u.slack,
-        speed=x.vx + u.slack,
+        track=tuple(beyond - u.slack for beyond in beyond_track),
     )
+
+
+def track_offsets(body) -> tuple:
+    """Return where along the car [m ahead of the CoG] circles must be on the track.
+
+    Of a single circle, as in the paper, the CoG. Of several the centres; where circles of another
+    radius count at edges, the outer ones move to the ends of what the set covers: it is as wide as
+    the car there, too.
+    """
+    if len(body.offsets) == 1:
+        return (0.0,)
+    if not hasattr(body, 'edge_radius'):
+        return body.offsets
+    half_share = ca.sqrt(ca.fmax(body.radius**2 - body.edge_radius**2, 0))
+    first, *between, last = body.offsets
+    return (first - half_share, *between, last + half_share)
 
 
 def total_friction_use(Fx, car: Car):
@@ -151,7 +167,9 @@ def build(ocp: SymbolicOcp, horizon: int, dt: float) -> stage_problem.StageProbl
         stage_cost=ca.Function('stage_cost', [xs, us, ps], [stage]),
         terminal_cost=ca.Function('terminal_cost', [xs, ps], [last]),
         constraints=ca.Function(
-            'constraints', [xs, us, ps], [ca.vertcat(*ocp.constraints(x, u, p))]
+            'constraints',
+            [xs, us, ps],
+            [ca.vertcat(*named_vector.leaves(ocp.constraints(x, u, p)))],
         ),
         terminal_constraints=ca.Function(
             'terminal_constraints', [xs, ps], [total_friction_use(x.Fx, p.car)]

@@ -22,6 +22,7 @@ from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
@@ -134,8 +135,9 @@ def _functions(symbolic, has_input) -> Iterator[_Function]:
     if has_input:
         for name, value in _built('state equations', symbolic.rates, x, u, p).items():
             yield _Function(f"the rate of the state '{name}'", False, ca.SX(value))
-        for name, value in _built('constraints', symbolic.constraints, x, u, p).items():
-            yield _Function(f"the constraint '{name}'", False, ca.SX(value))
+        for name, values in _built('constraints', symbolic.constraints, x, u, p).items():
+            for value in named_vector.leaves((values,)):
+                yield _Function(f"the constraint '{name}'", False, ca.SX(value))
 
 
 def _built(what, build: Callable, x, u, p) -> dict[str, Any]:

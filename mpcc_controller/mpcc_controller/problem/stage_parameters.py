@@ -34,7 +34,14 @@ from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
-CONSTANTS = ('car', 'weights', 'D_sft', 'body', 'envelope')  # the first fields of the stages
+CONSTANTS = (
+    'car',
+    'weights',
+    'D_sft',
+    'body',
+    'envelope',
+    'least_speed',
+)  # the first fields of the stages
 
 
 class Scene(NamedTuple):
@@ -111,6 +118,7 @@ def constant_parameters(
         SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
         _vehicle_circles(params.body),
         cost_terms.limits(terms, params),
+        params.limits.least_speed_mps,
     )
     return dict(zip(CONSTANTS, values, strict=True))
 

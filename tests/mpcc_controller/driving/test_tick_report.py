@@ -18,7 +18,7 @@ NAMES = (
     'time.prepare_ms time.solve_ms time.solve_cpu_ms time.lead_ms',
     'cost.total cost.con cost.lag cost.vel cost.d_delta cost.d_Fx cost.lambda_b cost.v2o cost.v2e',
     'cost.slack weight.con weight.lag weight.vel weight.d_delta weight.d_Fx weight.lambda_b',
-    'weight.v2o weight.v2e weight.slack',
+    'weight.v2o weight.v2e weight.slack cost.slow weight.slow',
     'v2o.1 v2o.1.least v2o_frenet.1 v2o_difference.1 q_v2o.1 q_v2o.1.now',
     'v2e.left v2e.left.least v2e.right v2e.right.least',
     'q_v2e.left q_v2e.left.now q_v2e.right q_v2e.right.now',

@@ -82,7 +82,8 @@ def test_the_track_limit_is_the_road_less_the_circle(car, scene, frenet):
     inside = FrenetState(*frenet_formulation.plan_to_frenet(plan, scene.path).X[0])
     values = frenet.ocp.constraints(inside, Input(0, 0, 0.7, 0.25), stage)
     # the road reaches from -2.5 to 6: its centre is 1.75, its half 4.25, the car's circle 1.1
-    assert float(values.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
+    (beyond,) = values.track
+    assert float(beyond) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
     Fz = single_track.loads(-8000.0, car)
     assert float(values.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller import run_time_parameters
+from mpcc_controller.driving import initial_guess, obstacle_passing
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import road_edges
@@ -171,13 +172,61 @@ def test_constraints_are_the_paper_s_per_axle_and_for_the_road(car, scene, mpcc)
     assert float(values.front) == pytest.approx(-5600 / (car.mu_f * Fz.f))
     assert float(values.rear) == pytest.approx(-2400 / (car.mu_r * Fz.r))
     # the road reaches from -2.5 to 6: its centre is 1.75, its half 4.25, the car's circle 1.1
-    assert float(values.track) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
-    assert float(values.speed) == pytest.approx(20.25)
+    (beyond,) = values.track
+    assert float(beyond) == pytest.approx(3.0 - 1.75 - (4.25 - 1.1) - 0.25, abs=1e-3)
+
+
+@pytest.mark.parametrize('name', ['mpcc', 'frenet'])
+def test_a_slow_car_may_not_leave_the_road_for_nothing(world, scene, name):
+    """What it costs to be slow and off the road is the sum of what either costs."""
+    params, vehicle = world.load(name)
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+
+    def least_cost(vx, beyond):
+        Y = 1.75 + (4.25 - 1.1) + beyond  # from the middle of the road
+        x = State(20.0, Y, 0.0, vx, 0.0, 0.0, 20.0, 0.0, 0.0)
+        numbers = form.stage_parameters(scene, np.tile(x, (N + 1, 1)))
+        stage = named_vector.build(numbers.stages, numbers.P[0])
+        local = form.to_local(Plan(np.tile(x, (N + 1, 1)), np.zeros((N, 4))), scene.path)
+        local = form.ocp.state(*local.X[0])
+        needed = float(form.ocp.constraints(local, Input(0, 0, 0.5, 0.0), stage).track[0])
+        errors = form.ocp.errors(local, Input(0, 0, 0.5, max(needed, 0.0)), stage)
+        return sum(float(errors[term]) for term in ('slack', 'slow'))
+
+    assert least_cost(6.0, -0.5) == pytest.approx(1.0)
+    assert least_cost(8.0, 1.0) == pytest.approx(1.0, rel=0.01)
+    assert least_cost(8.0, -0.5) == 0.0
+    assert least_cost(6.0, 1.0) == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize('name', ['mpcc', 'frenet'])
+@pytest.mark.parametrize('ahead', [1, -1], ids=['nose', 'tail'])
+def test_the_outline_stays_on_the_track(world, scene, name, ahead):
+    """A car of three circles whose CoG is well on the road and an end of it is not."""
+    params, vehicle = world.load(name, body__circles=3)
+    params = run_time_parameters.in_force(params, vehicle)
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    outline, yaw = vehicle.outline, 0.4 * ahead
+    end = outline.front_m if ahead > 0 else outline.rear_m
+    half_width = outline.width_m / 2
+
+    def needed(beyond):
+        """Return the slack of a car whose end, as wide as the car, is beyond the left edge."""
+        Y = 6.0 + beyond - half_width - end * np.sin(abs(yaw))
+        x = State(20.0, Y, yaw, 10.0, 0.0, 0.0, 20.0, 0.0, 0.0)
+        plan = Plan(np.tile(x, (N + 1, 1)), np.zeros((N, 4)))
+        numbers = form.stage_parameters(scene, plan.X)
+        stage = named_vector.build(numbers.stages, numbers.P[0])
+        local = form.ocp.state(*form.to_local(plan, scene.path).X[0])
+        return max(form.ocp.constraints(local, Input(0, 0, 0.5, 0.0), stage).track)
+
+    assert needed(0.3) == pytest.approx(0.3, abs=0.01)
+    assert needed(-0.1) == pytest.approx(-0.1, abs=0.01)
 
 
 def test_friction_bounds_are_the_safety_factor(params, car):
     solver_bounds = bounds.build(params.limits, car, -3000.0, N, DT)
-    assert np.all(solver_bounds.g_high[:, :3] == params.limits.friction_use)
+    assert np.all(solver_bounds.g_high[:, :2] == params.limits.friction_use)
     assert np.all(solver_bounds.h_low == -params.limits.friction_use)
 
 
@@ -222,8 +271,8 @@ def test_the_friction_bounds_are_back_where_the_force_may_be(world):
     given_bounds = bounds.build(params.limits, stage_parameters.car(params, vehicle), Fx, N, DT)
     force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))
     assert np.all(given_bounds.g_low[0, :2] < -1)
-    assert np.all(given_bounds.g_low[force_gone:, :3] == -params.limits.friction_use)
-    assert np.all(given_bounds.g_high[:, :3] == params.limits.friction_use)
+    assert np.all(given_bounds.g_low[force_gone:, :2] == -params.limits.friction_use)
+    assert np.all(given_bounds.g_high[:, :2] == params.limits.friction_use)
 
 
 @quick
@@ -254,6 +303,19 @@ def test_a_mover_is_given_more_room_the_later_the_stage(world, scene, name):
     (moving_as_is, standing_as_is), (grown, unchanged) = radii
     assert grown - moving_as_is == pytest.approx(0.4 * DT * np.arange(N + 1))
     assert np.array_equal(standing_as_is, unchanged)
+
+
+@pytest.mark.parametrize('growth', [None, 0.4])
+def test_plans_are_judged_by_the_distances_of_the_problem(world, scene, growth):
+    moving, standing = Obstacle(1, 60.0, 0.0, 1.0, 3.0, 0.0), Obstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
+    scene = scene._replace(obstacles=Obstacles(0, (moving, standing)))
+    params, vehicle = world.load(safety__growth_mps=growth)
+    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
+    plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+    in_problem = PlanEvaluator(form.ocp).evaluate(plan, form.stage_parameters(scene, plan.X).P).v2o
+    judged = obstacle_passing.least_gaps(plan.X, scene, params)
+    assert judged == pytest.approx([np.min(D) for D in in_problem[:2]], abs=1e-3)
 
 
 def test_the_safety_distance_to_edges_fits_a_narrow_road(world, scene):
