@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 
 from experiments.library import library_drive
 from experiments.library.library_drive import ENTRIES, LibraryDrive
-from experiments.statistical_inference import wilson_interval
+from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
     POSSIBLE,
@@ -62,12 +62,8 @@ class Pairs(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the difference, given on how many draws the two differ."""
-        differ = self.base_only + self.other_only
-        if not differ:
-            return 0.0, 0.0
-        bounds = wilson_interval(self.base_only, differ)
-        return tuple((2 * p - 1) * differ / self.draws for p in bounds)
+        """Tango's score interval of 95 % of the difference."""
+        return paired_interval(self.base_only, self.other_only, self.draws)
 
     @property
     def p_value(self) -> float:
