@@ -51,7 +51,7 @@ def test_the_ends_of_a_paired_interval_are_rejected_just_so(counts):
 
 @given(st.lists(st.integers(0, 30), min_size=3, max_size=3).filter(any))
 def test_a_paired_interval_holds_the_difference_turns_around_and_has_a_width(counts):
-    first, second, equal = counts
+    first, second, _ = counts
     pairs = sum(counts)
     low, high = paired_interval(first, second, pairs)
     assert -1.0 <= low <= (first - second) / pairs <= high <= 1.0

@@ -66,6 +66,11 @@ def all_settings(drive: LibraryDrive) -> dict[str, dict[str, Any]]:
     return settings
 
 
+def settings_text(settings: Settings) -> str:
+    """Return the settings of --set as JSON by `NODE.parameter`, equal for equal ones."""
+    return json.dumps({f'{role}.{name}': value for role, name, value in sorted(settings)})
+
+
 def key(drive: LibraryDrive) -> str:
     """Return the SHA-256 of all that decides a drive: scenario, parameters, code, processor."""
     text = scenario.load(drive.name).text if drive.name else drive.draw.text

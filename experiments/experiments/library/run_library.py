@@ -145,6 +145,7 @@ def build_rows(
             'seed': drive.seed,
             'index': drive.index,
             'controller': Path(drive.controller).stem,
+            'settings': library_drive.settings_text(drive.settings),
             'friction': library_drive.load_scenario(drive).friction,
             'error': errors.get(key, ''),
             'code_version': code_version.digest(),

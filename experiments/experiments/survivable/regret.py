@@ -1,7 +1,7 @@
 """What was lost though it was possible, and controllers compared on the same draws.
 
-Rows are those of `experiments library`. A draw that any controller survived is possible: its drive
-proves it. For the others `verdict` searches.
+Rows are those of `experiments library`, as `report.read_rows` returns them. A draw that any
+controller survived is possible: its drive proves it. For the others `verdict` searches.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from scipy.stats import binomtest
 
 from experiments.library import library_drive
-from experiments.library.library_drive import ENTRIES, LibraryDrive
+from experiments.library.library_drive import ENTRIES, LibraryDrive, Settings
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
@@ -27,7 +27,8 @@ DRIVERS = ('mpcc', 'mpcc_road')
 ALL = 'all'
 
 Row = Mapping[str, Any]
-DrawKey = tuple[str, str, int, int, str]  # family, name of an entry, seed, index, difficulty
+# family, name of an entry, seed, index, difficulty, settings of the plant
+DrawKey = tuple[str, str, int, int, str, Settings]
 
 
 class Regret(NamedTuple):
@@ -75,7 +76,8 @@ class Pairs(NamedTuple):
 def draw_key(row: Row) -> DrawKey:
     """Return what identifies the draw of a row, whoever drove it."""
     name = row['drive'] if row['family'] == ENTRIES else ''
-    return row['family'], name, row['seed'], row['index'], row['difficulty']
+    drawn = row['family'], name, row['seed'], row['index'], row['difficulty']
+    return *drawn, row['plant_settings']
 
 
 def proved_by_drives(rows: Iterable[Row]) -> dict[DrawKey, str]:
@@ -107,7 +109,8 @@ def verdict(draw: DrawKey, budget: int, preview: bool) -> str:
 
 def _drive(draw, driver):
     (controller,) = library_drive.find_controllers([driver])
-    return LibraryDrive(*draw, str(controller.config), ())
+    *drawn, plant_settings = draw
+    return LibraryDrive(*drawn, str(controller.config), plant_settings)
 
 
 def count_regret(rows: Sequence[Row], answers: Mapping[DrawKey, str]) -> list[Regret]:

@@ -22,9 +22,10 @@ from msgs_yaml.strict_yaml import closest
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives
 COLUMNS = (
-    *('drive', 'family', 'difficulty', 'seed', 'index', 'controller'),
+    *('drive', 'family', 'difficulty', 'seed', 'index', 'controller', 'settings'),
     *('error', 'survived', 'lost_by', 'verdict'),
 )
+CONTROLLER = 'controller.'
 SHOWN_LOSSES = 100
 
 
@@ -61,7 +62,11 @@ def run(request: Request, console: Console) -> int:
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table of `experiments library` in a folder. Raises BagError."""
+    """Return the rows of the table of `experiments library` in a folder. Raises BagError.
+
+    Rows that were driven with other `settings` (--set) are not confused: those of the controller
+    are added to its name, those of the plant are in `plant_settings`, part of the draw.
+    """
     from pyarrow import ArrowException, parquet
 
     path = folder / results_table.FILE
@@ -72,7 +77,18 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
-    return table.select(list(COLUMNS)).to_pylist()
+    return [_split_settings(row) for row in table.select(list(COLUMNS)).to_pylist()]
+
+
+def _split_settings(row):
+    given = json.loads(row['settings'])
+    own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLER)]
+    plant = [
+        (*name.split('.', 1), tuple(value) if isinstance(value, list) else value)
+        for name, value in given.items()
+        if not name.startswith(CONTROLLER)
+    ]
+    return row | {'controller': ' '.join([row['controller'], *own]), 'plant_settings': tuple(plant)}
 
 
 def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:

@@ -27,6 +27,13 @@ def test_draws_are_driven_once_and_judged(tmp_path, capsys):
         assert row['code_version'] == code_version.digest()
     assert '2 drives: 0 were kept, 0 failed' in capsys.readouterr().out
 
+    # other parameters: driven anew, and the table says with which
+    assert cli.main([*command, '--set', 'controller.safety.obstacle_m=0.6']) == 0
+    assert '2 drives: 0 were kept, 0 failed' in capsys.readouterr().out
+    changed = parquet.read_table(tmp_path / 'results.parquet').to_pylist()
+    assert {row['settings'] for row in rows} == {'{}'}
+    assert {row['settings'] for row in changed} == {'{"controller.safety.obstacle_m": 0.6}'}
+
     # more draws: the first ones are kept; no family can survive more than all of its draws
     command[4] = '3'
     assert cli.main([*command, '--at-least', '0']) == 0

@@ -15,7 +15,7 @@ from experiments.survivable import regret, report
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
 
 
-def row(index, controller, survived, family='pop_up', error=''):
+def row(index, controller, survived, family='pop_up', error='', settings='{}'):
     return {
         'drive': f'{family}:{index}',
         'family': family,
@@ -23,6 +23,8 @@ def row(index, controller, survived, family='pop_up', error=''):
         'seed': 7,
         'index': index,
         'controller': controller,
+        'settings': settings,
+        'plant_settings': (),
         'error': error,
         'survived': survived,
         'lost_by': None if survived else 'touched obstacle 1',
@@ -31,7 +33,22 @@ def row(index, controller, survived, family='pop_up', error=''):
 
 
 def draw(index, family='pop_up'):
-    return family, '', 7, index, 'nominal'
+    return family, '', 7, index, 'nominal', ()
+
+
+def written(folder, *rows):
+    """Write a table of `experiments library`; return its folder."""
+    folder.mkdir()
+    columns = results_table.build_columns(rows)
+    columns.pop('plant_settings')
+    results_table.write(columns, {}, folder)
+    return folder
+
+
+def shown(*folders, base='mpcc', budget=0):
+    console = Console(record=True, width=200, file=io.StringIO())
+    assert report.run(report.Request(folders, budget, False, base, 1), console) == 0
+    return console.export_text()
 
 
 def test_a_draw_that_any_controller_survived_is_possible_for_all():
@@ -84,21 +101,41 @@ def test_the_p_value_is_that_of_a_fair_coin():
 
 def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path):
     """The table says that it was lost: an MPCC with hindsight survives it."""
-    table = results_table.build_columns([row(1, 'mpcc', False), row(2, 'mpcc', True)])
-    results_table.write(table, {}, tmp_path)
-    request = report.Request([tmp_path], 20, False, 'mpcc', 1)
+    folder = written(tmp_path / 'library', row(1, 'mpcc', False), row(2, 'mpcc', True))
     for _ in range(2):
-        console = Console(record=True, width=160, file=io.StringIO())
-        assert report.run(request, console) == 0
-        text = console.export_text()
-        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in text
-        (line,) = (tmp_path / report.FOLDER / 'drives.jsonl').read_text().splitlines()
+        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in shown(folder, budget=20)
+        (line,) = (folder / report.FOLDER / 'drives.jsonl').read_text().splitlines()
         assert json.loads(line)['results']['answer'] == POSSIBLE
+
+
+def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(tmp_path):
+    """Without the settings in the key the later table would replace the rows of the first."""
+    faster = json.dumps({'controller.limits.drive_n': 3000.0})
+    plain = written(tmp_path / 'a', *(row(i, 'mpcc', i < 4) for i in range(4)))
+    other = written(tmp_path / 'b', *(row(i, 'mpcc', i < 1, settings=faster) for i in range(4)))
+    text = shown(plain, other)
+    assert 'mpcc controller.limits.drive_n=3000.0' in text
+    assert '4/4 100%' in text
+    assert '1/4 25%' in text
+    assert '+75.0%' in text
+
+
+def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tmp_path):
+    """On ice nobody survives what is possible on a dry road: one answer must not serve both."""
+    ice = json.dumps({'plant.friction': 0.05})
+    dry = written(tmp_path / 'a', row(2, 'mpcc', True))
+    slippery = written(tmp_path / 'b', row(2, 'mpcc', False, settings=ice))
+    text = shown(dry, slippery)
+    assert 'possible: pop_up:2 mpcc' not in text
+    assert 'undecided: pop_up:2 mpcc' in text
+    on_ice = written(tmp_path / 'c', row(1, 'mpcc', False, settings=ice))
+    # dry the same search finds a way: see above
+    assert 'possible: pop_up:1 mpcc' not in shown(on_ice, budget=20)
 
 
 def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
     with pytest.raises(BagError, match=r'results.parquet: is no table of experiments library'):
         report.run(report.Request([tmp_path], 0, False, 'mpcc', 1), Console())
-    results_table.write(results_table.build_columns([row(1, 'mpcc', True)]), {}, tmp_path)
+    folder = written(tmp_path / 'library', row(1, 'mpcc', True))
     with pytest.raises(BagError, match="no drives by 'mpcc_road'; there are mpcc"):
-        report.run(report.Request([tmp_path], 0, False, 'mpcc_road', 1), Console())
+        shown(folder, base='mpcc_road')
