@@ -171,7 +171,7 @@ repeat: setup
 
 # of the study over many settings: where its drives are, and the pages with blocks about it
 RUNS ?= $(addprefix build/settings/,confirmatory repetition levels)
-PAGES := $(addprefix --page ,README.md $(addprefix docs/,results.md who_avoids.md early_braking.md))
+PAGES := $(addprefix --page docs/,who_avoids.md early_braking.md)
 
 paper: setup
 	@$(BIN)/experiments paper

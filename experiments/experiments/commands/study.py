@@ -3,7 +3,7 @@
 The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
 paper, demand of the task; and drives of many settings, a random choice of what the paper does not
 print each, the decisions on them, one of them alone, the search for one that shows the whole
-picture of the paper, the tuned version of the baseline, and the result in a few sentences.
+picture of the paper, the tuned version of the baseline, and the tables of the pages.
 """
 
 import argparse
@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'settings: seed, count and screening of a run of the preregistration'
     parser.add_argument('--preregistered', metavar='RUN', help=text)
     text = (
-        'result: a page whose blocks about the study, as from <!-- result --> to <!-- /result -->,'
+        'result: a page whose blocks about the study, <!-- who avoids --> to <!-- /who avoids -->,'
     )
     parser.add_argument(
         '--page',

@@ -10,6 +10,7 @@ from experiments.settings import arms
 from experiments.settings.preregistration import RUNS
 from experiments.settings_analysis import early_braking, outcome_figures, who_avoids
 from experiments.settings_analysis.study_tables import Study
+from experiments.statistical_inference import paired_interval
 from experiments.study import tables
 
 AVOIDANCE, BRAKING = 'avoidance', 'braking'
@@ -90,10 +91,13 @@ def avoidance_text(folder: Path, root: str) -> str:
 def _paired(row: Mapping[str, Any]) -> str:
     p = row['p_value']
     chance = 'p < 0.001' if p < 0.001 else f'p = {p:.2f}'
+    mpcc, baseline = row['mpcc_alone'], row['baseline_alone']
+    pairs = mpcc + baseline + row['both'] + row['none']
+    low, high = (100 * end for end in paired_interval(mpcc, baseline, pairs))
     return (
-        f'- `mpcc` alone avoids in {row["mpcc_alone"]:,}, `{row["baseline"]}` alone in '
-        f'{row["baseline_alone"]:,}, both in {row["both"]:,}, neither in {row["none"]:,} '
-        f"(McNemar's exact test: {chance})."
+        f'- `mpcc` alone avoids in {mpcc:,}, `{row["baseline"]}` alone in {baseline:,}, both in '
+        f'{row["both"]:,}, neither in {row["none"]:,}: {100 * (mpcc - baseline) / pairs:+.1f} '
+        f"points ({low:+.1f} to {high:+.1f}; McNemar's exact test: {chance})."
     )
 
 

@@ -10,7 +10,6 @@ from experiments.settings.preregistration import RUNS
 from experiments.settings_analysis import (
     decision_report,
     outcome_report,
-    result_text,
     study_tables,
 )
 from experiments.settings_analysis.study_tables import POOLED
@@ -18,7 +17,6 @@ from experiments.settings_analysis.study_tables import POOLED
 # by name of the block; takes the folder of the decided runs, and the root of the repository as a
 # path relative to the page
 BLOCKS: Mapping[str, Callable[[Path, str], str]] = {
-    'result': result_text.build,
     'who avoids': outcome_report.avoidance_text,
     'early braking': outcome_report.braking_text,
 }

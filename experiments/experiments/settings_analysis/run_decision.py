@@ -23,7 +23,6 @@ from experiments.settings_analysis import (
     picture_search,
     pictures_of_study,
     published,
-    result_text,
     study_tables,
     tuned_table,
 )
@@ -79,11 +78,8 @@ def _decide(request, console):
 
 
 def _result(request, console) -> Sequence[Path]:
-    """Decide runs anew, if any are given; write what the decided ones say, or print it."""
+    """Decide runs anew, if any are given; write what the decided ones say into pages."""
     paths = published.decide(request.folders, request.out)
-    if not request.pages:
-        text = result_text.build(request.out)
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
     return [*paths, *published.write(request.out, request.pages)]
 
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from synthetic_study import make_study
 
+from bags.errors import BagError
 from experiments import page_block
 from experiments.settings import arms
 from experiments.settings_analysis import (
@@ -18,7 +19,7 @@ from experiments.settings_analysis import (
 )
 
 ROOT = Path(__file__).parents[3]
-PAGES = ('README.md', 'docs/results.md', 'docs/who_avoids.md', 'docs/early_braking.md')
+PAGES = ('docs/who_avoids.md', 'docs/early_braking.md')
 SETTINGS, CRASHED = 60, range(0, 60, 6)
 
 
@@ -29,6 +30,19 @@ def test_a_page_says_what_the_tracked_tables_say(name):
     for block, text in blocks.items():
         _, between, _ = page_block.split(ROOT / name, block)
         assert between == f'\n{text}', 'regenerate it: `make paper`, or `make result`'
+
+
+def test_the_block_of_a_page_is_replaced_alone_and_a_page_without_one_is_refused(tmp_path):
+    page = tmp_path / 'page.md'
+    page.write_text('a\n<!-- who avoids -->\nold\n<!-- /who avoids -->\nz\n')
+    assert published.write(ROOT / 'paper/settings', [page]) == [page]
+    written = page.read_text()
+    assert written.startswith('a\n<!-- who avoids -->\nOf 3,000 settings drawn')
+    assert written.endswith('\n<!-- /who avoids -->\nz\n')
+    assert 'old' not in written
+    page.write_text('nothing\n')
+    with pytest.raises(BagError, match='has no block about the study; allowed <!-- who avoids -->'):
+        published.write(ROOT / 'paper/settings', [page])
 
 
 @pytest.fixture(scope='module')
