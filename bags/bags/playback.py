@@ -30,6 +30,8 @@ CLOCK = BagTopic(
     qos=qos_text('keep_last', 1, 'reliable', 'volatile'),
 )
 CLOCK_CDR = struct.Struct('<4siI')
+# of the nodes of the recording: sent again, they would be taken for those of the nodes that run
+OF_NODES = ('rcl_interfaces/msg/Log', 'lifecycle_msgs/msg/TransitionEvent')
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 KEY_POLL_S = 0.1  # longest time until `Keyboard.close` is noticed
 
@@ -102,7 +104,11 @@ def _select(bag, names):
     for name in names:
         if name not in present:
             raise BagError(f'{bag.path}: no message of {name}; it has {", ".join(present)}')
-    return [present[name] for name in present if not names or name in names]
+    return [
+        recorded
+        for name, recorded in present.items()
+        if (name in names if names else recorded.topic.type not in OF_NODES)
+    ]
 
 
 def _rows(recorded, times, first_ns, last_ns):

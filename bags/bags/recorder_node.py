@@ -1,5 +1,6 @@
 """Records every topic of the contract as raw bytes into a rosbag2 folder.
 
+So it does frames, log lines and transitions (`derived` in the contract) whose types are installed.
 It subscribes to the topics of its namespace and files them under the names of the contract.
 Messages are polled: a callback of rclpy costs about 90 us per message, taking raw bytes every few
 milliseconds about 25 us. The middleware provides the times of sending and receiving.
@@ -9,7 +10,9 @@ import json
 import signal
 import sys
 import time
+from contextlib import suppress
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from rclpy.qos import HistoryPolicy
@@ -24,10 +27,11 @@ from bags.storage.message_filing import (
     Filing,
     RecorderParams,
     SimulatedTime,
-    bag_topics,
+    bag_topic,
 )
 from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
+from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import help_node, provenance, ros, spin_node
 from node_runtime.managed_node import ManagedNode
@@ -35,6 +39,7 @@ from node_runtime.parameters import ParameterError
 
 LARGEST_TAKE = 5000  # messages of one topic before the next topic is polled
 NAMESPACE = 'namespace'  # key in the record of the run
+ROSOUT = '/rosout'  # in no namespace
 ANY = 'any'  # publisher in the contract of a topic that several nodes publish
 QUIET_S = 0.05  # at the end: no message has arrived for so long
 LONGEST_END_S = 1.0
@@ -45,7 +50,8 @@ class RecorderNode(ManagedNode):
     """Polls its subscriptions, files the messages, and closes the bag at the end.
 
     The bag is created by `configure` and completed by the clean-up or at the end of the process.
-    What arrives while the node is inactive is not in it.
+    What arrives while the node is inactive is not in it. Configured again, the node creates another
+    one beside it.
     """
 
     def __init__(self):
@@ -53,6 +59,7 @@ class RecorderNode(ManagedNode):
         defaults = share.path('bags', 'config', 'recorder.yaml')
         self.params = ros.declare(self, RecorderParams, defaults)
         self.bag = self.inbox = None
+        self.folders: set[str] = set()  # of the bags of this node
         self.stopping, self.exit_code = False, 0
         # instead of rclpy's handlers: a signal must not tear a record, a second one has no effect
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -68,7 +75,7 @@ class RecorderNode(ManagedNode):
         self.bag, self.filings = self._open(ros.mode(self))
         # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
-        self.inlets = {name: self._subscribe(name) for name in contract.load().topics}
+        self.inlets = {name: self._subscribe(topic) for name, topic in self.topics.items()}
         self.received, self.warned = set(), set()
         # in lockstep a bag must not depend on the speed of the machine
         if ros.mode(self) != LOCKSTEP:
@@ -96,17 +103,18 @@ class RecorderNode(ManagedNode):
             self.inbox = None
 
     def _open(self, mode):
-        if not self.params.out:
-            raise ParameterError('out: is missing; it names the folder to create for the bag')
-        topics = bag_topics(contract.load(), mode)
+        self.topics = recorded_topics()
+        topics = [bag_topic(topic, mode) for topic in self.topics.values()]
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         try:
             info = run_info(self.params.run_info, mode)
             records = {'run': {**info, NAMESPACE: self.get_namespace()}}
-            bag = BagWriter(self.params.out, topics, records, split)
+            folder = self._new_folder()
+            bag = BagWriter(folder, topics, records, split)
+            self.folders.add(folder)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
-        publishers = [topic.publisher for topic in contract.load().topics.values()]
+        publishers = [topic.publisher for topic in self.topics.values()]
         clock_publisher = contract.load().topics[CLOCK].publisher
         filings = [
             Filing(
@@ -121,14 +129,23 @@ class RecorderNode(ManagedNode):
         ]
         return bag, filings
 
-    def _subscribe(self, name):
+    def _new_folder(self):
+        """Return the folder of the next bag: after DIR of this node DIR_2, DIR_3, ..."""
+        out = folder = self.params.out
+        if not out:
+            raise ParameterError('out: is missing; it names the folder to create for the bag')
+        numbers = count(2)
+        while folder in self.folders and Path(folder).exists():
+            folder = f'{out}_{next(numbers)}'
+        return folder
+
+    def _subscribe(self, topic):
         """Subscribe with the QoS of the publisher, and a queue that drops no message."""
-        profile = ros.to_qos_profile(contract.load().topics[name].qos[ros.mode(self)])
+        profile = ros.to_qos_profile(topic.qos[ros.mode(self)])
         profile.history = HistoryPolicy.KEEP_ALL
-        kind = ros.message_type(name)
-        return self.inbox.create_subscription(
-            kind, ros.full_name(self, name), lambda data: None, profile, raw=True
-        )
+        kind = ros.message_type(topic.name)
+        name = topic.name if topic.name == ROSOUT else ros.full_name(self, topic.name)
+        return self.inbox.create_subscription(kind, name, lambda data: None, profile, raw=True)
 
     def _stop(self, number, frame):
         self.stopping = True
@@ -176,14 +193,16 @@ class RecorderNode(ManagedNode):
 
     def losses(self):
         """Return the Losses of each topic so far."""
-        return {
-            name: filing.counter.losses
-            for name, filing in zip(contract.load().topics, self.filings)
-        }
+        return {name: filing.counter.losses for name, filing in zip(self.topics, self.filings)}
+
+    def contract_losses(self):
+        """Return those of the topics of the contract, which a run consists of."""
+        losses = self.losses()
+        return {name: losses[name] for name in contract.load().topics}
 
     def log_received_topics(self):
         """Log each topic once, when its first message is filed."""
-        received = {name for name, losses in self.losses().items() if losses.received}
+        received = {name for name, losses in self.contract_losses().items() if losses.received}
         if received > self.received:
             self.get_logger().info(f'hears {", ".join(sorted(received - self.received))}')
             self.received = received
@@ -203,7 +222,7 @@ class RecorderNode(ManagedNode):
     def publish_health(self):
         """Publish the health, stamped with the time of the machine."""
         now_ns = self.get_clock().now().nanoseconds
-        self.health_pub.publish(encode.health(self.health.health(now_ns, self.losses())))
+        self.health_pub.publish(encode.health(self.health.health(now_ns, self.contract_losses())))
 
     def close(self):
         """File the messages still in transit, complete the bag."""
@@ -220,9 +239,9 @@ class RecorderNode(ManagedNode):
 
     def _discard(self):
         """Drop what has arrived: a queue that is full would block its publisher."""
-        for subscription in self.inlets.values():
+        for subscription, filing in zip(self.inlets.values(), self.filings):
             for _ in _arrived(subscription):
-                pass
+                filing.pass_over()
 
     def _drain_to_the_end(self):
         end = time.monotonic() + LONGEST_END_S
@@ -253,6 +272,18 @@ class RecorderNode(ManagedNode):
                     f'{topic}: {filing.misdated} messages are filed under another time than their '
                     'stamp'
                 )
+
+
+def recorded_topics() -> dict[str, Topic]:
+    """Return the topics of the contract by name, with the derived ones whose type is installed."""
+    known = contract.load()
+    topics = dict(known.topics)
+    for name, topic in known.derived.items():
+        with suppress(ModuleNotFoundError, FileNotFoundError):
+            ros.message_type(name)
+            bag_topic(topic, LOCKSTEP)  # takes the definition of the type
+            topics[name] = topic
+    return topics
 
 
 def _arrived(subscription):

@@ -22,8 +22,11 @@ TYPES = (
     'sensor_msgs/msg/JointState',
     'visualization_msgs/msg/MarkerArray',
 )
-# of topics that follow from others; tf2_msgs is not everywhere
-DERIVED_TYPES = ('std_msgs/msg/String', 'tf2_msgs/msg/TFMessage')
+# of topics that follow from others or are those of ROS; tf2_msgs is not everywhere
+DERIVED_TYPES = (
+    *('std_msgs/msg/String', 'tf2_msgs/msg/TFMessage'),
+    *('rcl_interfaces/msg/Log', 'lifecycle_msgs/msg/TransitionEvent'),
+)
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
@@ -97,7 +100,7 @@ class Contract:
     """Every topic by its name: those of the system, and what others derive from them."""
 
     topics: dict[str, Topic]
-    derived: dict[str, Topic]  # neither recorded nor decoded
+    derived: dict[str, Topic]  # recorded where the type is installed, not decoded
 
     def find(self, name: str) -> Topic:
         """Return a topic of either kind. Raises KeyError."""

@@ -18,6 +18,6 @@ def environment(folder: Path) -> dict[str, str]:
         return result
     build = [sys.executable, VIEWERS / 'tf2_build.py', folder]
     subprocess.run(build, check=True, timeout=BUILD_S, stdout=subprocess.DEVNULL)
-    for name in ('LD_LIBRARY_PATH', 'PYTHONPATH'):
+    for name in ('LD_LIBRARY_PATH', 'PYTHONPATH', 'AMENT_PREFIX_PATH'):
         result[name] = os.pathsep.join(filter(None, (result.get(name), str(folder))))
     return result

@@ -122,7 +122,11 @@ def test_the_shipped_contract_names_every_topic_of_the_ring():
 
 def test_what_others_derive_is_found_but_is_no_topic_of_the_ring():
     shipped = contract.load()
-    assert set(shipped.derived) == {'/tf', '/tf_static', '/robot_description'}
+    nodes = ('scenario', 'controller', 'plant', 'recorder')
+    assert set(shipped.derived) == {
+        *('/tf', '/tf_static', '/robot_description', '/rosout'),
+        *(f'/{node}/transition_event' for node in nodes),
+    }
     assert shipped.find('/tf').type == 'tf2_msgs/msg/TFMessage'
     assert shipped.find('/clock') is shipped.topics['/clock']
     assert not shipped.derived.keys() & shipped.topics.keys()

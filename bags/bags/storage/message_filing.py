@@ -16,7 +16,7 @@ from bags.storage.message_definitions import schema_text, type_hash
 from bags.storage.message_loss import LossCounter
 from bags.storage.read import LOCKSTEP
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
-from msgs_yaml.contract import Contract
+from msgs_yaml.contract import DERIVED_TYPES, Contract, Topic
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
 from node_runtime.parameters import Range, Struct
@@ -140,16 +140,18 @@ class ClockQueue:
 
 def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
     """Return every topic of the contract as a bag describes it, in the order of the contract."""
-    return [
-        BagTopic(
-            name=topic.name,
-            type=topic.type,
-            schema=schema_text(topic.type),
-            type_hash=type_hash(topic.type),
-            qos=_qos(topic.qos[mode]),
-        )
-        for topic in contract.topics.values()
-    ]
+    return [bag_topic(topic, mode) for topic in contract.topics.values()]
+
+
+def bag_topic(topic: Topic, mode: str) -> BagTopic:
+    """Return a topic as a bag describes it; FileNotFoundError where its type is not installed."""
+    return BagTopic(
+        name=topic.name,
+        type=topic.type,
+        schema=schema_text(topic.type),
+        type_hash=type_hash(topic.type),
+        qos=_qos(topic.qos[mode]),
+    )
 
 
 def _qos(qos):
@@ -183,9 +185,12 @@ class Filing:
         self.first_misdated: tuple[int, int] | None = None  # ns: stamp, and where it is filed
         self._topic, self._write = topic, write
         self._single_publisher, self._publishes_clock = single_publisher, publishes_clock
+        # of those the stamp is missing, or that of another clock: filed under the present time
+        self._is_stamped = topic.type not in DERIVED_TYPES
         self._stamp_ns = stamp_reader(topic.type)
         self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
         self._last_log_ns = 0  # in lockstep never beyond /clock
+        self._passed_over = 0  # messages
         self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
 
     def file(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
@@ -200,6 +205,7 @@ class Filing:
 
         Raises ClockError, and files nothing, when /clock (lockstep) or the arrival falls back.
         """
+        sequence = sequence and max(sequence - self._passed_over, 0)
         if self._time is None:
             if self._single_publisher:
                 self._check(received_ns, SLACK_NS, 'the clock of the machine was set back')
@@ -220,6 +226,10 @@ class Filing:
         else:
             file()
 
+    def pass_over(self) -> None:
+        """Leave a message out on purpose: the numbers of those after it have no gap."""
+        self._passed_over += 1
+
     def _follows(self, stamp_ns):
         """Return whether an earlier message still waits: the order of a topic is kept."""
         return bool(self._ahead_ns) and min(self._ahead_ns) <= stamp_ns
@@ -237,6 +247,8 @@ class Filing:
 
     def _stamp(self, data):
         """Return the stamp, None without one; a bag has no times before 1970."""
+        if not self._is_stamped:
+            return None
         try:
             return max(self._stamp_ns(data), 0)
         except DecodeError:
@@ -259,7 +271,7 @@ class Filing:
     def _log_time(self, stamp_ns):
         """Return the log time of a message."""
         if stamp_ns is None:
-            return self._last_log_ns
+            return self._last_log_ns if self._is_stamped else self._time.now_ns or 0
         if self._time.is_ahead(stamp_ns):
             return self._time.now_ns
         log_ns = max(stamp_ns, self._last_log_ns) if self._single_publisher else stamp_ns

@@ -23,7 +23,7 @@ from msgs_yaml.types import VehicleState
 
 HOST, PORT = '127.0.0.1', 8765
 BACKLOG = 8192  # waiting messages per client: two seconds of every topic at its rate
-FRAME, CHILD_FRAME = 'map', 'base_link'
+FRAME, CHILD_FRAME, TF = 'map', 'base_link', '/tf'
 SCENES = (marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION)
 
 
@@ -51,7 +51,8 @@ class Server(ServerListener):
         self._latched = {topic.name: None for topic in topics if is_latched(topic)}
         computed = [name for name in SCENES if name not in self._channels]
         self._scenes = {name: SceneUpdateChannel(name, context=context) for name in computed}
-        self._frames = FrameTransformsChannel('/tf', context=context)
+        is_framed = TF in self._channels  # a recording may have the frames of the plant
+        self._frames = None if is_framed else FrameTransformsChannel(TF, context=context)
         self._scene, self._control = scene, control
         capabilities = [Capability.Time] + ([Capability.PlaybackControl] if span_ns else [])
         try:
@@ -95,7 +96,7 @@ class Server(ServerListener):
         for drawing in self._scene.update(topic.name, value):
             if drawing.topic in self._scenes:
                 self._scenes[drawing.topic].log(scene_update(drawing), log_time=log_ns)
-        if topic.name == marker_scene.STATE:
+        if topic.name == marker_scene.STATE and self._frames:
             self._frames.log(frame_transforms(value), log_time=log_ns)
 
     def broadcast_time(self, now_ns: int) -> None:

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from bags.storage import read
-from msgs_yaml import types
+from msgs_yaml import contract, types
 
 START_NS = 1_000_000_000
 TICK_NS = 50_000_000
@@ -75,7 +75,14 @@ def endless(values):
 
 def counts(folder):
     """Return how many messages of each topic a bag holds, where there are any."""
-    return {n: len(r.payloads) for n, r in read.load(folder).recordings.items() if r.payloads}
+    return {name: len(recorded.payloads) for name, recorded in of_contract(folder).items()}
+
+
+def of_contract(folder):
+    """Return the recordings of the topics of the contract that have messages."""
+    recordings = read.load(folder).recordings
+    known = contract.load().topics
+    return {name: r for name, r in recordings.items() if r.payloads and name in known}
 
 
 def expected(messages):

@@ -102,9 +102,7 @@ def test_messages_of_the_wire_are_read_as_rosbags_reads_them(bag_folder):
                 topic = recordings[connection.topic].topic
                 ours = cdr.decode(bytes(data), topic.schema, topic.type)
                 assert_same(ours, reader.deserialize(data, connection.msgtype))
-    every = {
-        name for name, item in recordings.items() if not contract.load().topics[name].on_request
-    }
+    every = {name for name, topic in contract.load().topics.items() if not topic.on_request}
     assert all(observed[name] for name in every)
 
 

@@ -7,11 +7,20 @@ import signal
 import time
 
 import pytest
-from one_second import counts, endless, expected
+import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from one_second import counts, endless, expected, of_contract
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+from std_msgs.msg import String
 from wait_until import wait_until
 
-from bags.evaluation import tick_timing
+from bags.evaluation import bag_summary, tick_timing
 from bags.storage import read, repair
+from node_runtime import ros
 
 pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90
@@ -50,6 +59,71 @@ def test_more_signals_until_the_process_has_ended_change_nothing(
     assert counts(tmp_path / 'bag') == expected(messages)
 
 
+def request(ring, transition):
+    """Ask the recorder for a transition of its life cycle."""
+    client = ring.node.create_client(ChangeState, '/recorder/change_state')
+    assert client.wait_for_service(TIMEOUT_S)
+    wish = ChangeState.Request(transition=Transition(label=transition))
+    executor = SingleThreadedExecutor(context=ring.context)
+    future = client.call_async(wish)
+    rclpy.spin_until_future_complete(ring.node, future, executor, TIMEOUT_S)
+    assert future.result().success
+
+
+def test_what_arrives_during_a_pause_is_neither_recorded_nor_lost(tmp_path, start_pair, messages):
+    recorder, ring = start_pair(tmp_path / 'bag')
+    states = messages['/vehicle/odometry'][:40]
+    for transition, part in (
+        ('deactivate', slice(0, 10)),
+        ('activate', slice(10, 20)),
+        ('deactivate', slice(20, 30)),
+    ):
+        ring.publish_all({'/vehicle/odometry': states[part]})
+        time.sleep(0.3)  # the recorder takes them
+        request(ring, transition)
+    for transition in ('cleanup', 'configure', 'activate'):  # into another bag
+        request(ring, transition)
+    ring.wait_for_recorder()
+    ring.publish_all({'/vehicle/odometry': states[30:]})
+    code, output = recorder.end()
+    assert code == 0, output
+    assert 'lost' not in output
+    for folder, count in (('bag', 20), ('bag_2', 10)):
+        bag = read.load(tmp_path / folder)
+        assert len(bag.recordings['/vehicle/odometry'].payloads) == count
+        topic = bag_summary.summarize_bag(bag)['topics']['/vehicle/odometry']
+        assert topic['lost'] == json.loads(bag.records['losses']['/vehicle/odometry'])['lost'] == 0
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_logs_transitions_and_the_description_of_the_car_are_recorded(
+    mode, tmp_path, start_pair, messages
+):
+    recorder, ring = start_pair(tmp_path / 'bag', mode=mode)
+    description = ros.publisher(ring.node, '/robot_description')
+    description.publish(String(data='<robot/>'))
+    if mode == 'lockstep':
+        ring.publish_all({'/clock': messages['/clock']})
+    for transition in ('deactivate', 'activate'):
+        request(ring, transition)
+    assert description.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
+    assert recorder.end()[0] == 0
+    bag = read.load(tmp_path / 'bag')
+    names = {'/rosout', '/recorder/transition_event', '/robot_description'}
+    assert {name for name in names if bag.recordings[name].payloads} == names
+    if mode == 'lockstep':
+        last_ns = int(bag.recordings['/clock'].log_ns[-1])
+        assert all(bag.recordings[name].log_ns.max() <= last_ns for name in names)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(tmp_path / 'bag') as reader:
+        (message,) = (
+            store.deserialize_cdr(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == '/robot_description'
+        )
+    assert message.data == '<robot/>'
+
+
 def test_lockstep_files_every_message_under_its_stamp(bag_folder):
     recordings = read.load(bag_folder).recordings
     for topic, table in read.columns(bag_folder).items():
@@ -57,7 +131,7 @@ def test_lockstep_files_every_message_under_its_stamp(bag_folder):
 
 
 def test_publisher_is_counted_and_its_clock_is_kept(bag_folder):
-    for topic, recorded in read.load(bag_folder).recordings.items():
+    for topic, recorded in of_contract(bag_folder).items():
         assert recorded.sequence.tolist() == list(range(1, len(recorded.payloads) + 1)), topic
         age_s = time.time() - recorded.publish_ns / 1e9
         assert ((age_s > 0.0) & (age_s < 3600.0)).all(), topic

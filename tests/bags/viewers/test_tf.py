@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tf2
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
 
 from bags.storage import read
 from msgs_yaml import conversions
 
 SECONDS = 60
 FRAMES = 10
+STORE = get_typestore(Stores.ROS2_JAZZY)
 HERE = Path(__file__).parent
 BAG = HERE.parents[2] / 'bags' / 'reference' / 'double_lane_change' / 'mpcc'
 pytestmark = [pytest.mark.slow, pytest.mark.needs('tf2')]
@@ -39,6 +42,28 @@ def start(environment):
     for process in started:
         process.send_signal(signal.SIGTERM)
         assert process.wait(SECONDS) == 0
+
+
+def test_frames_are_recorded_where_their_type_is_installed(start, tmp_path):
+    recorder = start('-m', 'bags.recorder_node', '--ros-args', '-p', f'out:={tmp_path / "bag"}')
+    start('-m', 'bags.markers_node')
+    arguments = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'rate:=4.0', 'recorders:=1')
+    words = [word for item in (*arguments, 'delay_s:=2.0') for word in ('-p', item)]
+    player = start('-m', 'bags.player_node', '--ros-args', *words, stdin=subprocess.DEVNULL)
+    assert player.wait(SECONDS) == 0
+    recorder.send_signal(signal.SIGTERM)
+    assert recorder.wait(SECONDS) == 0
+    sent = set(read.columns(BAG)['/vehicle/odometry'].stamp_ns.tolist())
+    with Reader(tmp_path / 'bag') as reader:
+        frames = [
+            STORE.deserialize_cdr(data, connection.msgtype).transforms[0]
+            for connection, _, data in reader.messages()
+            if connection.topic == '/tf'
+        ]
+        (channel,) = (one for one in reader.connections if one.topic == '/tf')
+    assert channel.digest == STORE.hash_rihs01('tf2_msgs/msg/TFMessage')
+    assert len(frames) >= FRAMES
+    assert {conversions.stamp_to_ns(frame.header.stamp) for frame in frames} <= sent
 
 
 def test_tf_has_the_pose_of_the_state_of_equal_stamp(start):

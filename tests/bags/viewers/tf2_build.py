@@ -1,7 +1,8 @@
 """Builds the message of /tf, of which there is no wheel, with the generators of the wheels and gcc.
 
-`python tests/bags/viewers/tf2_build.py FOLDER`: a process with FOLDER in LD_LIBRARY_PATH and
-PYTHONPATH then has tf2_msgs. Takes g++ and the headers of Python; a few seconds.
+`python tests/bags/viewers/tf2_build.py FOLDER`: a process with FOLDER in LD_LIBRARY_PATH,
+PYTHONPATH and AMENT_PREFIX_PATH then has tf2_msgs. Takes g++ and the headers of Python; some
+seconds.
 """
 
 import os
@@ -41,6 +42,7 @@ def generate(folder: Path) -> None:
     idl.write_text(IDL)
     arguments = PACKAGE, [f'{folder}:msg/TFMessage.idl'], [str(PREFIX / 'share')]
     hashes = HashTypeDescription('hash').generate_type_hashes(*arguments, folder / 'hash')
+    _install_definition(folder)
     GenerateC('c').generate(*arguments, folder / 'c' / PACKAGE, type_description_files=hashes)
     GeneratePython('py').generate(*arguments, folder / 'py')
     for name, generator in (
@@ -49,6 +51,15 @@ def generate(folder: Path) -> None:
         (LOOK_INTO, GenerateIntrospectionCTypesupport),
     ):
         generator(name).generate(*arguments, folder / name / PACKAGE)
+
+
+def _install_definition(folder):
+    """Write what an installation has in share: the message as text, and its hash."""
+    share = folder / 'share' / PACKAGE / 'msg'
+    share.mkdir(parents=True)
+    (share / 'TFMessage.msg').write_text('geometry_msgs/TransformStamped[] transforms\n')
+    (described,) = (folder / 'hash').rglob('TFMessage.json')
+    (share / 'TFMessage.json').write_bytes(described.read_bytes())
 
 
 def compile_all(folder: Path) -> None:
