@@ -24,6 +24,7 @@ from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
 NOTHING_MEANT: Mapping[str, str] = MappingProxyType({})
+UNBOUNDED = 1000  # characters of a line
 INTERRUPTED = 130  # what shells report for SIGINT
 EXIT_CODES = {
     0: 'the command did what was asked',
@@ -94,8 +95,10 @@ def print_summary(
 
     if as_json:
         print(json.dumps(summary, indent=2))
-    else:
-        show(summary, Console())
+        return 0
+    # a pipe or a file has no width: one line per row, unless COLUMNS says otherwise
+    is_free = not sys.stdout.isatty() and 'COLUMNS' not in os.environ
+    show(summary, Console(width=UNBOUNDED) if is_free else Console())
     return 0
 
 

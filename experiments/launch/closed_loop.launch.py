@@ -26,7 +26,7 @@ from experiments.configuration import (
     run_advice,
     set_option,
 )
-from experiments.run import node_graph, processes, staging
+from experiments.run import domain, node_graph, processes, staging
 from experiments.run.launch_arguments import ARGUMENTS
 from launch import LaunchDescription, actions
 
@@ -84,6 +84,8 @@ def start_nodes(context):
     facts = inputs.scenario_facts(scn, given['scenario'])
     controller = node_config.find_controller(given['controller'])
     record, mode = given['record'] == 'true', given['mode']
+    if mode == 'realtime' and given['use_sim_time'] == 'true':
+        raise BagError('use_sim_time:=true: nobody publishes /clock with mode:=realtime; leave it')
     folder = Path(launch_config.log_dir)
     bag = _new_bag(given['out'], facts, controller) if record else folder / node_config.BAG_FOLDER
     run_info = folder / node_config.RUN_INFO_FILE
@@ -102,7 +104,9 @@ def start_nodes(context):
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
     monitor, warnings = RunMonitor(), run_advice.find_warnings(scn, facts, checked)
+    others = domain.describe_others({'ROS_DOMAIN_ID': '0', **os.environ})
     return [
+        *([actions.LogInfo(msg=f'warning: {others}')] if others else ()),
         *(actions.LogInfo(msg=f'warning, {controller.name}: {text}') for text in warnings),
         *(_start(node, folder, monitor, given) for node in nodes),
     ]
@@ -144,6 +148,8 @@ def _start(node, folder, monitor, given):
         parameters=[*map(str, node.files), str(parameter_file)],
         ros_arguments=arguments,
         output='screen',
+        # launch ends by SIGTERM or a kill without a word to its nodes, which would drive on
+        prefix='setpriv --pdeathsig INT',
         sigterm_timeout=str(SHUTDOWN_S.get(node.role, processes.INTERRUPT_S)),
         on_exit=partial(monitor.on_exit, node.role, node.executable),
     )

@@ -44,6 +44,17 @@ def reserved(environment: Mapping[str, str]) -> Iterator[int]:
     raise BagError(f'all ROS domains from 1 to {LAST} are in use; set ROS_DOMAIN_ID')
 
 
+def describe_others(environment: Mapping[str, str]) -> str:
+    """Return a warning of participants in the ROS_DOMAIN_ID of `environment`, '' without any."""
+    given = environment.get('ROS_DOMAIN_ID')
+    if not given or _is_silent(_number(given)):
+        return ''
+    return (
+        f'other programs are in ROS_DOMAIN_ID={given}: viewers do no harm, but a plant or a '
+        'controller among them, also of another user, would answer these nodes'
+    )
+
+
 def _number(given):
     if not given.isdecimal() or int(given) > HIGHEST:
         raise BagError(f'ROS_DOMAIN_ID={given}: must be a whole number from 0 to {HIGHEST}')

@@ -188,6 +188,9 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
 def _run_each(request, facts, controllers, loaded, overrides, folder, console):
     for line in staging.recover(folder):
         print_text(console, line)
+    others = domain.describe_others(os.environ)
+    if others:
+        print_text(console, f'warning: {others}', 'yellow')
     outcomes = []
     try:
         with (

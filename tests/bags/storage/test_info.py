@@ -1,6 +1,10 @@
 """`bags info` says what a bag holds, what was lost, and how quickly the controller answered."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,3 +134,22 @@ def test_damage_is_part_of_what_is_printed(tmp_path, bag_folder, capsys):
 def test_what_cannot_be_read_is_an_error_in_one_line(tmp_path, capsys):
     assert cli.main(['info', str(tmp_path / 'none')]) == 1
     assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_a_pipe_gets_every_row_in_one_line():
+    """As awk and grep read it; a terminal has a width."""
+    bag = Path(__file__).parents[3] / 'bags/reference/double_lane_change/mpcc'
+    env = {name: value for name, value in os.environ.items() if name != 'COLUMNS'}
+    command = [sys.executable, '-m', 'bags.cli', 'info', str(bag)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
+    (row,) = (line for line in done.stdout.splitlines() if line.startswith('/vehicle/odometry'))
+    assert row.split() == [
+        '/vehicle/odometry',
+        '162',
+        '20.00',
+        '0.050',
+        '7892',
+        'in',
+        '161',
+        'places',
+    ]

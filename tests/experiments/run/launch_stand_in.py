@@ -106,10 +106,12 @@ class Node:
         parameters,
         ros_arguments,
         output,
+        prefix,
         sigterm_timeout,
         on_exit,
     ):
-        self.command = [*share.node_command(package, executable), '--ros-args', *ros_arguments]
+        program = [*prefix.split(), *share.node_command(package, executable)]
+        self.command = [*program, '--ros-args', *ros_arguments]
         if namespace:
             self.command += ['-r', f'__ns:=/{namespace.lstrip("/")}']
         for file in parameters:

@@ -38,6 +38,14 @@ def test_a_given_domain_may_have_other_participants():
             assert number == 157
 
 
+def test_other_participants_of_a_given_domain_are_told():
+    given = {'ROS_DOMAIN_ID': '157'}
+    assert domain.describe_others({}) == domain.describe_others(given) == ''
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('', 7400 + 250 * 157 + 10))
+        assert 'other programs are in ROS_DOMAIN_ID=157' in domain.describe_others(given)
+
+
 def test_a_given_domain_used_by_another_run_is_refused():
     given = {'ROS_DOMAIN_ID': '157'}
     with (

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT
+from wait_until import wait_until
 
 from bags import cli
 from bags.storage import read
@@ -178,9 +179,25 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
     assert running_nodes(tmp_path) == []
 
 
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched, number):
+    """Launch passes on SIGINT only: cars would be driven on by nodes that nobody watches."""
+    shell('vehicle_plant/plant_node', f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
+    launch = launched()
+    wait_for(launch, lambda: 'driving' in output(tmp_path))
+    launch.send_signal(number)
+    assert launch.wait(PATIENCE_S) == -number
+    wait_until(lambda: not running_nodes(tmp_path), PATIENCE_S, 'a node goes on')
+    assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
+
+
 @pytest.mark.parametrize(
     ('wrong', 'text'),
     [
+        (
+            {'mode': 'realtime', 'use_sim_time': 'true'},
+            'use_sim_time:=true: nobody publishes /clock with mode:=realtime',
+        ),
         ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
         ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
