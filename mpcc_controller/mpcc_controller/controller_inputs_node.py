@@ -130,6 +130,15 @@ class ControllerInputs:
             self.actuators = None
             return None
 
+    def refuse_path_elsewhere(self) -> bool:
+        """Drop a path that came before the first state and does not fit it; return whether."""
+        fault = self._controller.drop_path_elsewhere(self.decode_state())
+        if fault:
+            self._used.pop(REFERENCE, None)
+            self._watchdog.reject(REFERENCE, fault)
+            self._reject(TOPICS[REFERENCE], UNUSABLE, fault)
+        return bool(fault)
+
     def missing(self) -> tuple[str, ...]:
         """Return the names of the inputs that were never received."""
         state = () if self.state else ('vehicle state',)
@@ -145,7 +154,7 @@ class ControllerInputs:
         self.newest_actuators.destroy()
 
     def _set_reference(self, reference: Reference) -> str:
-        fault = self._controller.set_reference(reference)
+        fault = self._controller.set_reference(reference, self._state_if_valid())
         if not fault:
             self._warn_of_slow_path()  # before a step, which may warn of its consequence
         return fault
@@ -162,6 +171,13 @@ class ControllerInputs:
                 'marker with the action DELETEALL and the stamp of the state'
             )
         return obstacles._replace(stamp_ns=obstacles.stamp_ns or self._wall.now_ns())
+
+    def _state_if_valid(self) -> VehicleState | None:
+        """Return the state kept last, None if there is none or it violates the contract."""
+        try:
+            return subscriptions_node.read_odometry(self.state) if self.state else None
+        except decode.DecodeError:
+            return None
 
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)
@@ -192,17 +208,25 @@ class ControllerInputs:
             self._used[name] = raw
 
     def _use(self, name, decoder, raw, setter) -> bool:
-        """Set an input of the controller; a rejected message is logged, the last one stays."""
-        kind = UNTIMELY
+        """Set an input of the controller; a rejected message is logged, the last one stays.
+
+        Whatever the reason is, a rejected message counts as not received: the last one ages.
+        """
+        kind, now_ns = UNREADABLE, self._wall.now_ns()
         try:
             value = decoder(raw)
-            fault = self._watchdog.offer(name, value.stamp_ns, self._wall.now_ns())
+            kind, fault = UNTIMELY, self._watchdog.check(name, value.stamp_ns, now_ns)
             if not fault:
                 kind, fault = UNUSABLE, setter(value)
         except decode.DecodeError as error:
-            kind, fault = UNREADABLE, self._watchdog.reject(name, str(error))
+            fault = str(error)
+        except Exception as error:  # a message must not end the drive
+            fault = f'{type(error).__name__}: {error}'
         if fault:
+            self._watchdog.reject(name, fault)
             self._reject(TOPICS[name], kind, fault)
+        else:
+            self._watchdog.offer(name, value.stamp_ns, now_ns)
         self._on_input()
         return not fault
 

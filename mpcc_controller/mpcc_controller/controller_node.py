@@ -151,6 +151,9 @@ class ControllerNode(ManagedNode):
         if actuators is None:
             self.trigger.on_lost(decode.stamp_ns_of(self.inputs.state))
             return False
+        if not self.last_message and self.inputs.refuse_path_elsewhere():
+            self.trigger.on_lost(decode.stamp_ns_of(self.inputs.state))
+            return False
         self.controller.reset(actuators, self.is_resumed)
         self.is_resumed = False
         self.get_logger().info('started from the actuators')
@@ -199,6 +202,15 @@ class ControllerNode(ManagedNode):
         self.last_message = encode.command(record.command)
         self.command_pub.publish(self.last_message)
         self.publish_s = time.perf_counter() - began
+        try:
+            self.explain(record)
+        except Exception as error:  # the car needs the next command, too
+            self.controller.errors.add(error)
+        for line in self.controller.errors.take_new():
+            self.get_logger().error(f'internal error, counted from now on: {line}')
+
+    def explain(self, record):
+        """Publish why the command of a step was chosen, and prepare the next step."""
         prediction, why = self.controller.report(record)
         if len(prediction.X):
             self.prediction_pub.publish(encode.prediction(prediction))

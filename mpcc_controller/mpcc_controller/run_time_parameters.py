@@ -5,14 +5,17 @@ next step. /controller/why reports every parameter that was changed since the st
 from the first step with its new value on: a replay takes the values from there.
 """
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mpcc_controller import brake_split, car_file, covering_circles, minimum_speed
-from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.parameters import CarParams, ControllerParams, Limits
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
+LEAST_SHARE = 0.5  # of its value at the start: what a limit that an emergency needs keeps at least
+EMERGENCY_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps', 'friction_use')
 GROUPS = ('tolerances', 'priorities', 'safety', 'envelope', 'limits')
 REPORTED = 'set.'  # before the name, in /controller/why
 SOURCE = 'set'  # in errors, in place of the file and line of a value
@@ -90,6 +93,28 @@ def check_effect(
                 f'{SOURCE}: {name}: has no effect, other parameters fix it at {driven[name]:g}; '
                 'see model.low_speed and formulation.brake_split'
             )
+
+
+def check_emergency_limits(after: ControllerParams, start: Limits) -> None:
+    """Raise ParameterError for a limit with which plans could hardly brake or swerve any more."""
+    for name in EMERGENCY_LIMITS:
+        value, least = getattr(after.limits, name), LEAST_SHARE * getattr(start, name)
+        if value < least:
+            raise ParameterError(
+                f'{SOURCE}: limits.{name}: is {value:g}; allowed from {least:g}, '
+                f'{LEAST_SHARE:g} of its value at the start'
+            )
+
+
+def emergency_limits(limits: Limits, start: Limits) -> Limits:
+    """Return the limits of the gate and of braking without a plan.
+
+    Those of the start, or the present ones where they are wider: what is changed while the
+    controller drives restrains its plans, not its emergency brake.
+    """
+    names = (*EMERGENCY_LIMITS, 'drive_n')
+    wider = {name: max(getattr(limits, name), getattr(start, name)) for name in names}
+    return dataclasses.replace(start, **wider)
 
 
 def reported(values: Mapping[str, Any]) -> dict[str, float]:

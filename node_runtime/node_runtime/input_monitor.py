@@ -47,16 +47,23 @@ class InputMonitor:
         self._worst = (0, 0)  # age when `held_level` was last reached, and that instant
         self._hold = HeldLevel()
 
-    def accept(self, stamp_ns: int, now_ns: int) -> str:
-        """Record a stamp and return ''; return why it is rejected if now is further than the limit.
+    def check(self, stamp_ns: int, now_ns: int) -> str:
+        """Return '', or why a stamp is to be rejected: it is further from now than the limit.
 
         A stamp in the future is rejected like one in the past.
         """
         age_ns = now_ns - stamp_ns
-        if abs(age_ns) > self.limit_ns:
-            side = 'past' if age_ns > 0 else 'future'
-            age_ms, limit_ms = abs(age_ns) / NS_PER_MS, self.limit_ns / NS_PER_MS
-            return self.reject(f'the stamp is {age_ms:.0f} ms in the {side}, limit {limit_ms:g} ms')
+        if abs(age_ns) <= self.limit_ns:
+            return ''
+        side = 'past' if age_ns > 0 else 'future'
+        age_ms, limit_ms = abs(age_ns) / NS_PER_MS, self.limit_ns / NS_PER_MS
+        return f'the stamp is {age_ms:.0f} ms in the {side}, limit {limit_ms:g} ms'
+
+    def accept(self, stamp_ns: int, now_ns: int) -> str:
+        """Record a stamp and return ''; reject it and return why if `check` objects."""
+        reason = self.check(stamp_ns, now_ns)
+        if reason:
+            return self.reject(reason)
         self.record(stamp_ns)
         return ''
 

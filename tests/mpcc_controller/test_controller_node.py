@@ -17,6 +17,7 @@ from wait_until import wait_until
 
 from mpcc_controller.controller_inputs_node import ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.watchdog import HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import decode, encode, share
@@ -346,6 +347,71 @@ def test_an_obstacle_that_breaks_the_contract_is_refused_alone_and_counted(
     alone, whole = warnings
     assert alone.startswith('object of /scenario/obstacles rejected (field): obstacle 2: ')
     assert whole.startswith('/scenario/obstacles rejected (unreadable): ')
+
+
+@pytest.fixture
+def realtime_inputs(harness, params, vehicle, world):
+    """Return the inputs of a node in realtime whose clock stands, its watchdog and its log."""
+    lines, clock = [], SimpleNamespace(stamp_ns=START, now_ns=lambda: clock.stamp_ns)
+    node = Node('listener', context=harness.context)
+    node.declare_parameter(node_parameters.MODE, 'realtime')
+    node.get_logger = lambda: SimpleNamespace(warning=lines.append)
+    ages = watchdog.make('realtime', HealthMonitor('controller'), params.ages)
+    controller = Controller(params, vehicle)
+    inputs = ControllerInputs(
+        node, controller, trigger.RealtimeTrigger(0.05), ages, clock, lambda: None
+    )
+    yield SimpleNamespace(
+        inputs=inputs, controller=controller, watchdog=ages, clock=clock, lines=lines
+    )
+    inputs.destroy()
+    node.destroy_node()
+
+
+def reversed_path(path):
+    return path._replace(X=path.X[::-1], Y=path.Y[::-1], psi=path.psi[::-1] + math.pi)
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'reason'),
+    [
+        (lambda path: path._replace(psi=path.psi + math.pi), 'its heading points backwards'),
+        (reversed_path, 'the path runs against the motion of the car'),
+        (lambda path: path._replace(Y=path.Y + 2000.0), 'the path is 2000 m from the car'),
+    ],
+)
+def test_a_path_that_cannot_be_used_counts_as_not_received(realtime_inputs, world, spoil, reason):
+    n, path = realtime_inputs, world.straight().reference
+    n.inputs.on_odometry(ros.serialize(encode.odometry(world.rolling(X=50.0, stamp_ns=START))))
+    n.inputs.on_reference(ros.serialize(encode.reference(path._replace(stamp_ns=START))))
+    used = n.controller.scene.path
+    assert used is not None
+    for _ in range(5):
+        assert 'reference' not in n.watchdog.fault(n.clock.stamp_ns)
+        n.clock.stamp_ns += 250_000_000
+        bad = spoil(path)._replace(stamp_ns=n.clock.stamp_ns)
+        n.inputs.on_reference(ros.serialize(encode.reference(bad)))
+        n.watchdog.offer('state', n.clock.stamp_ns, n.clock.stamp_ns)
+    assert n.watchdog.fault(n.clock.stamp_ns) == 'reference_stale'
+    assert n.controller.scene.path is used
+    assert len(n.lines) == 1
+    assert '/scenario/reference rejected (unusable): ' in n.lines[0]
+    assert reason in n.lines[0]
+    n.inputs.on_reference(ros.serialize(encode.reference(path._replace(stamp_ns=n.clock.stamp_ns))))
+    assert n.watchdog.fault(n.clock.stamp_ns) == ''
+
+
+def test_a_path_of_before_the_first_state_is_dropped_if_it_is_elsewhere(realtime_inputs, world):
+    n, path = realtime_inputs, world.straight().reference._replace(stamp_ns=START)
+    for shift_m, dropped in ((2000.0, True), (10.0, False)):
+        elsewhere = ros.serialize(encode.reference(path._replace(Y=path.Y + shift_m)))
+        n.inputs.on_reference(elsewhere)
+        assert n.controller.scene.path is not None
+        n.inputs.on_odometry(ros.serialize(encode.odometry(world.rolling(stamp_ns=START))))
+        assert n.inputs.refuse_path_elsewhere() == dropped
+        assert (n.controller.scene.path is None) == dropped
+        n.inputs.state = None
+    assert len(n.lines) == 1
 
 
 def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):

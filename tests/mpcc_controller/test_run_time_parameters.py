@@ -88,14 +88,17 @@ def test_a_value_that_is_not_allowed_is_refused_with_its_name_and_range(params, 
     [
         ({'limits.brake_n': 9e4}, 'limits.brake_n: is 90000; allowed up to .* which the car can'),
         ({'tolerances.heading_rad': 0.1}, 'tolerances.heading_rad: has no effect, the term'),
-        ({'limits.steer_rad': 0.05}, 'limits.steer_rad: is 0.05, and the present command is 0.1'),
+        ({'limits.steer_rad': 0.25}, 'limits.steer_rad: is 0.25, and the present command is 0.3'),
+        ({'limits.brake_n': 0.0}, 'limits.brake_n: is 0; allowed from 8500, 0.5 of its value'),
+        ({'limits.force_rate_nps': 10.0}, 'limits.force_rate_nps: is 10; allowed from 20000'),
+        ({'limits.friction_use': 0.4}, 'limits.friction_use: is 0.4; allowed from 0.475'),
     ],
 )
 def test_a_change_without_effect_or_below_the_present_command_is_refused(
     params, vehicle, world, changes, error
 ):
     controller = world.set_inputs(Controller(params, vehicle), world.straight())
-    controller.set_last_command(controller.last_command._replace(delta=0.1))
+    controller.set_last_command(controller.last_command._replace(delta=0.3))
     with pytest.raises(ParameterError, match=error):
         controller.check_change(run_time_parameters.change(params, changes))
 
@@ -111,3 +114,28 @@ def test_a_change_leaves_the_first_parameters_as_they_were(params):
     before = dataclasses.asdict(params)
     run_time_parameters.change(params, CHANGES)
     assert dataclasses.asdict(params) == before
+
+
+def test_no_change_weakens_the_braking_without_a_plan_or_widens_its_limits_alone(
+    params, vehicle, world
+):
+    gentle = run_time_parameters.change(
+        params, {'limits.brake_n': 8500.0, 'limits.force_rate_nps': 20000.0}
+    )
+    stops = {}
+    for name, change in (('as started', params), ('gentle', gentle)):
+        controller = world.set_inputs(Controller(params, vehicle), world.straight())
+        controller.check_change(change)
+        controller.change(change, {})
+        commands = [
+            world.tick(
+                controller,
+                world.rolling(X=20 + k, stamp_ns=k * 50_000_000),
+                fault='reference_stale',
+            )[0]
+            for k in range(20)
+        ]
+        assert not controller.gate.rejections
+        stops[name] = commands
+    assert stops['gentle'] == stops['as started']
+    assert stops['gentle'][-1].Fxf + stops['gentle'][-1].Fxr < -14000.0

@@ -1,10 +1,13 @@
 """The receding-horizon controller: one state in, one command out. No ROS; SI units.
 
-A failure is a value: whatever fails inside, `step` returns a command that passed the gate.
+A failure is a value: whatever fails inside, `step` returns a command. It has passed the gate, or it
+brakes after an internal error (`last_resort`).
 """
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -12,7 +15,9 @@ from mpcc_controller import minimum_speed, run_time_parameters
 from mpcc_controller.driving import (
     braking,
     friction_estimate,
+    last_resort,
     measurement_errors,
+    path_progress,
     recovery,
     setpoints,
     warm_up_scene,
@@ -25,13 +30,15 @@ from mpcc_controller.driving.delay_compensation import (
     constant_ramp,
     still_needed,
 )
-from mpcc_controller.driving.fallback import RECOVERY
+from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY, Gate
+from mpcc_controller.driving.internal_errors import INTERNAL_ERROR, InternalErrors
 from mpcc_controller.driving.obstacle_perception import ObstaclePerception
 from mpcc_controller.driving.planner import Planner
+from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.tick import TickInputs, TickRecord, unknown_state
-from mpcc_controller.driving.tick_report import TickReporter
+from mpcc_controller.driving.tick_report import ERROR, TickReporter
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference_path, road_edges
@@ -52,6 +59,7 @@ from node_runtime.parameters import ParameterError
 
 NEVER_NS = -1  # older than every stamp
 EMERGENCIES = 5  # of the steps that warm up
+MOST_RAMPS = 10  # kept after an error: those of the longest delay
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 REJECTED = 'command_turned_back'  # by the gate
@@ -80,6 +88,7 @@ class Controller:
         self.prediction = self.planner.prediction
         self.params = params = self.prediction.params  # with the limits of the car
         self.car = self.prediction.car
+        self._start_limits, self._params_to_brake = params.limits, params
         self.gate = Gate(
             params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
         )
@@ -91,20 +100,35 @@ class Controller:
         self.perception = ObstaclePerception(params, unknown_state(NEVER_NS))
         self.reporter = TickReporter(params, self.prediction.formulation, self.prediction.evaluator)
         self.scene = Scene(None, None, None)
+        self.errors = InternalErrors()
         self._prepared_s: float | None = None  # computing time of the last `prepare`
         self._is_resumed = False
         self._start_from(Command(NEVER_NS, 0.0, 0.0, 0.0, 0.0))
 
-    def set_reference(self, reference: Reference) -> str:
-        """Set the path; return '' or why it is rejected (the last one stays)."""
+    def set_reference(self, reference: Reference, x: VehicleState | None = None) -> str:
+        """Set the path; return '' or why it is rejected (the last one stays).
+
+        With a state `x`, a path that is elsewhere is rejected (`path_progress.objection`).
+        """
         try:
             path = reference_path.build(reference)
         except reference_path.PathError as error:
             return str(error)
+        fault = path_progress.objection(path, x) if x else ''
+        if fault:
+            return fault
         if self.scene.path is None or not reference_path.is_equal(path, self.scene.path):
             self.scene = self.scene._replace(path=path)
             self.planner.progress.reset()
         return ''
+
+    def drop_path_elsewhere(self, x: VehicleState) -> str:
+        """Drop a path that was set before a state was known and is elsewhere; return why, or ''."""
+        path = self.scene.path
+        fault = '' if path is None else path_progress.objection(path, x)
+        if fault:
+            self.scene = self.scene._replace(path=None)
+        return fault
 
     def set_edges(self, edges: RoadEdges) -> str:
         """Set the road edges; return '' or why they are rejected (the last ones stay)."""
@@ -135,17 +159,21 @@ class Controller:
         """Plan and drive by other weights and limits from the next step on.
 
         `params` are those of the constructor but for `changes`, by names of
-        `run_time_parameters.names`, which are reported from then on. The last plan stays, as the
+        `run_time_parameters.names`, which are reported from then on. The gate and braking without
+        a plan keep the limits of the start, where these are wider. The last plan stays, as the
         guess of the next one. `check_change` tells what is refused.
         """
         self._given = params
         self.prediction.change(params)
         self.params = self.prediction.params
-        self.gate.limits = self.params.limits
+        limits = run_time_parameters.emergency_limits(self.params.limits, self._start_limits)
+        self.gate.limits = limits
+        self._params_to_brake = dataclasses.replace(self.params, limits=limits)
         self.reporter.change(self.params, changes)
 
     def check_change(self, params: ControllerParams) -> None:
         """Raise ParameterError for a change that would have no effect or break off the drive."""
+        run_time_parameters.check_emergency_limits(params, self._start_limits)
         changed = run_time_parameters.changed_names(self._given, params)
         self.prediction.check_effect(params, changed)
         now, limits = self.active_ramp.end, params.limits
@@ -162,8 +190,22 @@ class Controller:
                 )
 
     def step(self, inputs: TickInputs) -> TickRecord:
-        """Return the command that answers a state, with everything that led to it."""
-        began = self.clock()
+        """Return the command that answers a state, with everything that led to it.
+
+        An exception inside is counted in `errors`; the car brakes along the last plan.
+        """
+        began, last, ramps = self.clock(), self.last_command, self.ramps
+        try:
+            record = self._answer(inputs, began)
+            if record.decision.plan is not None:
+                self._guide = record.command.stamp_ns, record.decision.plan.X[:, :2]
+            return record
+        except Exception as error:
+            self.errors.add(error)
+            self.last_command, self.ramps = last, ramps  # what was sent
+            return self._brake_after_error(inputs, began)
+
+    def _answer(self, inputs: TickInputs, began: float) -> TickRecord:
         x = measurement_errors.measured_state(inputs.state, self.params.measurement_errors)
         step_s = self.params.model.step_s
         effective_ns = inputs.effective_ns
@@ -171,23 +213,23 @@ class Controller:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
         belief = self._update_friction(x)
-        # without a delay of commands the states between two effects are under the last ramp alone
-        acting = self.ramps if self._command_ns else self.ramps[-1:]
-        state = self.predictor.predict(x, acting, effective_ns)
+        state = self._state_at(x, effective_ns)
         self.perception.observe(self.scene.obstacles, inputs.state, x.stamp_ns)
         scene = self._scene_at(x.stamp_ns, effective_ns)
-        decision, x0, attempt = self._decide(state, now, scene, inputs.fault)
+        decision, x0, attempt = self._decide(x, state, now, scene, inputs.fault)
         line = None
         if decision.plan is None:
             command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
         else:
             target = setpoints.target_of_plan(decision.plan, self.car, self.params.limits)
+            if attempt is None:  # an old plan, perhaps of several ticks ago
+                target = setpoints.within_rates(target, now, self.gate.limits, step_s)
             command = setpoints.command_to(target, now, self.car, step_s, x.stamp_ns)
         age_s = inputs.age_s + (self.clock() - began if self.limit_time else 0.0)
         checked = self.gate.check(command, self.last_command, age_s)
-        if checked.reason:
+        if checked.reason and checked.reason not in UNTIMELY:
             self.planner.discard_plan()
-            if decision.plan is not None and checked.reason not in UNTIMELY:
+            if decision.plan is not None:
                 decision = self.planner.brake(REJECTED, self._is_sliding(state))
                 command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
                 checked = self.gate.check_substitute(command, self.last_command, age_s, checked)
@@ -214,24 +256,94 @@ class Controller:
             resumed=resumed,
         )
 
+    def _brake_after_error(self, inputs: TickInputs, began: float) -> TickRecord:
+        """Return the record of a step that raised; calls nothing that the step calls."""
+        x, params, active = inputs.state, self._params_to_brake, self.ramps[-1]
+        with suppress(Exception):  # the next solve starts cold
+            self.planner.brake(INTERNAL_ERROR)
+        line, points = self._line_without_projection(x.stamp_ns)
+        step_s, limits = params.model.step_s, params.limits
+        command = last_resort.braking_command(
+            x, self.last_command, points, self.car, limits, params.braking, step_s
+        )
+        effective_ns = inputs.effective_ns
+        if effective_ns is None:
+            effective_ns = x.stamp_ns + self._command_ns
+        due_ns = x.stamp_ns + self._command_ns + round(step_s * conversions.NS_PER_S)
+        force = command.Fxf + command.Fxr
+        share = command.Fxf / force if force < 0 else active.lambda_b
+        end = Setpoints(command.delta, force)
+        sent = SetpointRamp(effective_ns, active.end, max(due_ns, effective_ns), end, share)
+        self.last_command, self.ramps = command, (*self.ramps[-MOST_RAMPS:], sent)
+        return TickRecord(
+            inputs=inputs,
+            command=command,
+            decision=Decision(BRAKING, INTERNAL_ERROR, None),
+            effective_ns=effective_ns,
+            state=x,
+            scene=self.scene,
+            x0=None,
+            attempt=None,
+            braking_line=line,
+            friction=None,
+            gate_reason='',
+            rejections=dict(self.gate.rejections),
+            prepared_s=None,
+            computing_s=self.clock() - began,
+        )
+
+    def _line_without_projection(self, stamp_ns: int) -> tuple[str, np.ndarray | None]:
+        """Return name and points (n, 2) of the line to brake along after an error."""
+        longest_s = self.params.fallback.max_guide_age * self.params.model.step_s
+        if self._guide and 0 <= stamp_ns - self._guide[0] <= longest_s * conversions.NS_PER_S:
+            return braking.PLAN, self._guide[1]
+        if self.scene.path is None:
+            return braking.NONE, None
+        return braking.PATH, self.scene.path.table[:2].T
+
     def report(self, record: TickRecord) -> tuple[Prediction, Why]:
-        """Return the planned poses and the diagnostic values of a step."""
-        return self.reporter.prediction(record), self.reporter.why(record)
+        """Return the planned poses and the diagnostic values of a step.
+
+        After an exception inside, which is counted in `errors`, no poses and few values.
+        """
+        try:
+            prediction, why = self.reporter.prediction(record), self.reporter.why(record)
+        except Exception as error:
+            self.errors.add(error)
+            stamp_ns, decision = record.inputs.state.stamp_ns, record.decision
+            prediction = Prediction(stamp_ns, *np.empty((4, 0)))
+            message = f'{decision.level}: {decision.reason}; {INTERNAL_ERROR} in the report'
+            values = {
+                'rung': decision.level,
+                'reason': decision.reason,
+                'gate': record.gate_reason or 'passed',
+                'gate.rejections': sum(record.rejections.values()),
+            }
+            why = Why(stamp_ns, ERROR, message, values)
+        if self.errors.counts:
+            why.values['internal_errors'] = sum(self.errors.counts.values())
+            why.values[INTERNAL_ERROR] = self.errors.latest
+        return prediction, why
 
     def prepare(self) -> float:
         """Use the time between steps: to be called when the command of a step is sent.
 
         Solves new guesses, if `candidates.explore_after_command` is set, and the problem expected
-        next, if `solver.prepare` is. Returns the computing time [s], 0 if nothing is prepared.
+        next, if `solver.prepare` is. Returns the computing time [s], 0 if nothing is prepared. An
+        exception inside is counted in `errors`.
         """
-        prepares = self.params.solver.prepare
-        if not (prepares or self.params.candidates.explore_after_command) or self.missing():
-            return 0.0
-        began = self.clock()
-        self.planner.explore()
-        if prepares:
-            next_ns = conversions.add_seconds(self.active_ramp.begin_ns, self.params.model.step_s)
-            self.planner.prepare(self._scene_at(next_ns, next_ns))
+        prepares, began = self.params.solver.prepare, self.clock()
+        try:
+            if not (prepares or self.params.candidates.explore_after_command) or self.missing():
+                return 0.0
+            self.planner.explore()
+            if prepares:
+                step_s = self.params.model.step_s
+                next_ns = conversions.add_seconds(self.active_ramp.begin_ns, step_s)
+                self.planner.prepare(self._scene_at(next_ns, next_ns))
+        except Exception as error:
+            self.errors.add(error)
+            self.planner.prepared = None
         self._prepared_s = self.clock() - began
         return self._prepared_s
 
@@ -256,6 +368,7 @@ class Controller:
             self.scene = scene
             self._restore(memory)
             self.planner.reset()
+            self._guide = self._known = None
             self.gate.rejections.clear()
             self.gate.rejections.update(rejections)
 
@@ -295,6 +408,8 @@ class Controller:
 
     def _start_from(self, command: Command) -> None:
         self.last_command = command
+        self._guide: tuple[int, np.ndarray] | None = None  # stamp and points of the last plan
+        self._known: VehicleState | None = None  # the last state that was
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
         self._is_too_slow = False
         self.perception.reset()
@@ -324,11 +439,13 @@ class Controller:
     def _oldest_ns(self, stamp_ns: int) -> int:
         """Return the first instant whose set-points a later step may ask for.
 
-        The next step predicts from a later state than that of `stamp_ns`; the estimate of the
+        The next step predicts from a later state than that of `stamp_ns`, or from the last one that
+        was known; the estimate of the
         friction compares the two, under the set-points that acted `actuator_delay_s` before.
         """
         acted_s = self.params.friction_estimate.actuator_delay_s if self.friction else 0.0
-        return conversions.add_seconds(stamp_ns, -acted_s)
+        known_ns = stamp_ns if self._known is None else min(stamp_ns, self._known.stamp_ns)
+        return conversions.add_seconds(known_ns, -acted_s)
 
     def _effective_ns(self, x, age_s) -> int:
         """Return when the command that answers `x` will take effect."""
@@ -340,14 +457,33 @@ class Controller:
         # a state may be a little early: the actuators reach the last set-point first
         return min(max(earliest, self.active_ramp.end_ns), latest)
 
-    def _decide(self, x, now, scene, fault):
-        """Return (decision, stage 0 or None, attempt or None)."""
-        reason = self._obstruction(x, fault)
-        if reason == NOT_FINITE:
-            return self.planner.continue_plan(reason), None, None
-        if reason == STATE_STALE or self.missing():
-            sliding = reason != STATE_STALE and self._is_sliding(x)
-            return self.planner.brake(reason, sliding), None, None
+    def _state_at(self, x: VehicleState, effective_ns: int) -> VehicleState:
+        """Return the state at which the command takes effect.
+
+        It is predicted from `x`; where that is not known, from the last state that was, while that
+        is not older than a plan may be to steer along.
+        """
+        # without a delay of commands the states between two effects are under the last ramp alone
+        acting = self.ramps if self._command_ns else self.ramps[-1:]
+        if np.all(np.isfinite(x)):
+            self._known = x
+        elif self._known is not None:
+            age_s = conversions.ns_to_s(x.stamp_ns - self._known.stamp_ns)
+            longest_s = self.params.fallback.max_guide_age * self.params.model.step_s
+            if 0 <= age_s <= longest_s:
+                return self.predictor.predict(self._known, self.ramps, effective_ns)
+            self._known = None
+        return self.predictor.predict(x, acting, effective_ns)
+
+    def _decide(self, measured, x, now, scene, fault):
+        """Return (decision, stage 0 or None, attempt or None) from the state `x` at the effect."""
+        reason = self._obstruction(measured, x, fault)
+        if reason in (NOT_FINITE, STATE_STALE):
+            since_ns = measured.stamp_ns - self.last_command.stamp_ns
+            step_ns = self.params.model.step_s * conversions.NS_PER_S
+            return self.planner.continue_plan(reason, round(since_ns / step_ns)), None, None
+        if self.missing():
+            return self.planner.brake(reason, self._is_sliding(x)), None, None
         x0 = self.planner.initial_state(x, now, scene)
         if not reason and x0.theta > scene.path.length:
             reason = 'path_ended'
@@ -356,11 +492,11 @@ class Controller:
         decision, attempt = self.planner.plan(x0, scene, self._is_sliding(x))
         return decision, x0, attempt
 
-    def _obstruction(self, x, fault) -> str:
+    def _obstruction(self, measured, x, fault) -> str:
         """Return why no plan can be computed, or ''."""
         if fault == STATE_STALE:
             return fault
-        if not np.all(np.isfinite(x)):
+        if not np.all(np.isfinite(measured)):
             return NOT_FINITE
         limits = self.params.limits
         margin = limits.speed_hysteresis_mps if self._is_too_slow else 0.0
@@ -378,7 +514,7 @@ class Controller:
         recovers = decision.level == RECOVERY
         law = recovery.recovery_target if recovers else braking.braking_target
         car = self.car if recovers else self.prediction.car_to_brake
-        target = law(x, now, lookahead.point, car, self.params)
+        target = law(x, now, lookahead.point, car, self._params_to_brake)
         step_s = self.params.model.step_s
         command = setpoints.command_to(target, now, self.car, step_s, stamp_ns)
         return command, lookahead.line

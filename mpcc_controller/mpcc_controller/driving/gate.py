@@ -38,7 +38,7 @@ class Gate:
 
         `age_s` is the age of the state that the command answers; a state from the future, by a
         tick or more, means that clocks disagree. The held command keeps the steering set-point and
-        reduces the force at its rate limit.
+        the brakes; it releases a driving force at its rate limit.
         """
         reason = self._rejection_reason(command, last, age_s)
         if not reason:
@@ -94,9 +94,9 @@ class Gate:
         return abs(command.Fxf) <= _rounded_up(front) and abs(command.Fxr) <= _rounded_up(rear)
 
     def _hold(self, last, stamp_ns):
-        force = abs(last.Fxf + last.Fxr)
-        reduced = max(force - self.limits.force_rate_nps * self.step_s, 0.0)
-        share = reduced / force if force else 0.0
+        driving = max(last.Fxf + last.Fxr, 0.0)
+        kept = max(driving - self.limits.force_rate_nps * self.step_s, 0.0)
+        share = kept / driving if driving else 1.0
         return Command(stamp_ns, last.delta, 0.0, share * last.Fxf, share * last.Fxr)
 
 

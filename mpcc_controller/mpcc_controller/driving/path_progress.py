@@ -1,17 +1,45 @@
 """Where on the path the car is from tick to tick: theta of stage 0. SI units; instants in ns."""
 
+import math
+
 import numpy as np
 
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import INTEGRATED, ControllerParams
 from mpcc_controller.path import reference_path
+from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import add_seconds, ns_to_s
 from msgs_yaml.types import VehicleState
 from stage_solver.stage_problem import Plan
 
 LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from there again
+FARTHEST_M = 50.0  # of a path from the car
+MOVES_MPS = 3.0  # faster, the course counts, not the heading: a car that spins keeps its path
+
+
+def objection(path: ReferencePath, x: VehicleState) -> str:
+    """Return why the car cannot be on its way along a path, or ''.
+
+    The path is far away, or runs against the car wherever it is near. A state that is not finite
+    fits every path.
+    """
+    if not np.all(np.isfinite(x)):
+        return ''
+    theta = min(max(reference_path.project(path, x.X, x.Y, None, 0.0), 0.0), path.length)
+    foot, _ = reference_path.arcs_at(path, theta)
+    distance = math.hypot(foot.X - x.X, foot.Y - x.Y)
+    if distance > FARTHEST_M:
+        return f'the path is {distance:.0f} m from the car; allowed up to {FARTHEST_M:g} m'
+    course = x.psi
+    if math.hypot(x.vx, x.vy) > MOVES_MPS:
+        course += math.atan2(x.vy, x.vx)
+    arcs = path.arcs
+    near = np.hypot(arcs.X - x.X, arcs.Y - x.Y) <= FARTHEST_M
+    if np.cos(foot.psi - course) > 0 or np.any(np.cos(arcs.psi[near] - course) > 0):
+        return ''
+    return 'the path runs against the motion of the car'
 
 
 class PathProgress:

@@ -156,14 +156,20 @@ class Planner:
         self._forget_alternatives()
         return self.fallback.brake(reason, sliding)
 
-    def continue_plan(self, reason: str) -> Decision:
-        """Return the decision for a tick with an unknown state: the plan goes on as planned."""
+    def continue_plan(self, reason: str, ticks: int = 1) -> Decision:
+        """Return the decision for a tick with an unknown state: the plan goes on as planned.
+
+        `ticks` have passed since the last command.
+        """
         self._forget_alternatives()
-        plan = self.fallback.plan
-        if plan is not None:
-            plan = shift(plan, self.prediction.step, self.prediction.car)
-            self.progress.skip_tick()
-        return self.fallback.follow_shifted(reason, plan)
+        most = self.fallback.params.max_plan_age + 1  # then it brakes, however many there were
+        for _ in range(min(max(ticks, 1), most)):
+            plan = self.fallback.plan
+            if plan is not None:
+                plan = shift(plan, self.prediction.step, self.prediction.car)
+                self.progress.skip_tick()
+            decision = self.fallback.follow_shifted(reason, plan)
+        return decision
 
     def discard_plan(self) -> None:
         """Drop every plan: the gate rejected a command of it."""

@@ -50,6 +50,16 @@ def split_within_friction(lambda_b: float, Fx: float, car: Car, limits: Limits) 
     return float(np.clip(lambda_b, lowest, highest))
 
 
+def within_rates(
+    target: SetpointTarget, now: Setpoints, limits: Limits, dt: float
+) -> SetpointTarget:
+    """Return the target, or what of it can be reached within `dt` [s]."""
+    steer, force = limits.steer_rate_radps * dt, limits.force_rate_nps * dt
+    delta = min(max(target.delta, now.delta - steer), now.delta + steer)
+    Fx = min(max(target.Fx, now.Fx - force), now.Fx + force)
+    return target._replace(delta=delta, Fx=Fx)
+
+
 def command_to(
     target: SetpointTarget, now: Setpoints, car: Car, dt: float, stamp_ns: int
 ) -> Command:

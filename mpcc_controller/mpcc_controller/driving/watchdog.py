@@ -30,6 +30,7 @@ class HealthMonitor:
         self.name = name
         self.level_counts = Counter()
         self.rejections = 0
+        self.internal_errors = 0
         self.worst = OK  # since the last report
         self._second: int | None = None
 
@@ -37,6 +38,7 @@ class HealthMonitor:
         """Add the report of a step."""
         self.level_counts[why.values['rung']] += 1
         self.rejections = why.values['gate.rejections']
+        self.internal_errors = why.values.get('internal_errors', 0)
         self.worst = max(self.worst, why.level)
 
     def on_step(self, why: Why) -> Health | None:
@@ -53,6 +55,8 @@ class HealthMonitor:
         self.worst = OK
         counts = {f'rung.{name}': count for name, count in sorted(self.level_counts.items())}
         values = counts | {'gate.rejections': self.rejections} | extra
+        if self.internal_errors:
+            values['internal_errors'] = self.internal_errors
         return Health(stamp_ns, self.name, level, message, values)
 
 
@@ -61,6 +65,10 @@ class LockstepWatchdog:
 
     def __init__(self, monitor: HealthMonitor):
         self._monitor = monitor
+
+    def check(self, name: str, stamp_ns: int, now_ns: int) -> str:
+        """Return '': no stamp is too old."""
+        return ''
 
     def offer(self, name: str, stamp_ns: int, now_ns: int) -> str:
         """Accept the stamp of an input, whatever it is."""
@@ -105,6 +113,10 @@ class RealtimeWatchdog:
         self.inputs = {name: InputMonitor(name, limit_s) for name, limit_s in limits_s.items()}
         self._steps = HeldLevel()
         self._reported_ns: int | None = None
+
+    def check(self, name: str, stamp_ns: int, now_ns: int) -> str:
+        """Return '' or why the stamp of an input would be rejected; it counts as not received."""
+        return self.inputs[name].check(stamp_ns, now_ns)
 
     def offer(self, name: str, stamp_ns: int, now_ns: int) -> str:
         """Offer the stamp of an input; return '' or why it is rejected."""

@@ -39,3 +39,16 @@ def test_after_a_second_rejection_the_last_command_is_held(
     command, _, why = world.tick(controller, world.rolling(X=46.0, Y=-0.5, stamp_ns=TICK))
     assert (why.values['gate'], why.values['gate.rejections']) == ('too_fast', 2)
     assert (command.delta, command.d_delta) == (before.delta, 0.0)
+
+
+def test_a_late_tick_neither_releases_the_brakes_nor_costs_the_plan(controller, world):
+    before, _, _ = world.tick(controller, world.rolling(X=45.0), fault='obstacles_stale')
+    x = world.rolling(X=46.0, stamp_ns=TICK)
+    late, _, why = world.tick(controller, x, fault='obstacles_stale', age_s=0.3)
+    assert why.values['gate'] == 'too_old'
+    assert late.Fxf + late.Fxr == before.Fxf + before.Fxr < 0
+    world.tick(controller, world.rolling(X=47.0, stamp_ns=2 * TICK))
+    *_, why = world.tick(controller, world.rolling(X=48.0, stamp_ns=3 * TICK), age_s=0.3)
+    assert (why.values['rung'], why.values['gate']) == ('solved', 'too_old')
+    *_, why = world.tick(controller, world.rolling(X=49.0, stamp_ns=4 * TICK))
+    assert why.values['solver.warm']

@@ -187,15 +187,15 @@ def test_every_command_that_is_sent_is_finite_and_within_the_rate_limits(car, pa
 @pytest.mark.parametrize(
     ('last', 'held'),
     [
-        ((-3000.0, -2000.0), (-1800.0, -1200.0)),
-        ((0.0, 5000.0), (0.0, 3000.0)),
-        ((-600.0, -400.0), (0.0, 0.0)),
-        ((-1200.0, -800.0), (0.0, 0.0)),
+        ((-3000.0, -2000.0), (-3000.0, -2000.0)),
+        ((-0.6, -0.4), (-0.6, -0.4)),
         ((0.0, 0.0), (0.0, 0.0)),
-        ((-0.6, -0.4), (0.0, 0.0)),
+        ((0.0, 5000.0), (0.0, 3000.0)),
+        ((2000.0, 3000.0), (1200.0, 1800.0)),
+        ((0.0, 1000.0), (0.0, 0.0)),
     ],
 )
-def test_a_held_command_releases_the_force_at_its_rate_limit_and_keeps_its_split(gate, last, held):
+def test_a_held_command_keeps_braking_and_stops_driving_at_the_rate_limit(gate, last, held):
     before = LAST._replace(Fxf=last[0], Fxr=last[1])
     sent, _ = gate.check(GOOD._replace(delta=math.nan), before, 0.0)
     assert (sent.Fxf, sent.Fxr) == pytest.approx(held)

@@ -1,14 +1,14 @@
 """Braking on stale inputs, and the warm-up before the first command."""
 
-from itertools import pairwise
-
+import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.driving.tick import Arrival, unknown_state
+from mpcc_controller.model.single_track import State
 from msgs_yaml import conformance, encode
-from msgs_yaml.types import Actuators
+from msgs_yaml.types import Actuators, VehicleState
 from stage_solver.solution import SOLVED
 
 TICK = 50_000_000
@@ -19,25 +19,54 @@ def decision(why):
     return why.values['rung'], why.values['reason'], why.values.get('guide')
 
 
-def test_with_a_stale_state_it_brakes_straight_at_once_within_the_limits(controller, world):
-    first, *_ = world.tick(controller, world.rolling(X=40.0))
-    limits = controller.params.limits
-    commands = [first]
-    for k in range(1, 6):
-        command, prediction, why = world.tick(
-            controller, unknown_state(k * TICK), fault='state_stale'
-        )
-        assert decision(why) == (BRAKING, 'state_stale', 'none')
+def test_with_a_stale_state_it_follows_the_plan_then_brakes_along_it_by_dead_reckoning(
+    controller, world
+):
+    """In the lane change: the true car, which nobody measures any more, stays on its line."""
+    limits, advance = controller.params.limits, world.make_car(controller.car)
+    x = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    commands, decisions, line = [], [], []
+    for k in range(60):
+        measured = k < 10
+        stamp_ns = (k + 1) * TICK
+        state = VehicleState(stamp_ns, *x[:6]) if measured else unknown_state(stamp_ns)
+        fault = '' if measured else 'state_stale'
+        command, prediction, why = world.tick(controller, state, fault=fault)
         assert why.values['gate'] == 'passed'
-        assert not len(prediction.X)
         assert not conformance.check('/controller/why', encode.why(why))
         commands.append(command)
+        decisions.append(decision(why))
+        x = advance(x, command)
+        line.append(x)
+        if k == 9:
+            plan = prediction
+    assert decisions[10:15] == [('shifted', 'state_stale', None)] * 5
+    assert decisions[15:38] == [(BRAKING, 'state_stale', 'plan')] * 23
+    assert decisions[-1] == (BRAKING, 'state_stale', 'none')  # nothing is known any more
+    for X, Y in ((x.X, x.Y) for x in line[10:40]):
+        assert abs(Y - np.interp(X, plan.X, plan.Y)) < 0.3
     forces = [c.Fxf + c.Fxr for c in commands]
-    steps = [b - a for a, b in pairwise(forces)]
-    assert steps[0] == pytest.approx(-limits.force_rate_nps * 0.05, rel=1e-6)
-    assert min(steps) >= -limits.force_rate_nps * 0.05 * (1 + 1e-6)
-    assert forces[-1] < -8000.0
-    assert commands[-1].delta == 0.0
+    steps = np.diff(forces)
+    assert np.abs(steps).max() <= limits.force_rate_nps * 0.05 * (1 + 1e-6)
+    assert forces[30] < -8000.0
+    assert line[-1].vx < 5.0
+
+
+def test_a_stale_state_that_is_noticed_late_is_answered_with_the_plan_of_now(controller, world):
+    for k in range(8):
+        world.tick(controller, world.rolling(X=40.0 + k, stamp_ns=k * TICK))
+    steering = controller.planner.fallback.plan.X[:, 7]
+    command, _, why = world.tick(controller, unknown_state(9 * TICK), fault='state_stale')
+    assert decision(why) == ('shifted', 'state_stale', None)
+    assert command.delta == pytest.approx(steering[3], abs=1e-9)
+
+
+def test_without_any_state_it_brakes_straight(controller, world):
+    command, prediction, why = world.tick(controller, unknown_state(TICK), fault='state_stale')
+    assert decision(why) == (BRAKING, 'state_stale', 'none')
+    assert command.Fxf + command.Fxr < 0
+    assert command.delta == 0.0
+    assert not len(prediction.X)
 
 
 def test_after_braking_without_a_state_it_starts_from_the_measured_actuators(controller, world):

@@ -1,0 +1,69 @@
+"""Braking after an internal error: a valid command whatever is known."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving import last_resort
+from mpcc_controller.driving.gate import Gate
+from msgs_yaml.types import Command, VehicleState
+
+STEP_S = 0.05
+LINE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0], [80.0, 4.0]])
+quick = settings(deadline=None, derandomize=True, max_examples=300)
+number = st.floats(-1e3, 1e3)
+unknown = st.one_of(number, st.just(math.nan), st.just(math.inf))
+
+
+def brake(x, last, line, car, params):
+    return last_resort.braking_command(x, last, line, car, params.limits, params.braking, STEP_S)
+
+
+@quick
+@given(
+    x=st.builds(VehicleState, st.just(1), *[unknown] * 2, *[st.one_of(number, unknown)] * 4),
+    delta=st.floats(-0.471, 0.471),
+    force=st.floats(-12000.0, 6000.0),
+    line=st.sampled_from([None, LINE[:1], LINE[1:3], LINE]),
+    friction=st.floats(0.05, 1.0),
+)
+def test_the_command_passes_the_gate_whatever_the_state_is(
+    car, params, x, delta, force, line, friction
+):
+    car = car._replace(mu_f=0.88 * friction, mu_r=0.92 * friction)
+    braking = min(force, 0.0)
+    last = Command(0, delta, 0.0, 0.6 * braking, force - 0.6 * braking)
+    command = brake(x, last, line, car, params)
+    # what the last command asks beyond the friction takes time to release
+    usable = 0.85 * friction * car.m * last_resort.GRAVITY
+    gate = Gate(params.limits, car, STEP_S, 0.2)
+    if abs(force) < usable:
+        assert gate.check(command, last, 0.0).reason == ''
+    assert all(math.isfinite(value) for value in command)
+    assert command.Fxf + command.Fxr <= max(force, 0.0)
+
+
+def test_it_steers_back_to_the_line_and_brakes_with_what_friction_is_left(car, params):
+    x = VehicleState(1, 20.0, 1.0, 0.0, 20.0, 0.0, 0.0)
+    last = Command(0, 0.0, 0.0, -8000.0, -6000.0)
+    right = brake(x, last, LINE, car, params)
+    left = brake(x._replace(Y=-1.0), last, LINE, car, params)
+    straight = brake(x._replace(Y=0.0), last, LINE, car, params)
+    assert right.delta == pytest.approx(-left.delta) != 0
+    assert right.delta < straight.delta == 0.0
+    assert straight.Fxf + straight.Fxr < right.Fxf + right.Fxr < 0
+    assert straight.Fxf / (straight.Fxf + straight.Fxr) > 0.6  # of the loads while braking
+
+
+def test_without_line_or_state_it_holds_the_angle_and_leaves_friction_for_a_bend(car, params):
+    last = Command(0, 0.1, 0.0, -4000.0, -3000.0)
+    x = VehicleState(1, 20.0, 1.0, 0.0, 20.0, 0.0, 0.0)
+    for command in (
+        brake(x, last, None, car, params),
+        brake(x._replace(vx=math.nan), last, LINE, car, params),
+    ):
+        assert (command.delta, command.d_delta) == (0.1, 0.0)
+        assert -0.5 * car.m * 9.81 < command.Fxf + command.Fxr < -0.3 * car.m * 9.81
