@@ -104,7 +104,7 @@ def carries_no_meaning(name):
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_names_carry_a_meaning(package):
+def test_names_avoid_the_words_that_say_nothing(package):
     paths = [path for path in SOURCES.values() if path.relative_to(ROOT).parts[0] == package]
     assert paths
     meaningless = {

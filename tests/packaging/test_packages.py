@@ -80,9 +80,9 @@ def test_an_installed_node_refuses_an_unknown_parameter_by_name(colcon, domain, 
 @pytest.mark.slow
 @pytest.mark.parametrize('package', EXECUTABLES)
 def test_share_data_is_installed_both_ways(colcon, package):
-    for prefix in (*colcon['AMENT_PREFIX_PATH'].split(os.pathsep), sys.prefix):
-        if (Path(prefix) / 'share/ament_index/resource_index/packages' / package).exists():
-            assert (Path(prefix) / 'share' / package / SHARED[package]).is_file()
+    for prefixes in (colcon['AMENT_PREFIX_PATH'].split(os.pathsep), [sys.prefix]):
+        executable = find_executable(prefixes, package, 'none')  # LookupError where it is in none
+        assert (executable.parents[2] / 'share' / package / SHARED[package]).is_file()
 
 
 @pytest.mark.parametrize('package', EXECUTABLES)

@@ -19,7 +19,7 @@ LONG = {
     'length_m: 120.0': 'length_m: 3980.0',
 }
 DRIVEN = {'stop.x_m': 60.0, 'stop.armed_after_m': 1.0}  # 4 s
-LONGEST_S = 0.075  # between two obstacles, four times out of five: other processes take the rest
+RATE_HZ = (19.0, 21.0)  # of the obstacles over the drive; 20 by the contract
 SCENARIO_USE = 0.2  # of processor time per second; with a message made anew it is 0.5 at least
 
 
@@ -61,7 +61,7 @@ def test_obstacles_come_at_20_hz_beside_a_long_path(drive):
     stamps_ns = [one.stamp_ns for one in read.values(drive[0], OBSTACLES)]
     moving_ns = read.columns(drive[0], ['/controller/command'])['/controller/command'].stamp_ns[0]
     driven = [stamp_ns for stamp_ns in stamps_ns if stamp_ns >= moving_ns]
-    assert np.percentile(np.diff(driven) / 1e9, 80) < LONGEST_S
+    assert RATE_HZ[0] < 1e9 / np.mean(np.diff(driven)) < RATE_HZ[1]
 
 
 def test_hardly_anything_grows_stale_beside_a_long_path(drive):
