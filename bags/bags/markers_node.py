@@ -54,11 +54,9 @@ class MarkersNode(Node):
         if self.tf is None:
             self.get_logger().info('tf2_msgs is not installed: no /tf; markers are in map anyway')
         for topic in marker_scene.WATCHED:
-            offered = contract.load().topics[topic].qos[ros.mode(self)]
+            profile = ros.observer_profile(contract.load().topics[topic], ros.mode(self))
             callback, kind = partial(self.on_message, topic), ros.message_type(topic)
-            self.create_subscription(
-                kind, ros.relative_name(topic), callback, ros.observer_profile(offered), raw=True
-            )
+            self.create_subscription(kind, ros.relative_name(topic), callback, profile, raw=True)
 
     def on_message(self, topic, raw):
         """Publish what a message changes; nothing for one that breaks the contract."""

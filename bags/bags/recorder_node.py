@@ -140,8 +140,8 @@ class RecorderNode(ManagedNode):
         return folder
 
     def _subscribe(self, topic):
-        """Subscribe with the QoS of the publisher, and a queue that drops no message."""
-        profile = ros.to_qos_profile(topic.qos[ros.mode(self)])
+        """Subscribe with a queue that drops no message."""
+        profile = ros.to_qos_profile(topic.requested_qos(ros.mode(self)))
         profile.history = HistoryPolicy.KEEP_ALL
         kind = ros.message_type(topic.name)
         name = topic.name if topic.name == ROSOUT else ros.full_name(self, topic.name)

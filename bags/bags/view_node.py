@@ -32,7 +32,7 @@ class ViewNode(Node):
             raise ParameterError(str(error)) from error
         self.now_ns = 0
         for topic in topics:
-            profile = ros.observer_profile(known[topic.name].qos[REALTIME])
+            profile = ros.observer_profile(known[topic.name], REALTIME)
             callback, kind = partial(self.on_message, topic), ros.message_type(topic.name)
             self.create_subscription(
                 kind, ros.relative_name(topic.name), callback, profile, raw=True

@@ -17,6 +17,7 @@ _HEADERS = {
     'nav_msgs/msg/Path': ('header', 'poses[*].header'),
     'visualization_msgs/msg/MarkerArray': ('markers[*].header',),
     'rosgraph_msgs/msg/Clock': (),
+    'builtin_interfaces/msg/Time': (),
 }
 _CACHED_KEYS = 4096
 

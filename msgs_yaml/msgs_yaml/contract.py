@@ -4,7 +4,7 @@ The format is described at the top of topics.yaml. No ROS is needed to read it.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -12,8 +12,9 @@ from typing import NamedTuple
 from msgs_yaml import field_paths, share
 from msgs_yaml.strict_yaml import Item, YamlError, read
 
-MODES = ('lockstep', 'realtime')
+MODES = LOCKSTEP, REALTIME = ('lockstep', 'realtime')
 TYPES = (
+    'builtin_interfaces/msg/Time',
     'diagnostic_msgs/msg/DiagnosticArray',
     'nav_msgs/msg/Odometry',
     'nav_msgs/msg/Path',
@@ -86,6 +87,17 @@ class Topic:
     def on_request(self) -> bool:
         """Whether it is published on request only: then its rate is 0 in every mode."""
         return not any(self.rate_hz.values())
+
+    def requested_qos(self, mode: str) -> Qos:
+        """Return what a subscription asks for: no more than it needs.
+
+        So the publishers of other programs match, too. No deadline, and, on the wall clock, not the
+        last message of a latched topic, which is repeated.
+        """
+        offered = self.qos[mode]
+        is_repeated = mode == REALTIME and self.rate_hz[mode] > 0
+        durability = 'volatile' if is_repeated else offered.durability
+        return replace(offered, durability=durability, deadline_ms=None)
 
     @property
     def joints(self) -> tuple[str, ...]:

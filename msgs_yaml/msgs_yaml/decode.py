@@ -113,13 +113,13 @@ def obstacles(msg: Any) -> types.Obstacles:
 
 def why(msg: Any) -> types.Why:
     """Return the diagnostics of a tick from /controller/why."""
-    stamp_ns, _, *status = _status('/controller/why', msg)
+    ((stamp_ns, _, *status),) = _statuses('/controller/why', msg)
     return types.Why(stamp_ns, *status)
 
 
-def health(msg: Any) -> types.Health:
-    """Return the health of one node from /diagnostics."""
-    return types.Health(*_status('/diagnostics', msg))
+def health(msg: Any) -> tuple[types.Health, ...]:
+    """Return every status of /diagnostics: one of a node of this system, any number of others."""
+    return tuple(types.Health(*status) for status in _statuses('/diagnostics', msg))
 
 
 def clock(msg: Any) -> int:
@@ -129,6 +129,12 @@ def clock(msg: Any) -> int:
     if not now_ns:
         raise DecodeError('/clock: clock (t) is 0 s: no time yet; allowed above 0 s')
     return now_ns
+
+
+def run_start(msg: Any) -> int:
+    """Return the start of the run of /vehicle/run_start in nanoseconds, 0 before it."""
+    _check('/vehicle/run_start', msg)
+    return conversions.stamp_to_ns(msg)
 
 
 def stamp_ns_of(raw: bytes) -> int:
@@ -167,18 +173,18 @@ def _path(topic, msg):
     return stamp_ns, *np.array(rows).T.copy()
 
 
-def _status(topic, msg):
-    """Return stamp, name, level, message and values of the only status.
+def _statuses(topic, msg):
+    """Yield stamp, name, level, message and values of each status.
 
     Its numbers are not checked: a failed tick must stay readable.
     """
     _check(topic, msg, conformance.check_form)
-    (status,) = msg.status
-    # rclpy holds a byte, others an integer
-    level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-    values = {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
     stamp_ns = conversions.stamp_to_ns(msg.header.stamp)
-    return stamp_ns, status.name, level, status.message, values
+    for status in msg.status:
+        # rclpy holds a byte, others an integer
+        level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+        values = {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
+        yield stamp_ns, status.name, level, status.message, values
 
 
 def _most_frequent_stamp_ns(markers):

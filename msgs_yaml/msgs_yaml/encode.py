@@ -108,17 +108,22 @@ def obstacles(x: types.Obstacles) -> MarkerArray:
 
 def why(x: types.Why) -> DiagnosticArray:
     """Return /controller/why; raise ValueError for a word that would be read as a number."""
-    return _diagnostics('/controller/why', x.stamp_ns, 'controller', x)
+    return _diagnostics('/controller/why', x.stamp_ns, ('controller', x))
 
 
-def health(x: types.Health) -> DiagnosticArray:
+def health(x: types.Health, *others: types.Health) -> DiagnosticArray:
     """Return /diagnostics; raise ValueError for a word that would be read as a number."""
-    return _diagnostics('/diagnostics', x.stamp_ns, x.name, x)
+    return _diagnostics('/diagnostics', x.stamp_ns, *((each.name, each) for each in (x, *others)))
 
 
 def clock(stamp_ns: int) -> Clock:
     """Return /clock."""
     return Clock(clock=_time(stamp_ns))
+
+
+def run_start(stamp_ns: int) -> Time:
+    """Return /vehicle/run_start; 0 ns stands for a run that has not begun."""
+    return _time(stamp_ns)
 
 
 def _time(stamp_ns):
@@ -173,11 +178,15 @@ def _arrow(stamp_ns, obstacle):
     return marker
 
 
-def _diagnostics(topic, stamp_ns, name, x):
+def _diagnostics(topic, stamp_ns, *named):
+    statuses = [_status(name, x) for name, x in named]
+    return DiagnosticArray(header=_header(topic, stamp_ns), status=statuses)
+
+
+def _status(name, x):
     values = [
         KeyValue(key=key, value=conversions.value_to_text(value)) for key, value in x.values.items()
     ]
-    status = DiagnosticStatus(
+    return DiagnosticStatus(
         level=bytes([x.level]), name=name, message=x.message, hardware_id=name, values=values
     )
-    return DiagnosticArray(header=_header(topic, stamp_ns), status=[status])

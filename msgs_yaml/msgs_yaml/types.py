@@ -137,7 +137,7 @@ class Why(NamedTuple):
 
 
 class Health(NamedTuple):
-    """State of one node: /diagnostics (REP-107)."""
+    """State of one node: a status of /diagnostics (REP-107)."""
 
     stamp_ns: int
     name: str  # node name

@@ -30,7 +30,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from msgs_yaml import cdr_templates, contract
-from msgs_yaml.contract import Qos
+from msgs_yaml.contract import Qos, Topic
 from msgs_yaml.decode import DecodeError
 from node_runtime import node_parameters
 from node_runtime.parameters import Choice, Range
@@ -140,8 +140,8 @@ def publisher(node: Node, topic: str) -> Publisher:
 def subscribe(
     node: Node, topic: str, callback: Callable[[Any], None], raw: bool = False
 ) -> Subscription:
-    """Subscribe with type and QoS of the contract; raw callbacks take serialised bytes."""
-    kind, profile = message_type(topic), qos_profile(node, topic)
+    """Subscribe to a topic of the contract (`requested_qos`); raw callbacks take bytes."""
+    kind, profile = message_type(topic), requested_profile(node, topic)
     return node.create_subscription(kind, relative_name(topic), callback, profile, raw=raw)
 
 
@@ -228,8 +228,13 @@ class TemplatePublisher:
 
 
 def qos_profile(node: Node, topic: str) -> QoSProfile:
-    """Return the QoS of a topic of the contract in the mode of a node."""
+    """Return the QoS that a publisher of a topic of the contract offers in the mode of a node."""
     return to_qos_profile(contract.load().find(topic).qos[mode(node)])
+
+
+def requested_profile(node: Node, topic: str) -> QoSProfile:
+    """Return the QoS that a subscription of a node asks for (`contract.Topic.requested_qos`)."""
+    return to_qos_profile(contract.load().find(topic).requested_qos(mode(node)))
 
 
 def to_qos_profile(qos: Qos) -> QoSProfile:
@@ -246,15 +251,15 @@ def to_qos_profile(qos: Qos) -> QoSProfile:
     return profile
 
 
-def observer_profile(offered: Qos) -> QoSProfile:
+def observer_profile(topic: Topic, mode: str) -> QoSProfile:
     """Return the profile of an observer: compatible with whatever is offered, and never blocking.
 
     It may lose messages of a topic that is not latched.
     """
-    latched = offered.durability == 'transient_local'
+    latched = topic.qos[mode].durability == 'transient_local'
     return QoSProfile(
         reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy[offered.durability.upper()],
+        durability=DurabilityPolicy[topic.requested_qos(mode).durability.upper()],
         history=HistoryPolicy.KEEP_LAST,
         depth=1,
     )

@@ -116,7 +116,7 @@ class LatestMessage:
     def __init__(self, node: Node, topic: str):
         """`node` has declared its parameters; its namespace and remappings hold here too."""
         self._node = ros.polled_node(node, f'{node.get_name()}_inbox')
-        profile = ros.qos_profile(node, topic)
+        profile = ros.requested_profile(node, topic)
         profile.history, profile.depth = HistoryPolicy.KEEP_LAST, 1
         kind = ros.message_type(topic)
         self._subscription = self._node.create_subscription(

@@ -2,17 +2,16 @@
 
 import sys
 
-from msgs_yaml import contract, decode, encode, raw_scenario, share
+from msgs_yaml import decode, encode, raw_scenario, share
 from node_runtime import help_node, ros, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.managed_node import ManagedNode
 from scenario_publisher import scenario
 from scenario_publisher.scenario import NodeParams
-from scenario_publisher.timeline import NAME, Timeline
+from scenario_publisher.timeline import NAME, RUN_START, Timeline
 
 POLL_S = 0.02  # of wall time, between two checks for subscribers
 THROTTLE_S = 1.0
-VALUE_BYTES = 100  # of one value of a status, on the average, at most
 
 
 class ScenarioNode(ManagedNode):
@@ -41,11 +40,11 @@ class ScenarioNode(ManagedNode):
             self.polling = ros.steady_timer(self, POLL_S, self.answer)
         else:
             self.wall = SteadyClock()
-            ros.subscribe(self, ros.HEALTH, self.on_health, raw=True)
+            ros.subscribe(self, RUN_START, self.on_run_start, raw=True)
             ros.steady_timer(self, 1.0 / self.timeline.rate_hz, self.on_timer)
         self.get_logger().info(f'{scn.name}: {scn.description}')
         if not self.timeline.has_plant:
-            self.get_logger().info('obstacles wait for the plant')
+            self.get_logger().info(f'obstacles wait for the plant ({RUN_START})')
 
     def activate(self):
         """Publish from now on; in lockstep the instant first that came meanwhile."""
@@ -83,12 +82,12 @@ class ScenarioNode(ManagedNode):
         if self.is_active:
             self.publish(self.wall.now_ns())
 
-    def on_health(self, raw):
-        """Take the start of the run from the plant's health."""
+    def on_run_start(self, raw):
+        """Take the start of the run; what is no instant leaves the last one as it is."""
         try:
-            self.timeline.update_run_start(read_health(raw))
+            self.timeline.update_run_start(decode.run_start(ros.deserialize(RUN_START, raw)))
         except decode.DecodeError as error:
-            self.log_rejected(ros.HEALTH, error)
+            self.log_rejected(RUN_START, error)
 
     def log_rejected(self, topic, error):
         """Log why a message is not used."""
@@ -108,18 +107,6 @@ class ScenarioNode(ManagedNode):
         if self.timeline.road_rate.is_due(stamp_ns):
             self.reference_pub.publish(raw_scenario.restamp_reference(self.path, stamp_ns))
             self.edges_pub.publish(raw_scenario.restamp_road_edges(self.edges, stamp_ns))
-
-
-def read_health(raw):
-    """Return the health in a serialised message.
-
-    Raises DecodeError, at once for a message that is too long: decoding it would take seconds, in
-    which no obstacle is sent.
-    """
-    largest = VALUE_BYTES * contract.load().topics[ros.HEALTH].sizes['status[*].values'].high
-    if len(raw) > largest:
-        raise decode.DecodeError(f'{ros.HEALTH}: {len(raw)} bytes; allowed {largest}')
-    return decode.health(ros.deserialize(ros.HEALTH, raw))
 
 
 def main():

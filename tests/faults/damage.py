@@ -8,7 +8,6 @@ from typing import Any
 
 WILD = 1e12  # beyond every range of the contract
 WRONG_FRAME = 'somewhere_else'
-NON_NUMERIC = 'soon'
 LONG_TEXT = 100_000  # characters
 MANY = 100_000  # elements
 MANY_NESTED = 20_000  # elements that contain arrays themselves
@@ -39,13 +38,6 @@ def set_numbers(message: Any, number: float) -> None:
                 value[:] = number
             elif name == 'value' and kind == 'string':
                 part.value = str(number)
-
-
-def set_non_numeric_text(message: Any) -> None:
-    """Replace texts that may represent a number by a word."""
-    for part in nested_messages(message):
-        if part.get_fields_and_field_types().get('value') == 'string':
-            part.value = NON_NUMERIC
 
 
 def set_frames(message: Any) -> None:
@@ -118,7 +110,6 @@ CHANGES: dict[str, Callable[[Any], None]] = {
     'nan': lambda message: set_numbers(message, math.nan),
     'inf': lambda message: set_numbers(message, math.inf),
     'wild': lambda message: set_numbers(message, WILD),
-    'word': set_non_numeric_text,
     'frame': set_frames,
     'huge': enlarge,
     'thousand': multiply_obstacles,

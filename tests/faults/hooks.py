@@ -15,6 +15,7 @@ SUBSCRIBERS = {  # the node that receives the damaged messages
     '/scenario/road_edges': 'controller',
     '/scenario/obstacles': 'controller',
     '/vehicle/odometry': 'controller',
+    '/vehicle/run_start': 'scenario',
     '/controller/command': 'plant',
     '/clock': 'scenario',
 }
@@ -25,8 +26,7 @@ PUBLISHERS = {  # the nodes whose messages are damaged for all subscribers
     '/vehicle/wheels': ('plant',),
     '/controller/prediction': ('controller',),
     '/controller/why': ('controller',),
-    # a remap rule moves subscriptions too, so the scenario, which subscribes, is not remapped
-    '/diagnostics': ('controller', 'plant', 'recorder'),
+    '/diagnostics': ('controller', 'plant', 'recorder', 'scenario'),
 }
 UNRECORDED = '/unrecorded'  # prefix of topics of a scenario with a damaged /clock
 FROM_S = 1.5  # after the first command

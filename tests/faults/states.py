@@ -174,7 +174,10 @@ def count_invalid_commands(bag: Bag, damaged: Iterable[str]) -> int:
 def count_rejections(bag: Bag) -> int:
     """Return how many commands the plant's gate rejected for their content."""
     health = [
-        h for _, h in readable_messages(bag, '/diagnostics', decode.health) if h.name == 'plant'
+        status
+        for _, statuses in readable_messages(bag, '/diagnostics', decode.health)
+        for status in statuses
+        if status.name == 'plant'
     ]
     counts = [
         sum(int(h.values.get(f'rejected.{code}', 0)) for code in INVALID_COMMAND_CODES)

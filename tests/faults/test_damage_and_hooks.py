@@ -134,14 +134,10 @@ def test_the_relay_is_between_one_publisher_and_one_subscriber():
     assert Path(hooks.relay_command(fault, Path('go'))[1]).name == 'relay.py'
 
 
-def test_the_scenario_receives_the_damaged_health():
-    fault = next(f for f in catalogue.load() if f.name == 'diagnostics_word')
+def test_the_scenario_receives_the_damaged_start_of_the_run():
+    fault = next(f for f in catalogue.load() if f.name == 'run_start_torn')
     _, _, source, target, topic, *_ = hooks.relay_command(fault, Path('go'))
-    damaged = target + topic
-    remaps = {
-        role: dict(rule.split(':=') for rule in hooks.remaps(fault, role)[1::2])
-        for role in catalogue.ROLES
-    }
-    assert damaged == remaps['scenario'].get('/diagnostics', '/diagnostics')
-    assert source + topic == remaps['plant']['/diagnostics'] == remaps['recorder']['/diagnostics']
+    remaps = {role: hooks.remaps(fault, role) for role in catalogue.ROLES}
+    assert remaps.pop('scenario') == ['-r', f'{topic}:={target}{topic}']
+    assert not any(remaps.values())
     assert source != target

@@ -165,7 +165,7 @@ def test_each_state_is_answered_by_one_command_with_its_stamp(harness, process, 
     assert why.values['rung'] == 'solved'
     prediction = decode.prediction(harness.received['/controller/prediction'][0])
     assert len(prediction.X) == 51
-    assert decode.health(harness.received['/diagnostics'][0]).name == 'controller'
+    assert decode.health(harness.received['/diagnostics'][0])[0].name == 'controller'
 
     # the plant repeats its first state until it receives a command
     answered = len(harness.received['/controller/command'])

@@ -107,6 +107,7 @@ def test_the_shipped_contract_names_every_topic_of_the_ring():
         '/vehicle/actuators',
         '/vehicle/imu',
         '/vehicle/wheels',
+        '/vehicle/run_start',
         '/controller/command',
         '/controller/prediction',
         '/controller/why',

@@ -49,6 +49,7 @@ def test_the_values_of_the_examples_are_those_of_their_comments():
     assert seen == (Obstacle(1, 50.0, 0.5, 0.5, 0.0, 0.0), Obstacle(2, 90.0, 2.0, 0.8, -5.0, 0.0))
     assert decode.command(load_example('/controller/command')).Fxf == -3200.0
     assert decode.clock(load_example('/clock')) == 1_050_000_000
+    assert decode.run_start(load_example('/vehicle/run_start')) == 12_500_000_000
     assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
 
 

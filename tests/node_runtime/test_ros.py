@@ -38,6 +38,7 @@ VALUES = {
     'prediction': types.Prediction(S, np.arange(51.0), *np.zeros((2, 51)), np.arange(51) * 0.05),
     'why': types.Why(S, 0, 'solved', {'rung': 'solved', 'cost.con': 0.5}),
     'diagnostics': types.Health(S, 'plant', 0, 'running', {'steps': 1}),
+    'run_start': S,
     'clock': S,
 }
 
@@ -120,6 +121,37 @@ def coders(topic):
     return VALUES[name], getattr(encode, called), getattr(decode, called)
 
 
+DEFAULT_QOS = 10  # of rclpy: reliable, volatile, the last ten messages, no deadline
+on_the_wall_clock = pytest.mark.parametrize('pair', ['realtime'], indirect=True)
+
+
+@on_the_wall_clock
+def test_publishers_with_the_default_qos_are_heard(pair):
+    topics = [topic for topic in contract.load().topics.values() if topic.rate_hz['realtime']]
+    for topic in topics:
+        received, name = [], ros.relative_name(topic.name)
+        pub = pair.sender.create_publisher(ros.message_type(topic.name), name, DEFAULT_QOS)
+        ros.subscribe(pair.receiver, topic.name, received.append)
+        pair.until(pub.get_subscription_count)
+        value, to_message, _ = coders(topic.name)
+        pub.publish(to_message(value))
+        pair.until(lambda received=received: received)
+
+
+@on_the_wall_clock
+@pytest.mark.parametrize(
+    'topic', ['/controller/command', '/scenario/reference', '/scenario/obstacles']
+)
+def test_subscribers_with_the_default_qos_hear(pair, topic):
+    received, pub = [], ros.publisher(pair.sender, topic)
+    kind, name = ros.message_type(topic), ros.relative_name(topic)
+    pair.receiver.create_subscription(kind, name, received.append, DEFAULT_QOS)
+    pair.until(pub.get_subscription_count)
+    value, to_message, _ = coders(topic)
+    pub.publish(to_message(value))
+    pair.until(lambda: received)
+
+
 @both_modes
 def test_every_topic_arrives_as_it_was_sent(pair):
     topics = contract.load().topics.values()
@@ -134,11 +166,16 @@ def test_every_topic_arrives_as_it_was_sent(pair):
 
 @both_modes
 @pytest.mark.parametrize('topic', ['/scenario/reference', '/scenario/road_edges'])
-def test_a_late_subscriber_gets_latched_topics(pair, topic):
+def test_a_late_subscriber_may_have_the_last_message_of_latched_topics(pair, topic):
     value, to_message, to_value = coders(topic)
     ros.publisher(pair.sender, topic).publish(to_message(value))
     received = []
-    ros.subscribe(pair.receiver, topic, received.append)
+    if ros.mode(pair.receiver) == 'lockstep':  # where time stands still until it comes
+        ros.subscribe(pair.receiver, topic, received.append)
+    else:
+        kind, profile = ros.message_type(topic), ros.qos_profile(pair.receiver, topic)
+        name = ros.relative_name(topic)
+        pair.receiver.create_subscription(kind, name, received.append, profile)
     pair.until(lambda: received)
     assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
 

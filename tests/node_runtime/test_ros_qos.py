@@ -37,6 +37,15 @@ def test_keep_all_needs_no_depth():
 def test_an_observer_of_either_mode_receives_what_is_published(topic, mode):
     # the live view takes the profiles of realtime, whatever the mode of the nodes
     published = ros.to_qos_profile(topic.qos[mode])
-    observer = ros.observer_profile(topic.qos['realtime'])
+    observer = ros.observer_profile(topic, 'realtime')
     compatibility, reason = qos_check_compatible(published, observer)
     assert compatibility != QoSCompatibility.ERROR, reason
+
+
+def test_publisher_and_subscriber_of_one_topic_and_mode_match():
+    for topic in contract.load().topics.values():
+        for mode in contract.MODES:
+            offered = ros.to_qos_profile(topic.qos[mode])
+            requested = ros.to_qos_profile(topic.requested_qos(mode))
+            compatibility, reason = qos_check_compatible(offered, requested)
+            assert compatibility == QoSCompatibility.OK, f'{topic.name} {mode}: {reason}'

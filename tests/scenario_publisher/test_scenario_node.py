@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.executors import SingleThreadedExecutor
 from wait_until import wait_until
 
 from msgs_yaml import contract, decode, encode
-from msgs_yaml.types import Health
 from node_runtime import ros, spin_node
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
@@ -169,27 +169,29 @@ def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
     clock.publish(encode.clock(START_NS + 20 * TICK_NS))
     listener.wait_until(lambda: health)
     assert decode.obstacles(obstacles[0]).items == ()
-    status = decode.health(health[-1])
+    (status,) = decode.health(health[-1])
     assert (status.name, status.level, status.values['obstacles']) == ('scenario', 0, 0)
 
 
 @runs('moving_obstacle', mode='realtime')
 def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
     received = listener.hear('/scenario/obstacles', 'realtime')
-    healths, statuses = listener.speak('/diagnostics', 'realtime'), listener.hear('/diagnostics')
-    listener.wait_until(lambda: statuses and healths.get_subscription_count())
-    waiting = decode.health(statuses[0])
+    starts, statuses = (
+        listener.speak('/vehicle/run_start', 'realtime'),
+        listener.hear('/diagnostics'),
+    )
+    listener.wait_until(lambda: statuses and starts.get_subscription_count())
+    (waiting,) = decode.health(statuses[0])
     assert (waiting.name, waiting.level) == ('scenario', 3)
     assert 'plant' in waiting.message
     assert not received
-    now = listener.node.get_clock().now().nanoseconds
-    standing = Health(now, 'plant', 3, 'waiting', {})
-    healths.publish(encode.health(standing))
+    starts.publish(encode.run_start(0))
     listener.wait_until(lambda: len(received) >= 5)
     waiting = [decode.obstacles(message).items[0].X for message in received]
     assert waiting == pytest.approx([60.0] * len(waiting))
     now = listener.node.get_clock().now().nanoseconds
-    healths.publish(encode.health(standing._replace(values={'run_began_ns': now})))
+    starts.publish(encode.run_start(now))
+    starts.publish(Time(sec=-1))  # no instant: the last one stands
     listener.wait_until(lambda: decode.obstacles(received[-1]).items[0].X > 65.0)
     last = decode.obstacles(received[-1])
     assert pytest.approx(60.0 + 8.0 * (last.stamp_ns - now) * 1e-9, abs=1e-6) == last.items[0].X

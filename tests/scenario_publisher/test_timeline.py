@@ -1,10 +1,6 @@
-import math
-
 import pytest
 
 from msgs_yaml import contract
-from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import Health
 from node_runtime.input_monitor import OK, STALE
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
@@ -12,10 +8,6 @@ from scenario_publisher.timeline import NAME, RateLimiter, Timeline
 
 MOVING = scenario.load('moving_obstacle')
 MS = 1_000_000
-
-
-def plant(**values):
-    return Health(START_NS, 'plant', OK, '', values)
 
 
 def test_beat_is_due_at_first_and_then_once_per_period():
@@ -53,55 +45,21 @@ def test_realtime_obstacles_wait_for_the_vehicle():
     timeline = Timeline(MOVING, 'realtime')
     assert not timeline.has_plant
     assert timeline.health(77 * START_NS).level == STALE
-    timeline.update_run_start(plant())
+    timeline.update_run_start(0)
     assert timeline.has_plant
     assert timeline.health(77 * START_NS).level == OK
     (before,) = timeline.obstacles(77 * START_NS).items
-    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
+    timeline.update_run_start(80 * START_NS)
     (after,) = timeline.obstacles(81 * START_NS).items
     assert pytest.approx((60.0, 68.0)) == (before.X, after.X)
 
 
 def test_a_plant_that_was_started_again_begins_another_run():
     timeline = Timeline(MOVING, 'realtime')
-    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
-    timeline.update_run_start(plant())
+    timeline.update_run_start(80 * START_NS)
+    timeline.update_run_start(0)
     (held,) = timeline.obstacles(90 * START_NS).items
     assert pytest.approx(60.0) == held.X
-
-
-@pytest.mark.parametrize(
-    'began',
-    [
-        'soon',
-        math.nan,
-        math.inf,
-        1e12,
-        True,
-        0,
-        -1,
-        2**31 * START_NS,
-        pytest.param(10**400, id='1e400'),
-    ],
-)
-def test_what_is_no_instant_is_turned_down_and_the_known_one_stands(began):
-    timeline, waiting = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'realtime')
-    timeline.update_run_start(plant(run_began_ns=80 * START_NS))
-    for each in (timeline, waiting):
-        with pytest.raises(DecodeError, match=r'run_began_ns is .* allowed are whole numbers'):
-            each.update_run_start(plant(run_began_ns=began))
-    (moved,) = timeline.obstacles(81 * START_NS).items
-    assert pytest.approx(68.0) == moved.X
-    assert not waiting.has_plant
-
-
-def test_the_health_of_others_says_nothing_and_lockstep_needs_none():
-    waiting, stepping = Timeline(MOVING, 'realtime'), Timeline(MOVING, 'lockstep')
-    waiting.update_run_start(Health(START_NS, 'controller', OK, '', {'run_began_ns': START_NS}))
-    assert not waiting.has_plant
-    stepping.update_run_start(plant(run_began_ns=3 * START_NS))
-    (each,) = stepping.obstacles(2 * START_NS).items
-    assert pytest.approx(68.0) == each.X
 
 
 def test_everything_carries_the_stamp_asked_for():

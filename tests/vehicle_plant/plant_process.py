@@ -36,7 +36,7 @@ class Controller(Node):
         for name in self.received:
             ros.subscribe(self, f'/vehicle/{name}', self.keep(name), raw=True)
         ros.subscribe(self, '/clock', lambda msg: self.clocks.append(decode.clock(msg)))
-        ros.subscribe(self, '/diagnostics', lambda msg: self.healths.append(decode.health(msg)))
+        ros.subscribe(self, '/diagnostics', lambda msg: self.healths.extend(decode.health(msg)))
 
     def keep(self, name):
         def on_message(raw):

@@ -12,7 +12,6 @@ AGE_MESSAGES = {
     WARN: 'commands come late',
     ERROR: 'no command came for a while, the car braked straight',
 }
-RUN_START_KEY = 'run_began_ns'  # start of the run; the scenario reads it
 
 
 class HeldFault:
@@ -82,8 +81,7 @@ class HealthMonitor:
     def _age_values(self, stamp_ns) -> dict[str, Any]:
         if not isinstance(self._stepper, RealtimeStepper):
             return {}
-        ages = self._stepper.command_monitor.diagnostics(stamp_ns)
-        return {RUN_START_KEY: self._stepper.start_ns, **ages}
+        return self._stepper.command_monitor.diagnostics(stamp_ns)
 
 
 def waiting(stamp_ns: int, message: str) -> Health:

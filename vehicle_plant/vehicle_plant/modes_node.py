@@ -1,6 +1,6 @@
 """Both modes of the plant node: lockstep, a tick per command; realtime, a step per millisecond."""
 
-from msgs_yaml import encode
+from msgs_yaml import contract, encode
 from node_runtime import ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.managed_node import ManagedNode
@@ -9,6 +9,7 @@ from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
 
+RUN_START = '/vehicle/run_start'
 REPEAT_S = 1.0  # between two publications of the first state, until a command answers it
 NO_CONTROLLER_S = 0.001  # between ticks without a controller
 HOLD_S = 0.02  # between two states of the car that is held at its start
@@ -112,6 +113,13 @@ class RealtimeMode:
         # a correction of the system's clock must not make the car jump
         self.wall = SteadyClock()
         self.reported_ns = 0
+        self.run_start_pub = ros.publisher(node, RUN_START)
+        period_s = 1.0 / contract.load().topics[RUN_START].rate_hz[ros.mode(node)]
+        ros.steady_timer(node, period_s, self.publish_run_start)
+
+    def publish_run_start(self):
+        """Publish when the run began, 0 before: a scenario that starts later hears it, too."""
+        self.run_start_pub.publish(encode.run_start(self.stepper.start_ns if self.stepper else 0))
 
     def reset(self):
         """Give up the run, if there is one."""
@@ -166,6 +174,7 @@ class RealtimeMode:
             self.node.get_logger().error(message, throttle_duration_sec=THROTTLE_S)
             return
         self.stepper, self.monitor = stepper, health.HealthMonitor(stepper)
+        self.publish_run_start()
         self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
         self.timer = ros.steady_timer(self.node, STEP_NS / 1e9, self.on_step)

@@ -115,6 +115,7 @@ MEANINGS = {
         REPORT: Column('', 'one column per key, as the node chooses it'),
     },
     '/clock': {},
+    '/vehicle/run_start': {},
 }
 
 
@@ -266,7 +267,7 @@ def _health(pandas, table):
     return _records(pandas, table, rows)
 
 
-def _clock(pandas, table):
+def _times(pandas, table):
     return _records(pandas, table, ({} for _ in table.stamp_ns))
 
 
@@ -277,6 +278,7 @@ _BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
     '/controller/prediction': partial(_poses, level='stage', fields={'ahead_s': 't', **POSE}),
     '/controller/why': _why,
     '/diagnostics': _health,
-    '/clock': _clock,
+    '/clock': _times,
+    '/vehicle/run_start': _times,
 }
 FRAMED = (*TOPICS, *_BUILDERS)  # the topics that have a DataFrame

@@ -34,6 +34,7 @@ DECODERS = {
     '/vehicle/actuators': decode.actuators,
     '/vehicle/imu': decode.imu,
     '/vehicle/wheels': decode.wheels,
+    '/vehicle/run_start': decode.run_start,
     '/controller/command': decode.command,
     '/controller/prediction': decode.prediction,
     '/controller/why': decode.why,

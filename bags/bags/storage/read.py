@@ -28,6 +28,7 @@ from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.strict_yaml import closest
 
 STATE = '/vehicle/odometry'
+HEALTH = '/diagnostics'
 LOCKSTEP = 'lockstep'  # the mode of a run in simulated time
 
 
@@ -129,7 +130,9 @@ def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[
 
 
 def values(bag: Bag | Path | str, topic: str) -> list[Any]:
-    """Return every message of a topic as a value of `msgs_yaml.types` (/clock: ns).
+    """Return every message of a topic as a value of `msgs_yaml.types` (times alone: ns).
+
+    Of /diagnostics every status is one, of which a message may have several.
 
     Raises BagError for a topic without messages and for a message that breaks the contract.
     """
@@ -230,4 +233,7 @@ def _decoded(bag, topic, payloads):
             known[payload] = decode_message(topic, payload)
         except DECODE_ERRORS as error:
             raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
-    return [known[payload] for payload in payloads]
+    decoded = [known[payload] for payload in payloads]
+    if topic.name == HEALTH:
+        return [status for statuses in decoded for status in statuses]
+    return decoded

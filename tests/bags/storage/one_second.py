@@ -62,6 +62,7 @@ def every_message():
             for k, ns in enumerate(ticks)
         ],
         '/diagnostics': [types.Health(START_NS, 'plant', 0, 'drives', {'ticks': TICKS})],
+        '/vehicle/run_start': [START_NS],
         '/clock': ticks,
     }
 

@@ -19,7 +19,16 @@ from bags.storage.invalid_messages import (
 )
 from bags.storage.read import Bag, Recording
 from msgs_yaml import contract, encode
-from msgs_yaml.types import Actuators, Command, Imu, Obstacle, Obstacles, VehicleState, Wheels
+from msgs_yaml.types import (
+    Actuators,
+    Command,
+    Health,
+    Imu,
+    Obstacle,
+    Obstacles,
+    VehicleState,
+    Wheels,
+)
 from node_runtime import ros
 
 S = 1_000_000_000
@@ -52,6 +61,19 @@ def obeys(name, payload):
     except DECODE_ERRORS:
         return False
     return True
+
+
+def test_health_of_other_programs_is_no_error_whatever_its_number_of_statuses():
+    ours = Health(S, 'plant', 0, 'running', {'missed_steps': 3})
+    others = [Health(2 * S, name, 1, 'warm', {'deg': 71.5}) for name in ('lidar: a', 'lidar: b')]
+    none = encode.health(ours)
+    none.status = []
+    sent = [ros.serialize(m) for m in (encode.health(ours), encode.health(*others), none)]
+    filtered = drop_invalid(bag({'/diagnostics': recording('/diagnostics', sent)}))
+    assert not filtered.invalid
+    assert read.values(filtered, '/diagnostics') == [ours, *others]
+    table = read.columns(filtered, ['/diagnostics'])['/diagnostics']
+    assert table.stamp_ns.tolist() == [S, 2 * S, 2 * S]
 
 
 def change(message, draw):
