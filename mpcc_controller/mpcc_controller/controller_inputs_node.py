@@ -19,6 +19,7 @@ from mpcc_controller.driving.watchdog import (
     RealtimeWatchdog,
 )
 from msgs_yaml import decode, raw_scenario
+from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Actuators, Obstacles, Reference, VehicleState
 from node_runtime import ros, subscriptions_node
 from node_runtime.clocks import SteadyClock
@@ -32,6 +33,8 @@ TOPICS = {
     OBSTACLES: '/scenario/obstacles',
     STATE: '/vehicle/odometry',
 }
+ALONE_NS = NS_PER_S  # DDS makes publishers of one process known within milliseconds
+NO_TORQUES = (0.0, 0.0, 0.0, 0.0)
 # why messages are rejected: by form or range, by stamp, by content
 UNREADABLE, UNTIMELY, UNUSABLE = 'unreadable', 'untimely', 'unusable'
 
@@ -55,6 +58,7 @@ class ControllerInputs:
         self._used: dict[str, bytes] = {}  # path and edges, the last that was accepted
         self.received_ns = 0  # wall time, of the state
         self.ignored_ns = range(0)  # stamps of states that are not answered
+        self._alone_since_ns = None  # wall time, from when on a state came without actuators
         callbacks = {
             REFERENCE: self.on_reference,
             EDGES: self.on_edges,
@@ -104,6 +108,8 @@ class ControllerInputs:
         """Take the newest message of the actuators, for a (re)start."""
         raw = self.newest_actuators.take()
         if raw is None:
+            if self._has_no_actuators():
+                self._trigger.on_actuators(self._trigger.state)
             return
         try:
             stamp_ns = decode.stamp_ns_of(raw)
@@ -121,8 +127,23 @@ class ControllerInputs:
             self._reject(TOPICS[STATE], UNREADABLE, fault)
             return unknown_state(decode.stamp_ns_of(self.state))
 
+    def _has_no_actuators(self):
+        """Return whether a state is there and nobody publishes actuators, for a second already."""
+        if self.state is None or self.actuators or self.newest_actuators.has_publisher():
+            self._alone_since_ns = None
+            return False
+        now_ns = self._wall.now_ns()
+        self._alone_since_ns = self._alone_since_ns or now_ns
+        return now_ns - self._alone_since_ns > ALONE_NS
+
     def decode_actuators(self) -> Actuators | None:
-        """Return the actuators; None, logged, if their message violates the contract."""
+        """Return the actuators; None, logged, if their message violates the contract.
+
+        Of a car that publishes none: where the last command put them, at the start at rest.
+        """
+        if self.actuators is None:
+            last = self._controller.last_command
+            return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
         try:
             return decode.actuators(ros.deserialize(ACTUATORS, self.actuators))
         except decode.DecodeError as error:

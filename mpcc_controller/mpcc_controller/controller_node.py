@@ -11,7 +11,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from mpcc_controller import car_file, minimum_speed, run_time_parameters
-from mpcc_controller.controller_inputs_node import ControllerInputs
+from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import TOO_SLOW, Controller
 from mpcc_controller.driving.tick import Arrival, TickInputs, unknown_state
@@ -156,7 +156,13 @@ class ControllerNode(ManagedNode):
             return False
         self.controller.reset(actuators, self.is_resumed)
         self.is_resumed = False
-        self.get_logger().info('started from the actuators')
+        if self.inputs.actuators:
+            self.get_logger().info('started from the actuators')
+        else:
+            self.get_logger().warning(
+                f'nobody publishes {ACTUATORS}: started from the last command, at first from '
+                'straight wheels without any force'
+            )
         return True
 
     def warm_up(self):

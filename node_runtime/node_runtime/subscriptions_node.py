@@ -130,6 +130,10 @@ class LatestMessage:
             result = handle.take_message(self._subscription.msg_type, True)
         return None if result is None else result[0]
 
+    def has_publisher(self) -> bool:
+        """Return whether a publisher of the topic is known."""
+        return self._subscription.get_publisher_count() > 0
+
     def destroy(self) -> None:
         """Destroy the node of this subscription."""
         self._node.destroy_node()

@@ -24,8 +24,9 @@ from node_runtime import provenance
 
 REQUIRED_TOPICS = (
     *('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'),
-    *('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu'),
+    '/vehicle/odometry',
 )
+MEASURED_TOPICS = ('/vehicle/actuators', '/vehicle/imu')  # absent from a plant that has no such
 CONTROLLER_TOPICS = ('/controller/command', '/controller/why')  # absent without any answer
 FRESH_PLAN = ('solved', 'stopped_early')  # fallback levels (`rung`) that follow a fresh plan
 CONVERGED_PLAN = FRESH_PLAN[0]
@@ -74,6 +75,7 @@ class Ticks(NamedTuple):
 
 
 NO_ACCELERATIONS = Accelerations(EMPTY_NS, np.empty(0), np.empty(0))
+NO_INPUTS = Inputs(EMPTY_NS, np.empty(0), np.empty(0))
 
 
 class Obstacle(NamedTuple):
@@ -136,8 +138,9 @@ class Drive(NamedTuple):
 def drive_from_bag(bag: read.Bag) -> Drive:
     """Return the drive in a bag, of its valid messages; BagError names what it lacks."""
     bag = drop_invalid(bag)
-    answered = [topic for topic in CONTROLLER_TOPICS if read.has_messages(bag, topic)]
-    columns = read.columns(bag, (*REQUIRED_TOPICS, *answered))
+    others = (*MEASURED_TOPICS, *CONTROLLER_TOPICS)
+    present = [topic for topic in others if read.has_messages(bag, topic)]
+    columns = read.columns(bag, (*REQUIRED_TOPICS, *present))
     return drive_from_columns(columns, bag.run_info, str(bag.path))
 
 
@@ -146,21 +149,26 @@ def drive_from_columns(
 ) -> Drive:
     """Return the drive in the columns of a run; `name` is the run's name in errors.
 
-    Without /vehicle/imu there are no accelerations: short recordings are drives, too. Raises
+    Without /vehicle/imu there are no accelerations, without /vehicle/actuators no inputs. Raises
     BagError in lockstep when two controllers answered, and for missing parameters.
     """
-    state, actuators = columns['/vehicle/odometry'], columns['/vehicle/actuators']
-    imu = columns.get('/vehicle/imu')
+    state = columns['/vehicle/odometry']
+    actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
     if run_info.get('mode') == LOCKSTEP:
         _refuse_second_controller(columns, name)
     return Drive(
         Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
         Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2) if imu else NO_ACCELERATIONS,
-        Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n),
+        _inputs(actuators) if actuators else NO_INPUTS,
         _ticks(columns),
         _scene(columns),
         facts_from_run_info(run_info, name),
     )
+
+
+def _inputs(actuators):
+    force = actuators.front_x_n + actuators.rear_x_n
+    return Inputs(actuators.stamp_ns, actuators.steer_rad, force)
 
 
 def _refuse_second_controller(columns, name):

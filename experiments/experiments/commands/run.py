@@ -31,6 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'a name in mpcc_controller/config, a YAML file, or a program that is a node'
     add_list(parser, '--controller', text, 'mpcc', metavar='C')
     parser.add_argument(
+        '--plant',
+        default='',
+        metavar='PROGRAM',
+        help='a program of yours in place of plant_node: a Python file or an executable '
+        '(docs/howto/own_plant.md)',
+    )
+    parser.add_argument(
         '--mode',
         choices=('lockstep', 'realtime'),
         default='lockstep',
@@ -79,6 +86,7 @@ def run(options: argparse.Namespace) -> int:
             options.overwrite,
             options.any_car,
             options.beside,
+            options.plant,
         ),
         Console(),
     )

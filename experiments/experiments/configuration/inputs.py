@@ -167,8 +167,15 @@ def file_values(checked: Mapping[str, tuple[Any, Any]]) -> dict[str, dict[str, A
     }
 
 
-def loaded_facts(checked: Mapping[str, tuple[Any, Any]]) -> LoadedFacts:
-    """Return what a run records of the loaded files; `checked` is from `check_parameters`."""
+def loaded_facts(
+    checked: Mapping[str, tuple[Any, Any]], is_shipped_plant: bool = True
+) -> LoadedFacts:
+    """Return what a run records of the loaded files; `checked` is from `check_parameters`.
+
+    What the plant holds in a steady turn is known of the plants of this system only.
+    """
+    if not is_shipped_plant:
+        return LoadedFacts(file_values(checked))
     # its plant and compiler take time to import: errors in the input come before
     from experiments import plant_limit
 

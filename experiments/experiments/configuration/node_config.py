@@ -40,8 +40,14 @@ PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another
 LABEL_FORM = re.compile(r'(?!\d+$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}')
 LABEL_ALLOWED = '1 to 40 of a-z, A-Z, 0-9, _ and -, not a number, the first no _ or -'
 BAG_FOLDER, RUN_INFO_FILE = 'bag', 'run_info.json'
-# what a run of a program of the user is judged by, of the controller's parameters
-JUDGED_BY = re.compile(r'body\..+|safety\..+|tyre\..+|model\.step_s')
+# what a run of a program of the user is judged by, of the parameters of the role that it plays
+JUDGED_BY = {
+    'controller': re.compile(r'body\..+|safety\..+|tyre\..+|model\.step_s'),
+    'plant': re.compile(
+        r'friction|(start|stop|patches|car\.outline)\..+|car\.body\.cog_to_.+'
+        r'|car\.suspension\.(front|rear)\.track_m'
+    ),
+}
 # the scenario key that sets a parameter, or the parameters below a name; for error messages
 SCENARIO_KEYS = {
     'controller': {'model.friction': 'friction'},
@@ -138,6 +144,19 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
     return Controller(path.stem, path.absolute())
 
 
+def find_plant(path: str) -> tuple[str, ...]:
+    """Return the command of a plant that is a program of the user: a Python file or an executable.
+
+    Raises BagError when there is none.
+    """
+    command = _program(os.path.join(os.curdir, path))
+    if not command:
+        file = Path(path)
+        what = 'is neither a Python file nor a program that may be executed (chmod +x)'
+        raise BagError(f'--plant {path}: {what if file.is_file() else _missing_file(file)}')
+    return command
+
+
 def _describe_unknown(name, known):
     """Return what may have been meant by a name that no controller has."""
     names = [part.strip() for part in name.split(',')]
@@ -223,8 +242,11 @@ def build_nodes(
     overrides: Mapping[str, Mapping[str, Any]],
     origins: Mapping[str, Mapping[str, str]] = NO_OVERRIDES,
     record: bool = True,
+    plant_program: tuple[str, ...] = (),
 ) -> list[Node]:
     """Return the nodes of a run in starting order; `overrides` are parameters by role.
+
+    `plant_program` is the command that is started in place of plant_node, with its parameters.
 
     `origins` are the sources of overrides, by role and name, for errors; without one it is `--set`.
     Without `record` there is no recorder, and no node waits for one.
@@ -250,8 +272,8 @@ def build_nodes(
         values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
         is_controller = role == 'controller'
         files = (controller.config,) if is_controller and not controller.program else ()
-        program = controller.program if is_controller else ()
-        if program and given:
+        program = {'controller': controller.program, 'plant': plant_program}.get(role, ())
+        if is_controller and program and given:
             raise BagError(
                 f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
                 'program, which has its parameters from elsewhere'
@@ -309,7 +331,8 @@ def collect_parameters(
     for node in nodes:
         values = {**file_values.get(node.role, {}), **_all_values(node)}
         if node.program:
-            values = {name: value for name, value in values.items() if JUDGED_BY.fullmatch(name)}
+            judged_by = JUDGED_BY[node.role]
+            values = {name: value for name, value in values.items() if judged_by.fullmatch(name)}
             values['program'] = ' '.join(node.program)
             values['program_sha256'] = provenance.digest_file(Path(node.program[-1]))
         recorded[node.role] = values

@@ -12,12 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bags.storage.message_filing import CLOCK
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Controller, LoadedFacts, ScenarioFacts
 from experiments.progress import RunProgress
 from experiments.run import processes, repetition
 from experiments.run.interrupt import Interrupt, Interrupted
-from experiments.run.live_position import PositionReader
+from experiments.run.live_position import STATE, PositionReader
 from experiments.run.processes import Process, ProcessError
 from experiments.run.staging import StagingDirectory
 
@@ -25,6 +26,7 @@ POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of t
 NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
 RECORDER_S = 30.0  # to write the messages still queued, and to complete the bag
 SETTLE_S = 0.3
+FIRST_STATE_S = 300.0  # of wall time; the solvers may have to be compiled before
 TRACEBACK = 'traceback.txt'  # beside the logs of the nodes
 # the prefix of ROS before a message: [INFO] [1700000000.123456789] [plant]:
 PREFIX = re.compile(r'^(\[[^\]]*\] ?)+: ')
@@ -43,6 +45,7 @@ class RunSettings(NamedTuple):
     time_limit_s: float  # of wall time per run
     markers: bool = False  # whether to start the node that draws for 3D viewers
     overwrite: bool = False  # whether an older bag is replaced rather than kept under a number
+    plant: tuple[str, ...] = ()  # the command of a plant of the user
 
 
 class RunOutcome(NamedTuple):
@@ -83,7 +86,13 @@ def run_once(
     try:
         run_info = staging.logs / node_config.RUN_INFO_FILE
         nodes = node_config.build_nodes(
-            facts, controller, settings.mode, staging.bag, run_info, settings.overrides
+            facts,
+            controller,
+            settings.mode,
+            staging.bag,
+            run_info,
+            settings.overrides,
+            plant_program=settings.plant,
         )
         node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, loaded)
         same = repetition.is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
@@ -155,22 +164,32 @@ def _watch(running, time_limit_s, interrupt, progress, reader):
     """Return the plant's exit code; ProcessError when a node ends early or time runs out."""
     plant = running['plant']
     others = [process for process in running.values() if process is not plant]
-    deadline = time.monotonic() + time_limit_s
+    begin, has_state = time.monotonic(), False
     while plant.code is None:
         processes.check_running(others)
         position = reader.poll()
         if position:
+            has_state = True
             progress.show(*position)
-        if time.monotonic() > deadline:
-            lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
-            raise ProcessError(
-                f'the run took longer than {time_limit_s:g} s of wall time; last messages of the '
-                f'nodes:{"".join(lines)}'
-            )
+        limit_s = time_limit_s if has_state else min(time_limit_s, FIRST_STATE_S)
+        if time.monotonic() - begin > limit_s:
+            raise ProcessError(_describe_delay(running, limit_s, has_state))
         interrupt.sleep()
     if plant.code not in REGULAR_ENDS:
         raise ProcessError(processes.exit_report(plant))
     return plant.code
+
+
+def _describe_delay(running, limit_s, has_state):
+    """Return what takes longer than `limit_s`, with the last message of each node."""
+    what = f'the run took longer than {limit_s:g} s of wall time'
+    if not has_state:
+        what += (
+            f', and no state of the car was recorded (a plant sends {STATE}, in lockstep {CLOCK}, '
+            'too)'
+        )
+    lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
+    return f'{what}; last messages of the nodes:{"".join(lines)}'
 
 
 def _cores(mode):

@@ -37,6 +37,7 @@ class Request(NamedTuple):
     overwrite: bool = False  # whether older runs are replaced rather than kept under a number
     any_car: bool = False  # whether the controller's car may be another one than the plant
     beside: Sequence[str] = ()  # further runs to compare with: names in the folder, or paths
+    plant: str = ''  # path of a program that is started in place of plant_node
 
 
 def run(request: Request, console: Console) -> int:
@@ -166,26 +167,28 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     scn = inputs.load_scenario(request.scenario)
     facts = inputs.scenario_facts(scn, request.scenario)
     folder = request.out / facts.name
+    plant = node_config.find_plant(request.plant) if request.plant else ()
     loaded = {}
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
         checked = inputs.check_parameters(nodes)
-        if not (request.any_car or controller.program):
+        if not (request.any_car or controller.program or plant):
             inputs.check_car_fits(nodes, checked)
         if not controller.program:
             inputs.check_problem(checked, controller.name)
-        loaded[controller.run_name] = inputs.loaded_facts(checked)
+        loaded[controller.run_name] = inputs.loaded_facts(checked, is_shipped_plant=not plant)
         warnings = run_advice.find_warnings(scn, facts, checked)
-        if request.any_car and not controller.program:
+        if request.any_car and not (controller.program or plant):
             warnings = [*inputs.describe_misfit(nodes, checked), *warnings]
         for text in warnings:
             console.print(WARNING.format(controller.run_name), end='')
             print_text(console, text)
     with staging.created_folder(folder, f'--out {request.out}'):
-        return folder, _run_each(request, facts, controllers, loaded, overrides, folder, console)
+        outcomes = _run_each(request, plant, facts, controllers, loaded, overrides, folder, console)
+        return folder, outcomes
 
 
-def _run_each(request, facts, controllers, loaded, overrides, folder, console):
+def _run_each(request, plant, facts, controllers, loaded, overrides, folder, console):
     for line in staging.recover(folder):
         print_text(console, line)
     others = domain.describe_others(os.environ)
@@ -207,6 +210,7 @@ def _run_each(request, facts, controllers, loaded, overrides, folder, console):
                 request.time_limit_s,
                 request.markers,
                 request.overwrite,
+                plant,
             )
             for controller in controllers:
                 name = controller.run_name

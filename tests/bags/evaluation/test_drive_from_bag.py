@@ -7,7 +7,13 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.evaluation.drive import LATERAL_LIMIT, drive_from_columns, facts_from_run_info
+from bags.evaluation.drive import (
+    LATERAL_LIMIT,
+    NO_ACCELERATIONS,
+    NO_INPUTS,
+    drive_from_columns,
+    facts_from_run_info,
+)
 from bags.report.comparison import compare_bags
 from bags.storage import columns, message_filing
 from bags.storage.bag_writer import BagWriter
@@ -91,6 +97,17 @@ def test_two_rings_in_one_domain_are_not_judged(note, topic):
         BagError, match=f'{topic} has two different messages of one stamp.*shared a ROS domain'
     ):
         drive_from_columns(result, note('schema: 1'), 'bag')
+
+
+def test_a_car_without_actuators_and_imu_is_judged_by_its_motion(make_drive, write_bag, tmp_path):
+    whole = make_drive()
+    bare = whole._replace(inputs=NO_INPUTS, accelerations=NO_ACCELERATIONS)
+    bags = [write_bag(whole, 'whole'), write_bag(bare, 'bare')]
+    runs = compare_bags(bags, tmp_path / 'out').values['runs']
+    differing = {name for name, value in runs['bare'].items() if value != runs['whole'][name]}
+    assert {'braking_s', 'counter_steer_s', 'peak_brake_mps2', 'peak_lat_acc_mps2'} <= differing
+    assert {runs['bare'][name] for name in differing} == {None}
+    assert runs['bare']['completed'] is runs['whole']['completed'] is True
 
 
 def test_a_bag_without_notes_cannot_be_judged(note):

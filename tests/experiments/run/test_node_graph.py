@@ -13,6 +13,7 @@ import pytest
 from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
 
+from bags.errors import BagError
 from experiments.configuration import node_config
 from experiments.configuration.node_config import LoadedFacts
 from experiments.progress import RunProgress
@@ -37,9 +38,9 @@ FACTS = node_config.ScenarioFacts(
 def drive(tmp_path, prefix):
     """Return drive(): one run with the MPCC in tmp_path/runs."""
 
-    def drive(time_limit_s=60.0, label='', overwrite=False):
+    def drive(time_limit_s=60.0, label='', overwrite=False, plant=()):
         settings = node_graph.RunSettings(
-            'lockstep', tmp_path / 'runs', {}, 50, time_limit_s, overwrite=overwrite
+            'lockstep', tmp_path / 'runs', {}, 50, time_limit_s, overwrite=overwrite, plant=plant
         )
         (chosen,) = node_config.find_controllers(['mpcc'], label)
         with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
@@ -103,6 +104,59 @@ def test_a_node_that_dies_is_named_with_its_last_output(tmp_path, drive, prefix,
             assert Path(line.partition(': ')[2]).is_dir(), line
     assert hidden(tmp_path / 'runs') == []
     assert left_over(tmp_path) == []
+
+
+@pytest.fixture
+def own_plant(tmp_path):
+    """Return make(text): the command of a shell program that is a plant."""
+
+    def make(text):
+        path = tmp_path / 'my_car'
+        path.write_text(f'#!/bin/sh\n{text}')
+        path.chmod(0o755)
+        return node_config.find_plant(str(path))
+
+    return make
+
+
+def test_a_plant_of_the_user_gets_the_parameters_and_is_recorded(drive, own_plant):
+    recorded = 'until ls "${6%/*}"/recording; do sleep 0.05; done 2> /dev/null\n'
+    outcome = drive(
+        plant=own_plant(f'for last; do :; done; set - 1 2 3 4 5 "$last"; {recorded}cat "$6"')
+    )
+    assert outcome.completed
+    info = json.loads((outcome.bag / 'logs/run_info.json').read_text())
+    noted = json.loads(info['parameters'])['plant']
+    assert noted['program'].endswith('my_car')
+    assert (noted['friction'], noted['stop.x_m'], noted['car.outline.width_m']) == (0.8, 99.0, 1.85)
+    assert not any(name.startswith(('car.tyre', 'car.actuators')) for name in noted)
+    told = (outcome.bag / 'logs/my_car.log').read_text()
+    assert 'start.speed_mps: 20.0' in told
+
+
+def test_a_plant_of_the_user_that_ends_early_is_named_with_its_last_output(drive, own_plant):
+    outcome = drive(plant=own_plant('echo "no car here" >&2; exit 7'))
+    assert not outcome.completed
+    assert 'my_car ended early with exit code 7:\n  | no car here' in outcome.message
+
+
+def test_a_plant_that_sends_nothing_is_told_from_one_that_takes_long(drive, own_plant):
+    outcome = drive(time_limit_s=1.0, plant=own_plant(f'echo thinking; {WAIT}'))
+    assert not outcome.completed
+    assert 'longer than 1 s of wall time, and no state of the car was recorded' in outcome.message
+    assert 'a plant sends /vehicle/odometry, in lockstep /clock' in outcome.message
+    assert 'my_car: thinking' in outcome.message
+
+
+@pytest.mark.parametrize(
+    ('path', 'said'),
+    [('no_car.py', 'there is no such file'), ('notes.txt', 'neither a Python file nor a program')],
+)
+def test_what_is_no_plant_is_refused(tmp_path, monkeypatch, path, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'notes.txt').write_text('car')
+    with pytest.raises(BagError, match=f'--plant {path}: .*{said}'):
+        node_config.find_plant(path)
 
 
 def commits(monkeypatch, text):
