@@ -152,6 +152,10 @@ class Surroundings(Struct):
     arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None
     # left out: 0. Of obstacles that vanish from the message
     memory_s: Annotated[float, Range(0.0, 5.0, 's after an obstacle was last seen')] | None
+    # left out: such a path is refused
+    path_speed_mps: (
+        Annotated[float, Range(1.0, 100.0, 'm/s, of a path whose poses have one stamp')] | None
+    )
 
 
 class Solver(Struct):

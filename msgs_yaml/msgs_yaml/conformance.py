@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 from msgs_yaml import contract, conversions, field_paths
 from msgs_yaml.contract import JOINT_ARRAYS, WORD, Field
 
+POSE_HEADERS = 'poses[*].header'
 _HEADERS = {
-    'nav_msgs/msg/Path': ('header', 'poses[*].header'),
+    'nav_msgs/msg/Path': ('header', POSE_HEADERS),
     'visualization_msgs/msg/MarkerArray': ('markers[*].header',),
     'rosgraph_msgs/msg/Clock': (),
     'builtin_interfaces/msg/Time': (),
@@ -118,13 +119,17 @@ def _finite_joints(topic, message):
 
 
 def _header(topic, path, get, message):
-    """Check frame and stamp of the headers a path leads to; ROS reads a stamp of 0 as no time."""
-    violations = []
+    """Check frame and stamp of the headers a path leads to; ROS reads a stamp of 0 as no time.
+
+    The poses of a planner may leave both out: the frame is then that of the message.
+    """
+    violations, is_pose = [], path == POSE_HEADERS
     for header in get(message):
-        if header.frame_id != topic.frame:
+        if header.frame_id != topic.frame and not (is_pose and not header.frame_id):
             frames = repr(header.frame_id), repr(topic.frame)
             violations.append(Violation(topic.name, f'{path}.frame_id', *frames))
-        if header.stamp.sec < 0 or header.stamp.sec == 0 == header.stamp.nanosec:
+        is_zero = header.stamp.sec == 0 == header.stamp.nanosec
+        if header.stamp.sec < 0 or (is_zero and not is_pose):
             stamp = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
             violations.append(Violation(topic.name, f'{path}.stamp', stamp, 'above 0 s'))
     return violations

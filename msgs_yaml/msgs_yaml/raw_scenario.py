@@ -58,15 +58,17 @@ def read_reference(raw: bytes) -> Reference | None:
     stamps = np.concatenate((head['stamp'], poses['stamp']))
     stamps_ns = _nanoseconds(stamps)
     durations_ns = stamps_ns[1:] - stamps_ns[0]
+    if (stamps_ns[1:] == stamps_ns[1]).all():  # no desired speeds; a stamp of 0 may be far away
+        durations_ns[:] = 0
     columns = np.ascontiguousarray(poses['pose']).view('<f8').reshape(-1, 7).T
     values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(columns)))
     # nanoseconds may be more than a second: the sum can be positive where the seconds are not
-    if np.any(stamps['sec'] < 0) or np.any(stamps_ns == 0):
+    if np.any(stamps['sec'] < 0) or stamps_ns[0] == 0:
         return None
     if np.abs(durations_ns).max() >= _EXACT_NS or not _poses_in_range(values):
         return None
     t = durations_ns / NS_PER_S
-    if np.any(np.diff(t) <= 0.0):
+    if np.any(np.diff(t) <= 0.0) and np.any(t):
         return None
     headings = conversions.quaternions_to_headings(values['orientation.z'], values['orientation.w'])
     psi = np.unwrap(headings)
@@ -76,7 +78,7 @@ def read_reference(raw: bytes) -> Reference | None:
 def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
     """Return a serialised path under another stamp, those of its poses shifted by the same time.
 
-    Raises ValueError if the layout is another.
+    Poses stamped 0 stay so. Raises ValueError if the layout is another.
     """
     poses = _count_poses(raw)
     if not poses:
@@ -87,7 +89,9 @@ def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
     others = np.ndarray(poses - 1, STAMP, shifted, reference_size(1), (POSE.itemsize,))
     shift_ns = stamp_ns - int(_nanoseconds(first)[0])
     for stamps in (first, others):
-        stamps['sec'], stamps['nanosec'] = np.divmod(_nanoseconds(stamps) + shift_ns, NS_PER_S)
+        before_ns = _nanoseconds(stamps)
+        after_ns = np.where(before_ns, before_ns + shift_ns, 0)
+        stamps['sec'], stamps['nanosec'] = np.divmod(after_ns, NS_PER_S)
     return bytes(shifted)
 
 

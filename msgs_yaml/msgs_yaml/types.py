@@ -76,7 +76,8 @@ class Reference(NamedTuple):
     X: np.ndarray  # (n,) m
     Y: np.ndarray  # (n,) m
     psi: np.ndarray  # (n,) rad, continuous (unwrapped)
-    t: np.ndarray  # (n,) s, when the desired vehicle passes, t[0] = 0, strictly increasing
+    # (n,) s, when the desired vehicle passes, t[0] = 0, strictly increasing; all 0 where unknown
+    t: np.ndarray
 
 
 class RoadEdges(NamedTuple):

@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from msgs_yaml import encode
+from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Command
-from vehicle_plant import initial_state, parameters
+from node_runtime import ros
+from vehicle_plant import initial_state, parameters, plant_node
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import StopParams
 from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
@@ -189,6 +192,10 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
         np.array([0.0, 0.25, 1.0]),
     )
     assert initial_state.start_from_reference(path)[:4] == (1.0, 2.0, 0.9, 20.0)
+    raw, still = (ros.serialize(encode.reference(p)) for p in (path, path._replace(t=path.t * 0)))
+    assert plant_node.read_start_path(raw).t.tolist() == path.t.tolist()
+    with pytest.raises(DecodeError, match='no speed to start with.*start.from: parameters'):
+        plant_node.read_start_path(still)
     own = parameters.StartParams(
         x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
     )

@@ -7,6 +7,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.decode import DecodeError
+from msgs_yaml.types import Reference
 from node_runtime import help_node, ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
@@ -84,7 +85,7 @@ class PlantNode(ManagedNode):
         if self.mode.stepper:  # repeats: there is a step to take every millisecond
             return
         try:
-            self.reference = subscriptions_node.read_reference(raw)
+            self.reference = read_start_path(raw)
         except DecodeError as error:
             text = f'/scenario/reference rejected: {error}'
             self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
@@ -163,6 +164,17 @@ class PlantNode(ManagedNode):
     def send_health(self, status):
         """Publish a health, with warnings about other publishers of the command."""
         self.health_pub.publish(encode.health(self.command_publishers.add_warnings(status)))
+
+
+def read_start_path(raw: bytes) -> Reference:
+    """Return a serialised path; DecodeError, too, for one that says no speed to start with."""
+    path = subscriptions_node.read_reference(raw)
+    if not path.t.any():
+        raise DecodeError(
+            'all poses have the same stamp, which says no speed to start with; allowed with '
+            'start.from: parameters'
+        )
+    return path
 
 
 def main() -> int:

@@ -111,7 +111,7 @@ class Controller:
         With a state `x`, a path that is elsewhere is rejected (`path_progress.objection`).
         """
         try:
-            path = reference_path.build(reference)
+            path = reference_path.build(reference, self.params.surroundings.path_speed_mps)
         except reference_path.PathError as error:
             return str(error)
         fault = path_progress.objection(path, x) if x else ''

@@ -10,6 +10,7 @@ from msgs_yaml.types import Reference
 
 # laps whose distances differ by less count as equally close: their chords do not coincide
 LAP_TOLERANCE_M = 1.0
+PATH_SPEED = 'surroundings.path_speed_mps'  # parameter
 
 
 class PathError(ValueError):
@@ -41,11 +42,12 @@ class ReferencePath(NamedTuple):
         return f'ReferencePath({self.table.shape[1] - 2} segments, {self.length:.1f} m)'
 
 
-def build(reference: Reference) -> ReferencePath:
+def build(reference: Reference, speed_mps: float | None = None) -> ReferencePath:
     """Check a path and divide it into arcs.
 
-    Raises `PathError` for fewer than two poses, numbers that are not finite, repeated poses,
-    stamps that do not increase, a heading against the driving direction, or doubling back.
+    A path whose poses have one stamp has the desired speed `speed_mps` [m/s] everywhere. Raises
+    `PathError` for fewer than two poses, numbers that are not finite, repeated poses, stamps that
+    do not increase, a heading against the driving direction, doubling back, and no speed at all.
     """
     names = ('X', 'Y', 'psi', 't')
     X, Y, psi, t = (np.asarray(getattr(reference, name), float) for name in names)
@@ -55,7 +57,14 @@ def build(reference: Reference) -> ReferencePath:
         _require(np.isfinite(column), f'{name} is not finite')
     dX, dY, dt = np.diff(X), np.diff(Y), np.diff(t)
     chord = np.hypot(dX, dY)
-    _require(dt > 0, 'the stamp does not increase after it')
+    has_stamps = bool(np.any(dt))
+    if has_stamps:
+        _require(dt > 0, 'the stamp does not increase after it')
+    elif speed_mps is None:
+        raise PathError(
+            'all poses have the same stamp, which says no desired speed; the parameter '
+            f'{PATH_SPEED} gives one (m/s)'
+        )
     # later divided by: a square that underflows counts as no distance
     _require(chord**2 > 0, 'the next pose is at the same place')
     along = np.arctan2(dY, dX)
@@ -75,7 +84,7 @@ def build(reference: Reference) -> ReferencePath:
         kappa=np.concatenate(([0], turn / ds, [0])),
         theta=np.concatenate((theta[:1], theta)),
     )
-    v = ds / dt
+    v = ds / dt if has_stamps else np.full(len(ds), speed_mps)
     table = np.array((*arcs, np.concatenate((v[:1], v, v[-1:]))))
     return ReferencePath(table, compiled_queries.make_discs(X, Y))
 

@@ -54,6 +54,19 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
     assert -0.03 < command.delta < 0
 
 
+def test_a_path_without_stamps_is_driven_at_the_speed_of_the_parameter(world):
+    situation = world.straight(v=20.0)
+    still = situation._replace(
+        reference=situation.reference._replace(t=0.0 * situation.reference.t)
+    )
+    fault = Controller(*world.load()).set_reference(still.reference)
+    assert 'surroundings.path_speed_mps' in fault
+    timed = world.set_inputs(Controller(*world.load()), situation)
+    given = world.set_inputs(Controller(*world.load(surroundings__path_speed_mps=20.0)), still)
+    forces = [sum(world.tick(each, world.rolling())[0][3:]) for each in (timed, given)]
+    assert forces[0] == pytest.approx(forces[1], abs=1.0)
+
+
 def test_equal_inputs_give_equal_commands(controller, world):
     runs = []
     for _ in range(2):

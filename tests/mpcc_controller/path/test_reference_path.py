@@ -56,6 +56,17 @@ def test_speed_is_distance_over_time_between_the_stamps(world):
     assert v == pytest.approx([10, 10, 5, 20, 20])
 
 
+def test_a_path_without_stamps_has_the_speed_of_the_parameter_and_else_names_it(world):
+    timed = circle(world, 1)
+    still = timed._replace(t=0.0 * timed.t)
+    _, v = reference_path.arcs_at(reference_path.build(still, 12.5), np.array([-5.0, 40.0, 999.0]))
+    assert v.tolist() == [12.5, 12.5, 12.5]
+    with_both = reference_path.build(timed, 12.5)
+    assert reference_path.is_equal(with_both, reference_path.build(timed))
+    with pytest.raises(PathError, match=r'surroundings\.path_speed_mps'):
+        reference_path.build(still)
+
+
 def test_beyond_its_ends_the_path_continues_straight(world):
     path = reference_path.build(circle(world, 1))
     arcs, _ = reference_path.arcs_at(path, np.array([-10.0, path.length + 10.0]))
