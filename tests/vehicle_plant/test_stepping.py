@@ -194,7 +194,7 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
     assert initial_state.start_from_reference(path)[:4] == (1.0, 2.0, 0.9, 20.0)
     raw, still = (ros.serialize(encode.reference(p)) for p in (path, path._replace(t=path.t * 0)))
     assert plant_node.read_start_path(raw).t.tolist() == path.t.tolist()
-    with pytest.raises(DecodeError, match='no speed to start with.*start.from: parameters'):
+    with pytest.raises(DecodeError, match=r'no speed to start with.*start\.from: parameters'):
         plant_node.read_start_path(still)
     own = parameters.StartParams(
         x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
