@@ -192,8 +192,9 @@ def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
     assert waiting == pytest.approx([60.0] * len(waiting))
     now = listener.node.get_clock().now().nanoseconds
     starts.publish(encode.run_start(now))
-    starts.publish(Time(sec=-1))  # no instant: the last one stands
     listener.wait_until(lambda: decode.obstacles(received[-1]).items[0].X > 65.0)
+    starts.publish(Time(sec=-1))  # no instant: the last one stands
+    listener.wait_until(lambda: decode.obstacles(received[-1]).items[0].X > 70.0)
     last = decode.obstacles(received[-1])
     assert pytest.approx(60.0 + 8.0 * (last.stamp_ns - now) * 1e-9, abs=1e-6) == last.items[0].X
     stamps = np.array([decode.obstacles(message).stamp_ns for message in received])
