@@ -30,6 +30,7 @@ NAME = 'controller'
 MPCC_CONFIG, FRENET_CONFIG = 'mpcc.yaml', 'frenet.yaml'
 TIMER_S = 0.02  # of wall time, between two checks of subscribers and ages
 THROTTLE_S = 1.0
+LEFT = 'no vehicle publishes its state any more'
 
 
 class ControllerNode(ManagedNode):
@@ -273,8 +274,12 @@ class ControllerNode(ManagedNode):
     def log_stale_inputs(self, now_ns):
         """Log once per change which inputs are too old, and when they are back."""
         fault = self.watchdog.fault(now_ns)
-        if self.last_message and self.stale_log.has_changed(fault):
-            if fault:
+        # with the end of a run its vehicle leaves: nothing is wrong then
+        has_left = fault == STATE_STALE and not self.inputs.has_vehicle()
+        if self.last_message and self.stale_log.has_changed(LEFT if has_left else fault):
+            if has_left:
+                self.get_logger().info(f'{LEFT}: nothing to brake')
+            elif fault:
                 self.get_logger().error(f'braking: {self.watchdog.describe(now_ns)}')
             else:
                 self.get_logger().info('every input is back')

@@ -36,7 +36,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(name)
         self.is_active = False
         self._failure: Exception | None = None  # of the last transition
-        self._is_starting = False
+        self._is_starting = self._is_ending = False
         self._lasting = []  # what is in the graph before `configure`
         # rclpy lets the error of a transition that the state does not have end the node
         service = self._service_change_state
@@ -86,20 +86,25 @@ class ManagedNode(LifecycleNode):
         result = self._attempt('activate', self.activate)
         if result != SUCCESS:
             self._pause(state)
+        self._log_change(result, 'active')
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate."""
+        """Deactivate: a node that falls silent, or is silent no longer, says so in the log."""
         result = self._attempt('deactivate', self.deactivate)
         self._pause(state)
+        self._log_change(result, 'inactive: it publishes nothing until it is activated')
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
-        return self._attempt('cleanup', self._release)
+        result = self._attempt('cleanup', self._release)
+        self._log_change(result, 'unconfigured: it has left the graph')
+        return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Pause and clean up; only the end of the process follows."""
+        self._is_ending = True
         if self.is_active:
             self.on_deactivate(state)
         return self._attempt('shutdown', self._release)
@@ -160,6 +165,11 @@ class ManagedNode(LifecycleNode):
             self._log_failure(transition, traceback.format_exc().rstrip())
             return TransitionCallbackReturn.ERROR
         return SUCCESS
+
+    def _log_change(self, result, text):
+        """Log a transition that was requested; at start and end there is none to announce."""
+        if result == SUCCESS and not self._is_starting and not self._is_ending:
+            self.get_logger().warning(text)
 
     def _log_failure(self, transition, reason):
         if not self._is_starting:

@@ -1,6 +1,7 @@
 """Managed nodes over real Fast DDS: transitions, wrong files, and a pause in a drive."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -180,10 +181,14 @@ def test_each_node_runs_through_its_life_cycle_and_survives_impossible_requests(
                 assert manager.request(role, transition), graph.log(role)
                 assert manager.state(role) == state
             assert 'is not possible' in graph.log(role)
+            assert graph.log(role).count('inactive: it publishes nothing until it is') == 2
+            assert graph.log(role).count('unconfigured: it has left the graph') == 1
         for role in ROLES:
             for transition in ('configure', 'activate'):
                 assert manager.request(role, transition), graph.log(role)
         assert graph.wait('plant') == 0, graph.log('plant')
+        time.sleep(0.5)  # beyond the age of a state at which the controller brakes
+        assert '[ERROR]' not in graph.log('controller').rpartition(' active')[2]
         for role in ('controller', 'scenario', 'recorder'):
             assert manager.request(role, 'shutdown'), graph.log(role)
             assert manager.state(role) == 'finalized'

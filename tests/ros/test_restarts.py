@@ -110,7 +110,9 @@ def realtime(highway, tmp_path_factory, domain, wall_clock):
     ):
         begin(graph)
         restart(graph, 'controller')
+        graph.wait_for('plant', 'no command comes, braking straight', PATIENCE_S)
         graph.wait_for('controller', 'started from the actuators', PATIENCE_S)
+        graph.wait_for('plant', 'commands are back', PATIENCE_S)
         graph.wait_for_messages(WHY, drives, PATIENCE_S)
         first, node = graph.bag, graph.nodes['recorder']
         written = size(first)

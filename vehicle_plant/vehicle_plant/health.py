@@ -7,6 +7,7 @@ from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 NODE = 'plant'
+NO_COMMAND = 'no command comes, braking straight'
 RUNNING = 'running'
 AGE_MESSAGES = {
     WARN: 'commands come late',
@@ -60,7 +61,7 @@ class HealthMonitor:
         stepper, gate = self._stepper, self._stepper.car.gate
         refused, late = gate.rejected > self._rejected, stepper.missed_steps > self._missed
         self._rejected, self._missed = gate.rejected, stepper.missed_steps
-        self._gone.update(stepper.controller_gone, 'no command comes, braking straight', stamp_ns)
+        self._gone.update(stepper.controller_gone, NO_COMMAND, stamp_ns)
         self._refused.update(refused, f'commands refused: {gate.last_reason}', stamp_ns)
         self._late.update(late, 'steps came late and were caught up', stamp_ns)
         faults = [(fault.level, fault.message) for fault in (self._gone, self._refused, self._late)]

@@ -3,6 +3,7 @@
 from msgs_yaml import contract, encode
 from node_runtime import ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
+from node_runtime.log_filters import ChangeFilter
 from node_runtime.managed_node import ManagedNode
 from vehicle_plant import health
 from vehicle_plant.run_end import RunEnd
@@ -110,6 +111,7 @@ class RealtimeMode:
         self.node = node
         self.stepper = self.monitor = self.timer = None
         self.hold = StartHold()
+        self.silence_log = ChangeFilter()
         # a correction of the system's clock must not make the car jump
         self.wall = SteadyClock()
         self.reported_ns = 0
@@ -177,6 +179,7 @@ class RealtimeMode:
         self.publish_run_start()
         self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
+        self.silence_log = ChangeFilter()
         self.timer = ros.steady_timer(self.node, STEP_NS / 1e9, self.on_step)
 
     def on_unreadable(self, _, reason):
@@ -189,11 +192,21 @@ class RealtimeMode:
         if not self.stepper or self.stepper.outcome:  # a call that was already queued
             return
         trajectory = self.stepper.advance_to(self.now_ns())
+        self.log_silence()
         if trajectory:
             self.node.publish(trajectory)
             self.node.publish_health(self.stepper, self.monitor, trajectory)
         if self.stepper.outcome:
             self.end()
+
+    def log_silence(self):
+        """Log when emergency braking begins, and when a controller is followed again."""
+        fault = health.NO_COMMAND if self.stepper.controller_gone else ''
+        if self.silence_log.has_changed(fault):
+            if fault:
+                self.node.get_logger().error(fault)
+            else:
+                self.node.get_logger().warning('commands are back, the car follows them')
 
     def end(self):
         """Withdraw the odometry before shutdown: a controller that still had it would brake."""
