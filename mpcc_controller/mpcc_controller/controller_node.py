@@ -116,10 +116,11 @@ class ControllerNode(ManagedNode):
             self.get_logger().info(f'{name}: from {before[name]:g} to {value:g}, by request')
 
     def log_cut_limits(self, vehicle):
-        """Log the limits that are cut to those of the car's actuators."""
-        text = car_file.describe_cut_limits(self.params, vehicle)
-        if text:
-            self.get_logger().info(text)
+        """Log what the car changes: limits of its actuators, and where its prediction is stable."""
+        for describe in (car_file.describe_cut_limits, minimum_speed.describe_raised):
+            text = describe(self.params, vehicle)
+            if text:
+                self.get_logger().info(text)
 
     def advance(self):
         """Step if every input of the step is there."""

@@ -6,8 +6,13 @@ with a desired speed of 7.4 m/s and drives with 7.6 m/s.
 """
 
 import dataclasses
+import math
+from functools import lru_cache
 
-from mpcc_controller.parameters import ControllerParams, Limits
+from mpcc_controller.model import single_track, stability
+from mpcc_controller.parameters import CarParams, ControllerParams, Limits
+from mpcc_controller.problem import stage_parameters
+from node_runtime.parameters import ParameterError
 
 START_MARGIN_MPS = 0.2  # above the minimum speed a start may still stop
 DESIRED_MARGIN_MPS = 0.5  # the same for a desired speed
@@ -24,6 +29,43 @@ def with_low_speed(params: ControllerParams) -> ControllerParams:
         return params
     limits = dataclasses.replace(params.limits, least_speed_mps=0.0, speed_hysteresis_mps=0.0)
     return dataclasses.replace(params, limits=limits)
+
+
+def with_stable_speed(params: ControllerParams, vehicle: CarParams) -> ControllerParams:
+    """Return the parameters with a least speed from which on the prediction of the car is stable.
+
+    Raises ParameterError for a car whose prediction is not stable at any speed.
+    """
+    least, dt = params.limits.least_speed_mps, params.model.step_s
+    if not least:
+        return params
+    stable = _stable_speed(stage_parameters.car(params, vehicle), dt, least)
+    if not math.isfinite(stable):
+        raise ParameterError(
+            f'model.step_s: is {dt:g}, with which the prediction of the car of car_file '
+            f'{params.car_file} is unstable at every speed; allowed shorter steps'
+        )
+    limits = dataclasses.replace(params.limits, least_speed_mps=stable)
+    return dataclasses.replace(params, limits=limits)
+
+
+@lru_cache
+def _stable_speed(car, dt, least):
+    return stability.least_stable_speed(car, dt, least)
+
+
+def describe_raised(params: ControllerParams, vehicle: CarParams) -> str:
+    """Return one line about what the stability of this car changes, '' for nothing."""
+    asked = with_low_speed(params)
+    least = asked.limits.least_speed_mps
+    stable = with_stable_speed(asked, vehicle).limits.least_speed_mps
+    why = f'below it steps of {params.model.step_s:g} s are unstable on the tyres of the car'
+    if stable > least:
+        return f'limits.least_speed_mps is {stable:g} instead of {least:g}: {why}'
+    kinematic = getattr(stage_parameters.car(params, vehicle), 'kinematic', 0.0)
+    if kinematic > single_track.BLEND_FROM_MPS:
+        return f'the prediction is kinematic up to {kinematic:g} m/s: {why}'
+    return ''
 
 
 def compare(speed_mps: float, minimum_mps: float, margin_mps: float) -> str:

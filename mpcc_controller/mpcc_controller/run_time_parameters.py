@@ -61,13 +61,14 @@ def changed_names(before: ControllerParams, after: ControllerParams) -> tuple[st
 def in_force(params: ControllerParams, vehicle: CarParams) -> ControllerParams:
     """Return the parameters as the controller drives by them.
 
-    Limits are cut to those of the car, the brake split is fixed, the least speed left out and the
-    vehicle covered with circles where the parameters ask for it. Raises ParameterError for options
-    that contradict each other or need what the car file does not have.
+    Limits are cut to those of the car, the brake split is fixed, the least speed left out or raised
+    to where the prediction is stable, and the vehicle covered with circles where the parameters ask
+    for it. Raises ParameterError for options that contradict each other or need what the car file
+    does not have, and for a car that cannot be predicted in steps of `model.step_s`.
     """
     params = car_file.limit_to_car(params, vehicle)
     params = brake_split.with_fixed_split(params)
-    params = minimum_speed.with_low_speed(params)
+    params = minimum_speed.with_stable_speed(minimum_speed.with_low_speed(params), vehicle)
     return covering_circles.with_covering_circles(params, vehicle)
 
 

@@ -33,6 +33,7 @@ def find_warnings(
         *advice.flatten(judge(scn, facts, checked)),
         *_drive_layout(params, vehicle, plant),
         *filter(None, [car_file.describe_cut_limits(params, vehicle)]),
+        *filter(None, [minimum_speed.describe_raised(params, vehicle)]),
     ]
 
 
@@ -50,7 +51,8 @@ def judge(
     is_set = start_mps != facts.start['speed_mps']
     # without a start speed of its own the scenario starts at the desired speed, checked anyway
     start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
-    least = minimum_speed.with_low_speed(params).limits.least_speed_mps
+    params = minimum_speed.with_stable_speed(minimum_speed.with_low_speed(params), vehicle)
+    least = params.limits.least_speed_mps
     start_words = ('the car starts at', 'does not pull away', 'may not pull away')
     desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
     slow = [

@@ -35,6 +35,7 @@ from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import VehicleState
 
 LEAST_MPS = 3.0  # a slower car does not slide: it is braked
+STEER_LAG_S = 0.052  # of a car whose lag is not in the model
 
 
 class Gains(NamedTuple):
@@ -45,7 +46,7 @@ class Gains(NamedTuple):
     yaw_rate: float = 9.0  # 1/s, k_r
     lateral_use: float = 0.5  # share of the usable friction for the way to the line
     brake_use: float = 0.5  # of the braking force that the lateral forces leave
-    delay_s: float = 0.12  # from a state to the steering that answers it: a tick, and the servo
+    delay_s: float = 0.068  # from a state to the set-point that answers it; the servo comes after
     spun_rad: float = 1.2  # sideslip beyond which no steering brings the car back
 
 
@@ -81,7 +82,7 @@ def recovery_target(
     Both set-points respect their limits and rate limits for every finite state.
     """
     limits, step_s = params.limits, params.model.step_s
-    x = _predict(x, now, car, gains.delay_s)
+    x = _predict(x, now, car, gains.delay_s + getattr(car, 'steer_lag', STEER_LAG_S))
     v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
     beta = math.atan2(x.vy, x.vx)
     Fz = single_track.loads(now.Fx, car)

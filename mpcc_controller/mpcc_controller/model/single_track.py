@@ -76,12 +76,13 @@ LaggingCar = namedtuple('LaggingCar', Car._fields + ServoLags._fields)
 
 
 # kinds of car that drive at every speed: below the tyre dynamics a kinematic single track
-LowSpeedCar = namedtuple('LowSpeedCar', (*Car._fields, 'settling'))
-LaggingLowSpeedCar = namedtuple('LaggingLowSpeedCar', (*LaggingCar._fields, 'settling'))
+SLOW = ('settling', 'kinematic')  # s, and m/s up to which the car is kinematic
+LowSpeedCar = namedtuple('LowSpeedCar', (*Car._fields, *SLOW))
+LaggingLowSpeedCar = namedtuple('LaggingLowSpeedCar', (*LaggingCar._fields, *SLOW))
 AnyCar = Car | LaggingCar | LowSpeedCar | LaggingLowSpeedCar
-# m/s, between them the kinematic model changes to the dynamic one; from 5 m/s on RK2 at 50 ms is
-# stable on the tyre dynamics, and the slip angles have the true speed
-BLEND_MPS = (5.0, 8.0)
+# m/s, up to which a car is kinematic at least: from there on the slip angles have the true speed
+BLEND_FROM_MPS = 5.0
+BLEND_MPS = 3.0  # over which the kinematic model changes to the dynamic one
 SETTLING_S = 0.1  # in which the lateral motion takes up that of the kinematic model
 ROLLING_MPS = 0.3  # below it the resistances fade out: they do not push a standing car back
 CREEP_MPS = 0.1  # below it the travelled distance of the kinematic model is rounded
@@ -233,19 +234,18 @@ def body_rates(x, u: Input, car: AnyCar) -> BodyRates:
     dynamic = dynamic_rates(x, u, car)
     if not hasattr(car, 'settling'):
         return dynamic
-    slow, share = kinematic_rates(x, u, car), dynamic_share(x)
+    slow, share = kinematic_rates(x, u, car), dynamic_share(x, car)
     return BodyRates(*(share * d + (1 - share) * k for d, k in zip(dynamic, slow)))
 
 
-def dynamic_share(x):
-    """Return the share of the dynamic model at a speed: 0 below `BLEND_MPS`, 1 above.
+def dynamic_share(x, car):
+    """Return the share of the dynamic model: 0 up to `car.kinematic`, 1 from BLEND_MPS more on.
 
     The quintic between them has two continuous derivatives, as exact Hessians need. Sideways
     motion counts: a car that slides is not kinematic.
     """
-    low, high = BLEND_MPS
     speed = ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING)
-    t = ca.fmin(ca.fmax((speed - low) / (high - low), 0), 1)
+    t = ca.fmin(ca.fmax((speed - car.kinematic) / BLEND_MPS, 0), 1)
     return t**3 * (10 - 15 * t + 6 * t**2)
 
 
@@ -327,7 +327,7 @@ def travel_rate(x, car: AnyCar):
     exact = ca.sqrt(square + STANDSTILL_ROUNDING)
     if not hasattr(car, 'settling'):
         return exact
-    share = dynamic_share(x)
+    share = dynamic_share(x, car)
     return share * exact + (1 - share) * square / ca.sqrt(square + CREEP_MPS**2)
 
 

@@ -4,11 +4,14 @@ Shared by all formulations. The names of the YAML files end here; SI units and s
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import (
+    BLEND_FROM_MPS,
     SETTLING_S,
     AnyCar,
     Car,
@@ -85,10 +88,23 @@ def car(params: ControllerParams, vehicle: CarParams) -> AnyCar:
         v_slip=params.model.least_slip_speed_mps,
         force_blend=params.model.force_blend_n,
     )
+    kind = LowSpeedCar
     if params.model.servo_lag:
-        lagging = LaggingCar(*ideal, *_lags(params, vehicle))
-        return LaggingLowSpeedCar(*lagging, SETTLING_S) if params.model.low_speed else lagging
-    return LowSpeedCar(*ideal, SETTLING_S) if params.model.low_speed else ideal
+        ideal, kind = LaggingCar(*ideal, *_lags(params, vehicle)), LaggingLowSpeedCar
+    if not params.model.low_speed:
+        return ideal
+    return _with_stable_blend(kind(*ideal, SETTLING_S, BLEND_FROM_MPS), params.model.step_s)
+
+
+@lru_cache
+def _with_stable_blend(car, dt):
+    kinematic = stability.least_kinematic_speed(car, dt)
+    if not np.isfinite(kinematic):
+        raise ParameterError(
+            f'model.step_s: is {dt:g}, with which the prediction is unstable at every speed of the '
+            'car of car_file; allowed shorter steps'
+        )
+    return car._replace(kinematic=kinematic)
 
 
 def _lags(params, vehicle):

@@ -67,8 +67,14 @@ def test_a_start_below_the_least_speed_is_named_with_key_value_and_limit(find_wa
 
 
 def test_the_least_speed_of_the_controller_decides(find_warnings):
-    slow = {'start': {'progress_m': 0.0, 'speed_mps': 5.0}}
-    assert find_warnings(slow, {'controller': {'limits.least_speed_mps': 4.0}}) == []
+    slow = {'start': {'progress_m': 0.0, 'speed_mps': 6.5}}
+    assert find_warnings(slow, {'controller': {'limits.least_speed_mps': 6.0}}) == []
+
+
+def test_a_least_speed_that_the_prediction_of_the_car_does_not_allow_is_named(find_warnings):
+    slow = {'start': {'progress_m': 0.0, 'speed_mps': 6.5}}
+    (warning,) = find_warnings(slow, {'controller': {'limits.least_speed_mps': 4.0}})
+    assert 'limits.least_speed_mps is 5.5 instead of 4' in warning
 
 
 def test_desired_speeds_below_the_least_one_are_named_by_the_lowest(find_warnings):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import BLEND_MPS, Input, State
+from mpcc_controller.model.single_track import BLEND_FROM_MPS, BLEND_MPS, Input, State
 from mpcc_controller.problem import stage_parameters
 
 quick = settings(deadline=None, derandomize=True, max_examples=60)
@@ -46,7 +46,9 @@ def state(vx, vy, r, delta, Fx=0.0):
 
 
 @quick
-@given(st.floats(BLEND_MPS[1], 50), *DRIVING, st.floats(-0.5, 0.5), st.floats(0.4, 0.9))
+@given(
+    st.floats(BLEND_FROM_MPS + BLEND_MPS, 50), *DRIVING, st.floats(-0.5, 0.5), st.floats(0.4, 0.9)
+)
 def test_above_the_blend_it_is_the_dynamic_model(rates, vx, vy, r, delta, Fx, d_delta, split):
     x, u = state(vx, vy, r, delta, Fx), Input(d_delta, 1000.0, split, 0.0)
     paper, low = (np.array(f(x, u)).ravel() for f in rates)
@@ -54,7 +56,7 @@ def test_above_the_blend_it_is_the_dynamic_model(rates, vx, vy, r, delta, Fx, d_
 
 
 @quick
-@given(st.floats(0.0, BLEND_MPS[0] - 0.5), st.floats(-0.4, 0.4), st.floats(-0.5, 0.5))
+@given(st.floats(0.0, BLEND_FROM_MPS - 0.5), st.floats(-0.4, 0.4), st.floats(-0.5, 0.5))
 def test_a_slow_car_rolls_along_the_circle_of_its_steering_angle(rates, cars, v, delta, d_delta):
     """On it the rear axle does not move sideways; the rates keep it there while the angle moves."""
     car = cars[1]
@@ -121,5 +123,5 @@ def test_the_lags_of_the_actuators_and_low_speeds_go_together(world):
     x = state(2.0, 0.0, 0.0, 0.2)
     u = Input(0.4, 0.0, 0.5, 0.0)
     ahead = single_track.body_rates(x._replace(delta=0.2 + 0.05 * 0.4), u, car)
-    without = single_track.LowSpeedCar(*car[:15], car.settling)
+    without = single_track.LowSpeedCar(*car[:15], car.settling, car.kinematic)
     assert float(ahead.r) == pytest.approx(float(single_track.body_rates(x, u, without).r))

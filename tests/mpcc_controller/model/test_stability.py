@@ -1,0 +1,70 @@
+"""Every car is predicted in stable steps, whatever its tyres."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mpcc_controller import minimum_speed
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.problem import stage_parameters
+from node_runtime.parameters import ParameterError
+
+STEPS = 40
+
+
+def with_tyres(vehicle, factor):
+    """Return a car whose tyres are so many times as stiff."""
+    tyre = dataclasses.replace(
+        vehicle.tyre,
+        front_cornering_npr=factor * vehicle.tyre.front_cornering_npr,
+        rear_cornering_npr=factor * vehicle.tyre.rear_cornering_npr,
+    )
+    return dataclasses.replace(vehicle, tyre=tyre)
+
+
+def swing_after(controller, vx):
+    """Return how much of a small lateral motion is left after 2 s of prediction."""
+    prediction = controller.prediction
+    x = np.array(State(0, 0, 0, vx, 0.02, 0.0, 0, 0, 0.0))
+    for _ in range(STEPS):
+        x = prediction.step(x, np.array(Input(0.0, 0.0, 0.5, 0.0)), prediction.car)
+        x[3] = vx  # the resistances slow it down
+    return np.hypot(x[4], x[5]) / 0.02
+
+
+@pytest.mark.parametrize('factor', [0.5, 1.0, 2.0, 3.0])
+def test_wherever_the_car_drives_its_prediction_calms_down(world, factor):
+    params, vehicle = world.load(limits__least_speed_mps=3.0)
+    controller = Controller(params, with_tyres(vehicle, factor))
+    least = controller.params.limits.least_speed_mps
+    for vx in np.arange(least, 30.0, 1.0):
+        assert swing_after(controller, vx) < 1.0, vx
+    said = minimum_speed.describe_raised(params, with_tyres(vehicle, factor))
+    assert (f'is {least:g} instead of 3' in said) == (least > 3.0)
+
+
+@pytest.mark.parametrize('factor', [1.0, 3.0])
+def test_a_car_that_drives_at_every_speed_is_kinematic_where_it_has_to_be(world, factor):
+    params, vehicle = world.load(model__low_speed=True)
+    vehicle = with_tyres(vehicle, factor)
+    controller = Controller(params, vehicle)
+    for vx in np.arange(0.5, 30.0, 1.0):
+        assert swing_after(controller, vx) < 1.0, vx
+    assert bool(minimum_speed.describe_raised(params, vehicle)) == (factor > 1)
+
+
+def test_the_least_speed_of_the_shipped_car_stays(world):
+    params, vehicle = world.load()
+    assert Controller(params, vehicle).params.limits.least_speed_mps == 7.0
+    assert minimum_speed.describe_raised(params, vehicle) == ''
+
+
+def test_a_car_that_no_step_can_follow_is_refused(world):
+    params, vehicle = world.load(model__step_s=0.2)
+    with pytest.raises(ParameterError, match=r'model.step_s: is 0.2.*allowed shorter steps'):
+        Controller(params, with_tyres(vehicle, 4.0))
+    low_speed = dataclasses.replace(params, model=dataclasses.replace(params.model, low_speed=True))
+    with pytest.raises(ParameterError, match=r'model.step_s: is 0.2.*allowed shorter steps'):
+        stage_parameters.car(low_speed, with_tyres(vehicle, 4.0))
