@@ -21,7 +21,7 @@ TICKS = 4  # of a scene, in which the car goes on as it moves
 TICK_S = 0.05
 LENGTH_M, SPACING_M = 200.0, 5.0  # of the path
 MAX_SPEED, MAX_SIDE_SPEED, MAX_YAW_RATE = 110.0, 55.0, 9.0  # of the contract: 120, 60, 10
-COUNTS = (0, 1, 2, 4, 5, 12, 150)  # of obstacles; more than 200 with a velocity are refused
+COUNTS = (0, 1, 2, 4, 5, 12, 150)  # of obstacles; each is two markers at most
 
 
 class Situation(NamedTuple):
