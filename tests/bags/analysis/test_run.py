@@ -107,7 +107,7 @@ def test_a_run_is_one_line(run):
 
 
 def test_a_run_that_cannot_be_evaluated_still_has_frames(second):
-    assert repr(second) == "Run('one second', one second, 1.00 s: 12 topics)"
+    assert repr(second) == "Run('one second', one second, 1.00 s: 13 topics)"
     with pytest.raises(BagError, match='parameters'):
         second.metrics  # noqa: B018
     assert len(second.frame('/vehicle/imu')) == 100
@@ -119,9 +119,17 @@ def without(samples):
 
 def test_what_a_recording_lacks_is_named(make_drive, write_bag):
     drive = make_drive(metres=20.0)
-    run = bags.load(write_bag(drive._replace(inputs=without(drive.inputs))))
-    with pytest.raises(BagError, match=r'no message of.*/vehicle/actuators'):
+    unseen = drive.scene._replace(obstacle_stamp_ns=drive.scene.obstacle_stamp_ns[:0])
+    run = bags.load(write_bag(drive._replace(scene=unseen)))
+    with pytest.raises(BagError, match=r'no message of.*/scenario/obstacles'):
         run.signals  # noqa: B018
+
+
+def test_without_actuators_their_signals_are_absent(make_drive, write_bag):
+    drive = make_drive(metres=20.0)
+    run = bags.load(write_bag(drive._replace(inputs=without(drive.inputs))))
+    assert not {'steer_rad', 'front_x_n', 'rear_x_n'} & set(run.signals)
+    assert {'speed_mps', 'steer_command_rad'} <= set(run.signals)
 
 
 def test_a_known_topic_without_messages_is_no_misspelling(make_drive, write_bag):
