@@ -10,8 +10,9 @@ from bags.command_line import add_out
 HELP = 'replace the golden recordings by new runs'
 EXAMPLE = 'experiments golden'
 REFERENCE = Path('bags', 'reference')
-SCENARIO = 'double_lane_change'
-CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
+# controllers by scenario: those of the paper in its manoeuvre; that of the road where a car cuts in
+# and brakes, so that candidates, observed braking and the friction estimate are all at work
+DRIVES = {'double_lane_change': ('mpcc', 'mpcc_no_ca', 'frenet'), 'cut_in': ('mpcc_road',)}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,4 +24,4 @@ def run(options: argparse.Namespace) -> int:
     """Record the golden bags; 0 when every run was completed. Raises BagError."""
     from experiments.replay import golden
 
-    return golden.refresh(SCENARIO, CONTROLLERS, options.out, Console())
+    return golden.refresh(DRIVES, options.out, Console())

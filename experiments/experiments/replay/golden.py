@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -27,20 +27,22 @@ ROLES = ('controller', 'plant')
 MACHINE = ('processor', 'architecture', 'libc')
 
 
-def refresh(scenario: str, controllers: Sequence[str], out: Path, console: Console) -> int:
+def refresh(drives: Mapping[str, Sequence[str]], out: Path, console: Console) -> int:
     """Run and record the node graph in lockstep, and replace the golden bags in `out`.
 
+    `drives` are the controllers by scenario: a bag `out`/<scenario>/<controller> each.
     Returns 0 when every run completed; otherwise nothing is replaced. Raises BagError.
     """
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix='.golden.', dir=out) as folder:
         work = Path(folder)
-        runs = run_and_compare.Request(
-            scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S, overwrite=True
-        )
-        code = run_and_compare.run(runs, console)
-        if code:
-            return code
+        for scenario, controllers in drives.items():
+            runs = run_and_compare.Request(
+                scenario, controllers, 'lockstep', work, (), TIME_LIMIT_S, overwrite=True
+            )
+            code = run_and_compare.run(runs, console)
+            if code:
+                return code
         for bag in sorted(work.glob('*/*/metadata.yaml')):
             reduced = cut(read.load(bag.parent), work / 'cut' / bag.parent.name)
             final = out / bag.parent.parent.name / bag.parent.name

@@ -6,14 +6,21 @@ from pathlib import Path
 import pytest
 
 from bags.storage import read
+from experiments.commands.golden import DRIVES
 
-GOLDEN = Path(__file__).parents[3] / 'bags/reference/double_lane_change'
+REFERENCE = Path(__file__).parents[3] / 'bags/reference'
+GOLDEN = REFERENCE / 'double_lane_change'
+FOLDERS = {
+    name: REFERENCE / scenario / name
+    for scenario, controllers in DRIVES.items()
+    for name in controllers
+}
 
 
 @pytest.fixture(scope='session')
 def golden():
     """Return a function from the name of a controller to its golden bag."""
-    return cache(lambda name: read.load(GOLDEN / name))
+    return cache(lambda name: read.load(FOLDERS[name]))
 
 
 @pytest.fixture(scope='session')
