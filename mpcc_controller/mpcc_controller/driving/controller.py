@@ -90,7 +90,11 @@ class Controller:
         self.car = self.prediction.car
         self._start_limits, self._params_to_brake = params.limits, params
         self.gate = Gate(
-            params.limits, self.car, params.model.step_s, params.fallback.max_state_age_s
+            params.limits,
+            self.car,
+            params.model.step_s,
+            params.fallback.max_state_age_s,
+            vehicle.actuators.force_rate_nps,
         )
         self.latency = LatencyEstimator(params.delay)
         self.predictor = StatePredictor(self.car)
@@ -427,6 +431,7 @@ class Controller:
     def _believe(self, friction: float) -> None:
         self.prediction.believe(friction)
         self.car = self.predictor.car = self.prediction.car
+        self.gate.believed = self.prediction.car_to_brake
 
     def _send(self, command, now, effective_ns):
         due_ns = conversions.add_seconds(command.stamp_ns, self.params.model.step_s)

@@ -1,6 +1,7 @@
 """Safety gate: the last check of a command before it is published. SI units.
 
-It uses the limits and the last command only, and shares no code with the optimal control problem.
+It uses the limits, the last command and the friction that is believed, and shares no code with the
+optimal control problem.
 """
 
 import math
@@ -26,9 +27,19 @@ class GateResult(NamedTuple):
 class Gate:
     """Checks commands in their order and counts rejections by reason."""
 
-    def __init__(self, limits: Limits, car: Car, step_s: float, max_age_s: float):
+    def __init__(
+        self,
+        limits: Limits,
+        car: Car,
+        step_s: float,
+        max_age_s: float,
+        axle_rate_nps: float = math.inf,
+    ):
+        """`axle_rate_nps` is what the actuators of one axle can do, `limits` that of both."""
         self.limits = limits
         self.car = car
+        self.believed = car  # on the friction that is believed now; to be set where it changes
+        self.axle_rate_nps = axle_rate_nps
         self.step_s = step_s
         self.max_age_s = max_age_s
         self.rejections = Counter()
@@ -64,7 +75,7 @@ class Gate:
             'not_newer': command.stamp_ns <= last.stamp_ns,
             'out_of_range': not self._in_range(command),
             'too_fast': not self._in_rate(command, last),
-            'beyond_friction': not self._in_friction(command),
+            'beyond_friction': not self._in_friction(command, last),
         }
         return next((reason for reason, failed in checks.items() if failed), '')
 
@@ -79,25 +90,42 @@ class Gate:
 
     def _in_rate(self, command, last):
         steer_step = abs(command.delta - last.delta)
+        front, rear = command.Fxf - last.Fxf, command.Fxr - last.Fxr
         force_step = abs(command.Fxf + command.Fxr - last.Fxf - last.Fxr)
+        axle_step = max(abs(front), abs(rear))
         return (
             steer_step <= _rounded_up(self.limits.steer_rate_radps) * self.step_s
             and force_step <= _rounded_up(self.limits.force_rate_nps) * self.step_s
+            and axle_step <= _rounded_up(self.axle_rate_nps) * self.step_s
             and abs(command.d_delta) <= _rounded_up(self.limits.steer_rate_radps)
         )
 
-    def _in_friction(self, command):
-        car, force = self.car, command.Fxf + command.Fxr
-        weight, wheelbase = car.m * GRAVITY, car.l_f + car.l_r
-        front = car.mu_f * (weight * car.l_r - car.h * force) / wheelbase
-        rear = car.mu_r * (weight * car.l_f + car.h * force) / wheelbase
-        return abs(command.Fxf) <= _rounded_up(front) and abs(command.Fxr) <= _rounded_up(rear)
+    def _in_friction(self, command, last):
+        """Return whether no axle gets more than the friction of the identified car.
+
+        Nor more than the believed one, unless the last command asked for as much: forces take time
+        to fall when the belief does.
+        """
+        allowed = max(1.0, _friction_use(last, self.believed))
+        return _friction_use(command, self.car) <= _rounded_up(1.0) and _friction_use(
+            command, self.believed
+        ) <= _rounded_up(allowed)
 
     def _hold(self, last, stamp_ns):
         driving = max(last.Fxf + last.Fxr, 0.0)
         kept = max(driving - self.limits.force_rate_nps * self.step_s, 0.0)
         share = kept / driving if driving else 1.0
         return Command(stamp_ns, last.delta, 0.0, share * last.Fxf, share * last.Fxr)
+
+
+def _friction_use(command, car):
+    """Return the larger share of mu Fz of both axles, with the loads under that force."""
+    force, weight, wheelbase = command.Fxf + command.Fxr, car.m * GRAVITY, car.l_f + car.l_r
+    front = car.mu_f * (weight * car.l_r - car.h * force) / wheelbase
+    rear = car.mu_r * (weight * car.l_f + car.h * force) / wheelbase
+    if min(front, rear) <= 0:  # an axle lifts off
+        return math.inf
+    return max(abs(command.Fxf) / front, abs(command.Fxr) / rear)
 
 
 def _rounded_up(limit):

@@ -160,6 +160,31 @@ def test_driving_unloads_the_front_axle_and_loads_the_rear(car, params):
             assert rejection == reason
 
 
+def test_where_less_friction_is_believed_forces_may_fall_but_not_grow(gate, car):
+    gate.believed = car._replace(mu_f=0.3, mu_r=0.3)
+    # under 6,000 N of braking the front axle holds 3,087 N, the rear axle 2,357 N
+    last = LAST._replace(Fxf=-4000.0, Fxr=-2000.0)
+    for forces, reason in (
+        ((-4000.0, -2000.0), ''),
+        ((-3500.0, -1800.0), ''),
+        ((-4100.0, -2000.0), 'beyond_friction'),
+        ((-2500.0, -3500.0), 'beyond_friction'),
+    ):
+        command = GOOD._replace(Fxf=forces[0], Fxr=forces[1])
+        assert gate.check(command, last, 0.0).reason == reason, forces
+    within = LAST._replace(Fxf=-2500.0, Fxr=-2000.0)
+    for front, reason in ((-3000.0, ''), (-3200.0, 'beyond_friction')):
+        command = within._replace(stamp_ns=1, Fxf=front)
+        assert gate.check(command, within, 0.0).reason == reason
+
+
+def test_each_axle_has_the_rate_of_its_actuators(params, car):
+    slow = Gate(params.limits, car, STEP, MAX_AGE, axle_rate_nps=10000.0)
+    for shift, reason in ((500.0 * UNDER, ''), (500.0 * OVER, 'too_fast')):
+        command = LAST._replace(stamp_ns=1, Fxf=LAST.Fxf - shift, Fxr=LAST.Fxr + shift)
+        assert slow.check(command, LAST, 0.0).reason == reason
+
+
 def test_the_first_fault_is_the_reason_and_each_rejection_counts_once(gate):
     gate.check(GOOD._replace(delta=math.nan, Fxf=-1e6), LAST, 9.0)
     gate.check(GOOD._replace(delta=3.0), LAST, 9.0)
