@@ -1,0 +1,42 @@
+"""`mpcc_road` survives fixed draws of every family of emergencies.
+
+They are of the seed of docs/library.md, which nothing is tuned on; none of its losses is among
+them. `make nightly` judges the share that survives, on fresh draws.
+"""
+
+import json
+
+import pytest
+
+from experiments.batch.simulate import simulate
+from experiments.library import library_drive
+from experiments.library.library_drive import LibraryDrive
+from scenario_publisher.families import draw
+
+CONTROLLER = 'mpcc_road'
+SEED, DRAWS = 4000, 10
+
+
+def lost_draws(family):
+    """Return why each fixed draw of a family is lost that is, by index."""
+    reasons = {}
+    for index in range(DRAWS):
+        drive = LibraryDrive(family, '', SEED, index, 'nominal', CONTROLLER, ())
+        results = json.loads(simulate(library_drive.prepare(drive)))
+        if not results['survived']:
+            reasons[index] = results['lost_by']
+    return reasons
+
+
+def gate(family):
+    """Return the test of a family as a class: the workers of pytest share classes among them."""
+
+    @pytest.mark.slow
+    class Gate:
+        def test_no_draw_is_lost(self):
+            assert lost_draws(family) == {}
+
+    return Gate
+
+
+globals().update({f'Test_{family}': gate(family) for family in draw.FAMILIES})
