@@ -72,6 +72,35 @@ def test_it_stops_behind_a_queue_and_drives_on_with_it(drive):
     assert gaps.min() > 1.1  # the circle of the car
 
 
+@pytest.mark.parametrize('repeated', [True, False], ids=['last pose repeated', 'slow at the end'])
+def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(repeated):
+    """10 m/s, from 35 m on down by 2 m/s^2 to 0 at 60 m."""
+    setup = simulation.prepare('straight', 'mpcc_road')
+    X = np.arange(0.0, 60.1, 0.5)
+    v = np.minimum(np.sqrt(4.0 * (60.0 - X)), 10.0)
+    t = np.concatenate(([0.0], np.cumsum(0.5 / ((v[1:] + v[:-1]) / 2))))
+    if repeated:
+        X, t = np.append(X, X[-1]), np.append(t, t[-1] + 1.0)
+    document = yaml.safe_load(setup.scn.text) | {
+        'road': ROAD,
+        'path': PATH,
+        'start': {'progress_m': 0.0, 'speed_mps': 10.0},
+        'stop': {'progress_m': 150.0, 'time_s': 16.0, 'standstill_s': 2.0},
+        'obstacles': [],
+    }
+    scn = scenario.parse(yaml.safe_dump(document), 'stop')
+    path = scn.reference._replace(X=X, Y=0 * X, psi=0 * X, t=t)
+    columns = simulation.run(setup._replace(scn=scn._replace(reference=path)), explain=False)
+    odometry, command = columns['/vehicle/odometry'], columns['/controller/command']
+    assert odometry.x_m[-1] == pytest.approx(60.0, abs=1.0)
+    assert odometry.vx_mps[-1] == pytest.approx(0.0, abs=0.02)
+    assert np.diff(odometry.vx_mps[::100]).min() > -0.4  # m/s in 0.1 s
+    assert command[-1][-1] + command[-2][-1] < -1000.0  # N, both axles
+    whys = [why.values for why in columns['/controller/why'].values]
+    assert {why['rung'] for why in whys if abs(why['vx']) > 0.5} <= {'solved', 'stopped_early'}
+    assert {why['reason'] for why in whys[-20:]} == {'path_ended'}
+
+
 def test_it_creeps(drive):
     odometry, whys, _ = drive(1.5, 8.0, {'progress_m': 25.0, 'time_s': 20.0})
     assert odometry.x_m[-1] >= 25.0

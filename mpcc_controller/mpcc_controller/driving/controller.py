@@ -62,6 +62,7 @@ EMERGENCIES = 5  # of the steps that warm up
 MOST_RAMPS = 10  # kept after an error: those of the longest delay
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
+STANDS_MPS = 0.3  # a slower car that is to stop is held with the brakes
 REJECTED = 'command_turned_back'  # by the gate
 
 
@@ -490,12 +491,20 @@ class Controller:
         if self.missing():
             return self.planner.brake(reason, self._is_sliding(x)), None, None
         x0 = self.planner.initial_state(x, now, scene)
-        if not reason and x0.theta > scene.path.length:
+        if not reason and x0.theta > scene.path.length and not self._is_stopping(x, scene.path):
             reason = 'path_ended'
         if reason:
             return self.planner.brake(reason, self._is_sliding(x)), x0, None
         decision, attempt = self.planner.plan(x0, scene, self._is_sliding(x))
         return decision, x0, attempt
+
+    def _is_stopping(self, x, path) -> bool:
+        """Return whether the car is past a path that ends in a stop, and still rolls.
+
+        The plan ends in the stop; once the car stands it is held with the brakes.
+        """
+        plans_stops = not self.params.limits.least_speed_mps
+        return plans_stops and path.ends_in_stop and x.vx > STANDS_MPS
 
     def _obstruction(self, measured, x, fault) -> str:
         """Return why no plan can be computed, or ''."""

@@ -10,6 +10,7 @@ from msgs_yaml.types import Reference
 
 # laps whose distances differ by less count as equally close: their chords do not coincide
 LAP_TOLERANCE_M = 1.0
+STOP_MPS = 1.0  # a path whose desired speed ends at most at this ends in a stop
 PATH_SPEED = 'surroundings.path_speed_mps'  # parameter
 
 
@@ -38,6 +39,11 @@ class ReferencePath(NamedTuple):
         """The length [m] without the continuations."""
         return float(self.table[-2, -1])
 
+    @property
+    def ends_in_stop(self) -> bool:
+        """Whether the car is to stand past the end: the desired speed there is 0."""
+        return self.v[-1] == 0
+
     def __repr__(self):
         return f'ReferencePath({self.table.shape[1] - 2} segments, {self.length:.1f} m)'
 
@@ -45,9 +51,11 @@ class ReferencePath(NamedTuple):
 def build(reference: Reference, speed_mps: float | None = None) -> ReferencePath:
     """Check a path and divide it into arcs.
 
-    A path whose poses have one stamp has the desired speed `speed_mps` [m/s] everywhere. Raises
-    `PathError` for fewer than two poses, numbers that are not finite, repeated poses, stamps that
-    do not increase, a heading against the driving direction, doubling back, and no speed at all.
+    A path whose poses have one stamp has the desired speed `speed_mps` [m/s] everywhere. It ends in
+    a stop if its last pose repeats the place of the one before it, or if its desired speed ends at
+    STOP_MPS or less. Raises `PathError` for fewer than two poses, numbers that are not finite,
+    other repeated poses, stamps that do not increase, a heading against the driving direction,
+    doubling back, and no speed at all.
     """
     names = ('X', 'Y', 'psi', 't')
     X, Y, psi, t = (np.asarray(getattr(reference, name), float) for name in names)
@@ -66,6 +74,10 @@ def build(reference: Reference, speed_mps: float | None = None) -> ReferencePath
             f'{PATH_SPEED} gives one (m/s)'
         )
     # later divided by: a square that underflows counts as no distance
+    stops = chord[-1] ** 2 == 0 and has_stamps and X.size > 2
+    if stops:
+        X, Y, psi = X[:-1], Y[:-1], psi[:-1]
+        dX, dY, dt, chord = dX[:-1], dY[:-1], dt[:-1], chord[:-1]
     _require(chord**2 > 0, 'the next pose is at the same place')
     along = np.arctan2(dY, dX)
     _require(np.abs(_wrap(np.diff(along))) < np.pi / 2, 'the path doubles back after it')
@@ -85,7 +97,8 @@ def build(reference: Reference, speed_mps: float | None = None) -> ReferencePath
         theta=np.concatenate((theta[:1], theta)),
     )
     v = ds / dt if has_stamps else np.full(len(ds), speed_mps)
-    table = np.array((*arcs, np.concatenate((v[:1], v, v[-1:]))))
+    last = 0.0 if stops or v[-1] <= STOP_MPS else v[-1]
+    table = np.array((*arcs, np.concatenate((v[:1], v, [last]))))
     return ReferencePath(table, compiled_queries.make_discs(X, Y))
 
 

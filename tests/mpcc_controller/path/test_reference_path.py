@@ -160,6 +160,23 @@ def test_a_path_that_cannot_be_driven_is_rejected_and_the_pose_named(world, faul
         reference_path.build(modified_path(world, **fault))
 
 
+def test_a_last_pose_that_is_repeated_is_a_stop(world):
+    path = modified_path(world)
+    stop = path._replace(**{f: np.append(getattr(path, f), getattr(path, f)[-1]) for f in 'XY'})
+    stop = stop._replace(psi=np.append(path.psi, path.psi[-1]), t=np.append(path.t, path.t[-1] + 1))
+    without, built = reference_path.build(path), reference_path.build(stop)
+    assert not without.ends_in_stop
+    assert built.ends_in_stop
+    assert np.array_equal(built.table[:-1], without.table[:-1])
+    _, v = reference_path.arcs_at(built, np.array([built.length - 0.1, built.length + 0.1]))
+    assert v == pytest.approx([10.0, 0.0])
+
+
+def test_a_speed_that_falls_to_walking_pace_is_a_stop(world):
+    path = modified_path(world, t=(9, 2.0))
+    assert reference_path.build(path).ends_in_stop
+
+
 def test_one_pose_is_no_path(world):
     path = modified_path(world)
     with pytest.raises(PathError, match='two poses or more'):
