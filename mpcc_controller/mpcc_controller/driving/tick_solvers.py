@@ -21,6 +21,7 @@ REFRESH_FROM_M = 0.5
 MOST_REFRESHES = 3  # per tick
 RELAXATION = 1e4  # of the weights of soft limits: tolerances 100 times as large
 RELAXED = 'stuck; the plan is that of relaxed soft limits'
+HANGS = 'did not return within the time limit'
 THETA = State._fields.index('theta')
 
 
@@ -190,9 +191,18 @@ class TickSolvers:
     def _solve_in_parallel(
         self, own: Callable[[], Any], problems: Sequence[TickProblem], began: float
     ) -> tuple[Any, list[Solution]]:
-        """Return the result of `own`, and the solutions of candidates."""
+        """Return the result of `own`, and the solutions of candidates.
+
+        With a time limit a candidate that does not return in the time of all solvers has failed.
+        """
         jobs = [partial(self._solve_candidate, problem, began) for problem in problems]
-        result, solved = self.parallel.run(own, jobs)
+        limit_s = self.prediction.params.solver.fallback_limit_s
+
+        def patience_s():
+            return max(limit_s - (self.clock() - began), 0.0) if self.limit_time else None
+
+        result, solved = self.parallel.run(own, jobs, patience_s)
+        solved = [s or _failed(p.guess_local, HANGS) for s, p in zip(solved, problems)]
         return result, [*map(self.prediction.to_map, solved, problems)]
 
     def _solve_candidate(self, problem, began, solver: StageSolver) -> Solution:
@@ -206,7 +216,11 @@ def _solve(solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
     try:
         return solver.solve(*problem.solver_arguments, guess)
     except Exception as error:
-        return Solution(guess, np.nan, FAILED, str(error), 0, np.inf, np.inf, 0.0, 0.0)
+        return _failed(guess, str(error))
+
+
+def _failed(guess: Plan, message: str) -> Solution:
+    return Solution(guess, np.nan, FAILED, message, 0, np.inf, np.inf, 0.0, 0.0)
 
 
 def _with_effort_of(solution: Solution, solves: Sequence[Solution]) -> Solution:

@@ -56,3 +56,27 @@ def test_results_are_in_the_order_of_the_jobs_and_errors_reach_the_caller():
 
     with pytest.raises(RuntimeError, match='broken'):
         pool.run(lambda: None, [fail] * 5)
+
+
+def test_a_solver_that_hangs_is_not_waited_for_nor_used_until_it_returns(monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
+    pool, hangs, release = ParallelSolves(Solver, 3), threading.Event(), threading.Event()
+    caller = threading.get_ident()
+
+    def hang(solver):
+        if threading.get_ident() != caller:
+            hangs.set()
+            release.wait(30.0)
+        return solver
+
+    try:
+        _, results = pool.run(lambda: hangs.wait(30.0), [hang], lambda: 0.01)
+        assert results == [None]
+        threads = []
+        for _ in range(3):
+            _, results = pool.run(lambda: None, [lambda _: threads.append(threading.get_ident())])
+        assert set(threads) == {caller}
+    finally:
+        release.set()
+    _, results = pool.run(lambda: None, [hang] * 2)
+    assert all(results)
