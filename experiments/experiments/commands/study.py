@@ -3,7 +3,8 @@
 The parts: distributions of every metric, ablation of single factors, limit speeds, claims of the
 paper, demand of the task; and drives of many settings, a random choice of what the paper does not
 print each, the decisions on them, one of them alone, the search for one that shows the whole
-picture of the paper, the tuned version of the baseline, and the tables of the pages.
+picture of the paper, the tuned version of the baseline, the tables of the pages, and the published
+claims computed again from the rows that are kept with them.
 """
 
 import argparse
@@ -22,9 +23,9 @@ HELP = 'distributions, ablation, limit speeds, claims of the paper, demand, many
 EXAMPLE = 'experiments study distributions --quick --runs 10'
 PARTS = (
     *('distributions', 'ablation', 'limit', 'claims', 'demand'),
-    *('settings', 'decide', 'setting', 'exists', 'baseline', 'result'),
+    *('settings', 'decide', 'setting', 'exists', 'baseline', 'result', 'recompute'),
 )
-DECISIONS = ('decide', 'setting', 'exists', 'baseline', 'result')
+DECISIONS = ('decide', 'setting', 'exists', 'baseline', 'result', 'recompute')
 OUT = Path('paper', 'study')
 DECIDED = Path('paper', 'settings')
 SETTINGS, QUICK_SETTINGS = 10_000, 12
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments study`."""
     parser.add_argument('part', choices=PARTS, help='the part of the study')
     text = 'decide, exists, baseline, result: what `experiments study settings` wrote; several are '
-    text += 'decided as one by decide, each alone by result'
+    text += 'decided as one by decide, each alone by result; recompute: the published tables'
     parser.add_argument('folders', nargs='*', type=Path, metavar='DIR', help=text)
     add_out(parser, OUT, 'the tables')
     parser.add_argument(

@@ -48,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--base', default='mpcc_road', metavar='C', help='(default: mpcc_road), see above'
     )
+    text = 'receives the drives with the verdict of their draw; it can be given as a DIR'
+    parser.add_argument('--table', type=Path, metavar='FILE', help=text)
     add_jobs(parser, 'the verdicts')
 
 
@@ -57,7 +59,12 @@ def run(options: argparse.Namespace) -> int:
     from experiments.survivable import report
 
     request = report.Request(
-        options.folders, options.budget, options.preview, options.base, options.jobs
+        options.folders,
+        options.budget,
+        options.preview,
+        options.base,
+        options.jobs,
+        options.table,
     )
     # a table has a column per controller: in a file it is not folded to 80 characters
     console = Console()

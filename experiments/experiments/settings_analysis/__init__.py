@@ -13,6 +13,7 @@ early_braking       who brakes when, and what comes with it
 dimension_shares    how often something happens over each dimension
 outcome_figures     figures of who avoids and who brakes
 outcome_report      their files, and what they say in pages
+accepted_rows       the drives that the claims rest on, kept and decided again
 published           every block of a page about the study
 sensitivity         what else the tables say, which enters no verdict
 picture             the paper's picture as numbers, and the distance from it

@@ -8,6 +8,7 @@ from bags.errors import BagError
 from experiments import page_block
 from experiments.settings.preregistration import RUNS
 from experiments.settings_analysis import (
+    accepted_rows,
     decision_report,
     outcome_report,
     study_tables,
@@ -25,7 +26,8 @@ BLOCKS: Mapping[str, Callable[[Path, str], str]] = {
 def decide(folders: Sequence[Path], out: Path) -> list[Path]:
     """Decide each study into the folder of its run; the two that count as one, too.
 
-    The confirmatory run and its repetition are pooled where both are given. Returns the paths.
+    The confirmatory run and its repetition are pooled where both are given. The rows of the
+    accepted settings are written beside the claims. Returns the paths.
     Raises BagError, before anything is written, for two studies of a run, and for one of another
     seed, number of settings or screening than a preregistered run has.
     """
@@ -42,6 +44,7 @@ def decide(folders: Sequence[Path], out: Path) -> list[Path]:
     paths = []
     for name, folder in runs.items():
         paths += decision_report.run([folder], out / name)
+        paths.append(accepted_rows.write(study_tables.load(folder), out / name))
     both = [runs[name] for name in RUNS[:2] if name in runs]
     if len(both) == 2:
         paths += decision_report.run(both, out / POOLED)

@@ -1,4 +1,4 @@
-"""`experiments study decide`, `setting`, `exists`, `baseline`: what is done with many settings."""
+"""`experiments study decide`, `setting`, `exists`, ...: what is done with many settings."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,6 +16,7 @@ from experiments.settings import arms, drive, outcomes, preregistration
 from experiments.settings import setting as settings
 from experiments.settings.setting import Rejected, Setting
 from experiments.settings_analysis import (
+    accepted_rows,
     baseline_tuning,
     decision_report,
     existence,
@@ -52,6 +53,8 @@ class Request(NamedTuple):
 
 def run(request: Request, console: Console) -> int:
     """Do one part, print the files that it wrote; return the exit code. Raises BagError."""
+    if request.part == 'recompute':
+        return _recompute(request, console)
     parts = {
         'decide': _decide,
         'setting': _setting,
@@ -81,6 +84,23 @@ def _result(request, console) -> Sequence[Path]:
     """Decide runs anew, if any are given; write what the decided ones say into pages."""
     paths = published.decide(request.folders, request.out)
     return [*paths, *published.write(request.out, request.pages)]
+
+
+def _recompute(request, console) -> int:
+    """Decide the kept rows anew and print every claim; 1 where one is published otherwise."""
+    found = list(accepted_rows.recompute(_folder(request) or request.out))
+    rows = [
+        [
+            *(one.run, one.baseline, one.claim, f'{one.holds:,} of {one.settings:,}'),
+            '–' if one.share is None else f'{one.share[0]:.3f} to {one.share[1]:.3f}',
+            f'differs: {", ".join(one.differs)}' if one.differs else 'equal',
+        ]
+        for one in found
+    ]
+    header = ['run', 'baseline', 'claim', 'holds', '95 %', 'published']
+    table = tables.markdown_table(header, rows)
+    console.print(table, markup=False, highlight=False, soft_wrap=True)
+    return 1 if any(one.differs for one in found) else 0
 
 
 def _setting(request, console) -> Sequence[Path]:

@@ -1,6 +1,6 @@
 """The tables of a study over many settings, as data frames with the levels that settings reach."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,11 +112,9 @@ def load(folder: Path) -> Study:
     Raises BagError for a folder without tables, or with those of another preregistration than
     that of this package.
     """
-    plan = preregistration.load()
-    drives, notes = _read(folder / TABLE)
-    outcomes, _ = _read(folder / OUTCOMES)
-    if notes.get('preregistration') != plan.text:
-        raise BagError(f'{folder / TABLE}: was made with another preregistration than {plan.path}')
+    drives, notes = read_table(folder / TABLE)
+    outcomes, _ = read_table(folder / OUTCOMES)
+    plan = plan_of(folder / TABLE, notes)
     return Study(plan, drives, outcomes, int(notes['seed']), notes)
 
 
@@ -149,7 +147,16 @@ def origin(study: Study, setting: int) -> tuple[int, int]:
     return study.seeds[part], number
 
 
-def _read(file):
+def plan_of(file: Path, notes: Mapping[str, str]) -> Preregistration:
+    """Return the preregistration of this package. Raises BagError where a table has another one."""
+    plan = preregistration.load()
+    if notes.get('preregistration') != plan.text:
+        raise BagError(f'{file}: was made with another preregistration than {plan.path}')
+    return plan
+
+
+def read_table(file: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return a table of a study and its notes. Raises BagError for another file."""
     from pyarrow import ArrowException, parquet
 
     try:

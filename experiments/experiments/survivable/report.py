@@ -26,6 +26,7 @@ COLUMNS = (
     *('error', 'survived', 'lost_by', 'verdict'),
 )
 CONTROLLER = 'controller.'
+ANSWER = 'answer'
 SHOWN_LOSSES = 100
 
 
@@ -37,6 +38,7 @@ class Request(NamedTuple):
     preview: bool
     base: str  # the controller whose losses are listed and with which the others are paired
     jobs: int
+    table: Path | None = None  # receives rows and answers
 
 
 def run(request: Request, console: Console) -> int:
@@ -47,7 +49,8 @@ def run(request: Request, console: Console) -> int:
         hint = closest(request.base, known)
         raise BagError(f'--base: no drives by {request.base!r}; there are {", ".join(known)}{hint}')
     failures: list[str] = []
-    answers = dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
+    answers = {regret.draw_key(row): row['answer'] for row in rows if row.get('answer')}
+    answers |= dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
     if request.budget:
         answers |= _search(request, rows, answers, failures, console)
     console.print(build_table(regret.count_regret(rows, answers)))
@@ -56,20 +59,24 @@ def run(request: Request, console: Console) -> int:
     pairs = [regret.pair(rows, request.base, other) for other in others if other != request.base]
     if pairs:
         console.print(build_pairs(pairs))
+    if request.table:
+        print_text(console, str(write_table(rows, answers, request.table)))
     for text in failures:
         print_text(console, text)
     return 1 if failures else 0
 
 
-def read_rows(folder: Path) -> list[dict[str, Any]]:
+def read_rows(place: Path) -> list[dict[str, Any]]:
     """Return the rows of the table of `experiments library` in a folder. Raises BagError.
+
+    Or of a file of `write_table`, whose rows have the answer for their draw besides.
 
     Rows that were driven with other `settings` (--set) are not confused: those of the controller
     are added to its name, those of the plant are in `plant_settings`, part of the draw.
     """
     from pyarrow import ArrowException, parquet
 
-    path = folder / results_table.FILE
+    path = place if place.is_file() else place / results_table.FILE
     try:
         table = parquet.read_table(path)
     except (OSError, ArrowException) as error:
@@ -77,7 +84,8 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
-    return [_split_settings(row) for row in table.select(list(COLUMNS)).to_pylist()]
+    kept = [name for name in (*COLUMNS, ANSWER) if name in table.column_names]
+    return [_split_settings(row) for row in table.select(kept).to_pylist()]
 
 
 def _split_settings(row):
@@ -88,12 +96,32 @@ def _split_settings(row):
         for name, value in given.items()
         if not name.startswith(CONTROLLER)
     ]
-    return row | {'controller': ' '.join([row['controller'], *own]), 'plant_settings': tuple(plant)}
+    named = {'driver': row['controller'], 'controller': ' '.join([row['controller'], *own])}
+    return row | named | {'plant_settings': tuple(plant)}
+
+
+def write_table(
+    rows: Sequence[Mapping[str, Any]], answers: Mapping[DrawKey, str], file: Path
+) -> Path:
+    """Write rows with the answer for their draw: what every share here is computed from."""
+    import pyarrow
+    from pyarrow import parquet
+
+    kept = [
+        {name: row[name] for name in COLUMNS}
+        | {'controller': row['driver'], ANSWER: answers.get(regret.draw_key(row), UNDECIDED)}
+        for row in rows
+    ]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    parquet.write_table(pyarrow.Table.from_pylist(kept), file, compression='zstd')
+    return file
 
 
 def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
     """Return the answers of the draws that have none."""
     draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
+    if not draws:
+        return {}
     new_answers: dict[DrawKey, str] = {}
     errors: dict[str, str] = {}
     with (

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bags.errors import BagError
+from experiments import cli
 from experiments.batch import results_table
 from experiments.survivable import regret, report
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
@@ -118,6 +119,18 @@ def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(t
     assert '4/4 100%' in text
     assert '1/4 25%' in text
     assert '+75.0%' in text
+
+
+def test_a_table_of_drives_and_verdicts_says_the_same_without_a_search(tmp_path, capsys):
+    ice = json.dumps({'plant.friction': 0.05})
+    rows = [row(2, name, name == 'a', settings=s) for name in 'ab' for s in ('{}', ice)]
+    folder, table = written(tmp_path / 'library', *rows), tmp_path / 'paper' / 'drives.parquet'
+    command = ['survivable', '--base', 'a', '--budget', '0']
+    assert cli.main([*command, str(folder), '--table', str(table)]) == 0
+    first = capsys.readouterr().out.replace(str(table), '').strip()
+    assert '+100.0%' in first
+    assert cli.main([*command, str(table)]) == 0
+    assert capsys.readouterr().out.strip() == first
 
 
 def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tmp_path):
