@@ -1,6 +1,7 @@
 """The node over real DDS: a test controller answers states, the plant drives."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -77,6 +78,30 @@ def test_late_controller_gets_the_first_state_again():
     done = run(answers_late, before=deaf_at_first, **{'stop.x_m': 5.0})
     assert done.exit_code == 0, done.log
     assert done.controller.stamps('odometry')[:3] == [START_NS, START_NS, START_NS + STEP_NS]
+
+
+def test_the_last_state_is_answered_before_the_plant_ends():
+    plants = []  # publishers of the state, at each answer
+
+    def answers_late(stamp_ns):
+        time.sleep(0.05)
+        plants.append(controllers[0].count_publishers('/vehicle/odometry'))
+        return weave(stamp_ns)
+
+    controllers = []
+    done = run(answers_late, before=controllers.append, **{'stop.x_m': 5.0})
+    assert done.exit_code == 0, done.log
+    assert set(plants) == {1}
+    assert len(plants) == 1 + (done.controller.stamps('odometry')[-1] - START_NS) // TICK_NS
+
+
+def test_a_last_state_that_nobody_answers_does_not_keep_the_plant():
+    def silent_at_the_end(stamp_ns):
+        return weave(stamp_ns) if stamp_ns < START_NS + 10 * TICK_NS else None
+
+    done = run(silent_at_the_end, lockstep_timeout_s=1.0, **{'stop.time_s': 0.5})
+    assert done.exit_code == 2, done.log
+    assert done.controller.stamps('odometry')[-1] == START_NS + 10 * TICK_NS
 
 
 def test_run_that_takes_too_long_fails():

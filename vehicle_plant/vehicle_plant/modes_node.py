@@ -56,22 +56,36 @@ class LockstepMode:
 
     def on_command(self, command):
         """Advance a tick if this is the command for the present instant."""
-        if self.stepper and self.stepper.is_due(command.stamp_ns):
-            self.publish_tick(self.stepper.tick(command))
-            self.restart_silence_timer()
+        self.on_answer(command.stamp_ns, command)
 
     def on_unreadable(self, stamp_ns, reason):
         """Advance a tick under the last valid command."""
         if self.stepper and self.stepper.is_due(stamp_ns):
             self.stepper.car.gate.reject(reason)
-            self.publish_tick(self.stepper.tick(None))
+        self.on_answer(stamp_ns, None)
+
+    def on_answer(self, stamp_ns, command):
+        """Advance a tick if the present instant is answered; end once the last one is."""
+        if self.stepper and self.stepper.is_due(stamp_ns):
+            self.publish_tick(self.stepper.tick(command))
             self.restart_silence_timer()
+        elif self.stepper and stamp_ns == self.stepper.car.stamp_ns:
+            self.finish()
 
     def publish_tick(self, trajectory):
         """Publish the rows of a tick and the instant at its end."""
         self.node.publish(trajectory)
         self.clock_pub.publish(encode.clock(self.stepper.car.stamp_ns))
         self.node.publish_health(self.stepper, self.monitor, trajectory)
+        if self.stepper.controller_gone:
+            self.finish()
+
+    def finish(self):
+        """End the node if its run has ended.
+
+        The last state is answered, too, before nodes are stopped: so the same run always has the
+        same messages.
+        """
         if self.stepper.outcome:
             spin_node.finish(self.node, self.stepper.outcome.exit_code)
 
@@ -88,6 +102,9 @@ class LockstepMode:
     def on_silence(self):
         """Repeat the state once, for a controller that was restarted; then go on without it."""
         if not self.stepper:  # a call that was already queued; so below
+            return
+        if self.stepper.outcome:
+            self.finish()
             return
         if not self.has_repeated:
             self.has_repeated = True

@@ -1,7 +1,8 @@
 """The log time under which a recorder files a message. No ROS.
 
-In lockstep only /clock defines the time: messages wait for it, as it may arrive late. In realtime
-the log time is the time of arrival.
+In lockstep only /clock defines the time: messages wait for it, as it may arrive late. While time
+waits for an answer, nodes send the last message again; how often depends on the wall clock, so it
+is filed once. In realtime the log time is the time of arrival.
 """
 
 from collections import deque
@@ -11,6 +12,7 @@ from functools import partial
 from typing import Annotated, Any
 
 from bags.errors import BagError
+from bags.storage import cdr
 from bags.storage.decoding import stamp_reader
 from bags.storage.message_definitions import schema_text, type_hash
 from bags.storage.message_loss import LossCounter
@@ -192,6 +194,7 @@ class Filing:
         self._last_log_ns = 0  # in lockstep never beyond /clock
         self._passed_over = 0  # messages
         self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
+        self._newest: tuple[int | None, bytes] = (None, b'')  # stamp and bytes
 
     def file(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
         """File one message under its stamp (lockstep) or its time of arrival (realtime).
@@ -201,7 +204,8 @@ class Filing:
         program or of a restarted node: the message is filed under the last time of /clock, or under
         the last time of its topic. A message far ahead waits for /clock, which may arrive later; so
         do all before the first /clock, and one of the plant that falls back: if /clock falls back
-        as well, that message is never filed.
+        as well, that message is never filed. Nor is one that is sent again, byte for byte but for
+        what a serialiser leaves between its fields; the numbers of later ones do not count it.
 
         Raises ClockError, and files nothing, when /clock (lockstep) or the arrival falls back.
         """
@@ -216,6 +220,9 @@ class Filing:
         stamp_ns = self._stamp(data)
         if self._topic.name == CLOCK:
             self._tick(stamp_ns)
+        if self._is_repeat(stamp_ns, data):
+            self.pass_over()
+            return
         self.counter.add(sequence)
         file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
         if self._must_wait(stamp_ns):
@@ -229,6 +236,22 @@ class Filing:
     def pass_over(self) -> None:
         """Leave a message out on purpose: the numbers of those after it have no gap."""
         self._passed_over += 1
+
+    def _is_repeat(self, stamp_ns, data):
+        """Return whether a message is the one before, sent again; else it is the newest now."""
+        newest_ns, newest = self._newest
+        if stamp_ns == newest_ns is not None and (data == newest or self._is_same(data, newest)):
+            return True
+        self._newest = stamp_ns, data
+        return False
+
+    def _is_same(self, *messages):
+        """Return whether two messages have the same values: padding is what was in memory."""
+        try:
+            one, other = (cdr.decode(m, self._topic.schema, self._topic.type) for m in messages)
+        except BagError:
+            return False
+        return one == other
 
     def _follows(self, stamp_ns):
         """Return whether an earlier message still waits: the order of a topic is kept."""

@@ -113,12 +113,12 @@ def load(path: Path | str) -> Bag:
 def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[str, Columns]:
     """Return the table of each topic, by default of every topic that has messages.
 
-    A message that repeats the one before it byte for byte is left out: latched topics are repeated,
-    and so is the state before its first answer; how often depends on the wall clock, and columns
-    must not. Ranges of numeric columns are not checked: apply `drop_invalid` first to a bag of
-    unknown publishers. Raises BagError for a topic without messages (it names those that have
-    some) and for a message that does not fit its definition; of topics without numeric columns
-    also for one that breaks the contract.
+    A message that repeats the one before it byte for byte is left out: other recorders keep what is
+    sent again while time waits; how often depends on the wall clock, and columns must not. Ranges
+    of numeric columns are not checked: apply `drop_invalid` first to a bag of unknown publishers.
+    Raises BagError for a topic without messages (it names those that have some) and for a message
+    that does not fit its definition; of topics without numeric columns also for one that breaks the
+    contract.
     """
     bag = _loaded(bag)
     if topics is None:

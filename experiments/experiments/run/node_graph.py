@@ -25,7 +25,6 @@ from experiments.run.staging import StagingDirectory
 POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of the growing bag
 NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
 RECORDER_S = 30.0  # to write the messages still queued, and to complete the bag
-SETTLE_S = 0.3
 FIRST_STATE_S = 300.0  # of wall time; the solvers may have to be compiled before
 TRACEBACK = 'traceback.txt'  # beside the logs of the nodes
 # the prefix of ROS before a message: [INFO] [1700000000.123456789] [plant]:
@@ -146,8 +145,6 @@ def _drive(nodes, settings, staging, interrupt, progress, reader):
                 nice=NICE.get(node.role, 0) if cores else 0,
             )
         code = _watch(running, settings.time_limit_s, interrupt, progress, reader)
-        # the final state is answered, too: so the same run always records the same messages
-        time.sleep(SETTLE_S)
     finally:
         recorder = [process for role, process in running.items() if role == 'recorder']
         processes.stop([p for role, p in running.items() if role != 'recorder'])

@@ -2,8 +2,11 @@
 
 from collections import deque
 
+import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 
+from bags.storage.message_definitions import schema_text
 from bags.storage.message_filing import (
     AHEAD_NS,
     LARGEST_AHEAD,
@@ -15,8 +18,11 @@ from bags.storage.message_filing import (
 )
 from bags.storage.message_loss import LossCounter, Losses
 from bags.storage.rosbag2_metadata import BagTopic
+from msgs_yaml import encode, raw_scenario
+from msgs_yaml.types import Reference
 
-TOPIC = BagTopic('/t', 'nav_msgs/msg/Odometry', '', '', '')
+KIND = 'nav_msgs/msg/Odometry'
+TOPIC = BagTopic('/t', KIND, schema_text(KIND), '', '')
 CLOCK = BagTopic('/clock', 'rosgraph_msgs/msg/Clock', '', '', '')
 S = 10**9
 WALL_NS = 1_700_000_000 * S  # what a program stamps with that does not follow /clock
@@ -71,10 +77,40 @@ def test_lockstep_files_under_the_stamp_and_realtime_under_the_arrival(filing, f
 
 def test_clock_that_falls_back_is_refused_and_not_filed(filed):
     clock = Filing(CLOCK, 'lockstep', lambda *row: filed.append(row))
-    put(clock, 5 * S, 5 * S, 6 * S)  # repeated while it waits: no fault
+    put(clock, 5 * S, 5 * S, 6 * S)  # sent again while it waits: no fault
     with pytest.raises(ClockError, match=r'/clock: .* backwards from 6\.0+ s to 5\.9+ s: .*two\?'):
         put(clock, 6 * S - 1)
-    assert len(filed) == 3
+    assert times(filed) == [5 * S, 6 * S]
+
+
+def test_what_is_sent_again_while_time_waits_is_filed_and_numbered_once(filing, filed, tick):
+    topic = filing('lockstep')
+    for number, stamp_ns in enumerate((S, S, S, S + 1, S + 2, S + 2), start=5):
+        topic.file(message(stamp_ns), 0, 0, number)
+    tick(S + 2)
+    assert [(log_ns, number) for log_ns, *_, number in filed] == [(S, 5), (S + 1, 6), (S + 2, 7)]
+    assert topic.counter.losses == Losses(received=3, lost=0, gaps=0, longest=0, before=4)
+
+
+@pytest.mark.parametrize(('place', 'count'), [(raw_scenario.PADDING.start, 1), (-1, 2)])
+def test_padding_tells_no_two_messages_apart_but_a_value_does(place, count, filed, time, tick):
+    kind, ends = 'nav_msgs/msg/Path', np.arange(2.0)
+    schema = schema_text(kind)
+    topic = Filing(
+        BagTopic('/t', kind, schema, '', ''), 'lockstep', lambda *row: filed.append(row), time=time
+    )
+    path = bytearray(serialize_message(encode.reference(Reference(S, ends, ends, ends, ends))))
+    tick(S)
+    topic.file(bytes(path), 0, 0, 1)
+    path[place] ^= 1
+    topic.file(bytes(path), 0, 0, 2)
+    assert len(filed) == count
+
+
+def test_on_the_wall_clock_every_message_is_filed(filing, filed):
+    topic = filing('realtime')
+    put(topic, S, S)
+    assert len(filed) == 2
 
 
 def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed, tick):
@@ -123,7 +159,7 @@ def test_a_clock_that_arrives_late_misdates_nothing(filing, filed, tick):
 def test_few_messages_wait_for_a_time_that_never_comes(filing, filed, tick):
     topic = filing('lockstep')
     tick(2 * S)
-    put(topic, *[WALL_NS] * (LARGEST_AHEAD + 3))
+    put(topic, *range(WALL_NS, WALL_NS + LARGEST_AHEAD + 3))
     assert times(filed) == [2 * S] * 3
 
 
@@ -172,7 +208,7 @@ def test_a_clock_that_falls_back_leaves_out_what_fell_back_before_it_and_nothing
     plant, other = filing('lockstep', publishes_clock=True), filing('lockstep')
     tick(5 * S)
     put(plant, 5 * S, S)
-    put(other, WALL_NS, WALL_NS)
+    put(other, WALL_NS, WALL_NS + 1)
     with pytest.raises(ClockError):
         tick(S)
     assert time.end(fell_back=True) == 1
