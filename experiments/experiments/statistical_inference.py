@@ -37,20 +37,20 @@ def paired_interval(only_first: int, only_second: int, pairs: int) -> tuple[floa
     from scipy.stats import norm
 
     z = float(norm.ppf((1 + CONFIDENCE) / 2))
-    found = (only_first - only_second) / pairs
+    estimate = (only_first - only_second) / pairs
 
     def excess(difference):
-        """Return the distance of a difference from the found one, less what does not reject it."""
+        """Return the distance of a difference from the estimate, less what does not reject it."""
         # share of pairs in which the second succeeds alone, the likeliest given the difference
-        b = (2 - found) * difference - (only_first + only_second) / pairs
+        b = (2 - estimate) * difference - (only_first + only_second) / pairs
         c = only_second / pairs * difference * (1 - difference)
         second = (math.sqrt(max(0.0, b * b + 8 * c)) - b) / 4
         variance = max(0.0, 2 * second + difference * (1 - difference)) / pairs
-        return abs(found - difference) - z * math.sqrt(variance)
+        return abs(estimate - difference) - z * math.sqrt(variance)
 
-    # at the found difference itself the variance is 0 where no pair differs
-    low = brentq(excess, -1.0, found - NEAR) if found > -1.0 else -1.0
-    high = brentq(excess, found + NEAR, 1.0) if found < 1.0 else 1.0
+    # at the estimate itself the variance is 0 where no pair differs
+    low = brentq(excess, -1.0, estimate - NEAR) if estimate > -1.0 else -1.0
+    high = brentq(excess, estimate + NEAR, 1.0) if estimate < 1.0 else 1.0
     return float(low), float(high)
 
 

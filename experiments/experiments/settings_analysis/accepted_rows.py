@@ -82,29 +82,29 @@ def recompute(folder: Path) -> Iterator[Recomputed]:
             content = json.loads((folder / name / CLAIMS).read_text(encoding='utf-8'))
         except (OSError, ValueError) as error:
             raise BagError(f'{folder / name / CLAIMS}: {error}') from None
-        published = {(one['baseline'], one['key']): one for one in content['claims']}
-        for one in decide.claim_entries(study, decide.decide(study, explained=())):
-            other = published.pop((one['baseline'], one['key']), {})
-            keys = [key for key in one if key not in NOT_IN_ROWS]
+        published = {(claim['baseline'], claim['key']): claim for claim in content['claims']}
+        for claim in decide.claim_entries(study, decide.decide(study, explained=())):
+            other = published.pop((claim['baseline'], claim['key']), {})
+            keys = [key for key in claim if key not in NOT_IN_ROWS]
             yield Recomputed(
                 name,
-                one['baseline'],
-                one['key'],
-                one['holds'],
-                one['settings'],
-                one['interval'],
-                tuple(key for key in keys if not _equal(one[key], other.get(key))),
+                claim['baseline'],
+                claim['key'],
+                claim['holds'],
+                claim['settings'],
+                claim['interval'],
+                tuple(key for key in keys if not _equal(claim[key], other.get(key))),
             )
         for baseline, key in published:
             yield Recomputed(name, baseline, key, 0, 0, None, ('no rows',))
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _equal(value: Any, other: Any) -> bool:
     """Return whether two contents of claims.json are equal, numbers to the ninth digit."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_equal(one[key], other[key]) for key in one)
-    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
-        return len(one) == len(other) and all(map(_equal, one, other))
-    if isinstance(one, float) and isinstance(other, (int, float)):
-        return math.isclose(one, other, rel_tol=DIGITS, abs_tol=DIGITS)
-    return one == other
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        return value.keys() == other.keys() and all(_equal(value[key], other[key]) for key in value)
+    if isinstance(value, (list, tuple)) and isinstance(other, (list, tuple)):
+        return len(value) == len(other) and all(map(_equal, value, other))
+    if isinstance(value, float) and isinstance(other, (int, float)):
+        return math.isclose(value, other, rel_tol=DIGITS, abs_tol=DIGITS)
+    return value == other

@@ -88,19 +88,19 @@ def _result(request, console) -> Sequence[Path]:
 
 def _recompute(request, console) -> int:
     """Decide the kept rows anew and print every claim; 1 where one is published otherwise."""
-    found = list(accepted_rows.recompute(_folder(request) or request.out))
+    claims = list(accepted_rows.recompute(_folder(request) or request.out))
     rows = [
         [
-            *(one.run, one.baseline, one.claim, f'{one.holds:,} of {one.settings:,}'),
-            '–' if one.share is None else f'{one.share[0]:.3f} to {one.share[1]:.3f}',
-            f'differs: {", ".join(one.differs)}' if one.differs else 'equal',
+            *(claim.run, claim.baseline, claim.claim, f'{claim.holds:,} of {claim.settings:,}'),
+            '–' if claim.share is None else f'{claim.share[0]:.3f} to {claim.share[1]:.3f}',
+            f'differs: {", ".join(claim.differs)}' if claim.differs else 'equal',
         ]
-        for one in found
+        for claim in claims
     ]
     header = ['run', 'baseline', 'claim', 'holds', '95 %', 'published']
     table = tables.markdown_table(header, rows)
     console.print(table, markup=False, highlight=False, soft_wrap=True)
-    return 1 if any(one.differs for one in found) else 0
+    return 1 if any(claim.differs for claim in claims) else 0
 
 
 def _setting(request, console) -> Sequence[Path]:
