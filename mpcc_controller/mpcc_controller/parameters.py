@@ -146,7 +146,11 @@ class Surroundings(Struct):
     # left out: false
     align_track: bool | None
     # left out: obstacles keep their velocity
-    braking_window_s: Annotated[float, Range(0.05, 2.0, 's, to observe how they brake')] | None
+    braking_window_s: (
+        Annotated[float, Range(0.05, 2.0, 's, at most, to observe how they brake')] | None
+    )
+    # left out: obstacles go straight on. Those that move along the road, or against it, follow it
+    follow_road_rad: Annotated[float, Range(0.0, 1.0, 'rad, angle to the road, at most')] | None
     # of path, road edges and obstacles around each stage: those around the guess, or again around
     # the plan until it stays near them; left out: frozen
     arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None

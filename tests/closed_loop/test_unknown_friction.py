@@ -45,6 +45,28 @@ def test_a_wrong_sideslip_angle_is_not_taken_for_ice():
     assert np.median(estimates[len(estimates) // 2 :]) > 0.8
 
 
+NOISE = {
+    'position_noise_m': 0.05,
+    'yaw_noise_rad': 0.005,
+    'speed_noise_mps': 0.1,
+    'lateral_speed_noise_mps': 0.08,
+    'yaw_rate_noise_radps': 0.01,
+}
+
+
+@pytest.mark.parametrize('factor', [1.0, 2.0])
+def test_noise_of_the_state_is_not_taken_for_ice(factor):
+    """On a straight dry road the car stops before a barrier, and has a plan in every tick."""
+    errors = {f'measurement_errors.{name}': factor * value for name, value in NOISE.items()}
+    setup = simulation.prepare('closed_road', 'mpcc_road', {'controller': errors})
+    columns = simulation.run(setup, explain=False)
+    found = metrics.compute_metrics(drive_from_columns(columns, simulation.run_info(setup), ''))
+    reports = [why.values for why in columns['/controller/why'].values]
+    assert found['survived'], found['lost_by']
+    assert {report['reason'] for report in reports} <= {'converged', 'good_enough'}
+    assert min(report['friction.estimate'] for report in reports) > 0.6
+
+
 def test_a_delay_that_is_known_costs_little():
     late = {'command_delay_ms': 40}
     prompt, _ = driven('mpcc', 1.0, 80)

@@ -14,6 +14,7 @@ from mpcc_controller.problem.stage_parameters import Scene
 from stage_solver.solution import Solution
 
 CONTACT_M = 0.0  # a plan whose circles come nearer than this touches
+STILL_CLEAR_M = 0.02  # by which the circles of the followed plan may overlap: noise moves them
 SPEED_STEP_MPS = 2.0  # contact speeds that differ by less count as equal
 OFF_ROAD_M = 0.05  # a circle at the CoG may be so far off the road: the constraint is soft
 
@@ -44,7 +45,12 @@ class Outcome(NamedTuple):
     @property
     def is_clean(self) -> bool:
         """Whether the plan may be driven, touches nothing and stays on the road."""
-        return self.is_usable and self.least_gap >= CONTACT_M and self.off_road <= OFF_ROAD_M
+        return self.is_almost_clean(0.0)
+
+    def is_almost_clean(self, overlap: float) -> bool:
+        """Return whether it is clean but for an overlap [m] of circles."""
+        touches = self.least_gap < CONTACT_M - overlap
+        return self.is_usable and not touches and self.off_road <= OFF_ROAD_M
 
 
 class Choice(NamedTuple):
@@ -87,10 +93,11 @@ class CandidateChooser:
         if self._hold:
             share = self.params.hold_share
         costs = [self._cost(outcome, path_sides) for outcome in outcomes]
+        clean = [o.is_almost_clean(0.0 if i else STILL_CLEAR_M) for i, o in enumerate(outcomes)]
         # plans that touch: the slower ones first, in steps of SPEED_STEP_MPS
         order = [
-            (not o.is_usable, not o.is_clean, round(o.contact_speed / SPEED_STEP_MPS), cost)
-            for o, cost in zip(outcomes, costs)
+            (not o.is_usable, not is_clean, round(o.contact_speed / SPEED_STEP_MPS), cost)
+            for o, is_clean, cost in zip(outcomes, clean, costs)
         ]
         best = min(range(len(outcomes)), key=order.__getitem__)
         if order[best][:3] == order[0][:3] and not costs[best] < (1 - share) * costs[0]:

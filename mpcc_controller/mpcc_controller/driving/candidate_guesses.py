@@ -51,7 +51,9 @@ def guess_along(
     Y = arcs.Y + e * np.cos(arcs.psi)
     along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
     course = arcs.psi + np.arctan2(np.gradient(e, t), along)
-    return _steady_plan(X, Y, course, around.vx, arcs.theta, x0, car, params)
+    force = car.m * np.gradient(around.vx, params.model.step_s)
+    force = np.clip(force, -params.limits.brake_n, params.limits.drive_n)
+    return _steady_plan(X, Y, course, around.vx, force, arcs.theta, x0, car, params)
 
 
 def braking_guess(
@@ -59,22 +61,39 @@ def braking_guess(
 ) -> Plan:
     """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
 
-    It brakes with the usable friction that the curvature of the line leaves. Below the floor
-    [m/s], by default `limits.least_speed_mps`, the prediction holds no more.
+    It brakes with the usable friction that the curvature of the line leaves, from the present force
+    at the rate limit, behind which the brakes lag. Below the floor [m/s], by default
+    `limits.least_speed_mps`, the prediction holds no more.
     """
-    t = params.model.step_s * np.arange(len(line))
     available = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
     lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
     deceleration = math.sqrt(available**2 - lateral**2)
     floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
-    vx = np.maximum(x0.vx - deceleration * t, floor)
+    vx, force = _braking(len(line), deceleration, floor, x0, car, params)
     distance = travelled(vx, params.model.step_s)
     along = line[:, THETA] - line[0, THETA]
     along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
     beyond = np.maximum(distance - along[-1], 0)
     X, Y, psi = (np.interp(distance, along, line[:, i]) for i in range(3))
     X, Y = X + beyond * np.cos(psi), Y + beyond * np.sin(psi)
-    return _steady_plan(X, Y, psi, vx, x0.theta + distance, x0, car, params)
+    return _steady_plan(X, Y, psi, vx, force, x0.theta + distance, x0, car, params)
+
+
+def _braking(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, np.ndarray]:
+    """Return speeds [m/s] and forces [N] (count,) of the prediction model that brakes straight on.
+
+    The force goes to that of the deceleration, at most `limits.brake_n`, at its rate limit. The
+    resistances are left out: what is promised is to be kept.
+    """
+    dt, limits = params.model.step_s, params.limits
+    hardest = -min(car.m * deceleration, limits.brake_n)
+    change = limits.force_rate_nps * dt * np.arange(count)
+    force = x0.Fx + np.clip(hardest - x0.Fx, -change, change)
+    # what acts in each step, see `single_track.acting`
+    acting = (force[1:] + force[:-1]) / 2 - getattr(car, 'force_lag', 0.0) * np.diff(force) / dt
+    gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
+    vx = np.maximum(x0.vx + gained, floor)
+    return vx, np.where(vx > floor, force, 0.0)
 
 
 def braking_cost(guess: Plan, around: RoadAhead, params: ControllerParams) -> float:
@@ -95,13 +114,12 @@ def _quintic(tau, start, slope, end):
     return start + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
 
 
-def _steady_plan(X, Y, course, vx, theta, x0, car, params) -> Plan:
+def _steady_plan(X, Y, course, vx, Fx, theta, x0, car, params) -> Plan:
     """Return the plan of steady cornering along a line of positions and courses.
 
     Where it stands or is slower than SLOW it corners as at that speed.
     """
     dt = params.model.step_s
-    Fx = np.clip(car.m * np.gradient(vx, dt), -params.limits.brake_n, params.limits.drive_n)
     v = np.maximum(vx, SLOW)
     available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
     r = np.clip(np.gradient(course, dt), -available / v, available / v)

@@ -218,8 +218,10 @@ class Controller:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
         belief = self._update_friction(x)
+        if self.friction:
+            x = self.friction.filtered(x)
         state = self._state_at(x, effective_ns)
-        self.perception.observe(self.scene.obstacles, inputs.state, x.stamp_ns)
+        self.perception.observe(self.scene, inputs.state, x.stamp_ns)
         scene = self._scene_at(x.stamp_ns, effective_ns)
         decision, x0, attempt = self._decide(x, state, now, scene, inputs.fault)
         line = None
@@ -239,6 +241,7 @@ class Controller:
                 command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
                 checked = self.gate.check_substitute(command, self.last_command, age_s, checked)
         self._send(checked.command, now, effective_ns)
+        self._slid = self._is_sliding(state)
         resumed, self._is_resumed = self._is_resumed, False
         computing_s = self.clock() - began
         if not inputs.fault:  # braking takes no time and says nothing about the next solve
@@ -380,12 +383,12 @@ class Controller:
     def _memory(self) -> tuple:
         """Return what steps leave behind, the planner's plans apart."""
         learnt = (self.friction.memory, self.prediction.friction) if self.friction else None
-        return self.last_command, self.ramps, self._is_too_slow, self.perception.true_state, learnt
+        flags = self._is_too_slow, self._slid
+        return self.last_command, self.ramps, flags, self.perception.true_state, learnt
 
     def _restore(self, memory: tuple) -> None:
-        self.last_command, self.ramps, self._is_too_slow, self.perception.true_state, learnt = (
-            memory
-        )
+        self.last_command, self.ramps, flags, self.perception.true_state, learnt = memory
+        self._is_too_slow, self._slid = flags
         self.perception.reset()
         if self.friction:
             self.friction.memory, believed = learnt
@@ -407,7 +410,7 @@ class Controller:
         """Return the scene as seen at an instant, with its obstacles moved to another."""
         scene = self.scene
         if scene.obstacles is not None:
-            known = self.perception.known(scene.obstacles, seen_ns)
+            known = self.perception.known(scene, seen_ns)
             scene = scene._replace(obstacles=known)
         return stage_parameters.scene_at(scene, stamp_ns)
 
@@ -416,7 +419,7 @@ class Controller:
         self._guide: tuple[int, np.ndarray] | None = None  # stamp and points of the last plan
         self._known: VehicleState | None = None  # the last state that was
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
-        self._is_too_slow = False
+        self._is_too_slow = self._slid = False
         self.perception.reset()
         if self.friction:
             self.friction.reset()
@@ -521,7 +524,8 @@ class Controller:
 
     def _is_sliding(self, x) -> bool:
         """Return whether the car slides and is to be recovered."""
-        return bool(self.params.fallback.recovery) and recovery.is_sliding(x, self.car)
+        recovers = bool(self.params.fallback.recovery)
+        return recovers and recovery.is_sliding(x, self.car, self._slid)
 
     def _drive_without_plan(self, decision, x, now, scene, stamp_ns) -> tuple[Command, str]:
         lookahead = self._lookahead_point(x, scene)

@@ -28,7 +28,7 @@ import numpy as np
 from mpcc_controller.driving.delay_compensation import MAX_STEP_S, SetpointRamp, setpoints_at
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.model.single_track import Car, Input, LowSpeedCar, State
 from mpcc_controller.parameters import ControllerParams, FrictionEstimate
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -38,10 +38,17 @@ from stage_solver.compiled_functions import BufferedFunction, compile_functions
 
 GRID_STEP = 0.05  # of the friction, between two hypotheses
 LONGEST_S = 0.12  # between two states that are compared; over more the model is no measure
-LEAST_SPEED_MPS = 5.0  # below it the slip angles of the model are rounded (`v_slip`)
+LEAST_SPEED_MPS = 5.0  # below it the model tells nothing of the friction
 MAX_SIDESLIP = 0.35  # rad; beyond 20 deg the forces of the model are no measure of the friction
 MAX_DISTANCE = 15.0  # square of standard deviations: one wild state must not decide
 ERROR_STEP = 1e-4  # rad, of differences over the sideslip error
+VELOCITY_STEP = 1e-3  # m/s or rad/s, likewise over the velocities
+SLOWEST_MPS = 1.0  # down to it a model that drives at every speed holds
+NOISE_MEMORY_S = 3.0  # in which the measured noise is forgotten
+LASTS = 0.5  # correlation of the errors of the model from tick to tick
+MAX_DEVIATIONS = 4.0  # of a difference: one wild state does not tell the noise
+FEWEST = 8.0  # differences that tell the noise; before, nothing is learnt of the road
+MISFIT_MEMORY_S = 0.5  # likewise, what no hypothesis explains
 ERROR_DRIFT_S = 60.0  # over which the sideslip error changes by its standard deviation
 VELOCITIES = tuple(State._fields.index(name) for name in ('vx', 'vy', 'r'))
 SETPOINTS = tuple(State._fields.index(name) for name in Setpoints._fields)
@@ -59,15 +66,24 @@ class FrictionBelief(NamedTuple):
 class Memory(NamedTuple):
     """What an estimator has learnt; its arrays are never changed in place."""
 
-    log: np.ndarray  # of the probabilities of the hypotheses, without their common factor
-    error: np.ndarray  # rad, of the sideslip angle as each hypothesis estimates it
-    variance: np.ndarray  # rad^2, of that
+    log: np.ndarray  # (n,) of the probabilities of the hypotheses, without their common factor
+    error: np.ndarray  # (n,) rad, of the sideslip angle as each hypothesis estimates it
+    variance: np.ndarray  # (n,) rad^2, of that
+    noise: np.ndarray  # (3,) (m/s)^2, (m/s)^2, (rad/s)^2: variances of the measured velocities
+    squares: np.ndarray  # (3,) of successive differences, summed up
+    products: np.ndarray  # (3,) of these with those of the tick before
+    count: float  # of both
+    misfit: float  # the largest mean square that no hypothesis explained, fading; 1 as expected
     last: VehicleState | None  # of the tick before
-    excitation: float
+    velocities: np.ndarray | None = None  # (3, n) of that tick, as each hypothesis estimates them
+    predicted: np.ndarray | None = None  # (3, 3) covariance of what was predicted for that tick
+    left: np.ndarray | None = None  # (3, 3) of a residual, what was taken for noise then
+    difference: np.ndarray | None = None  # (3,) measured in that tick less predicted
+    excitation: float = 0.0
 
 
 class FrictionEstimator:
-    """Estimates the friction from states 50 ms apart and the set-points between them."""
+    """Estimates friction and velocities from states 50 ms apart and the set-points between them."""
 
     def __init__(self, params: FrictionEstimate, car: Car, highest: float, compiled: bool = True):
         """`car` is that of friction `highest`, the most that is believed.
@@ -75,41 +91,39 @@ class FrictionEstimator:
         compiled: the model is machine code.
         """
         self._params = params
-        count = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
-        self.grid = np.linspace(min(params.lowest, highest), highest, count)
-        # each hypothesis twice: the second one measures the effect of the sideslip error
-        cars = np.tile([_on_road(car, share) for share in self.grid / highest], (2, 1))
-        self._predict = BufferedFunction(_bank(2 * count, compiled))
-        self._predict.arguments['cars'][:] = cars.ravel()
+        n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
+        self.grid = np.linspace(min(params.lowest, highest), highest, n)
+        self._cars = np.array([_on_road(car, share) for share in self.grid / highest])
+        self._is_slow_known = 'settling' in car._fields
+        # each hypothesis twice: the second one measures the effect of the sideslip error; then
+        # the most probable one with other velocities
+        self._predict = BufferedFunction(_bank(2 * n + 4, _kind(car), compiled))
         likely = np.exp((self.grid - highest) / params.spread)
-        prior = params.doubt / count + (1 - params.doubt) * likely / np.sum(likely)
+        prior = params.doubt / n + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
         noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
-        self._information = np.array(noise)[:, None] ** -2
+        self._model_variance = np.square(noise)
         self.reset()
 
     def reset(self) -> None:
         """Return to the belief of the start."""
-        self._log = self._prior.copy()  # of the probabilities, without their common factor
-        # of each hypothesis: its estimate of the sideslip error [rad], and the variance
-        self._error = np.zeros(len(self.grid))
-        self._variance = np.full(len(self.grid), self._params.sideslip_error_rad**2)
-        self._last: VehicleState | None = None
-        self._excitation = 0.0
-
-    @property
-    def memory(self) -> Memory:
-        """What was learnt; to set it is to go on from there."""
-        return Memory(self._log, self._error, self._variance, self._last, self._excitation)
-
-    @memory.setter
-    def memory(self, memory: Memory) -> None:
-        self._log, self._error, self._variance, self._last, self._excitation = memory
+        n = len(self.grid)
+        self.memory = Memory(
+            log=self._prior,
+            error=np.zeros(n),
+            variance=np.full(n, self._params.sideslip_error_rad**2),
+            noise=np.zeros(3),
+            squares=np.zeros(3),
+            products=np.zeros(3),
+            count=0.0,
+            misfit=1.0,
+            last=None,
+        )
 
     @property
     def probabilities(self) -> np.ndarray:
         """The probability of every hypothesis of `grid`."""
-        p = np.exp(self._log - np.max(self._log))
+        p = np.exp(self.memory.log - np.max(self.memory.log))
         return p / np.sum(p)
 
     @property
@@ -117,73 +131,178 @@ class FrictionEstimator:
         """The quantile of the friction, linear between hypotheses, and the last excitation."""
         upto = np.cumsum(self.probabilities)
         # the probability of a hypothesis is spread over the interval that ends at it
-        friction = np.interp(self._params.quantile, np.concatenate(([0.0], upto)), self._corners)
-        return FrictionBelief(float(friction), self._excitation)
-
-    @property
-    def _corners(self):
-        return np.concatenate((self.grid[:1], self.grid))
+        corners = np.concatenate((self.grid[:1], self.grid))
+        friction = np.interp(self._params.quantile, np.concatenate(([0.0], upto)), corners)
+        return FrictionBelief(float(friction), self.memory.excitation)
 
     def update(self, x: VehicleState, ramps: Sequence[SetpointRamp]) -> FrictionBelief:
         """Take the state of a tick, and the ramps of set-points sent so far, the newest last."""
-        last, self._excitation = self._last, 0.0
-        self._last = x if np.all(np.isfinite(x)) else None
-        if last is None or self._last is None:
+        before = self.memory
+        if not np.all(np.isfinite(x)):
+            self.memory = before._replace(last=None, excitation=0.0)
             return self.belief
-        duration_s = conversions.ns_to_s(x.stamp_ns - last.stamp_ns)
-        if not 0 < duration_s <= LONGEST_S or not (_is_informative(x) and _is_informative(last)):
+        measured = np.array([x.vx, x.vy, x.r])
+        self.memory = before._replace(
+            last=x,
+            velocities=np.tile(measured[:, None], len(self.grid)),
+            predicted=np.zeros((3, 3)),
+            left=np.zeros((3, 3)),
+            difference=None,
+            excitation=0.0,
+        )
+        if before.last is None:
             return self.belief
-        residuals, slopes = self._residuals(last, x, duration_s, ramps)
-        self._weigh(residuals, slopes, duration_s)
-        spread = self._information * np.ptp(residuals, axis=1, keepdims=True) ** 2
-        self._excitation = float(np.sqrt(np.sum(spread)))
+        duration_s = conversions.ns_to_s(x.stamp_ns - before.last.stamp_ns)
+        states = before.last, x
+        if 0 < duration_s <= LONGEST_S and all(map(self._is_modelled, states)):
+            self._compare(before, measured, duration_s, ramps)
         return self.belief
 
-    def _weigh(self, residuals, slopes, duration_s):
+    def filtered(self, x: VehicleState) -> VehicleState:
+        """Return the state given to `update` with the velocities that are estimated from it.
+
+        Where no noise was measured these are the measured ones.
+        """
+        if self.memory.last is not x or not np.any(self.memory.noise):
+            return x
+        vx, vy, r = map(float, self.memory.velocities @ self.probabilities)
+        return x._replace(vx=vx, vy=vy, r=r)
+
+    def _is_modelled(self, x) -> bool:
+        """Return whether the model holds for a motion: not too slow, without much sideslip."""
+        slowest = SLOWEST_MPS if self._is_slow_known else LEAST_SPEED_MPS
+        return x.vx > slowest and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
+
+    def _compare(self, before: Memory, measured, duration_s, ramps):
+        """Compare predictions from the tick before with the measured velocities."""
+        best = int(np.argmax(before.log))
+        residuals, slopes, transition, difference = self._residuals(
+            before, best, measured, duration_s, ramps
+        )
+        self._measure_noise(before, difference, transition, duration_s)
+        noise = np.diag(self.memory.noise)
+        # of the estimate before, as it was made, by the noise as it is known now
+        left, gain = before.left, np.eye(3) - before.left
+        covariance = left @ before.predicted @ left.T + gain @ noise @ gain.T
+        predicted = transition @ covariance @ transition.T + np.diag(self._model_variance)
+        information = np.linalg.inv(predicted + noise)
+        is_fast = min(before.last.vx, measured[0]) > LEAST_SPEED_MPS
+        if is_fast and self.memory.count >= FEWEST:
+            self._weigh(residuals, slopes, information, duration_s)
+        left = noise @ information
+        spread = np.ptp(residuals, axis=1)
+        self.memory = self.memory._replace(
+            velocities=measured[:, None] - left @ residuals,
+            predicted=predicted,
+            left=left,
+            excitation=float(np.sqrt(spread @ information @ spread)),
+        )
+
+    def _measure_noise(self, before: Memory, difference, transition, duration_s):
+        """Update the variances of the measured velocities.
+
+        `difference` d (3,) is that between measured velocities and those predicted from the
+        measured ones of the tick before, of which it has `transition` F times the noise. With
+        white noise of variances R, and a model whose errors have variances M and last,
+
+            E[d_k^2] = R + F^2 R + M,   E[d_k d_(k-1)] = -F R + LASTS M,
+
+        squares and products by component: successive differences tell noise from errors of the
+        model (Mehra, IEEE Trans. Automatic Control 15(2), 1970).
+        """
+        likely = self._model_variance + before.noise + transition**2 @ before.noise
+        difference = np.clip(difference, *(MAX_DEVIATIONS * np.sqrt(likely) * [[-1.0], [1.0]]))
+        squares, products, count = before.squares, before.products, before.count
+        if before.difference is not None:
+            kept = np.exp(-duration_s / NOISE_MEMORY_S)
+            squares = kept * squares + difference**2
+            products = kept * products + difference * before.difference
+            count = kept * count + 1.0
+        known = (LASTS * squares - products) / (count + 1.0)
+        noise = np.linalg.solve(LASTS * (np.eye(3) + transition**2) + _diagonal(transition), known)
+        self.memory = self.memory._replace(
+            squares=squares,
+            products=products,
+            count=count,
+            noise=np.maximum(noise, 0.0),
+            difference=difference,
+        )
+
+    def _weigh(self, residuals, slopes, information, duration_s):
         """Update probabilities, and the sideslip error of every hypothesis by its Kalman filter.
 
-        `residuals` and their `slopes` over the sideslip error are (3, hypotheses).
+        `residuals` and their `slopes` over the sideslip error are (3, n), `information` is the
+        inverse of the covariance of the residuals beside that error.
         """
-        params, w = self._params, self._information
-        drift = params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
-        self._variance = self._variance + drift
-        # of the residuals with the covariance 1 / w + slope variance slope'
-        gained = np.sum(w * slopes**2, axis=0)
-        push = np.sum(w * slopes * residuals, axis=0)
-        growth = 1 + self._variance * gained
-        posterior = self._variance / growth
-        distance = np.sum(w * residuals**2, axis=0) - posterior * push**2
+        params, memory = self._params, self.memory
+        variance = memory.variance + params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
+        # of the residuals with the covariance 1 / information + slope variance slope'
+        gained = np.sum(slopes * (information @ slopes), axis=0)
+        push = np.sum(slopes * (information @ residuals), axis=0)
+        square = np.sum(residuals * (information @ residuals), axis=0)
+        distance = square - variance / (1 + variance * gained) * push**2
         # what a hypothesis cannot explain tells it nothing of its sideslip error
         credible = distance <= MAX_DISTANCE
-        self._variance = np.where(credible, posterior, self._variance)
-        self._error = self._error - np.where(credible, posterior * push, 0.0)
+        # where not even the best hypothesis predicts, all of it tells less
+        least = float(np.min(distance)) / len(residuals)
+        misfit = max(np.exp(-duration_s / MISFIT_MEMORY_S) * memory.misfit, least)
+        doubt = max(misfit, 1.0)
+        growth = 1 + variance * gained / doubt
+        posterior = variance / growth
+        distance = (square - posterior * push**2 / doubt) / doubt
         likelihood = -(np.minimum(distance, MAX_DISTANCE) + np.log(growth)) / 2
-        kept = np.exp(-duration_s / params.memory_s)
-        log = kept * self._log + (1 - kept) * self._prior + likelihood
-        self._log = log - np.max(log)
+        faded = np.exp(-duration_s / params.memory_s)
+        log = faded * memory.log + (1 - faded) * self._prior + likelihood
+        self.memory = memory._replace(
+            log=log - np.max(log),
+            error=memory.error - np.where(credible, posterior * push / doubt, 0.0),
+            variance=np.where(credible, posterior, variance),
+            misfit=misfit,
+        )
 
-    def _residuals(self, last, x, duration_s, ramps):
-        """Return measured minus predicted velocities, and their slopes over the sideslip error."""
+    def _residuals(self, before: Memory, best: int, measured, duration_s, ramps):
+        """Return measured minus predicted velocities, and what they depend on.
+
+        The residuals (3, n) of all hypotheses and their slopes over the sideslip error; of the
+        hypothesis `best` the derivatives (3, 3) of the prediction by the velocities before, and
+        the difference (3,) from the prediction that begins at the measured ones.
+        """
+        n, last = len(self.grid), before.last
+        stamp_ns = self.memory.last.stamp_ns
         steps = int(np.ceil(duration_s / MAX_STEP_S))
         delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
-        instants = np.linspace(last.stamp_ns - delay_ns, x.stamp_ns - delay_ns, steps + 1)
+        instants = np.linspace(last.stamp_ns - delay_ns, stamp_ns - delay_ns, steps + 1)
         points = [setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
         h = duration_s / steps
-        error = np.concatenate((self._error, self._error + ERROR_STEP))
-        X = np.zeros((len(error), len(State._fields)))  # columns of CasADi are rows of numpy
-        X[:, VELOCITIES] = _velocities(last, error).T
-        for (begin, lambda_b), (end, _) in pairwise(points):
-            X[:, SETPOINTS] = begin
-            u = Input((end.delta - begin.delta) / h, (end.Fx - begin.Fx) / h, lambda_b, 0.0)
+        which = np.concatenate((np.arange(n), np.arange(n), np.full(4, best)))
+        error = before.error[which]
+        error[n : 2 * n] += ERROR_STEP
+        begin = before.velocities[:, which]
+        begin[:, 2 * n : 2 * n + 3] += VELOCITY_STEP * np.eye(3)
+        begin[:, -1] = last.vx, last.vy, last.r
+        X = np.zeros((len(which), len(State._fields)))  # columns of CasADi are rows of numpy
+        X[:, VELOCITIES] = _turned(begin, error).T
+        self._predict.arguments['cars'][:] = self._cars[which].ravel()
+        for (start, lambda_b), (end, _) in pairwise(points):
+            X[:, SETPOINTS] = start
+            u = Input((end.delta - start.delta) / h, (end.Fx - start.Fx) / h, lambda_b, 0.0)
             X = self._predict(X=X.ravel(), u=u, h=h)['X_next'].reshape(X.shape)
-        both = _velocities(x, error) - X[:, VELOCITIES].T
-        residuals, shifted = np.split(both, 2, axis=1)
-        return residuals, (shifted - residuals) / ERROR_STEP
+        predicted = X[:, VELOCITIES].T
+        all_residuals = _turned(np.tile(measured[:, None], len(which)), error) - predicted
+        residuals, shifted, moved, raw = np.split(all_residuals, (n, 2 * n, 2 * n + 3), axis=1)
+        slopes = (shifted - residuals) / ERROR_STEP
+        transition = (residuals[:, best, None] - moved) / VELOCITY_STEP
+        return residuals, slopes, transition, raw[:, 0]
 
 
-def _velocities(x: VehicleState, error: np.ndarray) -> np.ndarray:
-    """Return vx, vy and r (3, n) of a state whose measured sideslip angle has these errors."""
-    return np.array([np.full_like(error, x.vx), x.vy - error * x.vx, np.full_like(error, x.r)])
+def _diagonal(matrix):
+    return np.diag(np.diag(matrix))
+
+
+def _turned(velocities: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return vx, vy and r (3, n), measured with errors of the sideslip angle, without them."""
+    vx, vy, r = velocities
+    return np.array([vx, vy - error * vx, r])
 
 
 def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
@@ -194,33 +313,34 @@ def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
     return FrictionEstimator(options, car, params.model.friction, params.solver.compiled)
 
 
+def _kind(car: Car) -> type:
+    """Return the kind of car without lags: the delay of the set-points stands for them."""
+    return LowSpeedCar if 'settling' in car._fields else Car
+
+
 def _on_road(car: Car, share: float) -> Car:
-    """Return a car on a road of a share of its friction."""
-    ideal = Car(*car[: len(Car._fields)])  # the delay of the set-points stands for the lags
+    """Return a car without lags on a road of a share of its friction."""
+    ideal = _kind(car)(*(getattr(car, name) for name in _kind(car)._fields))
     return ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
 
-def _is_informative(x: VehicleState) -> bool:
-    """Return whether the model holds for a motion: not too slow, and without much sideslip."""
-    return x.vx > LEAST_SPEED_MPS and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
-
-
 @cache
-def _bank(columns: int, compiled: bool) -> ca.Function:
+def _bank(columns: int, kind: type, compiled: bool) -> ca.Function:
     """Return (X, u, h, cars) -> states (9, columns) one midpoint step of h [s] after X.
 
     Column i is that of the car in column i of `cars`.
     """
     x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, numbers = ca.SX.sym('h'), ca.SX.sym('car', len(Car._fields))
-    car = Car(*ca.vertsplit(numbers))
+    h, numbers = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
+    car = kind(*ca.vertsplit(numbers))
     rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
     f = ca.Function('rates', [x, u, numbers], [ca.vertcat(*rates)])
     step = ca.Function('step', [x, u, h, numbers], [stage_problem.rk2(f, h)(x, u, numbers)])
-    X, cars = ca.MX.sym('X', len(State._fields), columns), ca.MX.sym('c', len(Car._fields), columns)
+    X = ca.MX.sym('X', len(State._fields), columns)
+    cars = ca.MX.sym('c', len(kind._fields), columns)
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
     each = (ca.repmat(value, 1, columns) for value in (U, H))
-    name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
+    name, arguments = f'friction_bank_{kind.__name__}_{columns}', [X, U, H, cars]
     rows = step.map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
     return compile_functions({name: bank}, name)[name] if compiled else bank

@@ -1,4 +1,4 @@
-"""The obstacles that a plan is made for: measured with errors, expected to brake, remembered.
+"""The obstacles that a plan is made for: measured with errors, expected to move, remembered.
 
 /scenario/obstacles holds every known obstacle. What is not in it is unknown from then on, whether
 it went away or was only missed. So what vanishes is kept for
@@ -10,16 +10,18 @@ from typing import NamedTuple
 
 from mpcc_controller.driving import measurement_errors
 from mpcc_controller.parameters import ControllerParams, Surroundings
-from mpcc_controller.problem.obstacle_motion import BrakingObstacle, ObstacleObserver, moved
+from mpcc_controller.problem import road_following
+from mpcc_controller.problem.obstacle_motion import AnyObstacle, ObstacleObserver, moved
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import ns_to_s
-from msgs_yaml.types import Obstacle, Obstacles, VehicleState
+from msgs_yaml.types import Obstacles, VehicleState
 
 
 class Sighting(NamedTuple):
     """An obstacle as it was last seen."""
 
     stamp_ns: int
-    obstacle: Obstacle | BrakingObstacle
+    obstacle: AnyObstacle
 
 
 class ObstacleMemory:
@@ -60,6 +62,7 @@ class ObstaclePerception:
 
     def __init__(self, params: ControllerParams, true_state: VehicleState):
         self._errors = params.measurement_errors
+        self._surroundings = params.surroundings
         self._observer = ObstacleObserver(params.surroundings)
         self._memory = ObstacleMemory(params.surroundings)
         self.true_state = true_state  # of the car, from which it sees them
@@ -69,20 +72,23 @@ class ObstaclePerception:
         self._observer.reset()
         self._memory.reset()
 
-    def observe(self, obstacles: Obstacles | None, true_state: VehicleState, seen_ns: int) -> None:
+    def observe(self, scene: Scene, true_state: VehicleState, seen_ns: int) -> None:
         """Take the obstacles of the last message as seen at an instant from a state of the car."""
         self.true_state = true_state
-        if obstacles is not None:
-            self._observer.observe(self._measured(obstacles, seen_ns))
-            self._memory.remember(self._expected(obstacles, seen_ns))
+        if scene.obstacles is not None:
+            self._observer.observe(self._measured(scene.obstacles, seen_ns))
+            self._memory.remember(self._expected(scene, seen_ns))
 
-    def known(self, obstacles: Obstacles, seen_ns: int) -> Obstacles:
+    def known(self, scene: Scene, seen_ns: int) -> Obstacles:
         """Return the obstacles of the last message as seen at an instant, and remembered ones."""
-        return self._memory.complete(self._expected(obstacles, seen_ns))
+        return self._memory.complete(self._expected(scene, seen_ns))
 
-    def _expected(self, obstacles, seen_ns) -> Obstacles:
-        """Return the obstacles of a message as seen at an instant, and how they brake."""
-        return self._observer.predict(self._measured(obstacles, seen_ns))
+    def _expected(self, scene, seen_ns) -> Obstacles:
+        """Return the obstacles of a message as seen at an instant, and how they go on."""
+        seen = self._observer.predict(self._measured(scene.obstacles, seen_ns))
+        if scene.path is None or scene.road is None:
+            return seen
+        return road_following.along_road(seen, scene.path, scene.road, self._surroundings)
 
     def _measured(self, obstacles, seen_ns) -> Obstacles:
         return measurement_errors.measured_obstacles(

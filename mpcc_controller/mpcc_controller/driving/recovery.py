@@ -41,7 +41,9 @@ STEER_LAG_S = 0.052  # of a car whose lag is not in the model
 class Gains(NamedTuple):
     """How the law reacts."""
 
-    slides_rad: float = 0.12  # sideslip or rear slip of a car that slides
+    slides_rad: float = 0.12  # sideslip of a car that slides
+    slides: float = 0.94  # rear slip of one, share of that of full sliding
+    holds: float = 0.7  # of both, below which a sliding car slides no more
     sideslip: float = 2.5  # 1/s, k_beta
     yaw_rate: float = 9.0  # 1/s, k_r
     lateral_use: float = 0.5  # share of the usable friction for the way to the line
@@ -53,15 +55,21 @@ class Gains(NamedTuple):
 GAINS = Gains()
 
 
-def is_sliding(x: VehicleState, car: Car, gains: Gains = GAINS) -> bool:
+def is_sliding(x: VehicleState, car: Car, slid: bool = False, gains: Gains = GAINS) -> bool:
     """Return whether the car slides too much to be braked along a line.
 
-    It does if the sideslip angle or the slip angle of the rear axle is large. A state that is not
-    finite and a slow car do not slide.
+    It does if the sideslip angle or, for the friction of `car`, the slip angle of the rear axle is
+    large; one that `slid` before until they are clearly smaller. A state that is not finite and a
+    slow car do not slide.
     """
     if not all(map(math.isfinite, x)) or math.hypot(x.vx, x.vy) < LEAST_MPS:
         return False
-    return max(abs(math.atan2(x.vy, x.vx)), abs(rear_slip(x, car))) > gains.slides_rad
+    share = gains.holds if slid else 1.0
+    full = math.atan(3 * car.mu_r * single_track.loads(0.0, car).r / car.C_r)
+    return (
+        abs(math.atan2(x.vy, x.vx)) > share * gains.slides_rad
+        or abs(rear_slip(x, car)) > share * gains.slides * full
+    )
 
 
 def rear_slip(x: VehicleState, car: Car) -> float:

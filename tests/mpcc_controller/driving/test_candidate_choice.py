@@ -67,7 +67,7 @@ def test_costs_that_cross_often_do_not_make_the_choice_dither(chooser):
     'useless',
     [
         outcome(1.0, rejection='plan_not_feasible'),
-        outcome(1.0, gap=-0.01),
+        outcome(1.0, gap=-0.05),
         outcome(1.0, off_road=0.2),
     ],
     ids=['failed', 'contact', 'off_road'],
@@ -77,6 +77,13 @@ def test_a_useless_followed_plan_is_left_at_once_whatever_it_costs(chooser, usel
     chooser.choose([outcome(100.0), outcome(50.0, RIGHT_OF_1)], NO_SIDES)  # the share is larger
     assert chooser.choose([useless, good], NO_SIDES).chosen == 1
     assert chooser.choose([good, useless], NO_SIDES).chosen == 0
+
+
+@pytest.mark.parametrize('gap', [0.001, -0.001, -0.015])
+def test_a_millimetre_of_overlap_does_not_bypass_the_hysteresis(chooser, gap):
+    followed, other = outcome(100.0, gap=gap), outcome(99.0, RIGHT_OF_1, gap=0.001)
+    assert chooser.choose([followed, other], NO_SIDES).chosen == 0
+    assert chooser.choose([other, followed], NO_SIDES).chosen == 0
 
 
 def test_a_plan_that_touches_is_driven_before_one_that_did_not_converge(chooser):

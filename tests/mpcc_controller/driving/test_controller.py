@@ -6,7 +6,7 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.driving.tick import TickInputs
-from mpcc_controller.problem.obstacle_motion import BrakingObstacle
+from mpcc_controller.problem.obstacle_motion import ExpectedObstacle
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
@@ -204,4 +204,4 @@ def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks
             records.append(controller.step(TickInputs(world.rolling(X=t, stamp_ns=round(t * 1e9)))))
         assert records[0].scene.obstacles == records[1].scene.obstacles
         assert records[0].command == records[1].command
-    assert isinstance(records[0].scene.obstacles.items[0], BrakingObstacle)
+    assert isinstance(records[0].scene.obstacles.items[0], ExpectedObstacle)

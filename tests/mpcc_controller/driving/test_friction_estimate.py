@@ -140,6 +140,59 @@ def test_a_gap_between_states_is_no_measurement(world, nominal, estimator_):
     assert estimator.belief.friction == pytest.approx(estimator_().belief.friction)
 
 
+NOISE = np.array([0.1, 0.08, 0.01])  # m/s, m/s, rad/s
+
+
+def noisy(states, factor, seed):
+    """Yield states with white noise of the velocities."""
+    rng = np.random.default_rng(seed)
+    for x, ramps in states:
+        vx, vy, r = factor * NOISE * rng.standard_normal(3)
+        yield x._replace(vx=x.vx + vx, vy=x.vy + vy, r=x.r + r), ramps
+
+
+@pytest.mark.parametrize('factor', [1.0, 2.0])
+@pytest.mark.parametrize('targets', [[Setpoints(0.0, 0.0)] * 120, braking(60, -8e3)])
+def test_noise_is_measured_and_not_taken_for_ice(world, nominal, estimator_, factor, targets):
+    for seed in range(4):
+        estimator = estimator_()
+        states = noisy(drive(world, nominal, 1.0, targets), factor, seed)
+        beliefs = [belief.friction for belief in estimates(estimator, states)]
+        assert np.mean(np.array(beliefs) < 0.6) < 0.05
+        assert beliefs[-1] > 0.75
+        measured = np.sqrt(estimator.memory.noise)
+        assert np.all(measured[:2] > 0.5 * factor * NOISE[:2])
+        assert np.all(measured < 2.0 * factor * NOISE + 0.01)
+
+
+@settings(max_examples=6, deadline=None)
+@given(friction=st.floats(0.4, 0.9), seed=st.integers(0, 9))
+def test_a_swerve_tells_the_friction_through_noise(world, nominal, estimator_, friction, seed):
+    targets = [Setpoints(0.0, 0.0)] * 40 + swerve(80)
+    beliefs = estimates(estimator_(), noisy(drive(world, nominal, friction, targets), 1.0, seed))
+    assert abs(beliefs[-1].friction - friction) < 0.25
+
+
+def test_filtered_velocities_are_nearer_to_the_truth(world, nominal, estimator_):
+    estimator = estimator_()
+    states, errors = list(drive(world, nominal, 1.0, swerve(120, 0.05))), []
+    for (x, _), (measured, ramps) in zip(states, noisy(states, 1.0, 3)):
+        estimator.update(measured, ramps)
+        filtered = estimator.filtered(measured)
+        assert filtered[:4] == measured[:4]
+        errors.append([np.subtract(y[4:], x[4:]) for y in (measured, filtered)])
+    before, after = np.std(np.array(errors)[40:], axis=0)
+    assert np.all(after < before)
+    assert np.all(after[:2] < 0.8 * before[:2])
+
+
+def test_without_noise_the_state_stays_as_it_is(world, nominal, estimator_):
+    estimator = estimator_()
+    for x, ramps in drive(world, nominal, 1.0, swerve(60, 0.05)):
+        estimator.update(x, ramps)
+        np.testing.assert_allclose(estimator.filtered(x), x, atol=0.01)
+
+
 FIELDS = st.floats(-1e3, 1e3) | st.sampled_from([np.nan, np.inf, 0.0])
 
 
@@ -238,12 +291,14 @@ def test_what_a_hypothesis_cannot_explain_tells_it_nothing_of_the_sideslip_error
 ):
     """Wild states: each is rejected by every hypothesis, and none gets surer of its error."""
     estimator, ramps = estimator_(), [constant_ramp(Setpoints(0.0, 0.0), 0.6)]
-    before = np.array(estimator._variance)  # of the sideslip error, by hypothesis
-    for k in range(6):
+    for k in range(12):  # the noise becomes known
+        estimator.update(world.rolling(v=20.0, vy=0.1 * (-1) ** k, stamp_ns=k * TICK_NS), ramps)
+    before = estimator.memory.variance  # of the sideslip error, by hypothesis
+    for k in range(12, 14):
         x = world.rolling(v=20.0, vy=4.0 * (-1) ** k, stamp_ns=k * TICK_NS)
         estimator.update(x, ramps)
-    assert np.all(estimator._variance >= before)
-    assert np.all(estimator._variance < 1.01**2 * before)
-    for k in range(6, 20):  # straight on the error becomes known
+    assert np.all(estimator.memory.variance >= before)
+    assert np.all(estimator.memory.variance < 1.01**2 * before)
+    for k in range(14, 80):  # straight on the error becomes known
         estimator.update(world.rolling(v=20.0, stamp_ns=k * TICK_NS), ramps)
-    assert np.all(estimator._variance < 0.8**2 * before)
+    assert np.all(estimator.memory.variance < 0.8**2 * before)

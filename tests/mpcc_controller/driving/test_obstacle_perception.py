@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.driving.obstacle_perception import ObstacleMemory
-from mpcc_controller.problem.obstacle_motion import BrakingObstacle, position
+from mpcc_controller.problem.obstacle_motion import ExpectedObstacle, position
 from msgs_yaml.types import Obstacle, Obstacles
 
 MS = 1_000_000
@@ -39,7 +39,7 @@ def known(memory, seen):
 def test_an_obstacle_that_vanishes_goes_on_as_it_was_expected_to(params, missed_ms, braking):
     """The reference is the motion over the horizon that was expected when it was seen last."""
     memory = ObstacleMemory(replace(params.surroundings, memory_s=MEMORY_MS / 1000))
-    last = CAR if braking is None else BrakingObstacle(*CAR, braking=braking)
+    last = CAR if braking is None else ExpectedObstacle(*CAR, braking=braking)
     known(memory, message(0, last, CONE))
     seen, remembered = known(memory, message(missed_ms, CONE)).items
     assert seen == CONE

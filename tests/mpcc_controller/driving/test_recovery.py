@@ -90,6 +90,18 @@ def test_slow_cars_unknown_states_and_cornering_at_the_limit_do_not_slide(car, w
     assert recovery.is_sliding(world.rolling(v=-5.0, vy=0.1, r=0.0), car)
 
 
+def test_on_a_slippery_road_a_car_slides_at_a_smaller_slip_and_goes_on_sliding(car, world):
+    """Full sliding begins at a slip that is proportional to the friction."""
+    ice = car._replace(mu_f=0.3 * car.mu_f, mu_r=0.3 * car.mu_r)
+    x = world.rolling(v=20.0, vy=-1.0, r=0.0)  # 2.9 deg
+    assert recovery.is_sliding(x, ice)
+    assert not recovery.is_sliding(x, car)
+    smaller = world.rolling(v=20.0, vy=-0.6, r=0.0)
+    assert not recovery.is_sliding(smaller, ice)
+    assert recovery.is_sliding(smaller, ice, slid=True)
+    assert not recovery.is_sliding(world.rolling(v=20.0, vy=-0.1, r=0.0), ice, slid=True)
+
+
 @pytest.fixture(scope='module')
 def spin(world):
     """Return a function that drives a sliding car whose solver always fails, on the plant."""

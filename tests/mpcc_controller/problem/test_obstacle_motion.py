@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from mpcc_controller.problem.obstacle_motion import (
     LEAST_SPEED_MPS,
     MAX_DECELERATION,
-    BrakingObstacle,
+    ExpectedObstacle,
+    Line,
     ObstacleObserver,
     moved,
     position,
@@ -26,7 +27,7 @@ SPEED = 13.0  # of CAR
 
 @pytest.fixture
 def observer(params):
-    return ObstacleObserver(replace(params.surroundings, braking_window_s=0.15))
+    return ObstacleObserver(replace(params.surroundings, braking_window_s=1.0))
 
 
 def slowing(deceleration, ticks, first=0):
@@ -48,7 +49,7 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
     """The reference integrates dv/dt = -braking until the speed is 0."""
     moved = solve_ivp(lambda _, s: [max(SPEED - braking * s[1], 0.0), 1.0], (0, t), (0, 0),
                       rtol=1e-9, atol=1e-9, max_step=0.02).y[0, -1]  # fmt: skip
-    X, Y = position(BrakingObstacle(*CAR, braking=braking), t)
+    X, Y = position(ExpectedObstacle(*CAR, braking=braking), t)
     assert np.hypot(X - CAR.X, Y - CAR.Y) == pytest.approx(moved, abs=1e-4)
     assert (X - CAR.X) * CAR.vY == pytest.approx((Y - CAR.Y) * CAR.vX, abs=1e-9)
 
@@ -56,15 +57,36 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(st.floats(0.1, MAX_DECELERATION), st.floats(0.0, 3.0), st.floats(0.0, 3.0))
 def test_to_move_an_obstacle_first_does_not_change_where_it_stops(braking, first, later):
-    start = BrakingObstacle(*CAR, braking=braking)
+    start = ExpectedObstacle(*CAR, braking=braking)
     at_once = np.array(position(start, first + later))
     in_steps = np.array(position(moved(start, first), later))
     # a car below LEAST_SPEED_MPS stands: it would have moved by v^2 / 2 a
     assert np.hypot(*(at_once - in_steps)) <= LEAST_SPEED_MPS**2 / (2 * braking) + 1e-9
 
 
+def circle(radius):
+    """Return the line of a circle to the left that begins at the origin along x."""
+    angle = np.arange(0.0, 3.0, 0.02)
+    return Line(radius * angle, radius * np.sin(angle), radius * (1 - np.cos(angle)))
+
+
+@pytest.mark.parametrize('braking', [0.0, 4.0])
+def test_an_obstacle_stays_on_its_line(braking):
+    start = ExpectedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, braking, circle(40.0))
+    t, h = np.array([0.3, 1.1, 2.2]), 1e-4
+    X, Y = position(start, t)
+    angle = (10.0 * t - braking * t**2 / 2) / 40.0
+    np.testing.assert_allclose(X, 40 * np.sin(angle), atol=0.01)
+    np.testing.assert_allclose(Y, 40 * (1 - np.cos(angle)), atol=0.01)
+    for instant in t:
+        first = moved(start, instant)
+        np.testing.assert_allclose(position(first, 0.2), position(start, instant + 0.2), atol=1e-9)
+        rate = (np.array(position(start, instant + h)) - position(start, instant - h)) / (2 * h)
+        np.testing.assert_allclose((first.vX, first.vY), rate, atol=0.3)
+
+
 def test_the_velocity_is_the_derivative_of_the_position():
-    braking, h = BrakingObstacle(*CAR, braking=4.0), 1e-6
+    braking, h = ExpectedObstacle(*CAR, braking=4.0), 1e-6
     for t in (0.5, 2.0, 3.2, 4.0):
         difference = (np.array(position(braking, t + h)) - position(braking, t - h)) / (2 * h)
         np.testing.assert_allclose(velocity(braking, t), difference, atol=1e-6)
@@ -72,11 +94,12 @@ def test_the_velocity_is_the_derivative_of_the_position():
 
 
 @pytest.mark.parametrize('deceleration', [0.5, 3.0, 8.0])
-def test_a_constant_deceleration_is_observed_from_two_messages_on(observer, deceleration):
+def test_a_constant_deceleration_is_observed_from_three_messages_on(observer, deceleration):
     first, second, *others = slowing(deceleration, 6)
-    observer.observe(first)
-    assert observer.predict(first) == first
-    for message in (second, *others):
+    for message in (first, second):  # two speeds always lie on a line
+        observer.observe(message)
+        assert observer.predict(message) == message
+    for message in others:
         observer.observe(message)
         (predicted,) = observer.predict(message).items
         assert predicted.braking == pytest.approx(deceleration)
@@ -98,11 +121,46 @@ def test_only_the_last_window_counts(observer):
 
 
 def test_an_impossible_deceleration_is_limited(observer):
-    for stamp_ns, share in ((1, 1.0), (TICK_NS, 0.1)):
+    for stamp_ns, share in ((1, 1.0), (TICK_NS, 0.6), (2 * TICK_NS, 0.2)):
         item = CAR._replace(vX=CAR.vX * share, vY=CAR.vY * share)
         message = Obstacles(stamp_ns, (item,))
         observer.observe(message)
     assert observer.predict(message).items[0].braking == MAX_DECELERATION
+
+
+def noisy(messages, deviation, seed):
+    """Messages with white noise of the velocity, as of a tracker."""
+    rng = np.random.default_rng(seed)
+    for message in messages:
+        (item,) = message.items
+        dX, dY = deviation * rng.standard_normal(2)
+        yield message._replace(items=(item._replace(vX=item.vX + dX, vY=item.vY + dY),))
+
+
+@pytest.mark.parametrize('deviation', [0.1, 0.3])
+def test_noise_of_a_tracker_is_not_taken_for_braking(observer, deviation):
+    expected = []
+    for message in noisy(slowing(0.0, 2000), deviation, seed=1):
+        observer.observe(message)
+        expected.append(observer.predict(message) != message)
+    assert np.mean(expected) < 0.01
+
+
+@pytest.mark.parametrize('deviation', [0.1, 0.3])
+@pytest.mark.parametrize('deceleration', [2.0, 5.0])
+def test_braking_is_seen_through_the_noise_within_a_second(params, deviation, deceleration):
+    seen = []
+    for seed in range(20):
+        observer = ObstacleObserver(replace(params.surroundings, braking_window_s=1.0))
+        for message in noisy(slowing(0.0, 20), deviation, seed):
+            observer.observe(message)
+        later = (m._replace(stamp_ns=m.stamp_ns + TICK_NS) for m in slowing(deceleration, 40, -19))
+        messages = [*later][19:]
+        for message in noisy(messages, deviation, seed + 100):
+            observer.observe(message)
+        (last,) = observer.predict(message).items
+        seen.append(getattr(last, 'braking', 0.0))
+    assert np.mean(np.array(seen) > 0.5 * deceleration) > 0.9
 
 
 def test_a_clock_that_is_set_back_tells_nothing(observer):
