@@ -52,6 +52,7 @@ class SimulatedTime:
     def __init__(self, listen: Callable[[], None] = lambda: None):
         """`listen` calls `advance` for every message that has arrived on /clock."""
         self.now_ns: int | None = None  # None before the first /clock
+        self.filed_ns = 0  # the latest log time of a message
         self._listen = listen
         self._waiting: list[Callable[[], None]] = []
         self._ahead: list[tuple[int, Callable[[], None]]] = []
@@ -225,7 +226,9 @@ class Filing:
             return
         self.counter.add(sequence)
         file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
-        if self._must_wait(stamp_ns):
+        if not self._is_stamped and self._time.now_ns is None:
+            self._time.defer_until(0, file)
+        elif self._must_wait(stamp_ns):
             self._time.defer(file)
         elif stamp_ns is not None and (self._follows(stamp_ns) or self._time.is_ahead(stamp_ns)):
             self._ahead_ns.append(stamp_ns)
@@ -289,12 +292,14 @@ class Filing:
         if stamp_ns not in (None, log_ns):
             self.misdated += 1
             self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
+        self._time.filed_ns = max(self._time.filed_ns, log_ns)
         self._file(log_ns, data, source_ns, sequence)
 
     def _log_time(self, stamp_ns):
         """Return the log time of a message."""
         if stamp_ns is None:
-            return self._last_log_ns if self._is_stamped else self._time.now_ns or 0
+            present_ns = self._time.now_ns or self._time.filed_ns
+            return self._last_log_ns if self._is_stamped else present_ns
         if self._time.is_ahead(stamp_ns):
             return self._time.now_ns
         log_ns = max(stamp_ns, self._last_log_ns) if self._single_publisher else stamp_ns

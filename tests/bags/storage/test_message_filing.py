@@ -24,6 +24,7 @@ from msgs_yaml.types import Reference
 KIND = 'nav_msgs/msg/Odometry'
 TOPIC = BagTopic('/t', KIND, schema_text(KIND), '', '')
 CLOCK = BagTopic('/clock', 'rosgraph_msgs/msg/Clock', '', '', '')
+LOG = BagTopic('/rosout', 'rcl_interfaces/msg/Log', '', '', '')
 S = 10**9
 WALL_NS = 1_700_000_000 * S  # what a program stamps with that does not follow /clock
 
@@ -120,6 +121,30 @@ def test_what_has_no_stamp_is_filed_under_the_last_one(filing, filed, tick):
         topic.file(data, 0, 0, None)
     assert times(filed) == [0, 7, 7, 8]
     assert topic.misdated == 0
+
+
+def test_log_lines_wait_for_the_clock_however_much_arrives_before(filing, filed, tick, time):
+    """Their stamps are of the wall clock, and the bag begins with the run."""
+    lines = []
+    log = Filing(LOG, 'lockstep', lambda *row: lines.append(row), time=time)
+    put(log, WALL_NS)
+    put(filing('lockstep'), *range(S, S + LARGEST_WAIT + 2))
+    assert len(filed) > LARGEST_WAIT
+    assert not lines
+    tick(2 * S)
+    tick(3 * S)
+    put(log, WALL_NS)
+    assert times(lines) == [2 * S, 3 * S]
+    assert log.misdated == 0
+
+
+def test_without_a_clock_log_lines_are_filed_at_the_end_of_the_rest(filing, filed, time):
+    lines = []
+    put(Filing(LOG, 'lockstep', lambda *row: lines.append(row), time=time), WALL_NS)
+    put(filing('lockstep'), S, 2 * S)
+    time.end()
+    assert times(filed) == [S, 2 * S]
+    assert times(lines) == [2 * S]
 
 
 def test_a_stamp_before_1970_is_filed_under_0_and_is_no_way_back(filing, filed, tick):
