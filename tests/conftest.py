@@ -7,6 +7,8 @@ import sys
 from collections import Counter
 
 import capabilities
+import commit_seed
+import hypothesis
 import pytest
 import straight_drive
 import wall_clock as on_the_wall_clock
@@ -16,6 +18,10 @@ from session_cache import build_once
 from experiments.run.domain import reserved
 from node_runtime import transport
 
+PROPERTY_SEED = 'PROPERTY_SEED'
+# no time limit of a single example: a busy machine would exceed it
+hypothesis.settings.register_profile('any machine', deadline=None)
+hypothesis.settings.load_profile('any machine')
 WAITING_S = 900  # for the drives of others, and for one of its own
 # A shell that starts the tests in the background ignores SIGINT, nohup ignores SIGHUP; the programs
 # that the tests start would inherit that.
@@ -26,12 +32,19 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 
 def pytest_configure(config):
+    # before the plug-in reads it: every commit sees examples of its own, every run of it the same
+    if getattr(config.option, 'hypothesis_seed', None) is None:
+        config.option.hypothesis_seed = str(commit_seed.seed(PROPERTY_SEED))
     # the settings of the shell must not decide which nodes a test sees
     for name in ('ROS_DOMAIN_ID', *transport.VARIABLES):
         os.environ.pop(name, None)
     os.environ[transport.RANGE] = transport.LOCALHOST
     # one cache for all workers and for the nodes that they start; kept for the next session
     os.environ.setdefault('MPCC_CACHE_DIR', str(config.rootpath / 'build/compiled'))
+
+
+def pytest_report_header(config):
+    return f'properties: {PROPERTY_SEED}={config.option.hypothesis_seed} repeats these examples'
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""The amount of fuzzing: FUZZ_EXAMPLES per test, by default a seeded few. See docs/faults.md."""
+"""The amount of fuzzing: FUZZ_EXAMPLES per test, by default a few. See docs/faults.md."""
 
 import os
 from collections import Counter
@@ -12,7 +12,6 @@ settings.register_profile(
     'fuzz',
     max_examples=EXAMPLES,
     deadline=None,
-    derandomize='FUZZ_EXAMPLES' not in os.environ,
     database=None,
     phases=(Phase.generate,),  # a failure is reported at once: shrinking batches takes minutes
     suppress_health_check=list(HealthCheck),

@@ -21,7 +21,7 @@ from msgs_yaml.types import Obstacle
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
-quick = settings(deadline=None, derandomize=True, max_examples=60)
+quick = settings(max_examples=60)
 outlines = st.builds(CarOutline, st.floats(0.5, 8), st.floats(0.5, 8), st.floats(0.5, 3))
 counts = st.integers(1, 9)
 

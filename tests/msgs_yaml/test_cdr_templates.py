@@ -35,7 +35,7 @@ def encoded(topic, value):
 def test_patched_bytes_are_the_serialised_message(topic):
     template, kind = cdr_templates.Template(topic), contract.load().topics[topic].type
 
-    @settings(deadline=None, derandomize=True, max_examples=50)
+    @settings(max_examples=50)
     @given(VALUES[topic])
     def check(value):
         patched, message = template.fill(value), encoded(topic, value)
@@ -81,7 +81,7 @@ def bits(value):
 def test_a_message_is_read_to_the_last_bit_as_it_is_decoded_or_refused(topic):
     template = cdr_templates.Template(topic)
 
-    @settings(deadline=None, derandomize=True, max_examples=100)
+    @settings(max_examples=100)
     @given(VALUES[topic])
     def check(value):
         raw = template.fill(value)
@@ -96,7 +96,7 @@ def test_a_state_within_its_ranges_is_read():
     assert template.read(template.fill(state)) == decode.odometry(encode.odometry(state))
 
 
-@settings(deadline=None, derandomize=True, max_examples=300)
+@settings(max_examples=300)
 @given(st.integers(0, 10**4), st.integers(0, 255), st.integers(-4, 4))
 def test_changed_bytes_are_never_read_as_another_state_than_they_decode_to(place, byte, longer):
     template = cdr_templates.Template('/vehicle/odometry')

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from msgs_yaml import conversions
@@ -13,7 +13,6 @@ from msgs_yaml import conversions
 ANGLES = st.floats(-100, 100)
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
 def test_splitting_and_joining_a_stamp_is_the_identity(stamp_ns):
     sec, nanosec = conversions.split_stamp(stamp_ns)
@@ -35,7 +34,6 @@ def test_times_are_rounded_to_the_nearest_nanosecond():
     assert conversions.add_seconds(0, pytest.approx(1.0).expected) == 10**9
 
 
-@settings(derandomize=True, deadline=None)
 @given(ANGLES)
 def test_wrapping_keeps_the_direction_and_the_half_open_turn(psi):
     wrapped = conversions.wrap_angle(psi)
@@ -49,7 +47,6 @@ def test_straight_back_is_plus_pi_from_either_side():
     assert conversions.wrap_angle(-math.pi) == math.pi
 
 
-@settings(derandomize=True, deadline=None)
 @given(ANGLES)
 def test_the_quaternion_rotates_the_x_axis_by_the_heading(psi):
     z, w = conversions.heading_to_quaternion(psi)
@@ -58,7 +55,6 @@ def test_the_quaternion_rotates_the_x_axis_by_the_heading(psi):
     assert np.allclose(x_axis, [math.cos(psi), math.sin(psi)], atol=1e-14)
 
 
-@settings(derandomize=True, deadline=None)
 @given(ANGLES)
 def test_a_quaternion_and_its_negative_are_one_heading(psi):
     z, w = conversions.heading_to_quaternion(psi)
@@ -66,13 +62,11 @@ def test_a_quaternion_and_its_negative_are_one_heading(psi):
     assert conversions.wrap_angle(difference) == pytest.approx(0.0, abs=1e-14)
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.floats(-math.pi, math.pi))
 def test_the_received_heading_is_within_rounding_of_the_sent_one(psi):
     assert abs(conversions.wrap_angle(conversions.heading_as_received(psi) - psi)) <= 1e-15
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False)))
 def test_numbers_and_booleans_survive_to_the_last_bit(value):
     back = conversions.text_to_value(conversions.value_to_text(value))
@@ -80,7 +74,6 @@ def test_numbers_and_booleans_survive_to_the_last_bit(value):
     assert back == value
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.text('abc dé_', max_size=10))
 def test_words_survive(text):
     assert conversions.text_to_value(conversions.value_to_text(text)) == text
@@ -104,7 +97,6 @@ def test_a_word_that_reads_as_something_else_is_rejected(word):
         conversions.value_to_text(word)
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.lists(st.floats(-50.0, 50.0), max_size=20))
 def test_many_headings_have_the_bits_that_each_of_them_has(headings):
     expected = [conversions.heading_as_received(psi) for psi in headings]

@@ -148,7 +148,7 @@ def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
     unchanged = (lambda value: (value,)) if topic == '/diagnostics' else lambda value: value
     received = getattr(conversions, f'{name}_as_received', unchanged)
 
-    @settings(deadline=None, derandomize=True, max_examples=25)
+    @settings(max_examples=25)
     @given(FORMS[topic])
     def check(value):
         message = getattr(encode, name)(value)
@@ -163,7 +163,6 @@ def test_every_topic_is_tested():
     assert set(FORMS) == {topic.name for topic in topics if not topic.on_request}
 
 
-@settings(deadline=None, derandomize=True)
 @given(FORMS['/vehicle/odometry'])
 def test_the_round_trip_changes_a_heading_by_rounding_only(state):
     received = conversions.odometry_as_received(state)
@@ -171,7 +170,6 @@ def test_the_round_trip_changes_a_heading_by_rounding_only(state):
     assert received._replace(psi=state.psi) == state
 
 
-@settings(deadline=None, derandomize=True)
 @given(FORMS['/scenario/reference'])
 def test_the_round_trip_keeps_times_to_a_nanosecond_and_headings_up_to_full_turns(path):
     received = conversions.reference_as_received(path)
@@ -183,7 +181,7 @@ def test_the_round_trip_keeps_times_to_a_nanosecond_and_headings_up_to_full_turn
 
 @pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command', '/vehicle/imu'])
 def test_the_stamp_is_read_from_the_bytes_alone(topic):
-    @settings(deadline=None, derandomize=True, max_examples=25)
+    @settings(max_examples=25)
     @given(FORMS[topic])
     def check(value):
         raw = serialize_message(getattr(encode, NAMES[topic])(value))

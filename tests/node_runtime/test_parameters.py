@@ -5,7 +5,7 @@ import math
 from typing import Annotated
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from node_runtime import parameters
@@ -160,7 +160,6 @@ def test_a_value_missing_from_a_file_names_the_file(tmp_path):
         parameters.load(Car, path)
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.floats(100.0, 5000.0))
 def test_every_number_in_the_range_is_unchanged(mass_kg):
     assert parameters.build(Car, {**VALUES, 'mass_kg': mass_kg}, 'here').mass_kg == mass_kg

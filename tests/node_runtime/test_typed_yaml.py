@@ -1,7 +1,7 @@
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from msgs_yaml.strict_yaml import YamlError
@@ -120,13 +120,11 @@ def test_what_is_no_number_in_range_is_refused(number, what):
     assert str(caught.value) == f'a.yaml:4: shape.side_m: {what}; allowed 0 to 10 m'
 
 
-@settings(deadline=None, derandomize=True)
 @given(value=st.floats(0.0, 10.0))
 def test_every_number_in_range_comes_back_as_it_was_written(value):
     assert read(drawing(shape=f'{{side_m: {value!r}}}')).shape.side_m == value
 
 
-@settings(deadline=None, derandomize=True)
 @given(value=st.text(max_size=8))
 def test_any_text_is_a_value_or_a_named_error(value):
     try:

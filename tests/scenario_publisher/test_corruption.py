@@ -34,8 +34,6 @@ odd_values = st.one_of(
 def examples(number):
     """Return the settings of a test of so many examples, whose fixtures hold no state."""
     return settings(
-        deadline=None,
-        derandomize=True,
         max_examples=number,
         suppress_health_check=[HealthCheck.function_scoped_fixture],
     )

@@ -16,8 +16,6 @@ from scenario_publisher.schema import FrictionPatch
 LINE = re.compile(r'bend\.yaml:\d+: friction_patches[a-z_.\[\]0-9]*: .*; allowed ')
 ROUNDING = 1e-9
 everywhere = settings(
-    deadline=None,
-    derandomize=True,
     max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

@@ -6,7 +6,7 @@ from scipy.special import fresnel
 
 from scenario_publisher import lines
 
-everywhere = settings(deadline=None, derandomize=True, max_examples=60)
+everywhere = settings(max_examples=60)
 lengths = st.floats(5.0, 300.0)
 curvatures = st.floats(-0.1, 0.1)
 shares = st.floats(-0.7, 0.7)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from scenario_publisher import polyline
 
-everywhere = settings(deadline=None, derandomize=True, max_examples=60)
+everywhere = settings(max_examples=60)
 CORNER = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
 angles = np.linspace(0.0, 2 * np.pi, 91)
 CIRCLE = 20.0 * np.column_stack([np.cos(angles), np.sin(angles)])

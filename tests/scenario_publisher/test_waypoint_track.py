@@ -61,7 +61,7 @@ def test_way_points_may_lead_against_the_road_and_across_it():
     assert at(track((50.0, -3.0, 1.5), (50.0, 3.0, 1.5)), 2.0) == pytest.approx([50, 0, 0, 1.5])
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(
     points=st.lists(
         st.tuples(st.floats(0.0, 300.0), st.floats(-5.0, 5.0), st.floats(0.5, 20.0)),
@@ -82,7 +82,7 @@ def test_the_published_velocity_is_the_derivative_of_the_position(points, share)
     assert min(np.abs(slope - v).max() for v in near) < 0.02 * (1.0 + np.abs(slope).max())
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(st.lists(st.floats(0.5, 20.0), min_size=2, max_size=6))
 def test_every_way_point_is_passed_in_order_at_its_speed(speeds):
     motion = track(*((40.0 * i, 0.0, v) for i, v in enumerate(speeds)))

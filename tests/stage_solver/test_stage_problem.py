@@ -47,7 +47,7 @@ def test_step_is_the_midpoint_rule_by_hand():
     assert step(1.0, None, None) == pytest.approx(1.11025, abs=1e-15)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(st.floats(0.05, 3.0))
 def test_decay_is_stable_up_to_a_step_of_two_time_constants(a_dt):
     step = rk2(lambda x, u, p: -x, a_dt)

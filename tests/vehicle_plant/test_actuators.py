@@ -180,7 +180,7 @@ def test_delay_shifts_the_answer_and_nothing_else(params, late):
     assert np.array_equal(steer(late)[STEER_MS:], steer(params)[:-STEER_MS])
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(
     st.tuples(*[st.integers(0, 12)] * 3),
     st.lists(st.integers(0, 9), min_size=1, max_size=8),

@@ -129,7 +129,7 @@ def test_edge_belongs_to_the_patch_and_the_last_patch_counts():
     assert at(0.5, 0.5, SQUARE + SQUARE, [0.3, 0.7]) == 0.7
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.lists(st.floats(0.05, 6.2), min_size=4, max_size=4, unique=True),
     st.floats(-5.0, 5.0),

@@ -24,7 +24,7 @@ def set_points(draw):
     return delta, Fxf, Fxr
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(
     commands=st.lists(set_points(), min_size=3, max_size=8),
     speed=st.sampled_from([0.0, 0.05, 1.0, 8.0, 25.0, 45.0]),

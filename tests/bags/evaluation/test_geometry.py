@@ -27,7 +27,7 @@ def test_beyond_a_vertex_the_distance_is_that_to_the_vertex():
     assert distance == pytest.approx([-5.0, 5.0])
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(st.floats(-14.0, 14.0), st.floats(0.01, 2.0 * np.pi - 0.01))
 def test_distance_to_a_circle_is_the_difference_of_the_radii(offset, angle):
     radius = 15.0
@@ -62,7 +62,7 @@ def test_a_crossing_branch_does_not_catch_the_foot():
     assert foot.distance == pytest.approx(geometry.arc_length(eight), abs=1e-6)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.02, 0.3]),  # rad between two segments: gentle, or a tangle
@@ -85,7 +85,7 @@ def test_many_points_at_once_have_the_feet_they_have_one_by_one(seed, bend, nois
     assert together.offset.tolist() == alone.offset.tolist()
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.02, 0.3, 2.0]),  # rad between two segments: gentle, a tangle, a heap
@@ -107,7 +107,7 @@ def test_segments_left_out_are_never_the_nearest(seed, bend, away, on_grid):
         assert result.tolist() == geometry.distance_to_polyline(points, line).tolist()
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-6, 1.0, np.pi]))
 def test_vertices_on_a_straight_line_change_no_distance(seed, bend):
     rng = np.random.default_rng(seed)
@@ -150,7 +150,7 @@ def test_gap_between_a_rectangle_and_a_circle(x, y, gap):
     assert geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, x, y, 1.0) == pytest.approx(gap)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3.2, 3.2), st.floats(-6, 6))
 def test_the_gap_does_not_depend_on_where_the_scene_stands(x, y, yaw, ahead):
     here = geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, ahead, 2.5, 1.0)

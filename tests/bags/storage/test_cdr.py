@@ -74,14 +74,14 @@ def assert_same(ours, theirs):
         assert ours == theirs
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(max_examples=150)
 @given(message=outer, little=st.booleans())
 def test_arbitrary_messages_are_read_as_rosbags_wrote_them(message, little):
     data = bytes(STORE.serialize_cdr(message, NAME, little_endian=little))
     assert_same(cdr.decode(data, TEXT, NAME), STORE.deserialize_cdr(data, NAME))
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(max_examples=150)
 @given(message=outer, keep=st.floats(0.0, 1.0), flips=st.lists(st.integers(0, 10**6), max_size=3))
 def test_broken_messages_are_refused_or_read_but_never_crash(message, keep, flips):
     data = bytearray(STORE.serialize_cdr(message, NAME))

@@ -28,7 +28,7 @@ def joint_states(draw):
     return JointState(header, list(joints), *values)
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(sent=st.lists(joint_states(), min_size=1, max_size=12))
 def test_messages_of_mixed_layout_keep_their_rows(sent):
     payloads = [bytes(STORE.serialize_cdr(message, TYPE)) for message in sent]

@@ -108,7 +108,7 @@ def change(message, draw):
 
 @pytest.mark.parametrize('name', MADE)
 def test_the_fast_look_decides_as_the_decoder_does(name):
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @settings(max_examples=40)
     @given(st.data())
     def tried(data):
         payloads = [change(MADE[name](), data.draw) for _ in range(4)]

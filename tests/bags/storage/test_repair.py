@@ -77,7 +77,7 @@ def assert_complete(folder, messages):
         assert reader.message_count == len(messages)
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(keep=st.floats(0.0, 1.0))
 def test_file_cut_off_anywhere_gives_back_its_beginning(healthy, damage, keep):
     data, messages, ends = healthy
@@ -96,7 +96,7 @@ def test_file_cut_off_anywhere_gives_back_its_beginning(healthy, damage, keep):
     assert done.files[0].damage[0].offset <= len(cut)
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(max_examples=200)
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
 def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage, place, bit):
     data, messages, _ = healthy
@@ -112,7 +112,7 @@ def test_one_wrong_bit_is_noticed_and_costs_no_chunk_but_its_own(healthy, damage
     assert_complete(folder, [message for chunk in kept for message in chunk])
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(max_examples=150)
 @given(
     places=st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=40),
     keep=st.floats(0.0, 1.0),

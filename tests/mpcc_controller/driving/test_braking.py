@@ -13,7 +13,7 @@ from mpcc_controller.model.single_track import GRAVITY, Input, State
 from mpcc_controller.path import reference_path
 from stage_solver.stage_problem import Plan
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 REST = Setpoints(0.0, 0.0)
 
 

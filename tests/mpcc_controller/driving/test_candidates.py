@@ -32,7 +32,7 @@ GRAVITY = 9.81
 R_VEH = 1.1  # m, of mpcc.yaml
 STEP_S = 0.05
 # nothing here compiles or solves; the first example loads CasADi
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=60)
 
 
 @pytest.fixture(scope='module')

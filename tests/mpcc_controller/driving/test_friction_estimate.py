@@ -82,7 +82,7 @@ def braking(ticks=30, force=-12e3):
     return [Setpoints(0.0, max(force, -2e3 * k)) for k in range(ticks)]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(friction=st.floats(0.4, 0.95), speed=st.floats(18.0, 30.0))
 def test_a_swerve_at_the_limit_tells_the_friction(world, nominal, estimator_, friction, speed):
     beliefs = estimates(estimator_(), drive(world, nominal, friction, swerve(), speed))
@@ -196,7 +196,7 @@ def test_without_noise_the_state_stays_as_it_is(world, nominal, estimator_):
 FIELDS = st.floats(-1e3, 1e3) | st.sampled_from([np.nan, np.inf, 0.0])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(rows=st.lists(st.tuples(*[FIELDS] * 6), min_size=2, max_size=4), delta=st.floats(-0.5, 0.5))
 def test_no_state_makes_the_belief_leave_its_range(nominal, estimator_, rows, delta):
     estimator = estimator_()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mpcc_controller.driving.gate import UNTIMELY, Gate
 from msgs_yaml.types import Command
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 STEP, MAX_AGE = 0.05, 0.2
 MU_FRONT, MU_REAR = 0.95, 0.97
 # the friction of the front axle by hand: weight 18148.5 N, 2.89 m, 0.54 m up

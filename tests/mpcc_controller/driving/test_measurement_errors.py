@@ -88,7 +88,7 @@ def test_obstacles_beyond_the_range_are_not_seen():
     assert len(see(0, errors(obstacle_range_m=1.0), car=unknown)) == 2
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(share=st.floats(0.05, 0.95), seed=st.integers(0, 2**31 - 1))
 def test_obstacles_drop_out_for_their_share_of_the_time_each_on_its_own(share, seed):
     params = errors(obstacle_dropout=share, obstacle_dropout_s=0.2, seed=seed)

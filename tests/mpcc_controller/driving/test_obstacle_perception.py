@@ -31,7 +31,7 @@ def known(memory, seen):
     return memory.complete(seen)
 
 
-@settings(deadline=None, derandomize=True, max_examples=30)
+@settings(max_examples=30)
 @given(
     missed_ms=st.integers(1, MEMORY_MS),
     braking=st.one_of(st.none(), st.floats(0.5, 10.0)),

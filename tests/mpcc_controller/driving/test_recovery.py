@@ -26,7 +26,7 @@ from vehicle_plant.simulator import Simulator
 SPEEDS, SHARES = st.floats(-60, 60), st.floats(-1, 1)
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(max_examples=200)
 @given(SPEEDS, SPEEDS, st.floats(-10, 10), st.floats(-3.1, 3.1), SHARES, SHARES, st.booleans())
 def test_every_command_of_any_finite_state_passes_the_gate(
     car, params, world, vx, vy, r, psi, steer, force, has_line
@@ -150,7 +150,7 @@ def controller_on_road(world):
     return world.set_inputs(Controller(*world.load()), world.straight())
 
 
-@settings(deadline=None, derandomize=True, max_examples=25)
+@settings(max_examples=25)
 @given(st.floats(7, 40), st.floats(-1, 1), st.floats(-2, 2), st.floats(-0.3, 0.3))
 def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
     controller_on_road, v, beta, r, delta

@@ -11,7 +11,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from stage_solver.stage_problem import Plan
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 DT = 0.05
 
 

@@ -11,7 +11,7 @@ from mpcc_controller.model import fiala
 
 C, FZ, MU = 140e3, 9000.0, 0.9
 CAPACITY = MU * FZ
-quick = settings(deadline=None, derandomize=True, max_examples=200)
+quick = settings(max_examples=200)
 
 
 def plain_fiala(alpha, Fx=0.0):

@@ -13,7 +13,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, BLEND_MPS, Input, State
 from mpcc_controller.problem import stage_parameters
 
-quick = settings(deadline=None, derandomize=True, max_examples=60)
+quick = settings(max_examples=60)
 DRIVING = (st.floats(-2, 2), st.floats(-1, 1), st.floats(-0.4, 0.4), st.floats(-12000, 5000))
 
 

@@ -16,7 +16,7 @@ from mpcc_controller.problem import stage_parameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import rk2
 
-quick = settings(deadline=None, derandomize=True, max_examples=60)
+quick = settings(max_examples=60)
 states = st.tuples(
     st.floats(-100, 100),
     st.floats(-100, 100),

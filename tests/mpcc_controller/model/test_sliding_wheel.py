@@ -16,7 +16,7 @@ def car(world):
     return stage_parameters.car(*world.load(model__low_speed=True))
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(
     v=st.floats(8.0, 40.0),
     angle=st.floats(math.radians(65), math.radians(85)),

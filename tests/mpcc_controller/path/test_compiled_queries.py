@@ -12,7 +12,7 @@ from msgs_yaml.types import Reference, RoadEdges
 
 EXACT = {'rel': 1e-12, 'abs': 1e-12}
 NEAR = {'rel': 1e-12, 'abs': 1e-10}  # m, of coordinates of some 100 m
-any_line = settings(deadline=None, derandomize=True, max_examples=150)
+any_line = settings(max_examples=150)
 lines = st.tuples(
     st.integers(0, 2**32 - 1),
     st.integers(2, 150),  # points

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Circle, Disc, Edge, Edges
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 
 
 @quick

@@ -10,7 +10,7 @@ from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from msgs_yaml.types import Reference, RoadEdges
 
-quick = settings(deadline=None, derandomize=True, max_examples=40)
+quick = settings(max_examples=40)
 RADIUS, V = 20.0, 9.0
 WINDOW = 2.0  # m
 

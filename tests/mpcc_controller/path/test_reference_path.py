@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mpcc_controller.path import arc, reference_path
 from mpcc_controller.path.reference_path import PathError
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 R = 25.0
 
 

@@ -130,7 +130,7 @@ def tangled(rng, corners, bend):
     return np.cumsum(2.0 * np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(2, 80),
