@@ -124,7 +124,6 @@ def test_any_stamp_of_a_path_is_read_or_rejected_as_that_of_the_message_is(sec, 
     check_stamps(PATH, message, headers, sec, increasing)
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize('now_ns', [1, 1_795_000_000_987_654_321])
 @pytest.mark.parametrize('sec', [0, 1, 1_795_000_000])
 def test_poses_of_one_stamp_are_read_as_those_of_the_message_and_repeat(now_ns, sec):
@@ -140,9 +139,6 @@ def test_poses_of_one_stamp_are_read_as_those_of_the_message_and_repeat(now_ns, 
         assert raw_scenario.repeated_ns(raw_scenario.REFERENCE, later, raw) == now_ns + 10**9
 
 
-@settings(deadline=None, derandomize=True)
-=======
->>>>>>> cf868ab (Show properties and fuzz tests new examples with every commit)
 @given(
     sec=st.lists(st.integers(-6, 3), min_size=2, max_size=2),
     nanosec=st.integers(0, MAX_NANOSEC),
