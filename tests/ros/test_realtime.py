@@ -44,8 +44,8 @@ def stamps(bag, topic):
 def run_began_ns(bag):
     """Return when the plant let the car go."""
     told = read.columns(bag, ['/vehicle/run_start'])['/vehicle/run_start']
-    *held, began_ns = told.stamp_ns
-    assert held == [0]
+    *held, began_ns = told.stamp_ns.tolist()
+    assert held in ([], [0])  # the car may be held for less than a period of this topic
     return began_ns
 
 
