@@ -4,8 +4,8 @@
 # make nightly   2,000 fresh emergencies: does mpcc_road survive 99.5 % of them? (about an hour)
 # make paper     every figure and claim of the paper, into paper/
 # make study     the wide sweeps over speeds, clearances and 40,000 settings (hours; goes on where it stopped)
-# make setup     .venv with everything; run it after an edit: packages are installed as copies
-# make editable  the same, but packages run from their source: every edit counts at once
+# make setup     .venv with what driving needs; our packages run from their source: edits count at once
+# make studies   what tuning, batches and studies need, too
 # make result    tables and pages of the study over many settings, from its drives (RUNS="DIR ...")
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
@@ -24,19 +24,20 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs notebooks coverage coverage_whole nightly paper study result bench realtime faults soak repeat golden identify lint setup editable \
-  requirements wheels wheels_test version clean
+.PHONY: help demo test check docs notebooks coverage coverage_whole nightly paper study studies \
+  result bench realtime faults soak repeat golden identify lint setup requirements wheels wheels_test \
+  version clean
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # wheels, never `setup.py install`: the pip of Debian 12 would put the commands elsewhere
 PIP := $(BIN)/pip --disable-pip-version-check --no-input
-# in front of it: how far pip is, and what it could not reach
-SHOWN := $(BIN)/python .ci/pip_progress.py
+INSTALL := $(BIN)/python .ci/install.py
 PACKAGES := msgs_yaml node_runtime stage_solver scenario_publisher mpcc_controller vehicle_plant bags experiments
-SOURCES := $(shell find $(PACKAGES) -type f -not -path '*/build/*' -not -path '*/__pycache__/*' \
-             -not -path '*.egg-info/*' -not -path 'bags/runs/*' 2>/dev/null)
+# what an installation reads of them; code and data run from their source
+MANIFESTS := $(wildcard $(foreach name,setup.cfg setup.py package.xml scripts/* resource/*,\
+  $(addsuffix /$(name),$(PACKAGES))))
 # a sourced ROS installation and another virtual environment must not leak into this one
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV PYTHONHOME
@@ -50,13 +51,6 @@ help:
 
 setup: $(VENV)/.packages
 
-# compat: paths in a .pth file, which come before the folders of the same names in the root.
-# A mark that later installations heed; `rm .venv/.editable; make setup` goes back to copies
-editable: $(VENV)/.requirements
-	@touch $(VENV)/.editable
-	@rm -f $(VENV)/.packages
-	@$(MAKE) --no-print-directory setup
-
 $(VENV)/.requirements: requirements.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 14) else \
 	  "Python 3.10 to 3.14 is needed (the ROS 2 wheels exist for these); this is " \
@@ -65,23 +59,35 @@ $(VENV)/.requirements: requirements.txt
 	  echo "Python's venv module is missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
 	@echo "[1/2] Creating $(VENV) and installing ROS 2 Jazzy, CasADi and the rest: once, over the network"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(SHOWN) $(PIP) install --use-pep517 --progress-bar off -r requirements.txt
+	@$(INSTALL) -r requirements.txt
 	@touch $@
 
-# --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here
-$(VENV)/.packages: $(VENV)/.requirements $(SOURCES)
-	@echo "[2/2] Installing the packages into $(VENV)"
-	@rm -rf $(addsuffix /build,$(PACKAGES))
-	@$(SHOWN) $(PIP) install --use-pep517 --no-deps --no-build-isolation --force-reinstall \
-	  $(if $(wildcard $(VENV)/.editable),--config-settings editable_mode=compat) \
-	  $(foreach package,$(PACKAGES),$(if $(wildcard $(VENV)/.editable),--editable) ./$(package))
-	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
-	@touch $@
-
+# each holds what the one before does
+$(VENV)/.studies: requirements-studies.txt $(VENV)/.requirements
+$(VENV)/.tests: requirements-test.txt $(VENV)/.requirements
 # what only the site needs; Sphinx reads the installed packages
-$(VENV)/.docs: docs/requirements.txt $(VENV)/.requirements
-	@echo "Installing what the documentation needs"
-	@$(SHOWN) $(PIP) install --use-pep517 --progress-bar off -r docs/requirements.txt
+$(VENV)/.docs: docs/requirements.txt $(VENV)/.studies
+$(VENV)/.studies $(VENV)/.tests $(VENV)/.docs:
+	@echo "Installing $<"
+	@$(INSTALL) -r $<
+	@touch $@
+
+studies: setup $(VENV)/.studies
+
+INDEX := $(VENV)/share/ament_index/resource_index/packages
+# data and programs are links, where ROS looks for them.
+# --no-build-isolation: setuptools is pinned in requirements.txt, nothing else may be fetched here.
+# compat: paths in a .pth file, which come before the folders of the same names in the root
+$(VENV)/.packages: $(VENV)/.requirements $(MANIFESTS)
+	@echo "[2/2] Installing the packages into $(VENV)"
+	@$(INSTALL) --no-deps --no-build-isolation --reinstall --config-settings editable_mode=compat \
+	  $(foreach package,$(PACKAGES),--editable ./$(package))
+	@rm -rf $(addsuffix /build,$(PACKAGES)) $(addsuffix /*.egg-info,$(PACKAGES))
+	@for name in $(PACKAGES); do \
+	  rm -rf $(VENV)/share/$$name $(VENV)/lib/$$name; mkdir -p $(VENV)/lib/$$name $(INDEX); \
+	  ln -s $(CURDIR)/$$name $(VENV)/share/$$name; ln -sf $(CURDIR)/$$name/resource/$$name $(INDEX); \
+	  for file in $$name/scripts/*; do \
+	    test ! -e $$file || ln -s $(CURDIR)/$$file $(VENV)/lib/$$name; done; done
 	@touch $@
 
 # a warning is an error, and every one is shown: dead links, pages in no table of contents
@@ -108,11 +114,11 @@ PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist loadscope
 # a ring, a restart, and a recording that is played and recorded again
 SMOKE := tests/ros tests/bags/storage
 
-test: setup
+test: setup $(VENV)/.tests
 	$(PARALLEL) -m 'not (ros or slow or alone)'
 	$(PYTEST) -m 'smoke and not alone' $(SMOKE)
 
-lint: $(VENV)/.requirements
+lint: $(VENV)/.tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
@@ -124,12 +130,12 @@ SAFE_TESTS := $(foreach name,gate fallback braking watchdog,tests/mpcc_controlle
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
 COVER_SAFE := $(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
-coverage: setup
+coverage: setup $(VENV)/.tests
 	$(COVER_SAFE)
 
 # of all packages, nodes included; what a SIGKILL ends is not counted. Traced nodes are slow: a test
 # on the wall clock may fail for that alone
-coverage_whole: setup
+coverage_whole: setup $(VENV)/.tests
 	rm -rf build/coverage && mkdir -p build/coverage
 	export COVERAGE_RCFILE=$(CURDIR)/tests/whole.coveragerc; failed=0; \
 	  $(BIN)/python -m coverage run -m pytest -q || failed=1; \
@@ -141,17 +147,17 @@ coverage_whole: setup
 # only the files are read that have such a test: to collect all takes as long as some of them. Where
 # nodes may not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
 ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|wall_clock' tests)
-check: setup lint docs
+check: setup $(VENV)/.tests lint docs
 	failed=0; \
 	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
 	  { $(COVER_SAFE); } || failed=1; \
 	  $(PYTEST) -m alone --durations 10 $(ALONE) || failed=1; \
 	  exit $$failed
 
-nightly: setup
+nightly: setup $(VENV)/.tests
 	$(BIN)/python tests/closed_loop/nightly_survival.py --out build/nightly
 
-bench: setup
+bench: setup $(VENV)/.tests
 	$(BIN)/python stage_solver/benchmark.py
 	$(BIN)/python bench/solver_comparison.py
 	$(BIN)/python bench/plant.py
@@ -159,32 +165,32 @@ bench: setup
 	$(BIN)/python bench/recordings.py
 	$(BIN)/python bench/report_page.py
 
-realtime: setup
+realtime: setup $(VENV)/.tests
 	failed=0; $(BIN)/python bench/realtime.py || failed=1; \
 	  $(BIN)/python bench/realtime.py --fifo || failed=1; exit $$failed
 
-faults: setup
+faults: setup $(VENV)/.tests
 	$(BIN)/python tests/faults/suite.py --out build/faults
 
-soak: setup
+soak: setup $(VENV)/.tests
 	$(BIN)/python bench/soak.py
 	$(BIN)/python bench/soak.py --mode realtime --minutes 10
 
-repeat: setup
+repeat: setup $(VENV)/.tests
 	PYTHON=$(BIN)/python tests/ros/repeat.sh
 
 # of the study over many settings: where its drives are, and the pages with blocks about it
 RUNS ?= $(addprefix build/settings/,confirmatory repetition levels)
 PAGES := $(addprefix --page docs/,who_avoids.md early_braking.md)
 
-paper: setup
+paper: studies
 	@$(BIN)/experiments paper
 	@$(BIN)/experiments paper --page docs/one_point.md
 	@$(BIN)/experiments study result $(PAGES)
 	@$(BIN)/experiments study settings --out build/settings/small --count 48
 	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 
-study: setup
+study: studies
 	@$(BIN)/experiments study ablation
 	@$(BIN)/experiments study limit
 	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory
@@ -200,7 +206,7 @@ study: setup
 	@$(BIN)/experiments study decide build/settings/confirmatory --out paper/settings/tuned
 
 # decides the runs, each into paper/settings, the confirmatory one and its repetition as one, too
-result: setup
+result: studies
 	@$(BIN)/experiments study result $(RUNS) $(PAGES)
 
 golden: setup
@@ -227,14 +233,18 @@ wheels_test: wheels
 version:
 	@$(PYTHON) .ci/set_version.py
 
-# universal resolution: one file for Python 3.10 to 3.14; that it is for Linux goes without saying
-requirements: requirements.in
-	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
-	  requirements.in -o requirements.txt
-	uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate --no-header \
-	  docs/requirements.in -o docs/requirements.txt
-	sed -i -e "s/ ; sys_platform == 'linux'//" -e "s/ and sys_platform == 'linux'//" requirements.txt \
-	  docs/requirements.txt
+# universal resolution: one file for Python 3.10 to 3.14; that it is for Linux on x86-64 goes without
+# saying. The largest first, with the versions of which the others have a part
+RESOLVE := uv pip compile --universal --python-version 3.10 --no-emit-index-url --no-annotate \
+  --no-header --quiet
+requirements:
+	$(RESOLVE) requirements-test.in -o requirements-test.txt
+	rm -f requirements-studies.txt requirements.txt
+	$(RESOLVE) -c requirements-test.txt requirements-studies.in -o requirements-studies.txt
+	$(RESOLVE) -c requirements-test.txt requirements.in -o requirements.txt
+	$(RESOLVE) docs/requirements.in -o docs/requirements.txt
+	sed -i -E "s/ (;|and) platform_machine == 'x86_64' and sys_platform == 'linux'//" \
+	  requirements*.txt docs/requirements.txt
 
 clean:
 	rm -rf $(VENV) build dist install log

@@ -19,7 +19,7 @@ from typing import Any
 
 from bags.errors import BagError
 from msgs_yaml.strict_yaml import closest
-from node_runtime import source_tree
+from node_runtime import provenance, source_tree
 from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
@@ -57,6 +57,13 @@ def main(
         print(f'warning: {stale}', file=sys.stderr)
     try:
         return args.command(args)
+    except ModuleNotFoundError as error:
+        missing = str(error.name).partition('.')[0]
+        if missing in provenance.PACKAGES:
+            raise
+        text = f'error: {program} needs {missing} for this: `make studies`, or pip, installs it'
+        print(text, file=sys.stderr)
+        return 1
     except (BagError, ParameterError, OSError) as error:
         print(f'error: {" ".join(_message(error).split())}', file=sys.stderr)
         return 1

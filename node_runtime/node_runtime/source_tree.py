@@ -1,7 +1,7 @@
 """Whether the installed packages are those of the source tree that a person edits.
 
-Packages that pip installs are copies: an edit of their source has no effect until they are
-installed again (`make setup`), unless they are installed in editable mode (`make editable`).
+Packages that are installed as wheels are copies: an edit of their source has no effect until they
+are installed again, unless they run from their source (`make setup`).
 """
 
 import filecmp
@@ -32,8 +32,7 @@ def describe_stale(here: Path) -> str:
         more = f' and {len(files) - SHOWN} more' if len(files) > SHOWN else ''
         lines.append(
             f'edits in {tree} have no effect: {shown}{more}; what runs is installed in '
-            f'{os.path.dirname(_installed_in())}. `make setup` there installs the edits, '
-            '`make editable` makes every edit count'
+            f'{os.path.dirname(_installed_in())}. `make setup` there makes every edit count'
         )
     return '; '.join(lines)
 

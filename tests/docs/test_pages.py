@@ -97,7 +97,7 @@ def parameters():
 @pytest.fixture
 def home(tmp_path):
     """Return a folder with what a reader finds in a clone."""
-    for name in ('Makefile', 'requirements.txt'):
+    for name in ('Makefile', '.ci', *(file.name for file in ROOT.glob('requirements*.txt'))):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / '.venv').symlink_to(sys.prefix)
     for name in ('bags/reference', 'experiments/config', 'paper/picture'):

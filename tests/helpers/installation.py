@@ -1,4 +1,4 @@
-"""Virtual environments for tests, with the packages of requirements.txt."""
+"""Virtual environments for tests, with the packages of a file of requirements."""
 
 import importlib.metadata as metadata
 import os
@@ -47,14 +47,14 @@ def environment(**more):
     return {k: v for k, v in os.environ.items() if k not in INHERITED} | more
 
 
-def make_environment(folder):
-    """Make a virtual environment with the packages of requirements.txt; return its interpreter.
+def make_environment(folder, requirements='requirements.txt'):
+    """Make a virtual environment with the packages of a file; return its interpreter.
 
     Links or copies the installed files of this environment.
     """
     run_checked([sys.executable, '-m', 'venv', '--without-pip', folder])
     below = Path(sys.prefix)
-    for line in (ROOT / 'requirements.txt').read_text().splitlines():
+    for line in (ROOT / requirements).read_text().splitlines():
         requirement = Requirement(line)
         if requirement.marker and not requirement.marker.evaluate():
             continue

@@ -23,8 +23,12 @@ def copy_sources(folder):
 
 @pytest.fixture(scope='session')
 def empty(tmp_path_factory):
-    """Return an interpreter without any of our packages."""
-    folder = build_once(tmp_path_factory, 'empty', lambda made: make_environment(made / 'venv'))
+    """Return an interpreter without any of our packages, but with all that tests need."""
+    folder = build_once(
+        tmp_path_factory,
+        'empty',
+        lambda made: make_environment(made / 'venv', 'requirements-test.txt'),
+    )
     return folder / 'venv/bin/python'
 
 
@@ -39,7 +43,7 @@ def wheels(tmp_path_factory, sources):
 
 @pytest.fixture(scope='session')
 def installed(tmp_path_factory, wheels):
-    """An interpreter with what requirements.txt names and the five wheels, and no more."""
+    """An interpreter with what `make demo` installs, our packages as wheels, and no more."""
     python = make_environment(tmp_path_factory.mktemp('installed') / 'venv')
     pip = [sys.executable, '-m', 'pip', '--python', python, 'install']
     run_checked([*pip, '--no-index', '--no-deps', *wheels])

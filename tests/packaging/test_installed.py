@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import zipfile
 from pathlib import Path
 
@@ -77,6 +78,16 @@ def test_a_ring_drives_from_wheels_in_an_empty_environment(installed, tmp_path):
     prefix = installed.parents[1]
     check_place(installed, prefix, tmp_path, environment())
     check_drive(prefix / 'bin/experiments', prefix / 'bin/bags', tmp_path, environment())
+
+
+def test_a_command_that_lacks_a_package_says_how_to_get_it(installed, tmp_path):
+    program = installed.with_name('experiments')
+    tune = [program, 'tune', 'mpcc', '--trials', '1', '1', '--out', tmp_path / 'tuning']
+    done = subprocess.run(tune, env=environment(), capture_output=True, text=True, timeout=240)
+    assert done.returncode == 1
+    assert done.stderr == (
+        'error: experiments needs optuna for this: `make studies`, or pip, installs it\n'
+    )
 
 
 def test_a_ring_drives_from_what_colcon_installs(colcon, empty, tmp_path):

@@ -6,7 +6,6 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out
-from bags.errors import BagError
 from experiments.commands import add_jobs, add_list, positive_count, positive_number
 
 HELP = 'tune the weights of a controller'
@@ -15,7 +14,6 @@ OUT = Path('paper', 'tuning')
 TRIALS = (64, 64)
 SEED = 1
 TRACKING_M = 0.3  # the untuned controllers stay below it
-NO_OPTUNA = "optuna is needed for tuning and is not installed: pip install 'optuna>=5'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,12 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune and show. Raises BagError."""
-    try:
-        from experiments.tuning import problem, tune, weight_search
-    except ModuleNotFoundError as error:
-        if error.name != 'optuna':
-            raise
-        raise BagError(NO_OPTUNA) from None
+    from experiments.tuning import problem, tune, weight_search
+
     folder = options.out / Path(options.controller).stem
     plan = weight_search.SearchPlan(
         options.controller,
