@@ -74,7 +74,7 @@ def lateral_motion(around: RoadAhead, x0: State) -> tuple[float, float]:
     pose = arc.Pose(here.X, here.Y, here.psi)
     course = x0.psi - here.psi
     rate = x0.vx * math.sin(course) + x0.vy * math.cos(course)
-    return -float(arc.contouring_error(pose, x0.X, x0.Y)), rate
+    return float(arc.contouring_error(pose, x0.X, x0.Y)), rate
 
 
 def travelled(vx: np.ndarray, dt: float) -> np.ndarray:

@@ -22,7 +22,7 @@ def guess_from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: 
     theta = x0.theta + x0.vx * t
     arcs, _ = reference_path.arcs_at(path, theta)
     start = arc.Pose(*(field[0] for field in arc.pose_at(arcs, theta)))
-    offset = -arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
+    offset = arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
     zeros = np.zeros_like(t)
     states = State(
         X=arcs.X - offset * np.sin(arcs.psi),

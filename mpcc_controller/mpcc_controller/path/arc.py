@@ -41,8 +41,8 @@ def pose_at(arc: Arc, theta) -> Pose:
 
 
 def contouring_error(pose: Pose, X, Y):
-    """Return e_Con [m] of a point (paper, section 3.1): positive to the right of the path."""
-    return functions.sin(pose.psi) * (X - pose.X) - functions.cos(pose.psi) * (Y - pose.Y)
+    """Return e_Con [m] of a point: positive to the left of the path (paper, section 3.1: right)."""
+    return functions.cos(pose.psi) * (Y - pose.Y) - functions.sin(pose.psi) * (X - pose.X)
 
 
 def lag_error(pose: Pose, X, Y):

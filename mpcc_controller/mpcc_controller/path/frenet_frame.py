@@ -81,7 +81,7 @@ def to_frenet_on_arc(piece: Arc, X, Y) -> FrenetPoint:
     have an error of turn^6 / 7, 1e-7 of the length 2 m ahead on a radius of 20 m.
     """
     pose = Pose(piece.X, piece.Y, piece.psi)
-    ahead, left = -arc.lag_error(pose, X, Y), -arc.contouring_error(pose, X, Y)
+    ahead, left = -arc.lag_error(pose, X, Y), arc.contouring_error(pose, X, Y)
     shrink = 1 - piece.kappa * left
     turn = piece.kappa * ahead / shrink
     reach = functions.sqrt(shrink**2 + (piece.kappa * ahead) ** 2)
@@ -135,10 +135,10 @@ def refine_by_numpy(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return `refine`: the definition of what the compiled code does."""
     for _ in range(compiled_queries.PROJECTION_STEPS):
         piece, _ = reference_path.arcs_by_numpy(path, s)
-        left = -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
+        left = arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
         s = np.where(piece.kappa * left < 1, to_frenet_on_arc(piece, X, Y).s, s)
     piece, _ = reference_path.arcs_by_numpy(path, s)
-    return FrenetPoint(s, -arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y))
+    return FrenetPoint(s, arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y))
 
 
 def to_cartesian(path: ReferencePath, point: FrenetPoint) -> Pose:
@@ -224,7 +224,7 @@ def _edge_to_frenet(line, pieces, window):
 
 def _normal_crossing(pose, kappa, edge: distance.Edge):
     """Return where the normal crosses the tangent of an edge, and de/ds of the edge there."""
-    ahead, left = -arc.lag_error(pose, edge.X, edge.Y), -arc.contouring_error(pose, edge.X, edge.Y)
+    ahead, left = -arc.lag_error(pose, edge.X, edge.Y), arc.contouring_error(pose, edge.X, edge.Y)
     tangent = np.tan(edge.psi - pose.psi)
     e = left - ahead * tangent + edge.kappa * ahead**2 / 2
     return e, (1 - kappa * e) * tangent

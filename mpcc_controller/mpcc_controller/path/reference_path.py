@@ -186,7 +186,7 @@ def _refine(path, X, Y, theta):
     for _ in range(compiled_queries.PROJECTION_STEPS):
         piece, _ = arcs_by_numpy(path, np.asarray(theta))
         pose = arc.pose_at(piece, theta)
-        left = -arc.contouring_error(pose, X, Y)
+        left = arc.contouring_error(pose, X, Y)
         shrink = 1 - piece.kappa * left
         if shrink <= 0:  # the point is beyond the centre of the arc: there is no foot
             break

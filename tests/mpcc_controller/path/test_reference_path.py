@@ -125,10 +125,10 @@ def test_of_two_legs_the_first_counts_only_where_both_are_about_as_near(world):
 
 
 @pytest.mark.parametrize('turn', [1, -1])
-def test_errors_have_the_signs_of_the_paper(turn):
+def test_errors_are_positive_to_the_left_and_behind(turn):
     pose = arc.Pose(0.0, 0.0, turn * np.pi / 2)
-    right_of_it = turn * 2.0
-    assert arc.contouring_error(pose, right_of_it, 0.0) == pytest.approx(2.0)
+    left_of_it = -turn * 2.0
+    assert arc.contouring_error(pose, left_of_it, 0.0) == pytest.approx(2.0)
     assert arc.lag_error(pose, 0.0, -turn * 3.0) == pytest.approx(3.0)
 
 
