@@ -40,7 +40,7 @@ def test_the_errors_are_relative_to_the_moving_point_for_every_theta(tracking, s
         errors = tracking.ocp.quantities(x._replace(theta=theta), None, circle)
         # the lane change begins at 45 m: up to there the path is the x axis
         assert float(errors.tracking.lag) == pytest.approx(later.path.theta - 10.0)
-        assert float(errors.tracking.con) == pytest.approx(-0.4)
+        assert float(errors.tracking.con) == pytest.approx(0.4)
         assert float(errors.heading_error) == pytest.approx(0.1)
 
 
