@@ -84,6 +84,7 @@ AnyCar = Car | LaggingCar | LowSpeedCar | LaggingLowSpeedCar
 BLEND_FROM_MPS = 5.0
 BLEND_MPS = 3.0  # over which the kinematic model changes to the dynamic one
 SETTLING_S = 0.1  # in which the lateral motion takes up that of the kinematic model
+LEAST_GRIP = 0.01  # share of the friction that braking leaves to steering at least
 ROLLING_MPS = 0.3  # below it the resistances fade out: they do not push a standing car back
 CREEP_MPS = 0.1  # below it the travelled distance of the kinematic model is rounded
 
@@ -255,6 +256,9 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     There r = vx tan(delta) / L and vy = l_r r: the centre of the rear axle does not move sideways.
     The lateral motion follows these at their own rates and takes them up within `settling`. Blends
     of both models: Polack et al. 2017.
+
+    A car that brakes with all of its friction does not follow its steering: the yaw rate is `held`
+    below that of `lateral_grip`.
     """
     wheelbase = car.l_f + car.l_r
     F = smooth_split(x.Fx, u.lambda_b, car)
@@ -262,13 +266,25 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     F_drag = (car.drag * x.vx**2 + car.rolling) * rolling
     tan_delta = ca.tan(x.delta)
     vx_rate = (F.f * ca.cos(x.delta) + F.r - F_drag) / car.m
-    r = x.vx * tan_delta / wheelbase
-    r_rate = (vx_rate * tan_delta + x.vx * (1 + tan_delta**2) * u.d_delta) / wheelbase
+    ay = x.vx**2 * tan_delta / wheelbase
+    held = (1 + (ay / lateral_grip(x.Fx, car)) ** 4) ** -0.25
+    r = held * x.vx * tan_delta / wheelbase
+    r_rate = held * (vx_rate * tan_delta + x.vx * (1 + tan_delta**2) * u.d_delta) / wheelbase
     return BodyRates(
         vx=vx_rate,
         vy=car.l_r * r_rate + (car.l_r * r - x.vy) / car.settling,
         r=r_rate + (r - x.r) / car.settling,
     )
+
+
+def lateral_grip(Fx, car):
+    """Return the lateral acceleration [m/s^2] that the friction of both axles leaves beside `Fx`.
+
+    At least LEAST_GRIP of the friction is left.
+    """
+    Fz = loads(0.0, car)
+    grip = car.mu_f * Fz.f + car.mu_r * Fz.r
+    return ca.sqrt(ca.fmax(grip**2 - Fx**2, 0) + (LEAST_GRIP * grip) ** 2) / car.m
 
 
 def dynamic_rates(x, u: Input, car) -> BodyRates:

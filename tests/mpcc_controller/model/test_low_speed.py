@@ -61,12 +61,30 @@ def test_a_slow_car_rolls_along_the_circle_of_its_steering_angle(rates, cars, v,
     """On it the rear axle does not move sideways; the rates keep it there while the angle moves."""
     car = cars[1]
     wheelbase = car.l_f + car.l_r
+    delta *= min(1.0, 2.0 / max(v, 1.0) ** 2)  # far below the friction
     r = v * np.tan(delta) / wheelbase
     x = State(*np.array(rates[1](state(v, car.l_r * r, r, delta), (d_delta, 0, 0.5, 0))).ravel())
     h = 1e-6
     later_r = (v + h * x.vx) * np.tan(delta + h * d_delta) / wheelbase
     assert x.r == pytest.approx((later_r - r) / h, abs=1e-5)
     assert x.vy == pytest.approx(car.l_r * x.r, abs=1e-9)
+
+
+@quick
+@given(
+    st.floats(3.0, BLEND_FROM_MPS - 0.5),
+    st.floats(0.2, 0.5),
+    st.floats(0.8, 1.0),
+    st.floats(0.3, 1.0),
+)
+def test_a_slow_car_turns_no_faster_than_braking_leaves_friction_for(cars, v, delta, use, mu):
+    """`use` is the share of the friction that brakes: the rest is on a circle."""
+    limit = mu * single_track.GRAVITY
+    r = limit * np.sqrt(1 - use**2 + 2e-4) / v
+    x = state(v, 0.0, r, delta, -use * limit * cars[1].m)
+    u = Input(0.0, 0.0, 0.5, 0.0)
+    body = single_track.kinematic_rates(x, u, cars[1]._replace(mu_f=mu, mu_r=mu))
+    assert float(body.r) <= 0.0
 
 
 @pytest.mark.parametrize('v', [1.0, 4.0, 6.0, 7.5, 10.0])
