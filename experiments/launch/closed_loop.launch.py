@@ -61,10 +61,7 @@ class RunMonitor:
         code = event.returncode
         if role == 'plant' and code == node_graph.FINISHED and not context.is_shutdown:
             self.is_finished = True
-            # the final state is answered, too, and the answer is recorded
-            return actions.TimerAction(
-                period=node_graph.SETTLE_S, actions=[actions.Shutdown(reason='the plant ended')]
-            )
+            return actions.Shutdown(reason='the plant ended')
         was_asked = code == 0 and context.is_shutdown
         if was_asked and (self.is_finished or self.has_failed):
             return None

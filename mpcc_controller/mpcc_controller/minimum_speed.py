@@ -3,15 +3,16 @@
 Measured on `straight` with `limits.least_speed_mps` of 7 m/s: a start at 7 m/s stops, one at
 7.05 m/s drives; a car that slows down from 15 m/s to a desired speed undershoots it, so it stops
 with a desired speed of 7.4 m/s and drives with 7.6 m/s.
+
+The model is imported where it is needed: CasADi takes a third of a second, and a mistake in the
+inputs of a command is to be told at once.
 """
 
 import dataclasses
 import math
 from functools import lru_cache
 
-from mpcc_controller.model import single_track, stability
 from mpcc_controller.parameters import CarParams, ControllerParams, Limits
-from mpcc_controller.problem import stage_parameters
 from node_runtime.parameters import ParameterError
 
 START_MARGIN_MPS = 0.2  # above the minimum speed a start may still stop
@@ -36,6 +37,8 @@ def with_stable_speed(params: ControllerParams, vehicle: CarParams) -> Controlle
 
     Raises ParameterError for a car whose prediction is not stable at any speed.
     """
+    from mpcc_controller.problem import stage_parameters
+
     least, dt = params.limits.least_speed_mps, params.model.step_s
     if not least:
         return params
@@ -51,11 +54,16 @@ def with_stable_speed(params: ControllerParams, vehicle: CarParams) -> Controlle
 
 @lru_cache
 def _stable_speed(car, dt, least):
+    from mpcc_controller.model import stability
+
     return stability.least_stable_speed(car, dt, least)
 
 
 def describe_raised(params: ControllerParams, vehicle: CarParams) -> str:
     """Return one line about what the stability of this car changes, '' for nothing."""
+    from mpcc_controller.model import single_track
+    from mpcc_controller.problem import stage_parameters
+
     asked = with_low_speed(params)
     least = asked.limits.least_speed_mps
     stable = with_stable_speed(asked, vehicle).limits.least_speed_mps

@@ -1,8 +1,8 @@
 """`mpcc_road` survives fixed draws of every family of emergencies.
 
-They are of the seed of docs/library.md, which nothing is tuned on. One of ten may be lost: about one
-of 200 is, and which one changes with every change of the controller. With 90 % survival the gate
-fails 99 times in 100. `make nightly` judges the share that survives, on fresh draws.
+They are of the seed of docs/library.md, which nothing is tuned on. One of ten may be lost: about
+one of 200 is, and which one changes with every change of the controller. With 90 % survival the
+gate fails 99 times in 100. `make nightly` judges the share that survives, on fresh draws.
 """
 
 import json

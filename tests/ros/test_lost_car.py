@@ -21,7 +21,7 @@ def test_a_car_that_spins_is_a_result(tmp_path):
     file = tmp_path / 'too_fast.yaml'
     file.write_text(yaml.safe_dump(document))
     # the controller believes that the road is dry
-    arguments = ('run', file, '--out', tmp_path, '--set', 'plant.friction=0.3')
+    arguments = ('run', file, '--out', tmp_path, '--set', 'plant.friction=0.2')
     result = subprocess.run(
         [sys.executable, '-m', 'experiments.cli', *map(str, arguments)],
         capture_output=True,

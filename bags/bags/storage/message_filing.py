@@ -251,10 +251,10 @@ class Filing:
     def _is_same(self, *messages):
         """Return whether two messages have the same values: padding is what was in memory."""
         try:
-            one, other = (cdr.decode(m, self._topic.schema, self._topic.type) for m in messages)
+            value, other = (cdr.decode(m, self._topic.schema, self._topic.type) for m in messages)
         except BagError:
             return False
-        return one == other
+        return value == other
 
     def _follows(self, stamp_ns):
         """Return whether an earlier message still waits: the order of a topic is kept."""

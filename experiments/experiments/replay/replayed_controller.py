@@ -10,14 +10,14 @@ from experiments.replay.recorded_ticks import RecordedInputs, has_same_content
 from mpcc_controller import car_file, run_time_parameters
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.tick import TickInputs, unknown_state
-from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
+from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Prediction, Why
 from node_runtime import node_parameters, parameters
 
 ROLE = 'controller'
-ACTUATORS, LAYOUT, CAR_FILE = 'actuators', 'model.drive_front_share', 'car_file'
+CAR_FILE = 'car_file'
 FORMULATION, DEFAULT = 'formulation.name', 'mpcc'  # and the file of its defaults
 
 
@@ -107,11 +107,8 @@ def recorded_params(
     def source(key):
         return '--set' if key in settings else f'{name}: parameters of the controller'
 
-    older = _older_actuators(recorded)
-    # the car gives the layout, unless it is set: an older run must not hide that of another car
-    unused = {*node_parameters.MANAGED, *([LAYOUT] if older else [])}
-    given = {key: value for key, value in recorded.items() if key not in unused}
-    given = _newer_defaults(recorded, name) | older | given | _other_car(settings) | settings
+    given = {k: value for k, value in recorded.items() if k not in node_parameters.MANAGED}
+    given = _newer_defaults(recorded, name) | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)
     known = [parameters.leaves(cls) for cls in classes]
     try:
@@ -145,18 +142,6 @@ def _refuse_unknown(given, known, source):
             raise parameters.ParameterError(
                 f'{source(key)}: {key}: the controller has no such parameter{hint}'
             )
-
-
-def _older_actuators(recorded):
-    """Return the car's actuators for a run that is older than these parameters, else {}.
-
-    The drive layout had another name then, and the controller's limits were not cut.
-    """
-    leaves = parameters.leaves(CarActuators)
-    if f'{ACTUATORS}.drive_front_share' in recorded or LAYOUT not in recorded:
-        return {}
-    unbounded = {f'{ACTUATORS}.{name}': leaves[name].rule.high for name in car_file.SHARED_LIMITS}
-    return {f'{ACTUATORS}.drive_front_share': recorded[LAYOUT], **unbounded}
 
 
 def _newer_defaults(recorded, name):

@@ -83,7 +83,7 @@ def test_the_tuned_controllers_are_compared_and_the_node_graph_repeats_the_media
 
 
 def test_a_deviation_of_the_node_graph_is_an_error_that_names_the_number(paper):
-    with pytest.raises(BagError, match=r'min_v2o_per_obstacle_m\.1 is 0\.6000, tracked 0\.5300'):
+    with pytest.raises(BagError, match=r'min_v2o_per_obstacle_m\.1 is 0\.60+, tracked 0\.530+,'):
         paper(min_v2o_per_obstacle_m={'1': 0.6, '2': 0.57})
 
 

@@ -8,9 +8,7 @@ import pytest
 from bags.errors import BagError, OlderRunWarning
 from experiments.configuration import set_option
 from experiments.replay import replayed_controller
-from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams
-from mpcc_controller.problem import stage_parameters
 from node_runtime import node_parameters, parameters
 
 CAR_FILE = node_parameters.find_config('mpcc_controller', 'car.yaml')
@@ -85,15 +83,6 @@ def test_a_misspelt_setting_is_refused_with_the_closest_parameter(run_info):
         params_of(run_info, **{'solver.nmae': 'ipopt'})
 
 
-def test_a_run_older_than_the_actuators_of_the_car_keeps_its_layout_and_its_limits(run_info):
-    assert 'actuators' not in run_info['parameters']
-    params, vehicle = params_of(run_info)
-    assert stage_parameters.car(params, vehicle).lambda_d == 0.0
-    assert car_file.limit_to_car(params, vehicle) == params
-    wider = car_file.limit_to_car(*params_of(run_info, **{'limits.steer_rate_radps': 3.0}))
-    assert wider.limits.steer_rate_radps == 3.0
-
-
 def test_a_limit_that_the_car_would_cut_is_refused(run_info):
     noted = json.loads(run_info['parameters'])
     car = parameters.read_file(CAR_FILE).values
@@ -116,25 +105,6 @@ def test_a_car_file_replaces_the_car_of_the_run_and_single_settings_win_over_it(
     assert vehicle == dataclasses.replace(shipped, car=lighter)
     _, vehicle = params_of(run_info, **{'car_file': own, 'car.mass_kg': 1500.0})
     assert vehicle.car.mass_kg == 1500.0
-
-
-@pytest.mark.parametrize(
-    ('has_file', 'settings', 'used'),
-    [
-        (True, {}, 1.0),
-        (True, {'model.drive_front_share': 0.5}, 0.5),
-        (True, {'actuators.drive_front_share': 0.3}, 0.3),
-        (False, {'actuators.drive_front_share': 0.3}, 0.3),
-    ],
-)
-def test_a_new_car_gives_an_older_run_its_drive_layout_too(
-    run_info, own_car, has_file, settings, used
-):
-    assert 'model.drive_front_share' in run_info['parameters']
-    if has_file:
-        own = own_car('drive_front_share: 0.0', 'drive_front_share: 1.0')
-        settings = {'car_file': own, **settings}
-    assert stage_parameters.car(*params_of(run_info, **settings)).lambda_d == used
 
 
 @pytest.mark.parametrize('name', ['nosuch.yaml', './nosuch.yaml', 'mpcc.yaml', 1])

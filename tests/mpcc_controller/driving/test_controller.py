@@ -124,7 +124,9 @@ def test_a_restart_takes_its_setpoints_from_the_actuators(controller, world):
 def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, world):
     situation = world.straight()
     before = controller.scene
-    stuck = situation.reference._replace(t=situation.reference.t * 0)
+    t = situation.reference.t.copy()
+    t[3] = t[2]
+    stuck = situation.reference._replace(t=t)
     assert 'stamp does not increase' in controller.set_reference(stuck)
     assert 'left edge' in controller.set_edges(situation.edges._replace(left=np.zeros((2, 2))))
     assert controller.scene == before
