@@ -24,11 +24,11 @@ def set_points(draw):
     return delta, Fxf, Fxr
 
 
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(
     commands=st.lists(set_points(), min_size=3, max_size=8),
-    speed=st.sampled_from([0.0, 0.05, 1.0, 8.0, 25.0, 45.0]),
-    friction=st.sampled_from([0.1, 0.6, 1.0]),
+    speed=st.sampled_from([0.0, 0.05, 1.0, 8.0, 25.0, 45.0]) | st.floats(0.0, 45.0),
+    friction=st.sampled_from([0.1, 0.6, 1.0]) | st.floats(0.1, 1.2),
 )
 def test_no_command_makes_it_leave_physics(commands, speed, friction):
     """Full lock, full brakes, full throttle from standstill or 45 m/s: finite and bounded."""
@@ -42,12 +42,46 @@ def test_no_command_makes_it_leave_physics(commands, speed, friction):
     v = np.hypot(track.column('planar.vx'), track.column('planar.vy'))
     driven = len(commands) * 0.3 * CAR.force.rear.drive_n / CAR.body.mass_kg
     assert v.max() <= speed + driven + 0.7
+    assert np.abs(track.column('servos.steer.position')).max() <= CAR.steering.limit_rad
+    # far beyond normal driving, far inside what is impossible
+    for name, limit in (('phi', 0.15), ('theta', 0.1), ('z', 0.08)):
+        assert np.abs(track.column(f'ride.{name}')).max() <= limit
     for w in WHEELS:
         assert np.abs(track.column(f'wheels.{w}.windup')).max() <= 1.0
         Fz = track.column(f'loads.{w}.Fz')
+        assert Fz.max() <= 1.1 * CAR.body.mass_kg * CAR.body.gravity_mps2
         F = np.hypot(track.column(f'loads.{w}.Fx'), track.column(f'loads.{w}.Fy'))
         # the published tyre gains friction as load falls; camber adds to it
         assert (1.6 * friction * Fz + 10.0 >= F).all()
+        assert greatest_slip(track, w) <= 1.01 * CAR.wheel.greatest_slip
+
+
+def greatest_slip(track, w):
+    """Return the larger of both slips of a wheel over a trajectory."""
+    return max(np.abs(track.column(f'wheels.{w}.{n}')).max() for n in ('kappa', 'tan_alpha'))
+
+
+@pytest.mark.parametrize('speed', [0.0, 25.0])
+def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(drive, speed):
+    """Full throttle for three seconds: the rims race, the slips stay."""
+    track = drive(lambda t, car: (0.0, 0.0, CAR.force.rear.drive_n), 3.0, speed, friction=0.1)
+    assert track.column('planar.vx')[-1] > speed
+    for w in WHEELS:
+        assert greatest_slip(track, w) <= 1.01 * CAR.wheel.greatest_slip
+
+
+@pytest.mark.parametrize('side', [-1, 1])
+def test_full_brakes_at_full_lock_end_at_standstill(drive, side):
+    front, rear = CAR.force.front.brake_n, CAR.force.rear.brake_n
+
+    def law(t, car):
+        return side * min(t, CAR.steering.limit_rad), -front, -rear
+
+    track = drive(law, 4.0, 8.0, friction=0.5)
+    assert np.abs(track.column('planar.vx')[-500:]).max() < 0.05
+    for w in WHEELS:
+        rim = track.column(f'wheels.{w}.omega')[-500:] * CAR.wheel.radius_m
+        assert np.abs(rim).max() < 0.1
 
 
 @pytest.mark.parametrize('brakes', [(-6000.0, -3500.0), (-16000.0, -12000.0)])
