@@ -163,7 +163,6 @@ bench: setup $(VENV)/.tests
 	$(BIN)/python bench/plant.py
 	$(BIN)/python bench/plant_node.py
 	$(BIN)/python bench/recordings.py
-	$(BIN)/python bench/report_page.py
 
 realtime: setup $(VENV)/.tests
 	failed=0; $(BIN)/python bench/realtime.py || failed=1; \
