@@ -1,11 +1,11 @@
-"""The command `bags`: play, view, compare, describe and repair recordings."""
+"""The command `bags`: play, compare, describe and repair recordings."""
 
 import sys
 from collections.abc import Sequence
 
 from bags import command_line
 
-COMMANDS = ('play', 'view', 'compare', 'overview', 'film', 'distances', 'info', 'timing', 'repair')
+COMMANDS = ('play', 'compare', 'overview', 'film', 'distances', 'info', 'timing', 'repair')
 # until version 0.1; now commands of `experiments`
 MOVED = ('run', 'replay-check', 'resolve', 'golden', 'tune', 'study', 'paper')
 # words that are no command, and the command that has what they ask for

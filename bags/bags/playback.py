@@ -114,11 +114,11 @@ def _select(bag, names):
 def _rows(recorded, times, first_ns, last_ns):
     """Return the rows of the part, with the latched message that was current at its start."""
     begin, end = np.searchsorted(times, [first_ns, last_ns + 1]).tolist()
-    latched = begin > 0 and is_latched(recorded.topic)
+    latched = begin > 0 and _is_latched(recorded.topic)
     return np.arange(begin - latched, max(begin, end))
 
 
-def is_latched(topic: BagTopic) -> bool:
+def _is_latched(topic):
     """Return whether a late subscriber gets the last message (durability transient_local)."""
     return any(profile['durability'] == 'transient_local' for profile in parse_qos(topic.qos))
 
@@ -131,21 +131,19 @@ class PlaybackClock:
     """Moves through a bag at `rate` s per second of wall time; stands still while paused.
 
     Times are ns: `now_ns` of any steady clock, which callers read, positions from the start of
-    what is played. With `end_ns` no position is beyond it.
+    what is played.
     """
 
-    def __init__(self, rate: float, now_ns: int, paused: bool = False, end_ns: int | None = None):
+    def __init__(self, rate: float, now_ns: int, paused: bool = False):
         self.rate = rate
         self.paused = paused
-        self._end_ns = end_ns
         self._position_ns, self._since_ns = 0, now_ns
 
     def position_ns(self, now_ns: int) -> int:
         """Return the position in the bag."""
-        position = self._position_ns
-        if not self.paused:
-            position += round((now_ns - self._since_ns) * self.rate)
-        return position if self._end_ns is None else min(position, self._end_ns)
+        if self.paused:
+            return self._position_ns
+        return self._position_ns + round((now_ns - self._since_ns) * self.rate)
 
     def wait_s(self, due_ns: int, now_ns: int) -> float | None:
         """Return how long it takes to a position, at most 0 when it is reached.
@@ -157,27 +155,18 @@ class PlaybackClock:
             return None
         return ahead_ns / self.rate / NS_PER_S
 
-    def set(
-        self,
-        now_ns: int,
-        *,
-        paused: bool | None = None,
-        rate: float | None = None,
-        position_ns: int | None = None,
-    ) -> None:
-        """Pause or resume, change the rate, seek; None leaves a value as it is."""
-        position_ns = self.position_ns(now_ns) if position_ns is None else max(position_ns, 0)
-        self._position_ns, self._since_ns = position_ns, now_ns
-        self.paused = self.paused if paused is None else paused
-        self.rate = self.rate if rate is None else rate
-
     def toggle(self, now_ns: int) -> None:
         """Pause, or resume where the pause or its last step ended."""
-        self.set(now_ns, paused=not self.paused)
+        self._stand(now_ns)
+        self.paused = not self.paused
+
+    def _stand(self, now_ns):
+        self._position_ns, self._since_ns = self.position_ns(now_ns), now_ns
 
     def step(self, length_ns: int, next_ns: int, now_ns: int) -> None:
         """Pause and advance by `length_ns` of the bag, at least up to `next_ns`."""
-        self.set(now_ns, paused=True)
+        self._stand(now_ns)
+        self.paused = True
         self._position_ns = max(self._position_ns + length_ns, next_ns)
 
 

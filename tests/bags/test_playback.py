@@ -143,18 +143,3 @@ def test_playing_goes_on_from_the_last_step():
     clock.toggle(BEGIN_NS + 9 * S)
     assert not clock.paused
     assert clock.wait_s(5 * S, BEGIN_NS + 9 * S) == 1.0
-
-
-def test_the_clock_follows_rate_pause_and_seek_up_to_its_end():
-    clock = PlaybackClock(2.0, 100 * S, end_ns=10 * S)
-    assert clock.position_ns(100 * S) == 0
-    assert clock.position_ns(101 * S) == 2 * S
-    clock.set(101 * S, paused=True)
-    assert clock.position_ns(150 * S) == 2 * S
-    clock.set(150 * S, paused=False, rate=0.5)
-    assert clock.position_ns(152 * S) == 3 * S
-    clock.set(152 * S, position_ns=9 * S)
-    assert clock.position_ns(153 * S) == 9.5 * S
-    assert clock.position_ns(999 * S) == 10 * S
-    clock.set(999 * S, position_ns=-10 * S)
-    assert clock.position_ns(999 * S) == 0

@@ -41,9 +41,8 @@ ABOUT = re.compile(r'<!-- page: (.+?) -->')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
     'sets up the clone, as the tests do before they begin': 1,
-    'needs two terminals that end each other': 1,
     'downloads a program': 1,
-    'needs an installation of ROS 2': 1,
+    'needs an installation of ROS 2': 2,
     'changes the system of the reader': 1,
     'needs a second machine': 3,
 }

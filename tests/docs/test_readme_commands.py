@@ -162,24 +162,6 @@ def plays(home, words):
     assert re.search(r'played \d{4,} messages', said), said
 
 
-def serves(home, words):
-    """Serve until it is stopped, at a port that is free."""
-    server = subprocess.Popen(
-        home.command([*words, '--port', '0']),
-        cwd=home.folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        assert 'ws://127.0.0.1:' in server.stdout.readline()
-        server.send_signal(signal.SIGTERM)
-        said, _ = server.communicate(timeout=240)
-        assert server.returncode == 0, said
-    finally:
-        server.kill()
-
-
 def measures_distances(home, words):
     home.run(*words)
     assert (home.driven(*RUN.match(words[2]).groups()).parent / 'distances.json').is_file()
@@ -272,7 +254,6 @@ RULES = [
     Rule(r'bags compare ', compares),
     Rule(r'bags distances ', measures_distances),
     Rule(r'bags play .*--rate ', plays),
-    Rule(r'bags view (?!.*--live)', serves),
     Rule(r'experiments replay-check ', says('the same in ')),
     Rule(r'experiments resolve .*--tick .*--set ', says('solved again: ', 'changed: ')),
     Rule(r'bags info ', says('/vehicle/odometry', 'lockstep')),

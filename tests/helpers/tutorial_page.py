@@ -9,8 +9,7 @@ A comment directly above a fenced block says what it is:
     <!-- exit code: N -->          the commands end with N, not 0
     <!-- on the wall clock -->     the commands may end with 1: a busy machine is late
     <!-- terminal -->              runs beside what follows, until the end of the page; from the
-                                   first one on all run in a ROS domain of their own;
-                                   `terminal: COMMAND` as in `run as`
+                                   first one on all run in a ROS domain of their own
     <!-- not run: REASON -->       only the reader can run it; the tests count these blocks
     <!-- drawing -->               neither a command nor a file
 
@@ -41,7 +40,7 @@ BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 KIND = re.compile(
-    r'(file|append|run as|exit code|terminal|not run): (.+)|(in) (.+)'
+    r'(file|append|run as|exit code|not run): (.+)|(in) (.+)'
     r'|(terminal|on the wall clock|drawing)'
 )
 RUN = {'sh', 'python'}
@@ -146,7 +145,7 @@ class Session:
             case 'in':
                 recipe_steps.apply(f'in {block.value}', block.text, self.folder)
             case 'terminal':
-                self._printed = self._start(block.value or block.text)
+                self._printed = self._start(block.text)
             case 'run' if block.language == 'python':
                 self._printed = self._run_python(block.text)
             case 'run' | 'run as':

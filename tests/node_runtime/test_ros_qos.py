@@ -35,9 +35,8 @@ def test_keep_all_needs_no_depth():
 @pytest.mark.parametrize('mode', contract.MODES)
 @pytest.mark.parametrize('topic', contract.load().topics.values(), ids=lambda topic: topic.name)
 def test_an_observer_of_either_mode_receives_what_is_published(topic, mode):
-    # the live view takes the profiles of realtime, whatever the mode of the nodes
     published = ros.to_qos_profile(topic.qos[mode])
-    observer = ros.observer_profile(topic, 'realtime')
+    observer = ros.observer_profile(topic, mode)
     compatibility, reason = qos_check_compatible(published, observer)
     assert compatibility != QoSCompatibility.ERROR, reason
 

@@ -13,7 +13,6 @@ from setuptools.config.setupcfg import read_configuration
 ROSDEP_KEYS = {
     'bokeh': 'python3-bokeh-pip',
     'casadi': 'casadi-pip',
-    'foxglove': None,
     'jinja2': 'python3-jinja2',
     'lz4': None,
     'matplotlib': 'python3-matplotlib',
@@ -34,7 +33,6 @@ ROSDEP_KEYS = {
 DISTRIBUTIONS = {
     'PIL': 'pillow',
     'SALib': 'salib',
-    'foxglove': 'foxglove-sdk',
     'sklearn': 'scikit-learn',
     'yaml': 'pyyaml',
 }

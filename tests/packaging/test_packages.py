@@ -17,7 +17,7 @@ EXECUTABLES = {
     'scenario_publisher': ('scenario_node',),
     'mpcc_controller': ('controller_node', 'mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
-    'bags': ('markers_node', 'player_node', 'recorder_node', 'view_node', 'bags'),
+    'bags': ('markers_node', 'player_node', 'recorder_node', 'bags'),
     'experiments': ('experiments',),
 }
 SHARED = {

@@ -1,7 +1,7 @@
 """The car, its safety areas and its plan as plain shapes in the frame map: SI units, z up.
 
 `MarkerScene` keeps the latest value of each topic and returns the shapes to draw. Shapes are
-independent of ROS and Foxglove: markers_node and foxglove_server turn them into messages.
+independent of ROS: markers_node turns them into messages.
 """
 
 from collections.abc import Mapping, Sequence

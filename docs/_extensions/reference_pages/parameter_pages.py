@@ -100,8 +100,8 @@ KINDS = (
     ),
     Kind(
         'parameters_markers',
-        'Parameters of the markers and of the live view',
-        'Of `markers_node` and `view_node`.',
+        'Parameters of the markers',
+        'Of `markers_node`.',
         ShapeParams,
         'bags',
         'markers.yaml',
