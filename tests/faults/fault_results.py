@@ -15,11 +15,6 @@ RESULTS_FILE = 'verdicts.json'
 TOO_LATE = 'too late'
 NOT_OK_BEFORE = 'not OK before the fault'
 DIRTY = '-dirty'
-FORMER_NAMES = {
-    'found': 'final_state',
-    'nonsense': 'invalid_commands',
-    'earlier': 'first_try',
-}
 
 
 class FaultResult(NamedTuple):
@@ -79,16 +74,8 @@ def run_context() -> dict[str, str | float]:
 
 
 def load(path: Path) -> dict[str, FaultResult]:
-    """Return the results of a file by the names of their faults, in the order of the runs.
-
-    Reads files of older versions: renamed fields, and fields that no longer exist.
-    """
-    results = {}
-    for entry in json.loads(path.read_text()):
-        fields = {FORMER_NAMES.get(name, name): value for name, value in entry.items()}
-        known = {name: value for name, value in fields.items() if name in FaultResult._fields}
-        results[entry['name']] = FaultResult(**known)
-    return results
+    """Return the results of a file by the names of their faults, in the order of the runs."""
+    return {entry['name']: FaultResult(**entry) for entry in json.loads(path.read_text())}
 
 
 def save(path: Path, results: dict[str, FaultResult]) -> None:

@@ -221,20 +221,6 @@ def test_a_continued_suite_has_no_more_retries_than_an_uninterrupted_one(monkeyp
     assert [one.passed for one in suite.run_suite(faults, tmp_path)] == [True, True, False]
 
 
-def test_results_of_older_versions_are_read(tmp_path):
-    result = result_of(catalogue.load()[0], 'a' * 40)
-    file = tmp_path / fault_results.RESULTS_FILE
-    fault_results.save(file, {result.name: result})
-    (entry,) = json.loads(file.read_text())
-    file.write_text(json.dumps([{**entry, 'calm': True}]))
-    assert fault_results.load(file)[result.name].passed
-    former = {former: entry.pop(name) for former, name in fault_results.FORMER_NAMES.items()}
-    file.write_text(json.dumps([entry | former]))
-    loaded = fault_results.load(file)[result.name]
-    assert loaded.final_state == result.final_state
-    assert loaded.passed
-
-
 def test_an_interrupted_suite_continues_with_the_faults_without_a_result_on_this_commit(
     monkeypatch, tmp_path
 ):

@@ -195,12 +195,12 @@ def _missing_file(path):
 
 
 def _reject_baseline_by_name(path):
-    """Raise BagError for a file that is the baseline by its name only, as older ones were."""
+    """Raise BagError for a file that has the name of the baseline and not its formulation."""
     if path.stem.startswith('frenet'):
         with contextlib.suppress(parameters.ParameterError):  # reported with the other inputs
             if 'formulation.name' not in parameters.read_file(path).values:
                 raise BagError(
-                    f'{path}: the name of a file does not choose the baseline any more; add '
+                    f'{path}: the name of a file does not choose the baseline; add '
                     '`base: frenet.yaml` to its ros__parameters'
                 )
 

@@ -290,12 +290,6 @@ def test_the_commands_of_the_interface_exist(capsys):
         assert f'bags {command}' in capsys.readouterr().out
 
 
-def test_a_command_that_has_moved_names_the_new_one(capsys):
-    for command in cli.MOVED:
-        assert cli.main([command, 'straight']) == 2
-        assert capsys.readouterr().err == f'error: bags {command} is now: experiments {command}\n'
-
-
 @pytest.mark.parametrize(
     ('paths', 'recorded', 'names'),
     [
