@@ -1,6 +1,7 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
 # make check     what the continuous integration runs: lint, every test, coverage of the safety modules
+# make budget    lines, files and megabytes: are they within .ci/budget.txt?
 # make nightly   2,000 fresh emergencies: does mpcc_road survive 99.5 % of them? (about an hour)
 # make paper     every figure and claim of the paper, into paper/
 # make study     the wide sweeps over speeds, clearances and 40,000 settings (hours; goes on where it stopped)
@@ -24,7 +25,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs notebooks coverage coverage_whole nightly paper study studies \
+.PHONY: help demo test check budget docs notebooks coverage coverage_whole nightly paper study studies \
   result bench realtime faults soak repeat golden identify lint setup requirements wheels wheels_test \
   version clean
 
@@ -122,6 +123,9 @@ lint: $(VENV)/.tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+budget:
+	@$(PYTHON) .ci/budget.py
+
 # the last lines of defence: every line of them is run by their own tests
 SAFE := */gate.py,*/fallback.py,*/braking.py,*/input_monitor.py,*/clocks.py,*/watchdog.py,$\
   */vehicle_plant/health.py,*/vehicle_plant/stepping.py
@@ -147,7 +151,7 @@ coverage_whole: setup $(VENV)/.tests
 # only the files are read that have such a test: to collect all takes as long as some of them. Where
 # nodes may not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
 ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|wall_clock' tests)
-check: setup $(VENV)/.tests lint docs
+check: setup $(VENV)/.tests lint budget docs
 	failed=0; \
 	  $(PARALLEL) -m 'not alone' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
 	  { $(COVER_SAFE); } || failed=1; \
