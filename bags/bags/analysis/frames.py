@@ -125,8 +125,8 @@ def import_pandas() -> Any:
         import pandas
     except ImportError as error:
         raise ImportError(
-            f'a DataFrame needs pandas, which is not installed: pip install pandas, or install '
-            f'this package with its extra, bags[{EXTRA}]'
+            f'a DataFrame needs pandas, which is not installed: `make setup` in a clone, or pip '
+            f'with the extra bags[{EXTRA}], installs it'
         ) from error
     return pandas
 
