@@ -97,6 +97,7 @@ class Scene(NamedTuple):
     right: np.ndarray  # (m, 2) m
     obstacle_stamp_ns: np.ndarray  # one entry per obstacle message
     obstacles: tuple[Obstacle, ...]
+    desired_mps: float | None = None  # m/s, mean desired speed of the path; None without stamps
 
 
 class Facts(NamedTuple):
@@ -212,7 +213,16 @@ def _scene(columns):
         _polyline('/scenario/road_edges', edges.right),
         np.maximum.accumulate(messages.stamp_ns),  # an array without markers has no stamp
         tuple(_obstacle(number, messages.values) for number in ids),
+        _desired_speed(reference),
     )
+
+
+def _desired_speed(reference):
+    """Return length over duration of a path; None for one whose poses have no times."""
+    duration = reference.t[-1] - reference.t[0]
+    if not (math.isfinite(duration) and duration > 0.0):
+        return None
+    return float(np.hypot(np.diff(reference.X), np.diff(reference.Y)).sum() / duration)
 
 
 def _polyline(topic, points):

@@ -29,8 +29,11 @@ COLOUR_NOTE = (
     'that left the road or lost control'
 )
 OF_PAPER = 'of_paper'  # in comparison.json, where the runs drove the manoeuvre of the paper
-# x and y [m] of the obstacles of that manoeuvre, in the scenario `double_lane_change`
+# x and y [m] of the obstacles of that manoeuvre and its desired speed, as in the scenario
+# `double_lane_change`: this package reads no scenario, a test holds both together
 PAPER_OBSTACLES_M = ((68.2, 1.10), (122.0, 2.45))
+PAPER_SPEED_MPS = 20.8
+SPEED_TOLERANCE_MPS = 0.1
 ABSENT = '–'
 SPUN = 'spun'  # value of lost_how
 
@@ -121,11 +124,14 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
 
 
 def drives_of_paper(drives: Iterable[Drive]) -> dict[str, bool]:
-    """Return what comparison.json says of drives that all passed the obstacles of the paper."""
+    """Return what comparison.json says of drives that all were the manoeuvre of the paper."""
     return {OF_PAPER: True} if all(map(_is_of_paper, drives)) else {}
 
 
 def _is_of_paper(drive):
+    desired_mps = drive.scene.desired_mps
+    if desired_mps is None or abs(desired_mps - PAPER_SPEED_MPS) > SPEED_TOLERANCE_MPS:
+        return False
     places = [(obstacle.x, obstacle.y) for obstacle in drive.scene.obstacles]
     if len(places) != len(PAPER_OBSTACLES_M):
         return False

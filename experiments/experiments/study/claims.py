@@ -52,7 +52,7 @@ ALIKE = {
     'peak_overshoot_m': 0.1,
 }
 AT_PLANT_LIMIT = 0.95  # of what the plant holds in a steady turn, for 0.1 s
-AT_BRAKING_LIMIT = 0.9  # of the friction of the road
+AT_BRAKING_LIMIT = 0.9  # of the friction that the controller believes
 PERIOD_MS = 50.0
 PAPER_MEAN_MS, PAPER_MAX_MS = 15.6, 18.6
 V2O, V2O_1, V2O_2 = 'min_v2o_m', 'min_v2o_per_obstacle_m.1', 'min_v2o_per_obstacle_m.2'

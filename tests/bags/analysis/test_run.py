@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from bags.evaluation.drive import drive_from_bag
 from bags.evaluation.metrics.registry import METRICS
 from bags.storage import read
 
+ROOT = Path(__file__).parents[3]
 UNITS = {
     '_mps3': 'm/s³',
     '_mps2': 'm/s²',
@@ -69,6 +71,15 @@ def test_signals_are_those_by_which_the_metrics_judge(run):
     use = np.hypot(frame['ax_mps2'], frame['ay_mps2']) / 9.81
     assert np.allclose(frame['friction_use'], use, rtol=1e-12)
     assert frame['steer_rad'].max() == pytest.approx(0.1, abs=1e-4)
+
+
+def test_the_controller_and_its_judge_give_the_contouring_error_one_sign():
+    driven = bags.load(ROOT / 'bags/reference/double_lane_change/mpcc')
+    reported = driven.frame('/controller/why')['error.con'].dropna()
+    judged = driven.signals['contouring_m']
+    assert np.ptp(judged) > 0.5  # on both sides of the path
+    # the controller projects onto a spline, the judge onto the polyline
+    assert np.interp(reported.index, judged.index, judged) == pytest.approx(reported, abs=0.01)
 
 
 def test_columns_of_topics_that_were_not_recorded_are_absent(run):

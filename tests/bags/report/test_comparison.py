@@ -16,6 +16,7 @@ from bags.figures import comparison_figures, panels, style
 from bags.report import comparison as comparison_module
 from bags.report import metrics_table
 from bags.report.comparison import compare_drives, show_comparison
+from scenario_publisher.scenario import load as load_scenario
 
 DAMAGE = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
 
@@ -38,16 +39,29 @@ def cut(drives, tmp_path_factory):
     return compare_drives(drives, tmp_path_factory.mktemp('cut'), {'damage': DAMAGE})
 
 
-def on_the_road_of_the_paper(drives):
-    """Return drives past the obstacles of the paper's double lane change, in any scenario."""
+def on_the_road_of_the_paper(drives, speed_mps=None):
+    """Return drives past the obstacles of `double_lane_change`, at its speed unless given."""
     still = np.zeros(101)
-    scene = drives['mpcc'].scene._replace(
-        obstacles=(
-            Obstacle(1, still + 68.2, still + 1.1, still, still, 1.0),
-            Obstacle(2, still + 122.0, still + 2.45, still, still, 1.0),
-        )
+    scn = load_scenario('double_lane_change')
+    obstacles = tuple(
+        Obstacle(k, still + one.X, still + one.Y, still, still, one.r_obs)
+        for k, one in enumerate(scn.obstacles.items, 1)
     )
+    ((_, speed),) = scn.speeds
+    scene = drives['mpcc'].scene._replace(obstacles=obstacles, desired_mps=speed_mps or speed)
     return {name: drive._replace(scene=scene) for name, drive in drives.items()}
+
+
+def test_the_manoeuvre_of_the_paper_is_that_of_the_scenario():
+    scn = load_scenario('double_lane_change')
+    places = tuple((one.X, one.Y) for one in scn.obstacles.items)
+    assert places == metrics_table.PAPER_OBSTACLES_M
+    assert [speed for _, speed in scn.speeds] == [metrics_table.PAPER_SPEED_MPS]
+
+
+def test_another_desired_speed_is_not_the_manoeuvre_of_the_paper(drives, tmp_path):
+    faster = on_the_road_of_the_paper(drives, speed_mps=22.0)
+    assert 'of_paper' not in compare_drives(faster, tmp_path).values
 
 
 def test_the_name_of_a_scenario_makes_it_no_manoeuvre_of_the_paper(drives, tmp_path):

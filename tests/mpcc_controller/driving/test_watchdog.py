@@ -69,6 +69,20 @@ def test_a_rejected_message_does_not_reset_the_age_of_its_input(realtime):
     assert health.values['age.obstacles_reason'] == 'it has NaN'
 
 
+def test_a_check_refuses_what_an_offer_would_and_changes_nothing(realtime):
+    assert 'in the past' in realtime.check(STATE, 0, S + 90 * MS)
+    assert realtime.check(STATE, S + 90 * MS, S + 90 * MS) == ''
+    assert realtime.fault(S + 101 * MS) == 'state_stale'
+    lockstep = watchdog.make('lockstep', HealthMonitor('controller'), AGES)
+    assert lockstep.check(STATE, 0, 99 * S) == ''
+
+
+def test_internal_errors_are_counted_in_the_health(realtime):
+    report = why(S, ERROR)
+    realtime.on_step(report._replace(values=report.values | {'internal_errors': 2}))
+    assert realtime.on_timer(S, '').values['internal_errors'] == 2
+
+
 def test_health_is_published_once_per_second_also_without_steps(realtime):
     reports = [realtime.on_timer(S + k * 20 * MS, '') for k in range(101)]
     assert [k for k, health in enumerate(reports) if health] == [0, 50, 100]
