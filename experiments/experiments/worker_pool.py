@@ -201,7 +201,7 @@ class _Worker:
         context = get_context('spawn')
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(theirs,), daemon=True)
-        with _main_left_out():
+        with main_left_out():
             self.process.start()
         theirs.close()
         self.has_started = False
@@ -249,7 +249,7 @@ class _Worker:
 
 
 @contextmanager
-def _main_left_out():
+def main_left_out() -> Iterator[None]:
     """Start a process that does not run the caller's script again.
 
     Tasks are functions of modules, which import what they need. A script or a notebook that calls
@@ -276,7 +276,7 @@ def _work(pipe):
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # a core each; numpy reads this when it is imported, so nothing here may import it
     os.environ['OPENBLAS_NUM_THREADS'] = '1'
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    exit_with_parent()
     try:
         pipe.send('started')
         while True:
@@ -298,6 +298,11 @@ def _answer(message):
             return answer
         except Exception:
             return pickle.dumps((None, RuntimeError(f'{type(error).__name__}: {error}'), trace))
+
+
+def exit_with_parent() -> None:
+    """Let this process end with the one that started it, however that ends."""
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
 def _exit_with_parent():

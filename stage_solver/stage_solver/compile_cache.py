@@ -15,6 +15,8 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -63,6 +65,17 @@ def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path:
             'let MPCC_CACHE_DIR name a folder that can be written'
         ) from None
     return library
+
+
+def compile_libraries(sources: Iterable[tuple[str, str, tuple[str, ...]]]) -> None:
+    """Compile libraries at the same time; each source has the arguments of `compile_library`.
+
+    Raises the error of the first one that fails.
+    """
+    # the compiler is a process: its thread only waits
+    with ThreadPoolExecutor() as pool:
+        for future in [pool.submit(compile_library, *source) for source in sources]:
+            future.result()
 
 
 def cache_dir() -> Path:

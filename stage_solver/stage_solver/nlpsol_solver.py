@@ -72,6 +72,17 @@ class NlpLayout:
         return np.vstack([W[:, :nx], v[None, -nx:]]), W[:, nx:].copy()
 
 
+def c_source(problem: StageProblem, options: SolverOptions) -> tuple[str, str, tuple[str, ...]]:
+    """Return the arguments of `compile_library` for the functions of a solver."""
+    functions = tuple(nlp_functions.build(problem, options.name).values())
+    name = _library(problem, options)
+    return compiled_functions.c_source(functions, name), name, compiled_functions.FLAGS
+
+
+def _library(problem, options):
+    return f'{problem.name}_{options.name}'
+
+
 class NlpsolSolver:
     """A StageSolver (see `solution`); `options.name` is a key of BACKENDS.
 
@@ -89,7 +100,7 @@ class NlpsolSolver:
         self._layout = NlpLayout(problem)
         functions = nlp_functions.build(problem, options.name)
         if options.compiled:
-            library = f'{problem.name}_{options.name}'
+            library = _library(problem, options)
             functions = compiled_functions.compile_functions(functions, library, flags)
         self._lagrangian = BufferedFunction(functions['nlp_grad'])
         self._backend = BACKENDS[options.name](problem, options, functions)

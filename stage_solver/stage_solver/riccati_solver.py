@@ -73,9 +73,13 @@ def compile_solver(problem: StageProblem) -> Path:
 
     Raises CompileError where there is neither a library of it nor a working C compiler.
     """
-    source = riccati_codegen.source(problem)
+    return compile_cache.compile_library(*c_source(problem))
+
+
+def c_source(problem: StageProblem) -> tuple[str, str, tuple[str, ...]]:
+    """Return the arguments of `compile_library` for the solver of a problem."""
     flags = (*riccati_codegen.FLAGS, f'-DW={lanes()}')
-    return compile_cache.compile_library(source, f'{problem.name}_riccati', flags)
+    return riccati_codegen.source(problem), f'{problem.name}_riccati', flags
 
 
 def lanes() -> int:

@@ -1,8 +1,10 @@
 """Select and build the solver of a stage problem."""
 
+from collections.abc import Iterable
+
 import casadi as ca
 
-from stage_solver import riccati_solver
+from stage_solver import compile_cache, nlpsol_solver, riccati_solver
 from stage_solver.nlpsol_solver import NlpsolSolver
 from stage_solver.solution import SolverOptions, StageSolver
 from stage_solver.stage_problem import ProblemError, StageProblem
@@ -27,6 +29,23 @@ def make_solver(problem: StageProblem, options: SolverOptions) -> StageSolver:
         known = ', '.join(SOLVERS)
         raise ProblemError(f'there is no solver {options.name!r}; there are: {known}')
     return SOLVERS[options.name](problem, options)
+
+
+def compile_solvers(problem: StageProblem, chosen: Iterable[SolverOptions]) -> None:
+    """Compile what several solvers of a problem need at the same time, for `make_solver` to load.
+
+    Raises CasadiTooOldError, and CompileError as `compile_library`.
+    """
+    check_casadi()
+    # CasADi is not for several threads: the sources are written in this one
+    sources = [
+        riccati_solver.c_source(problem)
+        if options.name == 'riccati'
+        else nlpsol_solver.c_source(problem, options)
+        for options in chosen
+        if options.name == 'riccati' or options.compiled
+    ]
+    compile_cache.compile_libraries(sources)
 
 
 def check_casadi(version: str = ca.__version__) -> None:

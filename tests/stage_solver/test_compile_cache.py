@@ -66,6 +66,30 @@ def test_the_processor_counts_only_when_the_code_is_made_for_it(monkeypatch):
 
 
 @needs_compiler
+def test_libraries_are_compiled_at_the_same_time(cache, tmp_path, monkeypatch):
+    # each compiler waits for the other one to have begun
+    compiler = tmp_path / 'compiler'
+    compiler.write_text(
+        f"""#!/bin/sh
+        test "$1" = --version && exec gcc --version
+        touch {tmp_path}/begun.$$
+        while [ $(ls {tmp_path}/begun.* | wc -l) -lt 2 ]; do sleep 0.05; done
+        exec gcc "$@"
+        """
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv('CC', str(compiler))
+    compile_cache.compile_libraries([(SOURCE, name, FLAGS) for name in ('one', 'two')])
+    assert sorted(file.name.split('-')[0] for file in cache.glob('*.so')) == ['one', 'two']
+
+
+@needs_compiler
+def test_what_fails_among_several_is_an_error():
+    with pytest.raises(compile_cache.CompileError, match='refuses broken'):
+        compile_cache.compile_libraries([(SOURCE, 'twice', FLAGS), ('no C', 'broken', FLAGS)])
+
+
+@needs_compiler
 def test_processes_that_start_together_get_one_library(cache):
     code = (
         'import sys; from stage_solver import compile_cache;'

@@ -2,6 +2,7 @@
 
 run_and_compare   `experiments run`: several controllers, then the comparison
 node_graph        one run: start, watch, stop, keep the bag
+compile_ahead     compiles controllers beside the first run
 processes         programs and nodes as processes
 staging           hidden folders in which runs are recorded
 repetition        whether a run repeats an older one, which it then replaces

@@ -16,7 +16,7 @@ from bags.errors import BagError
 from experiments import tick_events
 from experiments.configuration import inputs, node_config, run_advice, set_option
 from experiments.progress import RunProgress
-from experiments.run import domain, earlier_runs, node_graph, staging
+from experiments.run import compile_ahead, domain, earlier_runs, node_graph, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
 
@@ -168,24 +168,34 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     facts = inputs.scenario_facts(scn, request.scenario)
     folder = request.out / facts.name
     plant = node_config.find_plant(request.plant) if request.plant else ()
-    loaded = {}
+    # the checks compile something. On the wall clock the nodes need all cores
+    compiles_ahead = request.mode == 'lockstep' and compile_ahead.is_worth_while()
+    checked = {}
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
-        checked = inputs.check_parameters(nodes)
+        name, one = controller.run_name, inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or plant):
-            inputs.check_car_fits(nodes, checked)
+            inputs.check_car_fits(nodes, one)
         if not controller.program:
-            inputs.check_problem(checked, controller.name)
-        loaded[controller.run_name] = inputs.loaded_facts(checked, is_shipped_plant=not plant)
-        warnings = run_advice.find_warnings(scn, facts, checked)
-        if request.any_car and not (controller.program or plant):
-            warnings = [*inputs.describe_misfit(nodes, checked), *warnings]
-        for text in warnings:
-            console.print(WARNING.format(controller.run_name), end='')
-            print_text(console, text)
-    with staging.created_folder(folder, f'--out {request.out}'):
-        outcomes = _run_each(request, plant, facts, controllers, loaded, overrides, folder, console)
-        return folder, outcomes
+            inputs.check_problem(one, controller.name)
+        checked[name] = nodes, one
+    own = [checked[one.run_name][1][inputs.CONTROLLER] for one in controllers if not one.program]
+    with compile_ahead.compiling(own if compiles_ahead else ()):
+        loaded = {}
+        for controller in controllers:
+            nodes, one = checked[controller.run_name]
+            loaded[controller.run_name] = inputs.loaded_facts(one, is_shipped_plant=not plant)
+            warnings = run_advice.find_warnings(scn, facts, one)
+            if request.any_car and not (controller.program or plant):
+                warnings = [*inputs.describe_misfit(nodes, one), *warnings]
+            for text in warnings:
+                console.print(WARNING.format(controller.run_name), end='')
+                print_text(console, text)
+        with staging.created_folder(folder, f'--out {request.out}'):
+            outcomes = _run_each(
+                request, plant, facts, controllers, loaded, overrides, folder, console
+            )
+            return folder, outcomes
 
 
 def _run_each(request, plant, facts, controllers, loaded, overrides, folder, console):

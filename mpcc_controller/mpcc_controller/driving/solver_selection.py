@@ -47,12 +47,19 @@ def candidate_options(params: ControllerParams, limit_time: bool) -> SolverOptio
 def make_second_solver(
     params: ControllerParams, problem: StageProblem, limit_time: bool, first: StageSolver
 ) -> StageSolver | None:
-    """Return the solver to use after a failure of the first, None if that would be the same.
+    """Return the solver to use after a failure of the first, None if that would be the same."""
+    options = second_solver_options(params, limit_time)
+    same = options is None or options.name == first.name
+    return None if same else make_solver(problem, options)
+
+
+def second_solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions | None:
+    """Return the options of the second solver, None without one.
 
     Its time limit is what the first solver leaves of `fallback_limit_s`.
     """
     chosen = params.solver
-    if chosen.fallback in ('none', first.name):
+    if chosen.fallback in ('none', chosen.name):
         return None
     remaining_s = chosen.fallback_limit_s - chosen.time_limit_s
     changes = {
@@ -60,8 +67,7 @@ def make_second_solver(
         'time_limit_s': remaining_s if limit_time else None,
         'one_step': None,
     }
-    options = SolverOptions(**vars(first_solver_options(params, limit_time)) | changes)
-    return make_solver(problem, options)
+    return SolverOptions(**vars(first_solver_options(params, limit_time)) | changes)
 
 
 def _one_step(chosen: Solver) -> OneStep | None:

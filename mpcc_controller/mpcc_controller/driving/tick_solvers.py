@@ -12,7 +12,7 @@ from mpcc_controller.driving.prediction_model import PredictionModel, TickProble
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem import cost_terms
 from stage_solver.solution import FAILED, STOPPED_EARLY, Solution, StageSolver
-from stage_solver.solver import make_solver
+from stage_solver.solver import compile_solvers, make_solver
 from stage_solver.stage_problem import Plan
 
 # of theta between a plan and the guess around which its arcs were taken: over less an arc of the
@@ -35,7 +35,11 @@ class TickSolvers:
         """`limit_time` lets the solvers stop at their wall-time limits."""
         params, problem = prediction.params, prediction.problem
         self.prediction, self.limit_time, self.clock = prediction, limit_time, clock
-        self.first = make_solver(problem, solver_selection.first_solver_options(params, limit_time))
+        options = solver_selection.first_solver_options(params, limit_time)
+        second = solver_selection.second_solver_options(params, limit_time)
+        # the two take the same time to compile: on two cores half of it
+        compile_solvers(problem, [options, *([second] if second else [])])
+        self.first = make_solver(problem, options)
         self.second = solver_selection.make_second_solver(params, problem, limit_time, self.first)
         self.sliding: StageSolver | None = None
         if params.fallback.recovery:
