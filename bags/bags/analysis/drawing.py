@@ -31,7 +31,8 @@ def drawn_runs(runs: Mapping[str, Evaluated]) -> list[panels.Run]:
     if len(scenarios) > 1:
         listed = ', '.join(map(repr, scenarios))
         raise BagError(f'a figure shows one scenario, the runs drove {listed}: choose runs of one')
-    looks = style.assign_looks(list(runs))
+    controllers = [panels.controller_of(run.drive) for run in runs.values()]
+    looks = style.assign_looks(list(runs), controllers)
     return [panels.Run(name, r.drive, r.series, looks[name]) for name, r in runs.items()]
 
 

@@ -34,7 +34,9 @@ def draw_trajectories(ax, runs):
     _edges(ax, scene)
     ax.plot(*scene.reference.T, **style.coarse_path_line())
     for run in runs:
-        _vehicle(ax, run)
+        _path(ax, run)
+    for run in _with_outlines(runs):
+        _outlines(ax, run)
     for obstacle in scene.obstacles:
         _obstacle(ax, obstacle, runs)
     if any(_moves(obstacle) for obstacle in scene.obstacles):
@@ -96,9 +98,19 @@ def _edges(ax, scene):
         ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
 
 
-def _vehicle(ax, run):
+def _with_outlines(runs):
+    """Return the runs whose cars are drawn: of many the first one of each colour."""
+    if len(runs) <= style.MANY:
+        return runs
+    return {run.look: run for run in reversed(runs)}.values()
+
+
+def _path(ax, run):
     motion = run.drive.motion
     ax.plot(motion.x[::EVERY], motion.y[::EVERY], zorder=4, **run.line)
+
+
+def _outlines(ax, run):
     for k in _shown(run):
         box = _box(run, k)
         ax.add_patch(
@@ -307,7 +319,8 @@ def _single(panel, runs, overlays=()):
 
 def _legend(figure, runs, drawn, overlays):
     """Put a legend of the runs, and of the marks in the panels, above them."""
-    keys = [Line2D([], [], label=run.name, **run.line) for run in runs]
+    looks = panels.legend_looks(runs)
+    keys = [Line2D([], [], label=label, **look.line) for label, look in looks.items()]
     keys += [
         Line2D([], [], label=overlay_run.name, **overlay_run.look.line) for overlay_run in overlays
     ]

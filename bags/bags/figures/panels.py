@@ -132,9 +132,20 @@ class Run(NamedTuple):
 
 
 def evaluate_runs(drives: Mapping[str, Drive]) -> list[Run]:
-    """Return the runs of drives by name, in their order, each with a look of its own."""
-    looks = style.assign_looks(list(drives))
+    """Return the runs of drives by name, in their order, each with its look."""
+    looks = style.assign_looks(list(drives), [controller_of(d) for d in drives.values()])
     return [Run(name, drive, compute_series(drive), looks[name]) for name, drive in drives.items()]
+
+
+def controller_of(drive: Drive) -> str:
+    """Return the controller of a drive without the label of the variant."""
+    return drive.facts.controller.partition('@')[0]
+
+
+def legend_looks(runs: Sequence[Run]) -> dict[str, style.Look]:
+    """Return {label: Look} of the legend of runs."""
+    looks = {run.name: run.look for run in runs}
+    return style.legend_looks(looks, [controller_of(run.drive) for run in runs])
 
 
 # of a run: stamps (n,) [ns] and values (n,)

@@ -6,7 +6,7 @@ narrower.
 """
 
 import string
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +22,8 @@ KNOWN_DASHES = {'mpcc': SOLID, 'mpcc_no_ca': DASHED, 'frenet': DASH_DOT}
 OTHER_DASHES = (SOLID, (5.0, 2.0), DASH_DOT, (14.0, 3.0), (4.0, 2.0, 1.5, 2.0, 1.5, 2.0))
 WIDTHS = (3.2, 1.6)  # points, of the first run and of the last one
 WIDTH = 1.7  # points, of a single run
+MANY = 8  # more runs have no colour of their own: each has that of its controller
+MANY_WIDTH = 0.8  # points, of one of them
 TIME_LABEL = 'time label'  # gid of texts of which one that covers another is hidden
 TUNED = '_tuned'  # suffix of a tuned controller, which is drawn like the untuned one
 
@@ -100,11 +102,18 @@ def dash_style(look: Look) -> str | tuple:
     return (0, tuple(part / look.width for part in look.dash)) if look.dash else '-'
 
 
-def assign_looks(names: Sequence[str]) -> dict[str, Look]:
+def assign_looks(names: Sequence[str], controllers: Sequence[str] = ()) -> dict[str, Look]:
     """Return {run: Look}; a known controller keeps its colour and dash whoever else is shown.
 
-    The widths fall in the order of `names`, which is the order of drawing.
+    The widths fall in the order of `names`, which is the order of drawing. Of more than MANY runs
+    those of one controller (`controllers`: of each run) share a colour, and all are thin.
     """
+    if len(names) > MANY and controllers:
+        groups = list(dict.fromkeys(controllers))
+        known = assign_colours(groups) if len(groups) <= MANY else dict.fromkeys(groups, QUIET)
+        return {
+            name: Look(known[group], SOLID, MANY_WIDTH) for name, group in zip(names, controllers)
+        }
     colours = assign_colours(names)
     plain = {name: name.removesuffix(TUNED) for name in names}
     dashes = {n: KNOWN_DASHES[p] for n, p in plain.items() if colours[n] == KNOWN.get(p)}
@@ -116,6 +125,19 @@ def assign_looks(names: Sequence[str]) -> dict[str, Look]:
         width = first + (last - first) * k / (len(names) - 1) if len(names) > 1 else WIDTH
         looks[name] = Look(colours[name], dash, width)
     return looks
+
+
+def legend_looks(looks: Mapping[str, Look], controllers: Sequence[str]) -> dict[str, Look]:
+    """Return {label: Look} of a legend: the runs, or of more than MANY how many share a colour."""
+    if len(looks) <= MANY:
+        return dict(looks)
+    groups: dict[Look, list[str]] = {}
+    for look, controller in zip(looks.values(), controllers):
+        groups.setdefault(look._replace(width=WIDTH), []).append(controller)
+    return {
+        f'{found[0]}: {len(found)} runs' if len(set(found)) == 1 else f'{len(found)} runs': look
+        for look, found in groups.items()
+    }
 
 
 def coarse_path_line() -> dict:

@@ -31,7 +31,7 @@ from msgs_yaml.conversions import NS_PER_S
 FRAME_NS = 20_000_000
 STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn
 HEIGHTS = (240, 620)  # CSS pixels
-FLAG_HEIGHT = 18  # CSS pixels of a row above the road, one per run, for the name of its car
+FLAG_HEIGHT = 18  # CSS pixels of a row above the road for the name of a car, at most MANY
 WIDTH = 1100  # CSS pixels, of the page on a desktop
 
 
@@ -139,7 +139,7 @@ def build_top_view(
     """
     low, high = comparison_figures.road_limits(runs)
     road = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
-    height = road + FLAG_HEIGHT * len(runs)
+    height = road + FLAG_HEIGHT * min(len(runs), style.MANY)
     top = low[1] + (high[1] - low[1]) * height / road
     plot = new_figure(
         'film',

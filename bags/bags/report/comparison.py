@@ -162,7 +162,9 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
         for line in describe_invalid({KEY: invalid}):
             print_text(console, f'{name}: {line}', 'red')
     if comparison.replaced:
-        what = f'replaces the comparison that was there, of {", ".join(comparison.replaced)}'
+        names = comparison.replaced
+        listed = ', '.join(names) if len(names) <= style.MANY else f'{len(names)} runs'
+        what = f'replaces the comparison that was there, of {listed}'
         print_text(console, f'{what}; --out DIR keeps both')
     figure = next(path for path in comparison.figures if path.suffix == '.png')
     places = {

@@ -34,6 +34,8 @@ OF_PAPER = 'of_paper'  # in comparison.json, where the runs drove the manoeuvre 
 PAPER_OBSTACLES_M = ((68.2, 1.10), (122.0, 2.45))
 PAPER_SPEED_MPS = 20.8
 SPEED_TOLERANCE_MPS = 0.1
+MOST_COLUMNS = 6  # more runs are rows, with the metrics below
+OF_MANY = ('min_v2o_m', 'min_v2e_m', 'peak_sideslip_deg', 'min_speed_mps', 'rms_contouring_m')
 ABSENT = '–'
 SPUN = 'spun'  # value of lost_how
 
@@ -102,8 +104,13 @@ def narrow_table(title: str) -> Table:
 
 
 def build_table(comparison: Mapping[str, Any]) -> Table:
-    """Return the table of a comparison (the dictionary of comparison.json)."""
+    """Return the table of a comparison (the dictionary of comparison.json).
+
+    A column per run with every metric; of more than MOST_COLUMNS runs a row each, with OF_MANY.
+    """
     runs = comparison['runs']
+    if len(runs) > MOST_COLUMNS:
+        return _build_rows(comparison)
     table = narrow_table(f'Scenario {comparison["scenario"]}')
     with_paper = comparison.get(OF_PAPER, False)
     if with_paper:
@@ -120,6 +127,21 @@ def build_table(comparison: Mapping[str, Any]) -> Table:
     for line in table_lines(runs):
         cells = [Text(cell.text, COLOURS[cell.good]) for cell in line.cells]
         table.add_row(line.title, line.unit, *cells, *([line.paper] if with_paper else []))
+    return table
+
+
+def _build_rows(comparison):
+    table = narrow_table(f'Scenario {comparison["scenario"]} (every metric: {CSV_FILE}, report)')
+    table.add_column('run', no_wrap=True)
+    chosen = [metric for metric in table_metrics() if metric.name in OF_MANY]
+    for metric in chosen:
+        unit = f' [{metric.unit}]' if metric.unit else ''
+        table.add_column(Text(f'{metric.title}{unit}'), justify='right')
+    for name, run in comparison['runs'].items():
+        cells = [cell(metric, run[metric.name], run) for metric in chosen]
+        cut = ', bag cut' if name in comparison.get('damage', {}) else ''
+        texts = [Text(one.text, COLOURS[one.good]) for one in cells]
+        table.add_row(Text(f'{name}{cut}'), *texts)
     return table
 
 

@@ -19,7 +19,7 @@ from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
 from bags.evaluation.descriptions import describe_runs
 from bags.figures import style
 from bags.figures.overlay import Overlay
-from bags.figures.panels import Run
+from bags.figures.panels import Run, legend_looks
 from bags.report import animation, interactive_panels, metrics_table
 from bags.report.comparability import origin_rows, parameter_rows
 from bags.report.interactive_panels import PANELS
@@ -117,6 +117,9 @@ def report_html(data: ReportData) -> str:
     return _template().render(
         scenario=data.values['scenario'],
         runs=[(run.name, run.look) for run in runs],
+        has_many=len(runs) > style.MANY,
+        legend=legend_looks(runs),
+        most_flags=style.MANY,
         about=describe_runs([run.name for run in runs], infos),
         overlays=[
             (overlay.name, overlay.look, sorted(overlay.signals)) for overlay in data.overlays

@@ -137,3 +137,20 @@ def test_of_labels_that_cover_each_other_the_first_stays():
     other = ax.text(0.1, 0.5, 'no time')
     style.hide_overlapping(figure, style.TIME_LABEL)
     assert [text.get_visible() for text in (*texts, other)] == [True, False, True, True]
+
+
+def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
+    controllers = ['mpcc', 'frenet', 'own'] * 10
+    names = [f'{name}@{k}' for k, name in enumerate(controllers)]
+    looks = style.assign_looks(names, controllers)
+    assert len({look.colour for look in looks.values()}) == 3
+    assert looks['mpcc@0'].colour == style.KNOWN['mpcc']
+    assert {look.width for look in looks.values()} == {style.MANY_WIDTH}
+    assert list(style.legend_looks(looks, controllers)) == [
+        *('mpcc: 10 runs', 'frenet: 10 runs', 'own: 10 runs'),
+    ]
+    # so many controllers have no colours that are told apart
+    looks = style.assign_looks(names, names)
+    assert list(style.legend_looks(looks, names)) == ['30 runs']
+    few = style.assign_looks(names[:3], controllers[:3])
+    assert style.legend_looks(few, controllers[:3]) == few

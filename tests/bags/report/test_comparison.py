@@ -255,6 +255,18 @@ def test_three_controllers_fit_into_a_plain_terminal(make_drive):
     assert 'm/s²' in console.file.getvalue()
 
 
+def test_many_runs_are_rows_of_the_table(drives, tmp_path):
+    many = {f'own@{k:02d}': drives['own'] for k in range(30)}
+    console = Console(file=io.StringIO(), width=80)
+    show_comparison(compare_drives(many, tmp_path), console)
+    table, verdicts = console.file.getvalue().split('own@00: ')
+    assert max(map(len, table.splitlines())) <= 80
+    assert [line.split()[0] for line in table.splitlines()[-30:]] == list(many)
+    assert 'replaces' not in verdicts
+    show_comparison(compare_drives(many, tmp_path), console)
+    assert 'replaces the comparison that was there, of 30 runs' in console.file.getvalue()
+
+
 def test_what_a_run_does_not_have_is_a_dash(make_drive):
     console = Console(file=io.StringIO(), width=140)
     console.print(

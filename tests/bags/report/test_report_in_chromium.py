@@ -2,6 +2,8 @@
 
 import pytest
 
+from bags.evaluation import metrics
+from bags.report import page
 from bags.report.interactive_panels import PANELS
 
 pytestmark = pytest.mark.slow
@@ -29,6 +31,11 @@ INK = """(() => {
   }
   return found;
 })()"""
+# of the cars that have one above the road
+NAMES = """Bokeh.documents[0].roots()[0].renderers.flatMap((one) => one.data_source.data.text || [])
+  .filter((one) => one)"""
+CHOICE = """document.querySelector('[data-run="own@07"]')"""
+ROW_NAME = "document.querySelector('.metrics tbody th')"
 NOW = 'Number(document.documentElement.dataset.time)'
 OPENING = "Number(document.getElementById('time').defaultValue)"
 BODY = 'Bokeh.documents[0].roots()[0].renderers.map((one) => one.data_source.data.x)'
@@ -150,3 +157,33 @@ def test_a_run_can_be_hidden_and_followed(report, browse):
     assert low < 80.0 < high
     assert high - low == pytest.approx(70.0)
     assert complaints == []
+
+
+def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
+    make_runs, drives, logs, browse, tmp_path
+):
+    many = {f'own@{k:02d}': drives['own'] for k in range(30)}
+    runs = make_runs(many)
+    values = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    own = dict.fromkeys(many, logs['own'])
+    data = page.ReportData({'scenario': 'straight', 'runs': values}, runs, own)
+    file = page.write_report(data, tmp_path / page.REPORT_FILE)
+
+    async def visit(tab):
+        await tab.until('Bokeh.documents[0].is_idle')
+        found = [await tab.value(NAMES)]
+        await tab.value("document.querySelector('[data-show=none]').click()")
+        await tab.value(f'{CHOICE}.click()')
+        found.append(await tab.value(NAMES))
+        await tab.value("document.querySelector('[data-show=all]').click()")
+        found.append(await tab.value(NAMES))
+        sizes = await tab.value('[document.documentElement.scrollWidth, innerWidth]')
+        await tab.value("document.querySelector('.metrics').parentElement.scrollLeft = 500")
+        left = await tab.value(f'{ROW_NAME}.getBoundingClientRect().left')
+        return found, sizes, left, tab.complaints()
+
+    found, (page_width, screen), left, complaints = browse(file, visit, 1200)
+    assert complaints == []
+    assert found == [[], ['own@07'], []]
+    assert page_width <= screen
+    assert 0 <= left < 100, 'the names of the rows scroll away'

@@ -61,14 +61,22 @@ function startReport(film, panels) {
       `${at.speed.toFixed(1)} m/s${ended}`;
   }
 
-  // The name of each car in a row of its own at the top, and a line from there to the car: so cars
-  // in one place are told apart.
-  const FLAG_PX = 18;
+  // The name of each car that is shown in a row of its own at the top, and a line from there to the
+  // car: so cars in one place are told apart. There is room for so many.
+  const FLAG_PX = 18, MOST_FLAGS = Number(slider.dataset.flags);
+  const hidden = new Set(); // names of runs
   function drawFlags(t) {
+    const shown = runs.filter((run) => !hidden.has(run.name));
+    const flagged = shown.length > MOST_FLAGS ? [] : shown;
+    for (const run of runs.filter((one) => !flagged.includes(one))) {
+      if (!get(run.pole.data, 'x').length) continue;
+      run.flag.data = { x: [], y: [], text: [] };
+      run.pole.data = { x: [], y: [] };
+    }
     const { x_range, y_range } = plot;
     const perPixelX = (x_range.end - x_range.start) / (plot.inner_width || 1000);
     const perPixelY = (y_range.end - y_range.start) / (plot.inner_height || 200);
-    runs.forEach((run, k) => {
+    flagged.forEach((run, k) => {
       const at = pose(run.car, t), half = get(run.car, 'width') / 2;
       const room = (4 * run.name.length + 8) * perPixelX;
       const x = Math.min(Math.max(at.x, x_range.start + room), x_range.end - room);
@@ -126,7 +134,8 @@ function startReport(film, panels) {
     const width = plot.inner_width || size.width, drawn = plot.inner_height || size.height;
     const height = WINDOW_M * drawn / width;
     // the names of the cars are above the road
-    const low = at.y - (height - runs.length * FLAG_PX * height / drawn) / 2;
+    const rows = Math.min(runs.length, MOST_FLAGS);
+    const low = at.y - (height - rows * FLAG_PX * height / drawn) / 2;
     plot.x_range.setv({ start: at.x - BEHIND * WINDOW_M, end: at.x + (1 - BEHIND) * WINDOW_M });
     plot.y_range.setv({ start: low, end: low + height });
   }
@@ -215,6 +224,16 @@ function startReport(film, panels) {
       }
       for (const item of document.querySelectorAll(`[data-key="${CSS.escape(box.dataset.run)}"]`)) {
         item.hidden = !box.checked;
+      }
+      if (box.checked) hidden.delete(box.dataset.run); else hidden.add(box.dataset.run);
+      drawFlags(now);
+    });
+  }
+  for (const button of document.querySelectorAll('[data-show]')) {
+    button.addEventListener('click', () => {
+      for (const box of document.querySelectorAll('[data-run]')) {
+        box.checked = button.dataset.show === 'all';
+        box.dispatchEvent(new Event('change'));
       }
     });
   }
