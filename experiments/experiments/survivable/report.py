@@ -16,7 +16,12 @@ from experiments.progress import CountProgress
 from experiments.statistical_inference import wilson_interval
 from experiments.survivable import regret
 from experiments.survivable.regret import DrawKey, Pairs, Regret
-from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.survivable.survival_search import (
+    IMPOSSIBLE,
+    POSSIBLE,
+    SEARCH_VERSION,
+    UNDECIDED,
+)
 from experiments.worker_pool import WorkerPool
 from msgs_yaml.strict_yaml import closest
 
@@ -27,6 +32,8 @@ COLUMNS = (
 )
 CONTROLLER = 'controller.'
 ANSWER = 'answer'
+# of the search that gave the answer: an answer of another one is no answer
+BUDGET, PREVIEW, VERSION = 'answer_budget', 'answer_preview', 'answer_version'
 SHOWN_LOSSES = 100
 
 
@@ -49,10 +56,12 @@ def run(request: Request, console: Console) -> int:
         hint = closest(request.base, known)
         raise BagError(f'--base: no drives by {request.base!r}; there are {", ".join(known)}{hint}')
     failures: list[str] = []
-    answers = {regret.draw_key(row): row['answer'] for row in rows if row.get('answer')}
+    answers, budgets = _kept_answers(rows, request)
     answers |= dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
     if request.budget:
-        answers |= _search(request, rows, answers, failures, console)
+        found = _search(request, rows, answers, failures, console)
+        answers |= found
+        budgets |= dict.fromkeys(found, request.budget)
     console.print(build_table(regret.count_regret(rows, answers)))
     _show_losses(rows, answers, request.base, console)
     others = dict.fromkeys(row['controller'] for row in rows)
@@ -60,7 +69,7 @@ def run(request: Request, console: Console) -> int:
     if pairs:
         console.print(build_pairs(pairs))
     if request.table:
-        print_text(console, str(write_table(rows, answers, request.table)))
+        print_text(console, str(write_table(rows, answers, budgets, request)))
     for text in failures:
         print_text(console, text)
     return 1 if failures else 0
@@ -84,7 +93,9 @@ def read_rows(place: Path) -> list[dict[str, Any]]:
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
-    kept = [name for name in (*COLUMNS, ANSWER) if name in table.column_names]
+    kept = [
+        name for name in (*COLUMNS, ANSWER, BUDGET, PREVIEW, VERSION) if name in table.column_names
+    ]
     return [_split_settings(row) for row in table.select(kept).to_pylist()]
 
 
@@ -100,21 +111,53 @@ def _split_settings(row):
     return row | named | {'plant_settings': tuple(plant)}
 
 
+def _kept_answers(rows, request):
+    """Return the answers in the rows that this search would give, too, and their budgets.
+
+    Undecided is no answer to a search that may go on for longer.
+    """
+    kept = [
+        row
+        for row in rows
+        if row.get(ANSWER)
+        and row.get(VERSION) == SEARCH_VERSION
+        and row.get(PREVIEW) == request.preview
+        and (row[ANSWER] != UNDECIDED or row[BUDGET] >= request.budget)
+    ]
+    answers = {regret.draw_key(row): row[ANSWER] for row in kept}
+    return answers, {regret.draw_key(row): row[BUDGET] for row in kept}
+
+
 def write_table(
-    rows: Sequence[Mapping[str, Any]], answers: Mapping[DrawKey, str], file: Path
+    rows: Sequence[Mapping[str, Any]],
+    answers: Mapping[DrawKey, str],
+    budgets: Mapping[DrawKey, int],
+    request: Request,
 ) -> Path:
-    """Write rows with the answer for their draw: what every share here is computed from."""
+    """Write rows with the answer for their draw: what every share here is computed from.
+
+    `budgets` has the rollouts that the search for an answer was allowed, none where a drive or
+    nothing gave it. Returns the file.
+    """
     import pyarrow
     from pyarrow import parquet
 
     kept = [
         {name: row[name] for name in COLUMNS}
         | {'controller': row['driver'], ANSWER: answers.get(regret.draw_key(row), UNDECIDED)}
+        | {BUDGET: budgets.get(regret.draw_key(row), 0)}
+        | {PREVIEW: request.preview, VERSION: SEARCH_VERSION}
         for row in rows
     ]
+    file = request.table
     file.parent.mkdir(parents=True, exist_ok=True)
     parquet.write_table(pyarrow.Table.from_pylist(kept), file, compression='zstd')
     return file
+
+
+def _beside(place):
+    """Return the folder of a table, or the folder itself."""
+    return place.parent if place.is_file() else place
 
 
 def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
@@ -126,7 +169,7 @@ def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
     errors: dict[str, str] = {}
     with (
         CountProgress(console) as progress,
-        DriveRecords(request.folders[0] / FOLDER) as records,
+        DriveRecords(_beside(request.folders[0]) / FOLDER) as records,
         WorkerPool(request.jobs) as pool,
     ):
         keys = {draw: regret.verdict_key(draw, request.budget, request.preview) for draw in draws}

@@ -152,3 +152,22 @@ def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
     folder = written(tmp_path / 'library', row(1, 'mpcc', True))
     with pytest.raises(BagError, match="no drives by 'mpcc_road'; there are mpcc"):
         shown(folder, base='mpcc_road')
+
+
+def test_an_undecided_draw_of_a_table_is_searched_again_with_a_larger_budget(
+    tmp_path, capsys, monkeypatch
+):
+    folder, table = (
+        written(tmp_path / 'library', row(1, 'mpcc', False)),
+        tmp_path / 'drives.parquet',
+    )
+    command = ['survivable', '--base', 'mpcc', '--jobs', '1', '--table', str(table)]
+    assert cli.main([*command, '--budget', '0', str(folder)]) == 0
+    assert 'possible: pop_up:1' not in capsys.readouterr().out
+    for _ in range(2):  # found, then kept
+        assert cli.main([*command, '--budget', '20', str(table)]) == 0
+        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in capsys.readouterr().out
+    kept = [*command, '--budget', '0', str(table)]
+    monkeypatch.setattr(report, 'SEARCH_VERSION', report.SEARCH_VERSION + 1)
+    assert cli.main(kept) == 0
+    assert 'possible: pop_up:1' not in capsys.readouterr().out
