@@ -6,7 +6,10 @@ Sockets and mappings of the process show that Fast DDS has taken the profile.
 import contextlib
 import os
 import socket
+import statistics
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -114,6 +117,24 @@ def test_every_profile_repeats_a_lost_message_after_a_tenth_of_a_second():
             "dds:data_writer[@is_default_profile='true']//dds:heartbeatPeriod", names
         )
         assert [part.text for part in period] == ['0', '100000000']  # s, ns
+
+
+@pytest.mark.usefixtures('domain')
+def test_a_program_of_the_default_range_soon_finds_a_node_of_the_loopback_interface(run):
+    """It would be found with its announcement of every 3 s, after 1.5 s in the mean."""
+    run().until('tick')
+    looks = (
+        'import time, rclpy; rclpy.init()'
+        '\nt, looker = time.monotonic(), rclpy.create_node("looker")'
+        '\nwhile len(looker.get_node_names()) < 2: time.sleep(0.01)'
+        '\nprint(time.monotonic() - t)'
+    )
+    environment = os.environ | {RANGE: 'SUBNET'}
+    took = [
+        float(subprocess.check_output([sys.executable, '-c', looks], env=environment, timeout=60))
+        for _ in range(9)
+    ]
+    assert statistics.median(took) < 0.8, took
 
 
 def test_the_user_may_choose_shared_memory(run):
