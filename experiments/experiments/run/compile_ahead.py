@@ -17,7 +17,6 @@ from mpcc_controller.parameters import CarParams, ControllerParams
 from stage_solver import compile_cache
 
 LEAVE_S = 5.0  # to end the compiler and to remove its files
-LESS_PRIORITY = 5  # once the first one is compiled: from then on the car may be driving
 
 
 def is_worth_while() -> bool:
@@ -66,5 +65,3 @@ def _compile(controllers):
         # what cannot be compiled is reported by the node that needs it
         with suppress(Exception):
             Controller(params, vehicle)
-        with suppress(OSError):
-            os.nice(LESS_PRIORITY)
