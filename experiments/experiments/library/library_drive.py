@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
@@ -16,6 +17,7 @@ from experiments.batch.simulate import simulate
 from experiments.configuration import node_config
 from experiments.simulation import Setup
 from experiments.study import code_version
+from msgs_yaml import share
 from scenario_publisher import scenario
 from scenario_publisher.families import draw
 from scenario_publisher.families.draw import Draw
@@ -38,6 +40,16 @@ class LibraryDrive(NamedTuple):
 
     def __str__(self) -> str:
         return self.name or f'{self.family}:{self.index}'
+
+    @property
+    def controller_name(self) -> str:
+        """The name in tables: a file that is called like a controller of the package has its path.
+
+        Else its drives would be counted with those of that controller.
+        """
+        name = Path(self.controller).stem
+        shipped = share.path('mpcc_controller', 'config') / f'{name}.yaml'
+        return self.controller if shipped.is_file() else name
 
     @property
     def draw(self) -> Draw:

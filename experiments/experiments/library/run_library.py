@@ -144,7 +144,7 @@ def build_rows(
             'difficulty': drive.difficulty,
             'seed': drive.seed,
             'index': drive.index,
-            'controller': Path(drive.controller).stem,
+            'controller': drive.controller_name,
             'settings': library_drive.settings_text(drive.settings),
             'friction': library_drive.load_scenario(drive).friction,
             'error': errors.get(key, ''),

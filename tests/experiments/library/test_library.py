@@ -127,6 +127,14 @@ def test_controllers_of_the_package_are_sent_by_name(tmp_path):
     assert sent == ['mpcc', str(own)]
 
 
+def test_a_file_that_is_called_like_a_controller_of_the_package_has_rows_of_its_own(tmp_path):
+    paths = [tmp_path / f'{name}.yaml' for name in ('own', 'mpcc_road')]
+    drives = [drive(controller=name) for name in ('mpcc_road', *map(str, paths))]
+    keys = ['one', 'two', 'three']
+    rows = run_library.build_rows(drives, keys, {}, dict.fromkeys(keys, 'lost'))
+    assert [row['controller'] for row in rows] == ['mpcc_road', 'own', str(paths[1])]
+
+
 def test_given_settings_win_over_those_of_a_hard_draw():
     hard = drive(difficulty='hard', settings=(('controller', 'model.friction', 0.7),))
     setup = library_drive.prepare(hard)
