@@ -99,6 +99,23 @@ def test_results_have_every_median_of_mpcc_less_baseline(place, unit, digits, si
     assert f'| {cells[0]} | {cells[1]} |' in page('docs/results.md')
 
 
+def test_results_have_who_brakes_later_and_who_alone():
+    pairs = json.loads((SETTINGS / 'pooled/braking.json').read_text())['pairs']
+    matched, lineage = (
+        one | {each['who']: each['settings'] for each in one['who']}
+        for one in pairs
+        if one['level'] == 'P3'
+    )
+    wanted = (
+        f'10 m *later* in {matched["later"]} of the {matched["both"]} and earlier in '
+        f'{matched["earlier"]}; the baseline alone brakes hard in {matched["baseline alone"]} of '
+        f'the {matched["settings"]}, the MPCC alone in {matched["MPCC alone"]} (lineage: later in '
+        f'{lineage["later"]} of {lineage["both"]}, earlier in {lineage["earlier"]}; '
+        f'{lineage["baseline alone"]} and {lineage["MPCC alone"]} of {lineage["settings"]} alone)'
+    )
+    assert wanted in page('docs/results.md')
+
+
 def test_results_have_who_avoids_and_what_the_frame_moves():
     text = page('docs/results.md')
     avoidance = json.loads((SETTINGS / 'levels/avoidance.json').read_text())
