@@ -72,11 +72,14 @@ def read(file: Path) -> Study:
 def recompute(folder: Path) -> Iterator[Recomputed]:
     """Yield every claim of the confirmatory run, its repetition, and both as one.
 
-    `folder` holds a folder per run with claims.json and the rows. Raises BagError where a file is
-    missing.
+    `folder` holds a folder per run with claims.json and the rows; a run without rows, `without`, is
+    left out, and so is the pooled one then. Raises BagError where no run has any, or a file is
+    damaged.
     """
-    studies = {name: read(folder / name / FILE) for name in RUNS[:2]}
-    studies[POOLED] = study_tables.pool(list(studies.values()))
+    names = [name for name in RUNS[:2] if name not in without(folder)] or RUNS[:1]
+    studies = {name: read(folder / name / FILE) for name in names}
+    if len(studies) > 1:
+        studies[POOLED] = study_tables.pool(list(studies.values()))
     for name, study in studies.items():
         try:
             content = json.loads((folder / name / CLAIMS).read_text(encoding='utf-8'))
@@ -97,6 +100,11 @@ def recompute(folder: Path) -> Iterator[Recomputed]:
             )
         for baseline, key in published:
             yield Recomputed(name, baseline, key, 0, 0, None, ('no rows',))
+
+
+def without(folder: Path) -> list[str]:
+    """Return the runs of which no rows are kept."""
+    return [name for name in RUNS[:2] if not (folder / name / FILE).is_file()]
 
 
 def _equal(value: Any, other: Any) -> bool:

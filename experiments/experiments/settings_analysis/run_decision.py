@@ -88,7 +88,8 @@ def _result(request, console) -> Sequence[Path]:
 
 def _recompute(request, console) -> int:
     """Decide the kept rows anew and print every claim; 1 where one is published otherwise."""
-    claims = list(accepted_rows.recompute(_folder(request) or request.out))
+    folder = _folder(request) or request.out
+    claims = list(accepted_rows.recompute(folder))
     rows = [
         [
             *(claim.run, claim.baseline, claim.claim, f'{claim.holds:,} of {claim.settings:,}'),
@@ -100,6 +101,8 @@ def _recompute(request, console) -> int:
     header = ['run', 'baseline', 'claim', 'holds', '95 %', 'published']
     table = tables.markdown_table(header, rows)
     console.print(table, markup=False, highlight=False, soft_wrap=True)
+    if missing := accepted_rows.without(folder):
+        print_text(console, f'no rows are kept of: {", ".join(missing)}')
     return 1 if any(claim.differs for claim in claims) else 0
 
 

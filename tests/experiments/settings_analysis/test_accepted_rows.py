@@ -1,6 +1,7 @@
 """Published claims are computed again from the kept rows, and a number that differs is named."""
 
 import json
+import shutil
 
 import pandas as pd
 import pytest
@@ -57,6 +58,14 @@ def test_a_number_that_is_published_otherwise_is_named(folder, capsys):
     assert len(said) == 1
     assert said[0].startswith('| repetition | frenet_matched | ')
     assert said[0].endswith('| differs: holds |')
+
+
+def test_a_run_without_rows_is_named_and_the_others_are_decided(folder, tmp_path, capsys):
+    shutil.copytree(folder / 'confirmatory', tmp_path / 'confirmatory')
+    assert cli.main(['study', 'recompute', str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert said.count('| equal |') == 2 * 5
+    assert 'no rows are kept of: repetition' in said
 
 
 def test_rows_of_another_preregistration_and_missing_ones_are_refused(folder, tmp_path):
