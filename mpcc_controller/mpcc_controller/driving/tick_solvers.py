@@ -57,8 +57,8 @@ class TickSolvers:
             )
 
     def warm_up(self, problem: TickProblem) -> None:
-        """Let all solvers but the first solve a problem once."""
-        candidates = self.parallel.solvers if self.parallel else ()
+        """Let all solvers but the first solve a problem once, except those at work."""
+        candidates = self.parallel.idle if self.parallel else ()
         for solver in (self.sliding, self.second, *candidates):
             if solver is not None:
                 _solve(solver, problem, problem.guess_local._replace(multipliers=None))
@@ -197,7 +197,8 @@ class TickSolvers:
     ) -> tuple[Any, list[Solution]]:
         """Return the result of `own`, and the solutions of candidates.
 
-        With a time limit a candidate that does not return in the time of all solvers has failed.
+        With a time limit a candidate that does not return in the time of all solvers has failed,
+        and this thread solves none of them.
         """
         jobs = [partial(self._solve_candidate, problem, began) for problem in problems]
         limit_s = self.prediction.params.solver.fallback_limit_s

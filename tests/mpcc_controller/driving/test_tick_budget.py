@@ -1,5 +1,8 @@
 """The time of a tick on the wall clock: guesses and candidates are paid for by the solvers."""
 
+import threading
+import time
+
 import pytest
 
 from mpcc_controller.driving.candidate_guesses import BRAKE, Candidate
@@ -7,6 +10,7 @@ from mpcc_controller.driving.controller import Controller
 from msgs_yaml.types import Obstacle, Obstacles
 
 LIMIT_S = 0.02
+PATIENCE_S = 10.0  # for other candidates, of real time: the machine may be busy
 
 
 class TimedSolver:
@@ -22,6 +26,20 @@ class TimedSolver:
     def solve(self, *arguments):
         self.limits_s.append(self.limit_s)
         return self.inner.solve(*arguments)
+
+
+class HangingSolver:
+    """A solver that does not return until it is released."""
+
+    def __init__(self):
+        self.begun, self.release = False, threading.Event()
+
+    def set_time_limit(self, seconds):
+        pass
+
+    def solve(self, *arguments):
+        self.begun = True
+        self.release.wait(60.0)
 
 
 class Clock:
@@ -52,7 +70,7 @@ def controller(world, clock):
     """Return a controller in realtime before an obstacle that appears, with timed solvers."""
     settings = world.load(
         candidates__most=4, fallback__recovery=True, solver__time_limit_s=LIMIT_S,
-        surroundings__max_obstacles=4,
+        solver__fallback_limit_s=PATIENCE_S, surroundings__max_obstacles=4,
     )  # fmt: skip
     controller = Controller(*settings, True, clock)
     solvers = controller.planner.solvers
@@ -79,6 +97,22 @@ def test_the_time_to_guess_what_recovers_a_sliding_car_is_taken_from_its_solver(
     planner.guess_from_law = clock.delay(planner.guess_from_law, 0.004)
     world.tick(controller, world.rolling(vy=8.0))
     assert planner.solvers.sliding.limits_s == pytest.approx([LIMIT_S - 0.004])
+
+
+def test_other_candidates_that_do_not_return_hold_no_tick(controller, clock, world):
+    solvers, hanging = controller.planner.solvers, HangingSolver()
+    solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
+    solvers.solve_first = clock.delay(solvers.solve_first, PATIENCE_S - 0.01)
+    controller.set_obstacles(Obstacles(0, (Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0),)))
+    began = time.monotonic()
+    try:
+        for k in range(3):
+            *_, why = world.tick(controller, world.rolling(stamp_ns=k * 50_000_000, X=float(k)))
+            assert (why.values['rung'], why.values['reason']) == ('solved', 'converged')
+        assert hanging.begun
+        assert time.monotonic() - began < 50.0
+    finally:
+        hanging.release.set()
 
 
 def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world):
