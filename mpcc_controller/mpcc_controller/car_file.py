@@ -10,11 +10,18 @@ from node_runtime.parameters import ParameterError
 
 # limits of the controller and of the actuators with the same name and unit
 SHARED_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'drive_n', 'force_rate_nps')
+LEAST_SHARE = 0.5  # of what the car can do: what a limit that an emergency needs is at least
+FULL_BRAKING_S = 1.0  # until the brakes have their largest force, at most
 
 
 def load(params: ControllerParams, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
-    """Read the file that the parameter `car_file` names; see `read`."""
-    return read(params.car_file, sources)
+    """Read the file that the parameter `car_file` names; see `read`.
+
+    Raises ParameterError, too, for limits with which that car can hardly brake or swerve.
+    """
+    vehicle = read(params.car_file, sources)
+    check_emergency_limits(params, vehicle, sources)
+    return vehicle
 
 
 def read(name: str, sources: Mapping[str, str] = NO_SOURCES) -> CarParams:
@@ -55,6 +62,41 @@ def check_limits(params: ControllerParams, vehicle: CarParams, sources: Mapping[
                 f'{sources[key]}: {key}: is {value:g}; allowed up to {limit:g}, which the car can '
                 f'do (actuators.{name})'
             )
+
+
+def check_emergency_limits(
+    params: ControllerParams, vehicle: CarParams, sources: Mapping[str, str] = NO_SOURCES
+) -> None:
+    """Raise ParameterError for a limit with which the car can hardly brake or swerve.
+
+    Gate, braking without a plan and changes while the controller drives start from these limits.
+    `sources` is that of `check_limits`.
+    """
+    for name, (least, why) in _least_limits(vehicle.actuators).items():
+        key = f'limits.{name}'
+        value = getattr(params.limits, name)
+        if value < least:
+            source = f'{sources[key]}: ' if key in sources else ''
+            raise ParameterError(f'{source}{key}: is {value:g}; allowed from {least:g}, {why}')
+
+
+def _least_limits(actuators: CarActuators) -> dict[str, tuple[float, str]]:
+    """Return by name the least value of each limit that an emergency needs, and why it is that."""
+    limits = {
+        name: (
+            LEAST_SHARE * getattr(actuators, name),
+            f'{LEAST_SHARE:g} of what the car can do (actuators.{name})',
+        )
+        for name in ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps')
+    }
+    full_braking = (
+        actuators.brake_n / FULL_BRAKING_S,
+        f'with which the brakes (actuators.brake_n) reach their largest force in '
+        f'{FULL_BRAKING_S:g} s',
+    )
+    limits['force_rate_nps'] = min(limits['force_rate_nps'], full_braking)
+    limits['friction_use'] = (LEAST_SHARE, 'of the friction that the car has')
+    return limits
 
 
 def describe_cut_limits(params: ControllerParams, vehicle: CarParams) -> str:

@@ -438,6 +438,8 @@ def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):
             'solver.mode: one_step needs solver.name riccati',
         ),
         (('model.horizn:=9',), 'model.horizn'),
+        (('limits.brake_n:=0.0',), 'limits.brake_n: is 0; allowed from 14000'),
+        (('limits.force_rate_nps:=1.0',), 'limits.force_rate_nps: is 1; allowed from 28000'),
     ],
 )
 def test_a_parameter_that_cannot_be_used_stops_the_node_and_is_named(parameters, message):

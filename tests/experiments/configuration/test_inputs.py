@@ -329,6 +329,11 @@ REFUSED_SETTINGS = [
         'to 0.8, which the car can do (actuators.steer_rate_radps)',
     ),
     (
+        'controller.limits.brake_n=0',
+        '--set controller.limits.brake_n: limits.brake_n: is 0; allowed from 14000, 0.5 of what '
+        'the car can do (actuators.brake_n)',
+    ),
+    (
         'controller.formulation.name=trackin',
         "formulation.name: is 'trackin'; did you mean 'tracking'?; allowed mpcc or frenet or ",
     ),

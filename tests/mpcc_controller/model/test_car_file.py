@@ -59,3 +59,38 @@ def test_limits_are_cut_to_what_the_car_can_do_and_not_raised(params):
     assert (cut.steer_rate_radps, cut.drive_n) == (0.349, 4000.0)
     assert dataclasses.replace(cut, steer_rate_radps=0.524, drive_n=6000.0) == params.limits
     assert car_file.exceeded_limits(params, weak) == ('steer_rate_radps', 'drive_n')
+
+
+@pytest.mark.parametrize(
+    ('limit', 'least'),
+    [
+        ('brake_n', '14000'),
+        ('force_rate_nps', '28000'),
+        ('steer_rad', '0.24'),
+        ('steer_rate_radps', '0.4'),
+        ('friction_use', '0.5'),
+    ],
+)
+def test_limits_with_which_the_car_can_hardly_brake_or_swerve_are_refused(world, limit, least):
+    """Whatever the parameters of the start are, the emergency brake has half of the car's."""
+    car_file.load(world.load(**{f'limits__{limit}': float(least)})[0])
+    for value in (0.0, 0.99 * float(least)):
+        weak, _ = world.load(**{f'limits__{limit}': value})
+        with pytest.raises(ParameterError, match=rf'^limits.{limit}: is .*; allowed from {least},'):
+            car_file.load(weak)
+        with pytest.raises(ParameterError, match=f'^weak.yaml: limits.{limit}: '):
+            car_file.load(weak, {f'limits.{limit}': 'weak.yaml'})
+
+
+def test_a_car_whose_force_changes_slowly_may_be_driven_so(world, tmp_path):
+    text = share.path('mpcc_controller', 'config', 'car.yaml').read_text()
+    slow = tmp_path / 'slow.yaml'
+    slow.write_text(text.replace('force_rate_nps: 200000.0', 'force_rate_nps: 20000.0'))
+
+    def load(force_rate_nps):
+        params, _ = world.load(limits__force_rate_nps=force_rate_nps)
+        return car_file.load(dataclasses.replace(params, car_file=str(slow)))
+
+    assert load(10000.0).actuators.force_rate_nps == 20000.0
+    with pytest.raises(ParameterError, match=r'allowed from 10000, 0\.5 of what the car can do'):
+        load(9999.0)
