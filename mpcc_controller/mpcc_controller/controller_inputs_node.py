@@ -66,7 +66,7 @@ class ControllerInputs:
             STATE: self.on_odometry,
         }
         subscriptions = {
-            TOPICS[name]: ros.subscribe(node, TOPICS[name], callback, raw=True)
+            TOPICS[name]: ros.subscribe(node, TOPICS[name], self._noting(callback), raw=True)
             for name, callback in callbacks.items()
         }
         self.newest_actuators = LatestMessage(node, ACTUATORS)
@@ -173,6 +173,17 @@ class ControllerInputs:
     def destroy(self) -> None:
         """Leave the graph with what the node does not own itself."""
         self.newest_actuators.destroy()
+
+    def _noting(self, callback):
+        """Return a callback whose exceptions are counted: a message must not end the drive."""
+
+        def receive(raw):
+            try:
+                callback(raw)
+            except Exception as error:
+                self._controller.errors.add(error)
+
+        return receive
 
     def _set_reference(self, reference: Reference) -> str:
         fault = self._controller.set_reference(reference, self._state_if_valid())

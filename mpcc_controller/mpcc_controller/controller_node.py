@@ -65,7 +65,7 @@ class ControllerNode(ManagedNode):
             self.controller.change(self.present, self.changes)
         self.trigger = trigger.make(mode, params.model.step_s)
         self.watchdog = watchdog.make(mode, HealthMonitor(NAME), params.ages)
-        self.last_message = None  # the command published last
+        self.last_message = self.sent_ns = None  # the command published last, and its stamp
         self.publish_s: float | None = None  # publishing time of the last command
         self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step
         self.is_new, self.is_resumed = True, False
@@ -86,7 +86,7 @@ class ControllerNode(ManagedNode):
         """Answer states from now on; the first one from the set-points of the actuators, cold."""
         self.is_resumed = not self.is_new
         if self.is_resumed:
-            self.last_message = self.publish_s = None
+            self.last_message = self.sent_ns = self.publish_s = None
             self.trigger.restart()
             self.stale_log = ChangeFilter()
         self.is_new = False
@@ -123,23 +123,36 @@ class ControllerNode(ManagedNode):
                 self.get_logger().info(text)
 
     def advance(self):
-        """Step if every input of the step is there."""
+        """Step if every input of the step is there; brake where anything raises."""
         if not self.is_active:
             return
+        stamp_ns = self.trigger.state
+        try:
+            due = self.begin_step()
+        except Exception as error:
+            self.brake(stamp_ns if self.last_message else None, error)
+            if stamp_ns is not None:
+                self.trigger.on_lost(stamp_ns)  # the set-points are not known
+            return
+        try:
+            if due.step:
+                self.step()
+            if due.repeat and self.last_message:
+                self.command_pub.publish(self.last_message)
+        except Exception as error:
+            self.brake(stamp_ns, error)
+
+    def begin_step(self):
+        """Return what is due once all inputs are there and the controller has its set-points."""
         if self.trigger.needs_actuators:
             self.inputs.take_actuators()
         if self.controller.missing() or self.missing_subscribers():
-            return
+            return trigger.NOTHING
         due = self.trigger.due()
         if due.step and not self.is_warm:
             self.warm_up()
-            return
-        if due.restart and not self.restart():
-            return
-        if due.step:
-            self.step()
-        if due.repeat and self.last_message:
-            self.command_pub.publish(self.last_message)
+            return trigger.NOTHING
+        return due if not due.restart or self.restart() else trigger.NOTHING
 
     def missing_subscribers(self):
         """Return the subscribers that must be connected before the first command."""
@@ -159,7 +172,8 @@ class ControllerNode(ManagedNode):
         self.controller.reset(actuators, self.is_resumed)
         self.is_resumed = False
         if self.inputs.actuators:
-            self.get_logger().info('started from the actuators')
+            text = 'started from the actuators'  # perhaps again and again
+            self.get_logger().info(text, throttle_duration_sec=THROTTLE_S)
         else:
             self.get_logger().warning(
                 f'nobody publishes {ACTUATORS}: started from the last command, at first from '
@@ -168,8 +182,21 @@ class ControllerNode(ManagedNode):
         return True
 
     def warm_up(self):
-        """Step repeatedly without publishing; the next state is answered."""
+        """Step repeatedly without publishing; the next state is answered, whatever raises here."""
         began_ns = self.wall.now_ns()
+        try:
+            self.step_unseen()
+            scheduling.freeze_garbage()
+        except Exception as error:
+            self.note(error)
+        self.is_warm = True
+        # states received meanwhile are too old
+        self.inputs.ignored_ns = range(began_ns, self.wall.now_ns())
+        self.trigger.on_lost(self.inputs.ignored_ns.stop)
+        self.get_logger().info('warm, answers the next state')
+
+    def step_unseen(self):
+        """Step and make the messages, without publishing them."""
         x = self.inputs.decode_state()
         for record in self.controller.warm_up(x, self.params.warm_up.steps):
             prediction, why = self.controller.report(record)
@@ -180,12 +207,6 @@ class ControllerNode(ManagedNode):
             )
             for message in messages:
                 ros.serialize(message)
-        scheduling.freeze_garbage()
-        self.is_warm = True
-        # states received meanwhile are too old
-        self.inputs.ignored_ns = range(began_ns, self.wall.now_ns())
-        self.trigger.on_lost(self.inputs.ignored_ns.stop)
-        self.get_logger().info('warm, answers the next state')
 
     def step(self):
         """Answer the state with a command, then report why."""
@@ -199,23 +220,71 @@ class ControllerNode(ManagedNode):
 
     def step_without_state(self, now_ns):
         """Brake with a stamp of this node: no state arrives."""
-        x = unknown_state(now_ns)
-        self.answer(TickInputs(x, fault=STATE_STALE, publish_s=self.publish_s))
+        try:
+            x = unknown_state(now_ns)
+            self.answer(TickInputs(x, fault=STATE_STALE, publish_s=self.publish_s))
+        except Exception as error:
+            self.brake(now_ns, error)
         self.trigger.on_lost(now_ns)
 
     def answer(self, inputs):
         """Publish the command first; explain it and prepare the next step after that."""
         record = self.controller.step(inputs)
-        began = time.perf_counter()
-        self.last_message = encode.command(record.command)
-        self.command_pub.publish(self.last_message)
-        self.publish_s = time.perf_counter() - began
+        self.send(record.command)
+        self.try_to_explain(record)
+
+    def brake(self, stamp_ns, error):
+        """Note an exception, and brake in place of an answer to the state with this stamp, if any.
+
+        A state that was answered is not answered again. Where this raises, too, no command leaves:
+        the plant brakes, as for a silent controller, and the next step starts from its actuators.
+        """
+        self.note(error)
+        if stamp_ns in (None, self.sent_ns):
+            return
         try:
-            self.explain(record)
-        except Exception as error:  # the car needs the next command, too
-            self.controller.errors.add(error)
+            record = self.controller.brake(TickInputs(self.state_of(stamp_ns)))
+            self.send(record.command)
+        except Exception as another:
+            self.note(another)
+            self.trigger.on_lost(stamp_ns)
+        else:
+            self.try_to_explain(record)
+
+    def state_of(self, stamp_ns):
+        """Return the state with this stamp, an unknown one where it cannot be had."""
+        try:
+            x = self.inputs.decode_state()
+        except Exception as error:
+            self.note(error)
+            x = None
+        return x if x and x.stamp_ns == stamp_ns else unknown_state(stamp_ns)
+
+    def send(self, command):
+        """Publish a command."""
+        began = time.perf_counter()
+        message = encode.command(command)
+        self.command_pub.publish(message)
+        self.last_message, self.sent_ns = message, command.stamp_ns
+        self.publish_s = time.perf_counter() - began
+
+    def note(self, error):
+        """Count an exception that was caught; the first of each kind is a line of the log."""
+        self.controller.errors.add(error)
+        self.log_errors()
+
+    def log_errors(self):
+        """Log the kinds of exceptions that were caught for the first time."""
         for line in self.controller.errors.take_new():
             self.get_logger().error(f'internal error, counted from now on: {line}')
+
+    def try_to_explain(self, record):
+        """Explain a command; the car needs the next one, too, whatever raises here."""
+        try:
+            self.explain(record)
+        except Exception as error:
+            self.note(error)
+        self.log_errors()
 
     def explain(self, record):
         """Publish why the command of a step was chosen, and prepare the next step."""
@@ -253,24 +322,44 @@ class ControllerNode(ManagedNode):
         return f'waiting for {", ".join(missing)}' if missing else 'waiting for its first step'
 
     def on_timer(self):
-        """Take the first step once everything is connected; brake if no state arrives."""
+        """Report the health, step without a message, log stale inputs; each despite the others."""
         if not self.is_active:
             return
-        now_ns, waiting = self.wall.now_ns(), self.waiting()
-        self.publish_health(self.watchdog.on_timer(now_ns, waiting))
+        now_ns = self.wall.now_ns()
+        for act in (self.check_health, self.act_without_message, self.log_stale_inputs):
+            try:
+                act(now_ns)
+            except Exception as error:
+                self.note(error)
+        self.log_errors()
+
+    def check_health(self, now_ns):
+        """Check the ages of the inputs; publish the health when it is due."""
+        self.publish_health(self.watchdog.on_timer(now_ns, self.waiting()))
+
+    def act_without_message(self, now_ns):
+        """Take the first step once everything is connected; brake if no state arrives."""
+        waiting = self.waiting()
         if waiting:
             if self.waiting_log.has_changed(waiting):
                 self.get_logger().info(waiting)
             self.advance()
-        elif (
-            self.watchdog.is_state_lost(now_ns)
-            and self.trigger.is_next(now_ns)
-            and self.inputs.has_vehicle()
-        ):
+        elif self.has_lost_state(now_ns):
             self.step_without_state(now_ns)
         elif self.trigger.needs_actuators:  # they may arrive after the state
             self.advance()
-        self.log_stale_inputs(now_ns)
+
+    def has_lost_state(self, now_ns):
+        """Return whether to brake since no state arrives, also where that cannot be told."""
+        try:
+            return (
+                self.watchdog.is_state_lost(now_ns)
+                and self.trigger.is_next(now_ns)
+                and self.inputs.has_vehicle()
+            )
+        except Exception as error:
+            self.note(error)
+            return ros.mode(self) == 'realtime' and self.trigger.is_next(now_ns)
 
     def log_stale_inputs(self, now_ns):
         """Log once per change which inputs are too old, and when they are back."""

@@ -100,6 +100,7 @@ class Driver:
         self.vehicle = ros.publisher(bench.listener, '/vehicle/odometry')
         self.stamp_ns = LATE_NS
         self.last: Command | None = None  # that was published, None after a restart
+        self.faults: list[AssertionError] = []  # of commands; the node survives what raises in it
         self.reset, self.node.controller.reset = self.node.controller.reset, self.on_reset
 
     def next_tick(self) -> int:
@@ -142,10 +143,15 @@ class Driver:
                 self.send(topic, message)
 
     def look(self) -> Answer:
-        """Run the node's periodic check; return the last answer since the previous call."""
+        """Run the node's periodic check; return the last answer since the previous call.
+
+        Raises the AssertionError of a command that was wrong.
+        """
         answer, self.answer = self.answer, UNANSWERED
         self.node.on_timer()
         self.bench.drain()
+        if self.faults:
+            raise self.faults.pop(0)
         return answer
 
     def on_why(self, message) -> None:
@@ -154,6 +160,13 @@ class Driver:
         self.answer = Answer(OUTCOMES[why.values['rung']], why.message, why.stamp_ns)
 
     def check(self, message) -> None:
+        """Check a command; `look` raises what is wrong."""
+        try:
+            self.check_command(message)
+        except AssertionError as fault:
+            self.faults.append(fault)
+
+    def check_command(self, message) -> None:
         """Assert that a command obeys the contract and the limits of the controller."""
         assert conformance.check('/controller/command', message) == []
         new, last, limits = decode.command(message), self.last, self.node.params.limits

@@ -43,6 +43,7 @@ def test_the_controller_survives_every_message_and_solves_for_the_next_state(dri
             outcome = send_hostile(driver, topic, change)
             count(topic, outcome=f'{outcome}, {driver.bench.mode}')
         driver.recover()
+        assert driver.node.controller.errors.counts == {}
 
     example()
 
@@ -89,6 +90,7 @@ def test_every_valid_situation_is_answered_and_enough_of_them_by_a_solve(driver,
             tried[answer.outcome] += 1
             count('situation', outcome=f'{answer.outcome}, {driver.bench.mode}')
         driver.recover()
+        assert driver.node.controller.errors.counts == {}
 
     example()
     assert tried[SOLVE] >= MIN_SOLVED[driver.bench.mode] * sum(tried.values()), tried

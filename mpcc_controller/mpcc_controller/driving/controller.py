@@ -199,7 +199,8 @@ class Controller:
 
         An exception inside is counted in `errors`; the car brakes along the last plan.
         """
-        began, last, ramps = self.clock(), self.last_command, self.ramps
+        began = self.clock()
+        self._sent = self.last_command, self.ramps
         try:
             record = self._answer(inputs, began)
             if record.decision.plan is not None:
@@ -207,8 +208,17 @@ class Controller:
             return record
         except Exception as error:
             self.errors.add(error)
-            self.last_command, self.ramps = last, ramps  # what was sent
+            self.last_command, self.ramps = self._sent
             return self._brake_after_error(inputs, began)
+
+    def brake(self, inputs: TickInputs) -> TickRecord:
+        """Return a command that brakes, where a step could not begin or its command was not sent.
+
+        For a caller that caught an exception outside of `step`; the law is that of one inside.
+        """
+        if self.last_command.stamp_ns == inputs.state.stamp_ns:
+            self.last_command, self.ramps = self._sent
+        return self._brake_after_error(inputs, self.clock())
 
     def _answer(self, inputs: TickInputs, began: float) -> TickRecord:
         x = measurement_errors.measured_state(inputs.state, self.params.measurement_errors)
@@ -419,6 +429,7 @@ class Controller:
         self._guide: tuple[int, np.ndarray] | None = None  # stamp and points of the last plan
         self._known: VehicleState | None = None  # the last state that was
         self.ramps = (constant_ramp(*setpoints.setpoints_of(command, self.car)),)
+        self._sent = self.last_command, self.ramps  # before the last step
         self._is_too_slow = self._slid = False
         self.perception.reset()
         if self.friction:

@@ -1,0 +1,176 @@
+"""Exceptions around the steps of a controller node: a command leaves, or the plant brakes.
+
+The node is a real one in this process, driven tick by tick. In realtime its clock is set.
+"""
+
+import node_bench
+import pytest
+from controller_driver import FALLBACK, SILENT, SOLVE, Driver
+
+from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
+from msgs_yaml import encode
+
+pytestmark = pytest.mark.ros
+LINE = 'internal error, counted from now on: '
+TICKS = 5  # that fail
+NODE_CALLS = {  # by what they are for
+    'the state': ('inputs', 'decode_state'),
+    'the age of the inputs': ('watchdog', 'fault'),
+    'the age of the state': ('trigger', 'age_s'),
+    'the subscribers': (None, 'missing_subscribers'),
+    'what is due': ('trigger', 'due'),
+    'the step': ('controller', 'step'),
+}
+
+
+@pytest.fixture(scope='module', params=['lockstep', 'realtime'])
+def driver(request):
+    with node_bench.running('controller', request.param) as bench:
+        yield Driver(bench)
+
+
+@pytest.fixture
+def driving(driver):
+    driver.recover()
+    driver.node.controller.errors.counts.clear()
+    return driver
+
+
+def failing(*_, **__):
+    raise RuntimeError('injected')
+
+
+def tick(driver):
+    """Send every input of a tick; return stamp and answer."""
+    stamp_ns = driver.next_tick()
+    driver.send_valid()
+    return stamp_ns, driver.look()
+
+
+def logged(capfd):
+    """Return the lines of the log about internal errors since the last call."""
+    out, err = capfd.readouterr()
+    return [line for line in (out + err).splitlines() if LINE in line]
+
+
+@pytest.mark.parametrize('called', NODE_CALLS)
+def test_the_car_brakes_while_a_call_of_the_node_raises_and_drives_on(
+    driving, monkeypatch, capfd, called
+):
+    owner, name = NODE_CALLS[called]
+    owner = getattr(driving.node, owner) if owner else driving.node
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, failing)
+        for _ in range(TICKS):
+            stamp_ns, answer = tick(driving)
+            assert (answer.outcome, answer.stamp_ns) == (FALLBACK, stamp_ns)
+            assert INTERNAL_ERROR in answer.reason
+            force = driving.last.Fxf + driving.last.Fxr
+            assert driving.last.stamp_ns == stamp_ns
+    assert force < -5000.0
+    assert driving.recover().outcome == SOLVE
+    (line,) = logged(capfd)
+    assert f'RuntimeError in {__file__.rpartition("/")[2]}' in line
+    assert sum(driving.node.controller.errors.counts.values()) >= TICKS
+
+
+def test_a_command_that_cannot_be_sent_is_replaced_by_one_that_brakes(driving, monkeypatch):
+    wanted, sent = [], driving.last
+
+    def encode_braking_only(command):
+        wanted.append(command)
+        if len(wanted) == 1:
+            raise ValueError('no such command')
+        return kept(command)
+
+    kept = encode.command
+    with monkeypatch.context() as patch:
+        patch.setattr(encode, 'command', encode_braking_only)
+        stamp_ns, answer = tick(driving)
+    assert (answer.outcome, answer.stamp_ns) == (FALLBACK, stamp_ns)
+    assert [command.stamp_ns for command in wanted] == [stamp_ns] * 2
+    assert driving.last == wanted[1]
+    # from what was sent, not from what was to be sent
+    limits, push = driving.node.params.limits, wanted[1].Fxf + wanted[1].Fxr - sent.Fxf - sent.Fxr
+    assert abs(push) <= limits.force_rate_nps * 0.05 * (1 + 1e-6)
+    assert abs(wanted[1].delta - sent.delta) <= limits.steer_rate_radps * 0.05 * (1 + 1e-6)
+    assert driving.recover().outcome == SOLVE
+
+
+@pytest.mark.parametrize('broken', ['encoder', 'publisher'])
+def test_where_no_command_can_be_sent_the_node_lives_and_drives_on(
+    driving, monkeypatch, capfd, broken
+):
+    with monkeypatch.context() as patch:
+        if broken == 'encoder':
+            patch.setattr(encode, 'command', failing)
+        else:
+            patch.setattr(driving.node.command_pub, 'publish', failing)
+        for _ in range(TICKS):
+            assert tick(driving)[1].outcome == SILENT
+    assert len(logged(capfd)) == 1
+    assert driving.recover().outcome == SOLVE
+
+
+def test_a_restart_that_raises_is_tried_again(driving, monkeypatch, capfd):
+    driving.restart()
+    logged(capfd)
+    with monkeypatch.context() as patch:
+        patch.setattr(driving.node.controller, 'reset', failing)
+        for _ in range(TICKS):
+            stamp_ns, answer = tick(driving)
+            assert (answer.outcome, answer.stamp_ns) == (FALLBACK, stamp_ns)
+    assert len(logged(capfd)) == 1
+    assert driving.recover().outcome == SOLVE
+
+
+@pytest.mark.parametrize('name', ['on_timer', 'on_step', 'offer', 'check', 'is_state_lost'])
+def test_a_watchdog_that_raises_does_not_end_the_node(driving, monkeypatch, capfd, name):
+    with monkeypatch.context() as patch:
+        patch.setattr(driving.node.watchdog, name, failing)
+        for _ in range(TICKS):
+            tick(driving)
+    assert driving.recover().outcome == SOLVE
+    assert len(logged(capfd)) <= 1
+
+
+# in lockstep time waits for the state
+@pytest.mark.parametrize('driver', ['realtime'], indirect=True)
+def test_a_car_without_a_state_brakes_also_where_nothing_tells_how_old_it_is(driving, monkeypatch):
+    monkeypatch.setattr(driving.node.watchdog, 'is_state_lost', failing)
+    for _ in range(TICKS):
+        before = driving.last
+        driving.next_tick()
+        driving.look()
+        assert driving.last.stamp_ns > before.stamp_ns
+    assert driving.last.Fxf + driving.last.Fxr < 0
+
+
+def test_each_kind_of_error_is_one_line_of_the_log_however_often_it_is_raised(
+    driving, monkeypatch, capfd
+):
+    def other(*_):
+        raise RuntimeError('injected')  # the same text from another line
+
+    logged(capfd)
+    for function, many in ((failing, 20), (other, 20), (failing, 5)):
+        with monkeypatch.context() as patch:
+            patch.setattr(driving.node.controller.planner, 'plan', function)
+            for _ in range(many):
+                tick(driving)
+    lines = logged(capfd)
+    assert len(lines) == 2
+    assert ', failing: injected' in lines[0]
+    assert ', other: injected' in lines[1]
+    counts = driving.node.controller.errors.counts
+    assert sorted(counts.values()) == [20, 25]
+
+
+def test_a_node_whose_warm_up_raises_drives(driving, monkeypatch, capfd):
+    driving.node.is_warm = False
+    with monkeypatch.context() as patch:
+        patch.setattr(encode, 'prediction', failing)
+        assert tick(driving)[1].outcome == SILENT
+    assert driving.node.is_warm
+    assert len(logged(capfd)) == 1
+    assert driving.recover().outcome == SOLVE
