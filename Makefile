@@ -126,13 +126,16 @@ lint: $(VENV)/.tests
 budget:
 	@$(PYTHON) .ci/budget.py
 
-# the last lines of defence: every line of them is run by their own tests
-SAFE := */gate.py,*/fallback.py,*/braking.py,*/input_monitor.py,*/clocks.py,*/watchdog.py,$\
-  */vehicle_plant/health.py,*/vehicle_plant/stepping.py
-SAFE_TESTS := $(foreach name,gate fallback braking watchdog,tests/mpcc_controller/driving/test_$(name).py) \
+# the last lines of defence: every line and every branch of them is run by their own tests
+SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,*/internal_errors.py,$\
+  */parallel_solves.py,*/run_time_parameters.py,*/car_file.py,*/input_monitor.py,*/clocks.py,$\
+  */watchdog.py,*/vehicle_plant/health.py,*/vehicle_plant/stepping.py
+SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery internal_errors parallel_solves \
+    watchdog,tests/mpcc_controller/driving/test_$(name).py) \
+  tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
   $(foreach name,gate gate_friction stepping plant_health,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
-COVER_SAFE := $(BIN)/python -m coverage run --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
+COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
 coverage: setup $(VENV)/.tests
 	$(COVER_SAFE)

@@ -67,3 +67,20 @@ def test_without_line_or_state_it_holds_the_angle_and_leaves_friction_for_a_bend
     ):
         assert (command.delta, command.d_delta) == (0.1, 0.0)
         assert -0.5 * car.m * 9.81 < command.Fxf + command.Fxr < -0.3 * car.m * 9.81
+
+
+def test_a_slow_car_steers_along_the_arc_whatever_its_slip_angles_are(car, params):
+    x = VehicleState(1, 20.0, 1.0, 0.0, 2.0, 0.0, 0.0)
+    last = Command(0, 0.0, 0.0, -4000.0, -3000.0)
+    commands = [brake(x._replace(r=r), last, LINE, car, params) for r in (0.0, 0.5)]
+    assert commands[0].delta == commands[1].delta < 0.0
+    assert commands[0].delta > -0.05  # 2 m/s need little
+
+
+def test_a_line_without_length_and_a_car_that_drives_are_braked_straight(car, params):
+    x = VehicleState(1, 20.0, 0.0, 0.0, 20.0, 0.0, 0.0)
+    last = Command(0, 0.0, 0.0, 0.0, 3000.0)
+    command = brake(x, last, np.array([[5.0, 0.0], [5.0, 0.0]]), car, params)
+    assert command.delta == 0.0
+    # the driving force is released at its rate, by the axle that drives
+    assert (command.Fxf, command.Fxr) == (0.0, 3000.0 - params.limits.force_rate_nps * STEP_S)

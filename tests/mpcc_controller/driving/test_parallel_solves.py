@@ -63,6 +63,27 @@ def test_results_are_in_the_order_of_the_jobs_and_errors_reach_the_caller():
         pool.run(lambda: None, [fail] * 5)
 
 
+def test_an_error_of_another_thread_reaches_the_caller(monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0})
+
+    def fail(solver):
+        raise RuntimeError(threading.current_thread().name)
+
+    with pytest.raises(RuntimeError, match='candidates'):
+        ParallelSolves(Solver, 1).run(lambda: None, [fail], lambda: 30.0)
+
+
+@pytest.mark.parametrize(('priority', 'lower'), [(20, 19), (1, 1)])
+def test_a_thread_has_a_lower_real_time_priority_than_its_maker(monkeypatch, priority, lower):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0})
+    monkeypatch.setattr(os, 'sched_getscheduler', lambda _: os.SCHED_FIFO)
+    monkeypatch.setattr(os, 'sched_getparam', lambda _: os.sched_param(priority))
+    changes = []
+    monkeypatch.setattr(os, 'sched_setscheduler', lambda *change: changes.append(change))
+    ParallelSolves(Solver, 1).run(lambda: None, [lambda solver: None], lambda: 30.0)
+    assert changes == [(0, os.SCHED_FIFO, os.sched_param(lower))]
+
+
 class Hanging:
     """A job that hangs in every thread until it is released; counts how often it was begun."""
 

@@ -59,6 +59,14 @@ def test_it_counter_steers_a_tail_that_swings_out_and_does_not_brake_first(
     assert along.Fx < -1000.0
 
 
+def test_a_car_whose_brakes_leave_no_side_force_releases_them(car, params, world):
+    ice = car._replace(mu_f=0.2, mu_r=0.2)
+    x = world.rolling(v=20.0, vy=6.0)
+    target = recovery.recovery_target(x, Setpoints(0.0, -12000.0), None, ice, params)
+    step_n = params.limits.force_rate_nps * params.model.step_s
+    assert target.Fx == pytest.approx(-12000.0 + step_n)
+
+
 @pytest.mark.parametrize('share', [0.0, 1.0])
 def test_a_car_that_brakes_with_one_axle_only_is_recovered_with_that_axle(
     car, params, world, share

@@ -128,6 +128,7 @@ def test_in_lockstep_no_input_becomes_stale():
     lockstep = watchdog.make('lockstep', HealthMonitor('controller'), AGES)
     assert (
         lockstep.offer(STATE, 0, 99 * S)
+        == lockstep.check(STATE, 0, 99 * S)
         == lockstep.fault(99 * S)
         == lockstep.describe(99 * S)
         == ''
@@ -164,3 +165,19 @@ def test_health_is_published_once_per_second_with_the_worst_level():
         'rung.solved': 1,
         'gate.rejections': 0,
     }
+
+
+def test_a_stamp_that_is_only_checked_counts_as_not_received(realtime):
+    late = S + 200 * MS
+    assert realtime.check(OBSTACLES, late, late) == ''
+    assert realtime.check(OBSTACLES, S, S + 201 * MS) != ''
+    refresh(realtime, late + 1, OBSTACLES)
+    assert realtime.fault(late + 1) == 'obstacles_stale'
+
+
+def test_the_health_has_the_number_of_internal_errors_where_there_are_any():
+    monitor = HealthMonitor('controller')
+    assert 'internal_errors' not in monitor.on_step(why(S)).values
+    failed = why(2 * S)
+    failed.values['internal_errors'] = 7
+    assert monitor.on_step(failed).values['internal_errors'] == 7

@@ -94,3 +94,20 @@ def test_a_car_whose_force_changes_slowly_may_be_driven_so(world, tmp_path):
     assert load(10000.0).actuators.force_rate_nps == 20000.0
     with pytest.raises(ParameterError, match=r'allowed from 10000, 0\.5 of what the car can do'):
         load(9999.0)
+
+
+def test_the_limits_that_the_car_cuts_are_described(params):
+    vehicle = car_file.load(params)
+    assert car_file.describe_cut_limits(params, vehicle) == ''
+    weak = dataclasses.replace(vehicle, actuators=dataclasses.replace(vehicle.actuators, drive_n=1))
+    text = car_file.describe_cut_limits(params, weak)
+    assert text.endswith('car.yaml can do; cut: limits.drive_n from 6000 to 1')
+
+
+def test_only_a_limit_that_a_user_set_beyond_the_car_is_refused(params):
+    vehicle = car_file.load(params)
+    actuators = dataclasses.replace(vehicle.actuators, drive_n=1.0, brake_n=2.0)
+    weak = dataclasses.replace(vehicle, actuators=actuators)
+    car_file.check_limits(params, weak, {'limits.steer_rad': 'mine.yaml'})
+    with pytest.raises(ParameterError, match=r'^mine.yaml: limits.drive_n: is 6000; allowed up to'):
+        car_file.check_limits(params, weak, {'limits.drive_n': 'mine.yaml'})
