@@ -30,6 +30,12 @@ def test_every_file_that_a_page_names_is_there(page):
     assert [str(target) for target in targets if not target.exists()] == []
 
 
+def test_every_property_sees_new_examples_with_each_commit():
+    """As CONTRIBUTING.md says."""
+    word = 'derandom' + 'ize'
+    assert [str(f) for f in (ROOT / 'tests').rglob('*.py') if word in f.read_text()] == []
+
+
 @pytest.mark.parametrize('page', PAGES)
 def test_every_make_target_that_a_page_names_is_one(page):
     targets = set(re.findall(r'^([a-z_]+):', (ROOT / 'Makefile').read_text(), re.M))

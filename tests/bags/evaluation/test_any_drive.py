@@ -76,7 +76,7 @@ def is_json(found):
 
 
 def test_metrics_of_any_drive_are_json_and_never_raise(road):
-    @settings(max_examples=300, deadline=None, derandomize=True)
+    @settings(max_examples=300)
     @given(any_drive(*road))
     def tried(drive):
         finite = np.all([np.isfinite(column) for column in drive.motion], axis=0)
@@ -128,7 +128,7 @@ def test_figures_and_report_of_short_and_lost_drives_are_written(road, states, k
 
 @pytest.mark.slow
 def test_figures_and_report_of_any_drive_are_written(road):
-    @settings(max_examples=3, deadline=None, derandomize=True)
+    @settings(max_examples=3)
     @given(any_drive(*road))
     def tried(drive):
         if not np.all([np.isfinite(column) for column in drive.motion], axis=0).any():

@@ -13,7 +13,7 @@ from msgs_yaml.types import Command, VehicleState
 
 STEP_S = 0.05
 LINE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0], [80.0, 4.0]])
-quick = settings(deadline=None, derandomize=True, max_examples=300)
+quick = settings(max_examples=300)
 number = st.floats(-1e3, 1e3)
 unknown = st.one_of(number, st.just(math.nan), st.just(math.inf))
 
@@ -37,10 +37,9 @@ def test_the_command_passes_the_gate_whatever_the_state_is(
     braking = min(force, 0.0)
     last = Command(0, delta, 0.0, 0.6 * braking, force - 0.6 * braking)
     command = brake(x, last, line, car, params)
-    # what the last command asks beyond the friction takes time to release
-    usable = 0.85 * friction * car.m * last_resort.GRAVITY
     gate = Gate(params.limits, car, STEP_S, 0.2)
-    if abs(force) < usable:
+    # what the last command asks of an axle beyond its friction takes time to release
+    if gate.check(last._replace(stamp_ns=1), last, 0.0).reason == '':
         assert gate.check(command, last, 0.0).reason == ''
     assert all(math.isfinite(value) for value in command)
     assert command.Fxf + command.Fxr <= max(force, 0.0)

@@ -151,7 +151,7 @@ def test_a_soft_limit_is_in_the_problem_where_its_tolerance_is(world, vehicle, t
     assert paper.template.envelope == ()
 
 
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.floats(8, 40),
     st.floats(-10, 10),

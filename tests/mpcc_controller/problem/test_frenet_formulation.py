@@ -15,7 +15,7 @@ from mpcc_controller.problem.plan_evaluator import PlanEvaluator
 from node_runtime import named_vector
 from stage_solver.stage_problem import Plan
 
-quick = settings(deadline=None, derandomize=True, max_examples=30)
+quick = settings(max_examples=30)
 N, DT = 50, 0.05
 
 

@@ -43,7 +43,7 @@ def test_an_obstacle_of_constant_velocity_moves_on_a_straight_line():
     np.testing.assert_array_equal(Y, [-2.0, -4.5, -12.0])
 
 
-@settings(deadline=None, derandomize=True, max_examples=30)
+@settings(max_examples=30)
 @given(st.floats(0.1, MAX_DECELERATION), st.floats(0.01, 4.0))
 def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(braking, t):
     """The reference integrates dv/dt = -braking until the speed is 0."""
@@ -54,7 +54,7 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
     assert (X - CAR.X) * CAR.vY == pytest.approx((Y - CAR.Y) * CAR.vX, abs=1e-9)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(st.floats(0.1, MAX_DECELERATION), st.floats(0.0, 3.0), st.floats(0.0, 3.0))
 def test_to_move_an_obstacle_first_does_not_change_where_it_stops(braking, first, later):
     start = ExpectedObstacle(*CAR, braking=braking)

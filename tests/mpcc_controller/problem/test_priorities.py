@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller.problem import priorities
 
-quick = settings(deadline=None, derandomize=True, max_examples=100)
+quick = settings(max_examples=100)
 D_SFT = 0.8
 D_STEP = 0.5
 

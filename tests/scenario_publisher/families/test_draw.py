@@ -16,7 +16,7 @@ numbers = st.integers(0, 10**6)
 
 @pytest.mark.parametrize('family', FAMILIES)
 def test_every_draw_is_a_scenario(family):
-    @settings(max_examples=4, deadline=None, derandomize=True)
+    @settings(max_examples=4)
     @given(seed=numbers, index=numbers, difficulty=st.sampled_from(DIFFICULTIES))
     def example(seed, index, difficulty):
         one = draw(family, seed, index, difficulty)
