@@ -126,6 +126,10 @@ class Driver:
         else:
             self.stamp_ns -= BACK_NS
 
+    def change_scene(self) -> None:
+        """Forget the last state: the controller refuses a path that is far from it."""
+        self.node.inputs.state = None
+
     def on_reset(self, actuators, resumed=False) -> None:
         """Reset the controller; its next command begins where the actuators are."""
         self.last = None

@@ -5,7 +5,7 @@ of the contract: it slides, spins, crawls, leaves the road, drives in the wrong 
 between or inside of obstacles, on narrow or bent roads.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +13,8 @@ import numpy as np
 from msgs_yaml import encode
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges, VehicleState
 
-ASPECTS = (
-    *('place', 'heading', 'speed', 'sideslip', 'yaw rate'),
-    *('bends', 'desired speed', 'edges', 'obstacles'),
-)
+AROUND = ('bends', 'desired speed', 'edges', 'obstacles')  # the car drives as any does
+ASPECTS = ('place', 'heading', 'speed', 'sideslip', 'yaw rate', *AROUND)
 TICKS = 4  # of a scene, in which the car goes on as it moves
 TICK_S = 0.05
 LENGTH_M, SPACING_M = 200.0, 5.0  # of the path
@@ -42,20 +40,25 @@ class Situation(NamedTuple):
         }
 
 
-def generate_situations(seed: int, count: int) -> Iterator[Situation]:
-    """Yield `count` situations, TICKS in a row of the same drive; reproducible by the seed."""
+def generate_situations(
+    seed: int, count: int, aspects: Sequence[str] = ASPECTS
+) -> Iterator[Situation]:
+    """Yield `count` situations, TICKS in a row of the same drive; reproducible by the seed.
+
+    The others of ASPECTS than `aspects` have ordinary values.
+    """
     random = np.random.default_rng(seed)
     while count > 0:
-        scene = _scene(random)
+        scene = _scene(random, aspects)
         for _ in range(min(TICKS, count)):
             yield scene
             scene = scene._replace(state=_moved(scene.state))
         count -= TICKS
 
 
-def _scene(random):
+def _scene(random, aspects):
     several = random.choice((1, 2, 3), p=(0.6, 0.3, 0.1))
-    wild = set(random.choice(ASPECTS, several, replace=False))
+    wild = set(random.choice(aspects, several, replace=False))
     path = _path(random, 'bends' in wild, 'desired speed' in wild)
     at = int(random.integers(0, len(path.X) if 'place' in wild else len(path.X) // 2))
     state = _state(random, wild, path, at)

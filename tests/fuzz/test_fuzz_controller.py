@@ -8,7 +8,7 @@ import hostile_messages
 import node_bench
 import pytest
 import situations
-from controller_driver import FALLBACK, SILENT, SOLVE, Driver, realtime_priority
+from controller_driver import SILENT, SOLVE, Driver, realtime_priority
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,8 +17,10 @@ pytestmark = [pytest.mark.ros, pytest.mark.filterwarnings('error::RuntimeWarning
 FUZZ = settings.get_profile('fuzz')
 BATCH = 10  # inputs per example
 SITUATIONS = {'lockstep': 8, 'realtime': 40}  # per example
-# share of the situations: some are infeasible, and on a busy machine the solver runs out of time
-MIN_SOLVED = {'lockstep': 0.3, 'realtime': 0.1}
+# Share of the situations around a car that drives as any. 86 % of 480 were solved in lockstep, and
+# 80 % of 480 on the wall clock, on two cores with ten busy processes. Four situations of a scene
+# mostly fail together; eight examples are 16 scenes in lockstep and 80 on the wall clock.
+MIN_SOLVED = {'lockstep': 0.5, 'realtime': 0.6}
 ACTUATORS, ODOMETRY = '/vehicle/actuators', '/vehicle/odometry'
 TOPICS = ('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles', ACTUATORS, ODOMETRY)
 
@@ -68,29 +70,47 @@ def send_hostile(driver, topic, change):
     return answer.outcome if used else SILENT
 
 
-def test_every_valid_situation_is_answered_and_enough_of_them_by_a_solve(driver, count):
-    tried = {SOLVE: 0, FALLBACK: 0}
+def answer_situations(driver, count, seed, aspects):
+    """Assert that every situation is answered; return the outcomes. Each scene begins cold.
+
+    Driven on from the scene before, a car would follow a plan that is somewhere else.
+    """
+    outcomes = []
+    drawn = situations.generate_situations(seed, SITUATIONS[driver.bench.mode], aspects)
+    for number, situation in enumerate(drawn):
+        if number % situations.TICKS == 0:
+            driver.restart()
+            driver.change_scene()
+        stamp_ns = driver.next_tick()
+        driver.send(ACTUATORS, node_bench.valid_messages(stamp_ns)[ACTUATORS])
+        for topic, message in situation.messages(stamp_ns).items():
+            driver.send(topic, message)
+        answer = driver.look()
+        assert answer.stamp_ns == stamp_ns, (answer, situation)
+        outcomes.append(answer.outcome)
+        count('situation', outcome=f'{answer.outcome}, {driver.bench.mode}')
+    driver.recover()
+    assert driver.node.controller.errors.counts == {}
+    return outcomes
+
+
+def test_every_valid_situation_is_answered(driver, count):
+    @FUZZ
+    @given(st.integers(0, 2**32 - 1))
+    def example(seed):
+        answer_situations(driver, count, seed, situations.ASPECTS)
+
+    example()
+
+
+def test_most_situations_of_a_car_that_drives_as_any_are_answered_by_a_solve(driver, count):
+    """Bends, speeds, edges and obstacles have any value; what the car does could be driven on."""
+    outcomes = []
 
     @FUZZ
     @given(st.integers(0, 2**32 - 1))
     def example(seed):
-        for number, situation in enumerate(
-            situations.generate_situations(seed, SITUATIONS[driver.bench.mode])
-        ):
-            if (
-                number % (2 * situations.TICKS) == 0
-            ):  # every other situation begins with a cold solver
-                driver.restart()
-            stamp_ns = driver.next_tick()
-            driver.send(ACTUATORS, node_bench.valid_messages(stamp_ns)[ACTUATORS])
-            for topic, message in situation.messages(stamp_ns).items():
-                driver.send(topic, message)
-            answer = driver.look()
-            assert answer.stamp_ns == stamp_ns, (answer, situation)
-            tried[answer.outcome] += 1
-            count('situation', outcome=f'{answer.outcome}, {driver.bench.mode}')
-        driver.recover()
-        assert driver.node.controller.errors.counts == {}
+        outcomes.extend(answer_situations(driver, count, seed, situations.AROUND))
 
     example()
-    assert tried[SOLVE] >= MIN_SOLVED[driver.bench.mode] * sum(tried.values()), tried
+    assert outcomes.count(SOLVE) >= MIN_SOLVED[driver.bench.mode] * len(outcomes)
