@@ -141,7 +141,8 @@ def run(
         obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
         controller.set_obstacles(obstacles[-1])
         # as over ROS, the final state is still answered
-        record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
+        state = conversions.odometry_as_received(car.state)
+        record = controller.step(TickInputs(state, actuators=car.actuators))
         commands.append(record.command)
         reports.append(controller.reporter.why(record, explain))
         if explain:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from rclpy.node import Node
@@ -59,6 +60,7 @@ class ControllerInputs:
         self.received_ns = 0  # wall time, of the state
         self.ignored_ns = range(0)  # stamps of states that are not answered
         self._alone_since_ns = None  # wall time, from when on a state came without actuators
+        self._waits_since_ns = None  # wall time, from when on a later state did
         callbacks = {
             REFERENCE: self.on_reference,
             EDGES: self.on_edges,
@@ -105,18 +107,17 @@ class ControllerInputs:
             self._on_input()
 
     def take_actuators(self) -> None:
-        """Take the newest message of the actuators, for a (re)start."""
+        """Take the newest message of the actuators, for a (re)start or the state of a tick."""
         raw = self.newest_actuators.take()
         if raw is None:
             if self._has_no_actuators():
                 self._trigger.on_actuators(self._trigger.state)
-            return
-        try:
-            stamp_ns = decode.stamp_ns_of(raw)
-        except decode.DecodeError:
-            return  # the next message follows within a millisecond
-        self.actuators = raw
-        self._trigger.on_actuators(stamp_ns)
+        else:
+            # after a message that cannot be read the next one follows within a millisecond
+            with suppress(decode.DecodeError):
+                self._trigger.on_actuators(decode.stamp_ns_of(raw))
+                self.actuators = raw
+        self._stop_waiting()
 
     def decode_state(self) -> VehicleState:
         """Return the state; an unknown one, logged, if its message violates the contract."""
@@ -126,6 +127,30 @@ class ControllerInputs:
             fault = self._watchdog.reject(STATE, str(error))
             self._reject(TOPICS[STATE], UNREADABLE, fault)
             return unknown_state(decode.stamp_ns_of(self.state))
+
+    def measured_actuators(self) -> Actuators | None:
+        """Return the newest actuators, None without any or, logged, if they are invalid."""
+        self.take_actuators()
+        if self.actuators is None or not self._trigger.with_states:
+            return None
+        try:
+            return subscriptions_node.read_actuators(self.actuators)
+        except decode.DecodeError as error:
+            self._reject(ACTUATORS, UNREADABLE, f'{error}; not compared with the set-points')
+            return None
+
+    def _stop_waiting(self):
+        """Compare no actuators any more that do not come with the states, for a second already."""
+        now_ns = self._wall.now_ns()
+        if not self._trigger.waits_for_actuators:
+            self._waits_since_ns = None
+            return
+        self._waits_since_ns = self._waits_since_ns or now_ns
+        if now_ns - self._waits_since_ns > ALONE_NS:
+            self._trigger.with_states = False
+            self._node.get_logger().warning(
+                f'no message of {ACTUATORS} has the stamp of the state: not compared any more'
+            )
 
     def _has_no_actuators(self):
         """Return whether a state is there and nobody publishes actuators, for a second already."""
@@ -145,7 +170,9 @@ class ControllerInputs:
             last = self._controller.last_command
             return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
         try:
-            return decode.actuators(ros.deserialize(ACTUATORS, self.actuators))
+            actuators = subscriptions_node.read_actuators(self.actuators)
+            self._trigger.with_states = True
+            return actuators
         except decode.DecodeError as error:
             self._reject(ACTUATORS, UNREADABLE, f'{error}; waiting for valid ones to start from')
             self.actuators = None

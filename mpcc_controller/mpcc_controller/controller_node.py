@@ -13,6 +13,7 @@ from rclpy.clock_type import ClockType
 from mpcc_controller import car_file, minimum_speed, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
+from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import TOO_SLOW, Controller
 from mpcc_controller.driving.tick import Arrival, TickInputs, unknown_state
 from mpcc_controller.driving.tick_report import LEFT_OUT, OK
@@ -71,6 +72,7 @@ class ControllerNode(ManagedNode):
         self.is_new, self.is_resumed = True, False
         self.waiting_log, self.stale_log = ChangeFilter(), ChangeFilter()
         self.stopping_log, self.left_out_log = ChangeFilter(), ChangeFilter()
+        self.actuators_log = ChangeFilter()
 
         self.command_pub = ros.publisher(self, '/controller/command')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
@@ -210,13 +212,13 @@ class ControllerNode(ManagedNode):
 
     def step(self):
         """Answer the state with a command, then report why."""
-        x = self.inputs.decode_state()
+        x, actuators = self.inputs.decode_state(), self.inputs.measured_actuators()
         now_ns = self.wall.now_ns()
         received_ns = self.inputs.received_ns
         arrival = Arrival(received_ns, conversions.ns_to_s(time.time_ns() - received_ns))
         fault = self.watchdog.fault(now_ns)
         age_s = self.trigger.age_s(now_ns)
-        self.answer(TickInputs(x, age_s, fault, arrival, publish_s=self.publish_s))
+        self.answer(TickInputs(x, age_s, fault, arrival, None, self.publish_s, actuators))
 
     def step_without_state(self, now_ns):
         """Brake with a stamp of this node: no state arrives."""
@@ -302,6 +304,8 @@ class ControllerNode(ManagedNode):
             most = self.controller.params.surroundings.max_obstacles
             text = f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
             self.get_logger().warning(text)
+        if self.actuators_log.has_changed(why.values.get(FAULT, '')):
+            self.get_logger().warning(self.controller.actuators.describe())
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 

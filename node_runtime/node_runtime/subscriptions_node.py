@@ -1,7 +1,7 @@
 """Subscriptions beyond callbacks: bounded decoding, polling, and a watch over their publishers.
 
 read_reference, read_road_edges, read_obstacles   serialised message of any size -> value
-read_odometry                                     serialised message -> value
+read_odometry, read_actuators                     serialised message -> value
 LatestMessage                                     the newest message, polled
 PublisherMonitor                                  warns of a second publisher of a topic
 """
@@ -16,12 +16,12 @@ from rclpy.subscription import Subscription
 from msgs_yaml import contract, decode, raw_scenario
 from msgs_yaml.cdr_templates import Template
 from msgs_yaml.raw_scenario import REFERENCE, ROAD_EDGES
-from msgs_yaml.types import Health, Obstacles, Reference, RoadEdges, VehicleState
+from msgs_yaml.types import Actuators, Health, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import ros
 from node_runtime.input_monitor import OK, WARN
 
 OBSTACLES = '/scenario/obstacles'
-ODOMETRY = '/vehicle/odometry'
+ODOMETRY, ACTUATORS = '/vehicle/odometry', '/vehicle/actuators'
 PERIOD_S = 1.0  # of wall time, between two counts of publishers
 _COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: number of markers
 _OBJECT_BYTES = 400_000  # of a path or of edges; as objects they take 0.1 s to build and to check
@@ -68,13 +68,19 @@ def read_obstacles(raw: bytes) -> Obstacles:
 
 def read_odometry(raw: bytes) -> VehicleState:
     """Return the state of a serialised /vehicle/odometry. Raises DecodeError."""
-    state = _odometry_template().read(raw)
+    state = _template(ODOMETRY).read(raw)
     return decode.odometry(ros.deserialize(ODOMETRY, raw)) if state is None else state
 
 
+def read_actuators(raw: bytes) -> Actuators:
+    """Return the value of a serialised /vehicle/actuators. Raises DecodeError."""
+    actuators = _template(ACTUATORS).read(raw)
+    return decode.actuators(ros.deserialize(ACTUATORS, raw)) if actuators is None else actuators
+
+
 @cache
-def _odometry_template():
-    return Template(ODOMETRY)
+def _template(topic):
+    return Template(topic)
 
 
 def _decode(topic, raw, decoder):

@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from wait_until import wait_until
 
-from mpcc_controller.controller_inputs_node import ControllerInputs
+from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.watchdog import HealthMonitor
@@ -184,6 +184,8 @@ def test_each_state_is_answered_by_one_command_with_its_stamp(harness, process, 
     assert decode.command(harness.received['/controller/command'][-1]).stamp_ns == START + TICK
     assert len(harness.received['/controller/command']) == answered + 1
 
+    assert f'no message of {ACTUATORS} has the stamp of the state' in process.text()
+
     # an invalid state is answered as well, by the shifted last plan
     unreadable = START + 2 * TICK
     harness.state(unreadable, vx=math.nan)
@@ -240,6 +242,37 @@ def test_actuators_that_are_not_finite_are_rejected_until_valid_ones_arrive(
     why = decode.why(harness.received['/controller/why'][-1])
     assert why.values['reason'] == 'one_step'
     assert why.values['time.ahead_ms'] > 0
+
+
+def test_actuators_that_do_not_follow_are_logged_once_per_change(harness, process, world):
+    situation, whys = world.lane_change(), harness.received['/controller/why']
+    for messages in harness.received.values():  # of the previous test
+        messages.clear()
+    for topic, message in (
+        ('/scenario/reference', encode.reference(situation.reference._replace(stamp_ns=START))),
+        ('/scenario/road_edges', encode.road_edges(situation.edges._replace(stamp_ns=START))),
+    ):
+        harness.pubs[topic].publish(message)
+    for k in range(22):
+        stamp, answered = START + k * TICK, len(whys)
+
+        def publish_inputs(stamp=stamp, k=k):
+            harness.state(stamp, X=float(k))
+            harness.obstacles(situation, stamp)
+            harness.actuators(stamp, delta=0.3 if k else 0.0)  # last: the answer waits for it
+
+        publish_inputs()
+        harness.wait_for(lambda: len(whys) > answered, publish_inputs)  # noqa: B023
+    reports = [decode.why(message) for message in whys]
+    assert all('actuators.age_ms' in why.values for why in reports)
+    faults = [why.values.get('actuators.fault', '') for why in reports]
+    assert not any(faults[:4])
+    assert all('steer' in fault for fault in faults[4:])
+    changes = sum(before != after for before, after in itertools.pairwise(faults))
+    line = 'actuators do not follow: steering angle 0.300 rad'
+    harness.wait_for(lambda: process.text().count(line) == changes)
+    health = [decode.health(message)[0] for message in harness.received['/diagnostics']]
+    assert 'steer' in health[-1].values['actuators.fault']
 
 
 def test_speeds_up_to_the_least_speed_cause_one_warning_per_path(harness, process, world):

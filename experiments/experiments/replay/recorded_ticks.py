@@ -19,7 +19,7 @@ from bags.evaluation.drive import LOCKSTEP
 from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving.tick_report import RESUMED
+from mpcc_controller.driving.tick_report import ACTUATORS_AGE, RESUMED
 from msgs_yaml import types
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
@@ -55,6 +55,7 @@ class RecordedInputs(NamedTuple):
     # parameters that had been changed since the start of the controller, by dotted name
     changes: Mapping[str, float] = NO_CHANGES
     resumed: bool = False  # the first tick after a pause, in which the controller was not active
+    compared: types.Actuators | None = None  # with the set-points
 
     def __repr__(self) -> str:
         values = self._asdict() | {'changes': self.changes or None, 'resumed': self.resumed or None}
@@ -230,6 +231,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             fault=stale_input(why),
             resumed=resumed,
             changes=run_time_parameters.reported(why.values),
+            compared=_compared_actuators(topics[ACTUATORS], why, source.gaps),
         )
         command, prediction = (
             topics[name].find(stamp_ns) if name in topics else None
@@ -250,6 +252,17 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         )
         last = row
     return ticks
+
+
+def _compared_actuators(topic, why, gaps):
+    """Return the actuators that a tick compared with the set-points, None where there were none."""
+    age_ms = report_number(why.values, ACTUATORS_AGE)
+    if not abs(age_ms) <= MAX_MS:  # NaN, too
+        return None
+    actuators = topic.find(why.stamp_ns - round(age_ms * NS_PER_MS))
+    if actuators is None:
+        gaps.append('its actuators were lost')
+    return actuators
 
 
 def stale_input(why: types.Why) -> str:

@@ -49,7 +49,12 @@ class ReplayedController:
         self.controller.set_obstacles(inputs.obstacles)
         state = inputs.state if inputs.state is not None else unknown_state(stamp_ns)
         record = self.controller.step(
-            TickInputs(state, fault=inputs.fault, effective_ns=inputs.acts_ns)
+            TickInputs(
+                state,
+                fault=inputs.fault,
+                effective_ns=inputs.acts_ns,
+                actuators=inputs.compared,
+            )
         )
         plan, why = self.controller.report(record)
         return record.command, conversions.prediction_as_received(plan), why

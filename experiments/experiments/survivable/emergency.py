@@ -127,8 +127,9 @@ class Emergency:
         while not self.obstacles_at(self.car.stamp_ns).items:
             controller.set_obstacles(Obstacles(self.car.stamp_ns, ()))
             state = conversions.odometry_as_received(self.car.state)
+            inputs = TickInputs(state, actuators=self.car.actuators)
             before = self.car.fork(), copy.copy(self._end)
-            self._commands.append(controller.step(TickInputs(state)).command)
+            self._commands.append(controller.step(inputs).command)
             self._tracks.append(self.car.advance(self._commands[-1], TICK_STEPS))
             if self._end.check(self._tracks[-1]):  # over before anything appeared
                 self.car, self._end = before

@@ -43,7 +43,7 @@ class Foresight:
         """Return the command of a tick."""
         self._controller.set_obstacles(obstacles)
         state = conversions.odometry_as_received(car.state)
-        return self._controller.step(TickInputs(state)).command
+        return self._controller.step(TickInputs(state, actuators=car.actuators)).command
 
 
 def _all_knowing(params: ControllerParams, friction: float) -> ControllerParams:

@@ -22,6 +22,7 @@ from mpcc_controller.driving import (
     setpoints,
     warm_up_scene,
 )
+from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.braking import LookaheadPoint
 from mpcc_controller.driving.delay_compensation import (
     LatencyEstimator,
@@ -101,6 +102,7 @@ class Controller:
         self.predictor = StatePredictor(self.car)
         self._command_ns = round((params.delay.command_s or 0.0) * conversions.NS_PER_S)
         self.friction = friction_estimate.make(params, self.car)
+        self.actuators = ActuatorMonitor(vehicle)
         # the state is that which was answered last
         self.perception = ObstaclePerception(params, unknown_state(NEVER_NS))
         self.reporter = TickReporter(params, self.prediction.formulation, self.prediction.evaluator)
@@ -158,6 +160,7 @@ class Controller:
         """
         self._is_resumed = resumed
         self._start_from(setpoints.hold_actuators(actuators, self.params.limits, NEVER_NS))
+        self.actuators.reset(actuators)
         self.planner.reset()
 
     def change(self, params: ControllerParams, changes: Mapping[str, float]) -> None:
@@ -227,28 +230,31 @@ class Controller:
         if effective_ns is None:
             effective_ns = self._effective_ns(x, inputs.age_s)
         now = self.active_ramp.end
-        belief = self._update_friction(x)
+        actuators = self.actuators.update(inputs.actuators, self.ramps, x.stamp_ns)
+        start = self.actuators.start(now, self.params.limits)
+        ramps = self.actuators.acting(self.ramps)
+        belief = self._update_friction(x, ramps)
         if self.friction:
             x = self.friction.filtered(x)
-        state = self._state_at(x, effective_ns)
+        state = self._state_at(x, effective_ns, ramps)
         self.perception.observe(self.scene, inputs.state, x.stamp_ns)
         scene = self._scene_at(x.stamp_ns, effective_ns)
-        decision, x0, attempt = self._decide(x, state, now, scene, inputs.fault)
+        decision, x0, attempt = self._decide(x, state, start, scene, inputs.fault)
         line = None
         if decision.plan is None:
-            command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
+            command, line = self._drive_without_plan(decision, state, start, scene, x.stamp_ns)
         else:
             target = setpoints.target_of_plan(decision.plan, self.car, self.params.limits)
             if attempt is None:  # an old plan, perhaps of several ticks ago
-                target = setpoints.within_rates(target, now, self.gate.limits, step_s)
-            command = setpoints.command_to(target, now, self.car, step_s, x.stamp_ns)
+                target = setpoints.within_rates(target, start, self.gate.limits, step_s)
+            command = self._command_to(target, start, x.stamp_ns)
         age_s = inputs.age_s + (self.clock() - began if self.limit_time else 0.0)
         checked = self.gate.check(command, self.last_command, age_s)
         if checked.reason and checked.reason not in UNTIMELY:
             self.planner.discard_plan()
             if decision.plan is not None:
                 decision = self.planner.brake(REJECTED, self._is_sliding(state))
-                command, line = self._drive_without_plan(decision, state, now, scene, x.stamp_ns)
+                command, line = self._drive_without_plan(decision, state, start, scene, x.stamp_ns)
                 checked = self.gate.check_substitute(command, self.last_command, age_s, checked)
         self._send(checked.command, now, effective_ns)
         self._slid = self._is_sliding(state)
@@ -267,6 +273,7 @@ class Controller:
             attempt=attempt,
             braking_line=line,
             friction=belief,
+            actuators=actuators,
             gate_reason=checked.reason,
             rejections=dict(self.gate.rejections),
             prepared_s=self._prepared_s,
@@ -304,6 +311,7 @@ class Controller:
             attempt=None,
             braking_line=line,
             friction=None,
+            actuators=None,
             gate_reason='',
             rejections=dict(self.gate.rejections),
             prepared_s=None,
@@ -435,11 +443,11 @@ class Controller:
         if self.friction:
             self.friction.reset()
 
-    def _update_friction(self, x) -> FrictionBelief | None:
+    def _update_friction(self, x, ramps) -> FrictionBelief | None:
         """Estimate the friction, if that is on, and plan and brake with it from now on."""
         if self.friction is None:
             return None
-        belief = self.friction.update(x, self.ramps)
+        belief = self.friction.update(x, ramps)
         self._believe(belief.friction)
         return belief
 
@@ -461,9 +469,11 @@ class Controller:
 
         The next step predicts from a later state than that of `stamp_ns`, or from the last one that
         was known; the estimate of the
-        friction compares the two, under the set-points that acted `actuator_delay_s` before.
+        friction compares the two, under the set-points that acted `actuator_delay_s` before, and
+        the actuators are compared with those of a longer while.
         """
         acted_s = self.params.friction_estimate.actuator_delay_s if self.friction else 0.0
+        acted_s = max(acted_s, self.actuators.memory_s)
         known_ns = stamp_ns if self._known is None else min(stamp_ns, self._known.stamp_ns)
         return conversions.add_seconds(known_ns, -acted_s)
 
@@ -477,25 +487,25 @@ class Controller:
         # a state may be a little early: the actuators reach the last set-point first
         return min(max(earliest, self.active_ramp.end_ns), latest)
 
-    def _state_at(self, x: VehicleState, effective_ns: int) -> VehicleState:
+    def _state_at(self, x: VehicleState, effective_ns: int, ramps) -> VehicleState:
         """Return the state at which the command takes effect.
 
         It is predicted from `x`; where that is not known, from the last state that was, while that
         is not older than a plan may be to steer along.
         """
         # without a delay of commands the states between two effects are under the last ramp alone
-        acting = self.ramps if self._command_ns else self.ramps[-1:]
+        acting = ramps if self._command_ns else ramps[-1:]
         if np.all(np.isfinite(x)):
             self._known = x
         elif self._known is not None:
             age_s = conversions.ns_to_s(x.stamp_ns - self._known.stamp_ns)
             longest_s = self.params.fallback.max_guide_age * self.params.model.step_s
             if 0 <= age_s <= longest_s:
-                return self.predictor.predict(self._known, self.ramps, effective_ns)
+                return self.predictor.predict(self._known, ramps, effective_ns)
             self._known = None
         return self.predictor.predict(x, acting, effective_ns)
 
-    def _decide(self, measured, x, now, scene, fault):
+    def _decide(self, measured, x, start, scene, fault):
         """Return (decision, stage 0 or None, attempt or None) from the state `x` at the effect."""
         reason = self._obstruction(measured, x, fault)
         if reason in (NOT_FINITE, STATE_STALE):
@@ -504,7 +514,7 @@ class Controller:
             return self.planner.continue_plan(reason, round(since_ns / step_ns)), None, None
         if self.missing():
             return self.planner.brake(reason, self._is_sliding(x)), None, None
-        x0 = self.planner.initial_state(x, now, scene)
+        x0 = self.planner.initial_state(x, start, scene)
         if not reason and x0.theta > scene.path.length and not self._is_stopping(x, scene.path):
             reason = 'path_ended'
         if reason:
@@ -538,15 +548,21 @@ class Controller:
         recovers = bool(self.params.fallback.recovery)
         return recovers and recovery.is_sliding(x, self.car, self._slid)
 
-    def _drive_without_plan(self, decision, x, now, scene, stamp_ns) -> tuple[Command, str]:
+    def _command_to(self, target, start, stamp_ns) -> Command:
+        """Return the command that does what was planned from the set-points `start`."""
+        now, step_s = self.active_ramp.end, self.params.model.step_s
+        target = self.actuators.target_from(
+            target, start, now, self.car, self._params_to_brake.limits, step_s
+        )
+        return setpoints.command_to(target, now, self.car, step_s, stamp_ns)
+
+    def _drive_without_plan(self, decision, x, start, scene, stamp_ns) -> tuple[Command, str]:
         lookahead = self._lookahead_point(x, scene)
         recovers = decision.level == RECOVERY
         law = recovery.recovery_target if recovers else braking.braking_target
         car = self.car if recovers else self.prediction.car_to_brake
-        target = law(x, now, lookahead.point, car, self._params_to_brake)
-        step_s = self.params.model.step_s
-        command = setpoints.command_to(target, now, self.car, step_s, stamp_ns)
-        return command, lookahead.line
+        target = law(x, start, lookahead.point, car, self._params_to_brake)
+        return self._command_to(target, start, stamp_ns), lookahead.line
 
     def _lookahead_point(self, x, scene) -> LookaheadPoint:
         theta = None

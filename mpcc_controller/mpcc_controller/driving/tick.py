@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mpcc_controller.driving.actuator_monitor import ActuatorCheck
 from mpcc_controller.driving.candidate_choice import Choice
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Command, VehicleState
+from msgs_yaml.types import Actuators, Command, VehicleState
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
@@ -32,6 +33,7 @@ class TickInputs(NamedTuple):
     arrival: Arrival | None = None  # where it is known
     effective_ns: int | None = None  # when the command takes effect, if known (replay)
     publish_s: float | None = None  # publishing time of the command before
+    actuators: Actuators | None = None  # the newest message, to be compared with the set-points
 
 
 class Comparison(NamedTuple):
@@ -69,6 +71,7 @@ class TickRecord(NamedTuple):
     attempt: Attempt | None  # None where nothing was solved
     braking_line: str | None  # the line that a braking car steers along; None with a plan
     friction: FrictionBelief | None  # None where it is not estimated
+    actuators: ActuatorCheck | None  # None where nobody told where they are
     gate_reason: str  # why the gate intervened, '' if it did not
     rejections: Mapping[str, int]  # by the gate since the start, by reason
     prepared_s: float | None  # computing time of `prepare` before this step

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mpcc_controller.driving import obstacle_passing
+from mpcc_controller.driving.actuator_monitor import FAULT, ActuatorCheck
 from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.tick import Arrival, Attempt, Comparison, TickRecord
@@ -26,6 +27,7 @@ from stage_solver.solution import SOLVED, Solution
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 RESUMED = 'resumed'  # in the report of the first step after a pause
 LEFT_OUT = 'obstacles.left_out'
+ACTUATORS_AGE = 'actuators.age_ms'  # of the message that was compared
 LINE_STAGES = 5  # of a candidate's plan one stage in this many is reported
 
 
@@ -81,6 +83,8 @@ class TickReporter:
         if record.braking_line is not None:
             values['guide'] = record.braking_line
         values |= _command(record.command, self._formulation.car, record.rejections)
+        if record.actuators is not None:
+            values |= _actuators(record.actuators)
         if record.resumed:
             values[RESUMED] = True
         values |= self._left_out(record.scene)
@@ -117,6 +121,16 @@ def _initial_state(x0: State) -> dict:
         'set_point.delta': float(x0.delta),
         'set_point.Fx': float(x0.Fx),
     }
+
+
+def _actuators(check: ActuatorCheck) -> dict:
+    """Return how far the actuators are beyond their set-points, and which do not follow them."""
+    values = {}
+    if check.age_s is not None:
+        values[ACTUATORS_AGE] = 1e3 * check.age_s
+        values['actuators.steer_error_rad'] = check.steer_error
+        values['actuators.force_error_n'] = check.force_error
+    return values | ({FAULT: '+'.join(check.faults)} if check.faults else {})
 
 
 def _command(command: Command, car: Car, rejections: Mapping[str, int]) -> dict:

@@ -20,11 +20,13 @@ class LockstepTrigger:
     """Answers the states on tick boundaries for which the obstacles carry the same stamp.
 
     The answer then depends on the messages and not on the order of their arrival. The first state
-    is answered when the actuators of the same stamp are known too.
+    is answered when the actuators of the same stamp are known too, and so are all others of a car
+    whose actuators come `with_states`.
     """
 
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
+        self.with_states = False
         self.state = self.obstacles = self.actuators = self.answered = None
 
     def on_state(self, stamp_ns: int) -> bool:
@@ -40,8 +42,13 @@ class LockstepTrigger:
 
     @property
     def needs_actuators(self) -> bool:
-        """Whether the state kept last starts the controller and needs actuators of its stamp."""
-        return self.state is not None and (self.answered is None or self.state < self.answered)
+        """Whether the state kept last needs actuators of its stamp."""
+        return self.state is not None and (self.with_states or self._begins())
+
+    @property
+    def waits_for_actuators(self) -> bool:
+        """Whether a state after the first one waits for them: `with_states` may end that."""
+        return self.needs_actuators and not self._begins() and self.actuators != self.state
 
     def on_actuators(self, stamp_ns: int) -> None:
         """Note the stamp of the actuators."""
@@ -51,8 +58,8 @@ class LockstepTrigger:
         """Return what to do with the state kept last; to be called once per message."""
         if self.state is None or self.obstacles != self.state:
             return NOTHING
-        begun = self.needs_actuators
-        if begun and self.actuators != self.state:
+        begun = self._begins()
+        if self.needs_actuators and self.actuators != self.state:
             return NOTHING
         repeat = self.state == self.answered
         self.answered = self.state
@@ -71,12 +78,19 @@ class LockstepTrigger:
         """Return the age [s] of the state answered last: 0, simulated time waits for the answer."""
         return 0.0
 
+    def _begins(self):
+        """Return whether the state kept last starts the controller."""
+        return self.answered is None or self.state < self.answered
+
 
 class RealtimeTrigger:
     """Answers the first state at or after each tick boundary, with the newest other inputs."""
 
+    waits_for_actuators = False  # after the first step
+
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
+        self.with_states = True  # whatever is newest counts
         self.state = self.actuators = self.answered = None
         self.begun = False
 

@@ -8,6 +8,7 @@ from the bag (`bags timing`), not here.
 from collections import Counter
 from typing import Any
 
+from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.tick_report import ERROR, OK, WARN
 from mpcc_controller.parameters import Ages
 from msgs_yaml.conversions import NS_PER_S
@@ -31,6 +32,7 @@ class HealthMonitor:
         self.level_counts = Counter()
         self.rejections = 0
         self.internal_errors = 0
+        self.actuators = ''  # those that did not follow their set-points since the last report
         self.worst = OK  # since the last report
         self._second: int | None = None
 
@@ -39,7 +41,8 @@ class HealthMonitor:
         self.level_counts[why.values['rung']] += 1
         self.rejections = why.values['gate.rejections']
         self.internal_errors = why.values.get('internal_errors', 0)
-        self.worst = max(self.worst, why.level)
+        self.actuators = why.values.get(FAULT, '') or self.actuators
+        self.worst = max(self.worst, why.level, WARN if self.actuators else OK)
 
     def on_step(self, why: Why) -> Health | None:
         """Add the report of a step; return the health at the first step of each second."""
@@ -48,15 +51,24 @@ class HealthMonitor:
         if second == self._second:
             return None
         self._second = second
-        return self.report(why.stamp_ns, self.worst, MESSAGES[self.worst], {})
+        return self.report(why.stamp_ns, self.worst, self.message(self.worst), {})
+
+    def message(self, level: int) -> str:
+        """Return what the steps since the last report mean, that led to a level."""
+        if not self.actuators or level == OK:
+            return MESSAGES[level]
+        fault = f'actuators do not follow their set-points: {self.actuators}'
+        return f'{MESSAGES[level]}; {fault}' if level == ERROR else fault
 
     def report(self, stamp_ns: int, level: int, message: str, extra: dict[str, Any]) -> Health:
         """Return the health with the counts and `extra`; starts the next reporting period."""
-        self.worst = OK
+        self.worst, actuators, self.actuators = OK, self.actuators, ''
         counts = {f'rung.{name}': count for name, count in sorted(self.level_counts.items())}
         values = counts | {'gate.rejections': self.rejections} | extra
         if self.internal_errors:
             values['internal_errors'] = self.internal_errors
+        if actuators:
+            values[FAULT] = actuators
         return Health(stamp_ns, self.name, level, message, values)
 
 
@@ -159,7 +171,8 @@ class RealtimeWatchdog:
             return None
         self._reported_ns = now_ns
         steps = self._steps.update(self._monitor.worst, now_ns)
-        level, message = max(steps, *(monitor.held_level for monitor in inputs)), MESSAGES[steps]
+        level = max(steps, *(monitor.held_level for monitor in inputs))
+        message = self._monitor.message(steps)
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:

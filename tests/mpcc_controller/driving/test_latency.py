@@ -109,8 +109,9 @@ def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(wo
         assert record.state == expected
         sent.append(late.active_ramp)
     assert abs(sent[-1].end.delta) > 0.01  # so that what is on its way matters
-    first_ns = x.stamp_ns - 50 * MS
-    assert late.ramps == still_needed(sent, first_ns)
+    first_ns = x.stamp_ns - 50 * MS  # that the estimate of the friction looks back
+    longest_ns = x.stamp_ns - round(1e3 * late.actuators.memory_s) * MS
+    assert late.ramps == still_needed(sent, longest_ns)
     instants = range(first_ns, first_ns + 300 * MS, 5 * MS)
     assert [setpoints_at(late.ramps, t) for t in instants] == [
         setpoints_at(sent, t) for t in instants

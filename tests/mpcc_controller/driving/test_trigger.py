@@ -41,6 +41,21 @@ def test_lockstep_starts_with_the_actuators_of_the_first_state():
     assert state_trigger.due() == (True, False, True)
 
 
+def test_lockstep_answers_later_states_with_their_actuators_where_these_come():
+    state_trigger = lockstep_at(START)
+    for k, comes in enumerate((True, True, False)):
+        stamp = START + k * TICK
+        state_trigger.with_states = comes
+        state_trigger.on_state(stamp)
+        state_trigger.on_obstacles(stamp)
+        if comes and k:
+            assert state_trigger.waits_for_actuators
+            assert state_trigger.due() == trigger.NOTHING
+            state_trigger.on_actuators(stamp)
+        assert not state_trigger.waits_for_actuators
+        assert state_trigger.due() == (True, False, k == 0)
+
+
 def test_lockstep_ignores_states_between_ticks():
     state_trigger = lockstep_at(START)
     assert not state_trigger.on_state(START + 7 * MS)

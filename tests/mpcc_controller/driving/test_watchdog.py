@@ -107,6 +107,24 @@ def test_health_names_stale_inputs_and_counts_the_fallback_levels(realtime):
     assert (well.level, well.message) == (OK, MESSAGES[OK])
 
 
+@pytest.mark.parametrize('level', [OK, ERROR])
+def test_actuators_that_do_not_follow_are_a_warning(realtime, level):
+    with_fault = why(S, level)
+    with_fault.values['actuators.fault'] = 'steer'
+    realtime.on_step(with_fault)
+    realtime.on_step(why(S + 50 * MS))  # it ended before the report
+    refresh(realtime, S + 100 * MS)
+    health = realtime.on_timer(S + 100 * MS, '')
+    assert health.level == max(level, WARN)
+    assert health.message.endswith('actuators do not follow their set-points: steer')
+    assert (MESSAGES[ERROR] in health.message) == (level == ERROR)
+    assert health.values['actuators.fault'] == 'steer'
+    refresh(realtime, 4 * S)
+    well = realtime.on_timer(4 * S, '')
+    assert (well.level, well.message) == (OK, MESSAGES[OK])
+    assert 'actuators.fault' not in well.values
+
+
 def test_a_bad_step_is_remembered_for_two_seconds(realtime):
     realtime.on_step(why(S, ERROR))
     levels = []

@@ -1,0 +1,192 @@
+"""Compares the measured actuators with the set-points that were sent. SI units; stamps in ns.
+
+However an actuator lags, without overshoot it is between the least and the greatest set-point of
+the last while. One that is beyond these for longer does not do what is asked of it: it sticks, is
+weaker, or somebody else moves it. Plans then begin where it is.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving import setpoints
+from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import CarParams, Limits
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import Actuators
+
+FAULT = 'actuators.fault'  # in the report
+STEER, FORCE = 'steer', 'force'  # its words
+STEER_RAD = 0.02  # 1 deg: as much as a sensor of the angle may be wrong
+FORCE_MPS2 = 1.0  # of the mass of the car
+CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a difference
+LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
+UNKNOWN_LAG_S = 0.1  # of a car file without lags
+OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
+# a sticking steering is not asked for more than this beyond where it is: it may come free
+LEAD_RAD = 0.1
+
+
+class ActuatorCheck(NamedTuple):
+    """What the newest message of the actuators says."""
+
+    age_s: float | None  # of the message when the state was measured; None: of an earlier tick
+    measured: Setpoints
+    steer_error: float  # rad beyond the set-points of the last while, 0 within them
+    force_error: float  # N, the same
+    faults: tuple[str, ...]  # of STEER, FORCE
+
+
+class _Persistence:
+    """Says that something is so when it was so for a while."""
+
+    def __init__(self):
+        self.holds, self._agreed_ns = False, None
+
+    def update(self, is_so: bool, stamp_ns: int) -> bool:
+        if self._agreed_ns is None or is_so == self.holds:
+            self._agreed_ns = stamp_ns
+        elif stamp_ns - self._agreed_ns >= (CLEAR_S if self.holds else CONFIRM_S) * NS_PER_S:
+            self.holds, self._agreed_ns = is_so, stamp_ns
+        return self.holds
+
+
+class ActuatorMonitor:
+    """Compares once per tick, and puts measured values in the place of set-points."""
+
+    def __init__(self, vehicle: CarParams):
+        lags = (vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
+        lags = (UNKNOWN_LAG_S if lag is None else lag for lag in lags)
+        self._windows_ns = [round((LAGS * lag + UNANNOUNCED_S) * NS_PER_S) for lag in lags]
+        self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
+        self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
+        self.reset(None)
+
+    def reset(self, actuators: Actuators | None) -> None:
+        """Forget every message; set-points begin where the actuators are."""
+        self._start = actuators
+        self._last: Actuators | None = None
+        self.check: ActuatorCheck | None = None  # None where nothing is known of the actuators
+        self._persistences = (_Persistence(), _Persistence())
+
+    def update(
+        self, actuators: Actuators | None, ramps: Sequence[SetpointRamp], state_ns: int
+    ) -> ActuatorCheck | None:
+        """Compare a message at its own stamp, and return what is known.
+
+        Without a message that is the last check, until it is too old: a topic that falls silent
+        counts as one that nobody publishes.
+        """
+        last = self._last
+        if actuators is None or not _is_recent(actuators, state_ns):
+            if last is not None:
+                self.check = self.check._replace(age_s=None)
+                if not _is_recent(last, state_ns):
+                    self.reset(None)
+            return self.check
+        age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
+        if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
+            self.check = self.check._replace(age_s=age_s)
+            return self.check
+        measured = Setpoints(actuators.delta, actuators.Fxf + actuators.Fxr)
+        errors = [
+            self._error(i, measured[i], ramps, actuators.stamp_ns) for i in range(len(measured))
+        ]
+        holds = [
+            persistence.update(abs(error) > threshold, actuators.stamp_ns)
+            for persistence, error, threshold in zip(self._persistences, errors, self._thresholds)
+        ]
+        faults = tuple(name for name, fault in zip((STEER, FORCE), holds) if fault)
+        self._last = actuators
+        self.check = ActuatorCheck(age_s, measured, *errors, faults)
+        return self.check
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The actuators that do not follow, of STEER and FORCE."""
+        return self.check.faults if self.check else ()
+
+    def describe(self) -> str:
+        """Return a line for the log: where actuators are that do not follow their set-points."""
+        if not self.faults:
+            return 'the actuators follow their set-points'
+        check = self.check
+        texts = {
+            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad',
+            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N',
+        }
+        beyond = '; '.join(texts[name] for name in self.faults)
+        return f'actuators do not follow: {beyond} beyond what was asked for; plans begin there'
+
+    def start(self, now: Setpoints, limits: Limits) -> Setpoints:
+        """Return where a plan begins: at `now`, and where an actuator does not follow, there."""
+        delta, Fx = now
+        if STEER in self.faults:
+            delta = min(max(self.check.measured.delta, -limits.steer_rad), limits.steer_rad)
+        if FORCE in self.faults:
+            Fx = min(max(self.check.measured.Fx, -limits.brake_n), limits.drive_n)
+        return Setpoints(delta, Fx)
+
+    def acting(self, ramps: Sequence[SetpointRamp]) -> Sequence[SetpointRamp]:
+        """Return ramps of what acts on the car: of an actuator with a fault where it is."""
+        if not self.faults:
+            return ramps
+        held = {}
+        if STEER in self.faults:
+            held['delta'] = self.check.measured.delta
+        if FORCE in self.faults:
+            held['Fx'] = self.check.measured.Fx
+        return tuple(
+            ramp._replace(begin=ramp.begin._replace(**held), end=ramp.end._replace(**held))
+            for ramp in ramps
+        )
+
+    def target_from(
+        self,
+        target: SetpointTarget,
+        start: Setpoints,
+        now: Setpoints,
+        car: Car,
+        limits: Limits,
+        step_s: float,
+    ) -> SetpointTarget:
+        """Return the set-points to send for a target that was planned from `start`.
+
+        The set-points `now` change by as much as the plan does: of an actuator that is off by an
+        amount or a share, only that leads to the target. A driving force is not asked for beyond
+        the plan, steering not further beyond where it is.
+        """
+        if not self.faults:
+            return target
+        delta, Fx, lambda_b = target
+        if STEER in self.faults:
+            measured = self.check.measured.delta
+            lead = max(LEAD_RAD, abs(now.delta - measured))
+            delta = np.clip(now.delta + delta - start.delta, measured - lead, measured + lead)
+            delta = float(np.clip(delta, -limits.steer_rad, limits.steer_rad))
+        if FORCE in self.faults:
+            Fx = min(now.Fx + Fx - start.Fx, max(Fx, 0.0))
+            Fz = single_track.loads(Fx, car)
+            grip = limits.friction_use * (car.mu_f * Fz.f + car.mu_r * Fz.r)
+            Fx = float(np.clip(Fx, -min(limits.brake_n, grip), limits.drive_n))
+            lambda_b = setpoints.split_within_friction(lambda_b, Fx, car, limits)
+        return setpoints.within_rates(SetpointTarget(delta, Fx, lambda_b), now, limits, step_s)
+
+    def _error(self, i, measured, ramps, stamp_ns):
+        """Return by how much a measured value is beyond the set-points of the last while."""
+        since_ns = stamp_ns - self._windows_ns[i]
+        corners = (ns for ramp in ramps for ns in (ramp.begin_ns, ramp.end_ns))
+        instants = {since_ns, stamp_ns, *(ns for ns in corners if since_ns < ns < stamp_ns)}
+        values = [setpoints_at(ramps, ns)[0][i] for ns in instants]
+        start = self._start
+        if start is not None and since_ns <= start.stamp_ns:
+            values.append(Setpoints(start.delta, start.Fxf + start.Fxr)[i])
+        return measured - min(max(measured, min(values)), max(values))
+
+
+def _is_recent(actuators, state_ns):
+    return abs(state_ns - actuators.stamp_ns) <= OLDEST_S * NS_PER_S

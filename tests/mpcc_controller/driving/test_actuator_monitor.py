@@ -1,0 +1,229 @@
+"""Set-points against measured actuators: what counts as a fault, and what is sent then."""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving.actuator_monitor import (
+    FAULT,
+    FORCE,
+    LEAD_RAD,
+    STEER,
+    STEER_RAD,
+    ActuatorMonitor,
+)
+from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
+from mpcc_controller.driving.tick import TickInputs
+from msgs_yaml import conformance, encode
+from msgs_yaml.types import Actuators
+
+TICK, MS = 50_000_000, 1_000_000
+TICK_S, MS_S = 0.05, 1e-3
+REST = Setpoints(0.0, 0.0)
+
+
+class Servo(NamedTuple):
+    """A second-order servo with the lag of the car file: 2 damping / frequency."""
+
+    lag_s: float
+    damping: float
+
+    def follow(self, set_points):
+        """Return positions every millisecond."""
+        w = 2 * self.damping / self.lag_s
+        x = rate = 0.0
+        positions = []
+        for u in set_points:
+            rate += MS_S * (w**2 * (u - x) - 2 * self.damping * w * rate)
+            x += MS_S * rate
+            positions.append(x)
+        return np.array(positions)
+
+
+def ramps_through(points):
+    """Return the ramps of set-points that are sent one per tick."""
+    ramps = [constant_ramp(REST, 0.6)]
+    for k, (begin, end) in enumerate(itertools.pairwise(points)):
+        ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
+    return ramps
+
+
+def message(stamp_ns, delta=0.0, force=0.0):
+    return Actuators(stamp_ns, delta, 0.0, 0.6 * force, 0.4 * force, (0.0,) * 4)
+
+
+def watch(monitor, ramps, position_at, ticks):
+    """Return the check of each tick; `position_at(k)` is (angle, force)."""
+    return [
+        monitor.update(message(k * TICK, *position_at(k)), ramps[: k + 1], k * TICK)
+        for k in range(ticks)
+    ]
+
+
+@pytest.fixture
+def monitor(vehicle):
+    return ActuatorMonitor(vehicle)
+
+
+@pytest.mark.parametrize('delay_ms', [0, 60, 100])
+@pytest.mark.parametrize('damping', [0.7, 0.9, 2.0])
+def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
+    """Set-points at the greatest rates, with reversals, held and left again."""
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        directions = np.repeat(rng.integers(-1, 2, (20, 2)), rng.integers(1, 9, 20), axis=0)
+        moves = directions * [0.524 * TICK_S, 40e3 * TICK_S]
+        limits = [0.47, 17e3]
+        points = [REST]
+        for move in moves:
+            points.append(Setpoints(*np.clip(points[-1] + move, np.negative(limits), limits)))
+        t = np.arange(0, (len(points) - 1) * TICK_S, MS_S)
+        knots = TICK_S * np.arange(len(points))
+        lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
+        angle, force = (
+            Servo(lag, damping).follow(np.interp(t - delay_ms * MS_S, knots, column))
+            for lag, column in zip(lags, np.transpose(points))
+        )
+        monitor, ramps = ActuatorMonitor(vehicle), ramps_through(points)
+        at_ticks = list(zip(angle[::50], force[::50]))
+        checks = watch(monitor, ramps, at_ticks.__getitem__, len(at_ticks))
+        assert not any(check.faults for check in checks)
+        assert max(abs(check.steer_error) for check in checks) < (0.3 + delay_ms / 60) * STEER_RAD
+
+
+def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
+    ramps = [constant_ramp(REST, 0.6)]
+    off = range(10, 20)
+    checks = watch(monitor, ramps, lambda k: (0.03 if k in off else 0.0, -9.0), 60)
+    faulty = [k for k, check in enumerate(checks) if check.faults == (STEER,)]
+    assert faulty == [*range(13, 39)]
+    assert checks[15].steer_error == pytest.approx(0.03)
+    assert checks[25].steer_error == 0.0
+
+
+def test_three_ticks_are_not_enough(monitor):
+    ramps = [constant_ramp(REST, 0.6)]
+    checks = watch(monitor, ramps, lambda k: (0.0, -4000.0 if k % 5 < 3 else 0.0), 40)
+    assert checks[1].force_error == -4000.0
+    assert not any(check.faults for check in checks)
+
+
+def test_after_a_start_the_actuators_may_be_where_they_were(monitor):
+    """The set-points are cut to the limits; the brakes still come from an emergency stop."""
+    monitor.reset(message(0, 0.0, -22e3))
+    ramps = [constant_ramp(Setpoints(0.0, -17e3), 0.6)]
+    checks = watch(monitor, ramps, lambda k: (0.0, -17e3 - 5e3 * 0.5**k), 10)
+    assert not any(check.faults for check in checks)
+    assert checks[1].force_error == 0.0
+
+
+def test_a_topic_that_falls_silent_counts_as_one_that_nobody_publishes(monitor):
+    ramps = [constant_ramp(REST, 0.6)]
+    watch(monitor, ramps, lambda k: (0.1, 0.0), 8)
+    assert monitor.faults == (STEER,)
+    held = monitor.update(None, ramps, 8 * TICK)
+    assert (held.faults, held.age_s) == ((STEER,), None)
+    assert monitor.update(None, ramps, 11 * TICK) is None
+    assert monitor.faults == ()
+    assert monitor.update(message(8 * TICK, 0.1), ramps, 11 * TICK) is None, 'too old'
+
+
+def test_a_message_that_was_compared_already_counts_once(monitor):
+    ramps = [constant_ramp(REST, 0.6)]
+    for k in range(1, 8):
+        check = monitor.update(message(0, 0.1), ramps, 10 * k * MS)
+        assert check.age_s == pytest.approx(10 * k * MS_S)
+    assert check.faults == ()
+
+
+def started(monitor, angle, force=0.0):
+    """Return where a plan begins after a fault of the steering, or of the force."""
+    watch(monitor, [constant_ramp(REST, 0.6)], lambda k: (angle, force), 8)
+    return monitor.faults
+
+
+def test_the_set_points_change_as_the_plan_does(monitor, car, params):
+    """Of a steering that is off by an angle only this leads where the plan wants it."""
+    assert started(monitor, 0.05) == (STEER,)
+    start = monitor.start(REST, params.limits)
+    assert start == (0.05, 0.0)
+    target = SetpointTarget(0.03, -500.0, 0.6)
+    sent = monitor.target_from(target, start, REST, car, params.limits, TICK_S)
+    assert sent == (pytest.approx(-0.02), -500.0, 0.6)
+
+
+def test_a_sticking_steering_is_not_asked_for_ever_more(monitor, car, params):
+    assert started(monitor, 0.05) == (STEER,)
+    now = REST
+    for _ in range(20):
+        start = monitor.start(now, params.limits)
+        target = SetpointTarget(start.delta - 0.02, now.Fx, 0.6)
+        sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+        now = Setpoints(sent.delta, sent.Fx)
+    assert now.delta == pytest.approx(0.05 - LEAD_RAD)
+
+
+def test_weak_brakes_are_asked_for_more_but_not_beyond_the_friction(monitor, car, params):
+    assert started(monitor, 0.0, 3000.0) == (FORCE,)  # somebody drives while nobody asked for it
+    now = Setpoints(0.0, -8000.0)
+    start = monitor.start(now, params.limits)
+    target = SetpointTarget(0.0, start.Fx - 1500.0, 0.6)
+    sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+    assert sent.Fx == pytest.approx(-9500.0)
+    for _ in range(20):
+        target = SetpointTarget(0.0, start.Fx - 2000.0, 0.6)
+        sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+        assert now.Fx - 2000.0 * 1.001 <= sent.Fx <= now.Fx + 20.0  # load transfer
+        now = Setpoints(0.0, sent.Fx)
+    weight = 9.81 * car.m
+    limits = params.limits
+    assert -now.Fx <= limits.friction_use * max(car.mu_f, car.mu_r) * weight
+    assert -now.Fx >= 0.98 * min(limits.brake_n, limits.friction_use * car.mu_f * weight)
+
+
+def test_a_driving_force_is_not_asked_for_beyond_the_plan(monitor, car, params):
+    """A driver brakes: the car does not drive against that."""
+    assert started(monitor, 0.0, -6000.0) == (FORCE,)
+    start = monitor.start(REST, params.limits)
+    target = SetpointTarget(0.0, -4000.0, 0.6)
+    sent = monitor.target_from(target, start, REST, car, params.limits, TICK_S)
+    assert sent.Fx == 0.0
+
+
+def test_the_report_tells_the_error_and_the_fault_and_the_plan_begins_there(controller, world):
+    for k in range(1, 8):
+        x = world.rolling(X=10.0 + k, stamp_ns=k * TICK)
+        record = controller.step(TickInputs(x, actuators=message(k * TICK, 0.04)))
+        _, why = controller.report(record)
+        assert not conformance.check('/controller/why', encode.why(why))
+        assert (FAULT in why.values) == (k >= 5)
+    assert why.values[FAULT] == STEER
+    assert why.values['actuators.age_ms'] == 0.0
+    assert 0.02 < why.values['actuators.steer_error_rad'] <= 0.08
+    assert record.x0.delta == why.values['set_point.delta'] == 0.04
+    assert record.decision.plan.X[0][-2] == pytest.approx(0.04)
+    text = controller.actuators.describe()
+    assert 'steering angle 0.040 rad' in text
+    assert 'force' not in text
+    *_, why = world.tick(controller, world.rolling(X=18.0, stamp_ns=20 * TICK))
+    assert not [name for name in why.values if name.startswith('actuators')]
+    assert controller.actuators.describe() == 'the actuators follow their set-points'
+
+
+def test_without_a_fault_a_controller_that_compares_answers_as_one_that_does_not(controller, world):
+    answers = []
+    for compares in (True, False):
+        world.set_inputs(controller, world.lane_change())
+        commands = []
+        for k in range(1, 8):
+            now = controller.active_ramp.end
+            measured = message(k * TICK, now.delta, now.Fx) if compares else None
+            x = world.rolling(X=20.0 + k, stamp_ns=k * TICK)
+            record = controller.step(TickInputs(x, actuators=measured))
+            assert (record.actuators is not None) == compares
+            commands.append(record.command)
+        answers.append(commands)
+    assert answers[0] == answers[1]
