@@ -271,7 +271,7 @@ def test_some_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, 
     assert inject(simulated, name, [every[i] for i in chosen]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize('name', CONTROLLERS)
 def test_every_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, simulated, name):
