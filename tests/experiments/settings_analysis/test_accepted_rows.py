@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -10,7 +11,15 @@ from synthetic_study import make_study
 from bags.errors import BagError
 from experiments import cli
 from experiments.settings import outcomes, preregistration
-from experiments.settings_analysis import accepted_rows, decide, decision_report, study_tables
+from experiments.settings_analysis import (
+    accepted_rows,
+    decide,
+    decision_report,
+    early_braking,
+    study_tables,
+)
+
+PUBLISHED = Path(__file__).parents[3] / 'paper/settings'
 
 
 @pytest.fixture(scope='module')
@@ -66,6 +75,26 @@ def test_a_run_without_rows_is_named_and_the_others_are_decided(folder, tmp_path
     said = capsys.readouterr().out
     assert said.count('| equal |') == 2 * 5
     assert 'no rows are kept of: repetition' in said
+
+
+def test_the_published_rows_give_the_published_numbers(capsys):
+    """What pages say of these is compared with claims.json and braking.json in tests/docs."""
+    assert cli.main(['study', 'recompute', str(PUBLISHED)]) == 0
+    said = capsys.readouterr().out
+    assert said.count('| equal |') == 2 * 5  # versions of the baseline, claims
+    for shown in ('unsafe_area | 1 of 222', 'sideslip | 1 of 222', 'min_speed | 83 of 222'):
+        assert f'| confirmatory | frenet_matched | {shown} |' in said
+    assert '| confirmatory | frenet_matched | conjunction | 0 of 69 |' in said
+
+
+def test_the_published_rows_say_who_brakes_as_published():
+    study = accepted_rows.read(PUBLISHED / 'confirmatory' / accepted_rows.FILE)
+    published = json.loads((PUBLISHED / 'confirmatory/braking.json').read_text())
+    pairs = early_braking.summarise(study)['pairs']
+    for pair, other in zip(pairs, published['pairs'], strict=True):
+        counts = ('baseline', 'level', 'settings', 'both', 'earlier', 'later')
+        assert [pair[name] for name in counts] == [other[name] for name in counts]
+        assert pair['lead_m'] == pytest.approx(other['lead_m'], rel=1e-9)
 
 
 def test_rows_of_another_preregistration_and_missing_ones_are_refused(folder, tmp_path):
