@@ -135,8 +135,8 @@ def legend_looks(looks: Mapping[str, Look], controllers: Sequence[str]) -> dict[
     for look, controller in zip(looks.values(), controllers):
         groups.setdefault(look._replace(width=WIDTH), []).append(controller)
     return {
-        f'{found[0]}: {len(found)} runs' if len(set(found)) == 1 else f'{len(found)} runs': look
-        for look, found in groups.items()
+        f'{names[0]}: {len(names)} runs' if len(set(names)) == 1 else f'{len(names)} runs': look
+        for look, names in groups.items()
     }
 
 

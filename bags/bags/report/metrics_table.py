@@ -140,7 +140,7 @@ def _build_rows(comparison):
     for name, run in comparison['runs'].items():
         cells = [cell(metric, run[metric.name], run) for metric in chosen]
         cut = ', bag cut' if name in comparison.get('damage', {}) else ''
-        texts = [Text(one.text, COLOURS[one.good]) for one in cells]
+        texts = [Text(value.text, COLOURS[value.good]) for value in cells]
         table.add_row(Text(f'{name}{cut}'), *texts)
     return table
 

@@ -173,21 +173,21 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     checked = {}
     for controller in controllers:
         nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
-        name, one = controller.run_name, inputs.check_parameters(nodes)
+        name, given = controller.run_name, inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or plant):
-            inputs.check_car_fits(nodes, one)
+            inputs.check_car_fits(nodes, given)
         if not controller.program:
-            inputs.check_problem(one, controller.name)
-        checked[name] = nodes, one
-    own = [checked[one.run_name][1][inputs.CONTROLLER] for one in controllers if not one.program]
+            inputs.check_problem(given, controller.name)
+        checked[name] = nodes, given
+    own = [checked[c.run_name][1][inputs.CONTROLLER] for c in controllers if not c.program]
     with compile_ahead.compiling(own if compiles_ahead else ()):
         loaded = {}
         for controller in controllers:
-            nodes, one = checked[controller.run_name]
-            loaded[controller.run_name] = inputs.loaded_facts(one, is_shipped_plant=not plant)
-            warnings = run_advice.find_warnings(scn, facts, one)
+            nodes, given = checked[controller.run_name]
+            loaded[controller.run_name] = inputs.loaded_facts(given, is_shipped_plant=not plant)
+            warnings = run_advice.find_warnings(scn, facts, given)
             if request.any_car and not (controller.program or plant):
-                warnings = [*inputs.describe_misfit(nodes, one), *warnings]
+                warnings = [*inputs.describe_misfit(nodes, given), *warnings]
             for text in warnings:
                 console.print(WARNING.format(controller.run_name), end='')
                 print_text(console, text)

@@ -59,9 +59,9 @@ def run(request: Request, console: Console) -> int:
     answers, budgets = _kept_answers(rows, request)
     answers |= dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
     if request.budget:
-        found = _search(request, rows, answers, failures, console)
-        answers |= found
-        budgets |= dict.fromkeys(found, request.budget)
+        searched = _search(request, rows, answers, failures, console)
+        answers |= searched
+        budgets |= dict.fromkeys(searched, request.budget)
     console.print(build_table(regret.count_regret(rows, answers)))
     _show_losses(rows, answers, request.base, console)
     others = dict.fromkeys(row['controller'] for row in rows)
