@@ -87,12 +87,13 @@ def test_a_slow_car_turns_no_faster_than_braking_leaves_friction_for(cars, v, de
     assert float(body.r) <= 0.0
 
 
-@pytest.mark.parametrize('v', [1.0, 4.0, 6.0, 7.5, 10.0])
-@pytest.mark.parametrize('delta', [0.02, 0.2])
+@pytest.mark.parametrize(
+    ('v', 'delta'),
+    # at 10 m/s 0.2 rad ask for more lateral acceleration than the friction gives
+    [(v, 0.02) for v in (1.0, 4.0, 6.0, 7.5, 10.0)] + [(v, 0.2) for v in (1.0, 4.0, 6.0, 7.5)],
+)
 def test_the_steps_of_the_solver_settle_where_the_exact_solution_does(rates, cars, v, delta):
     """RK2 at 50 ms against an adaptive integrator, from a car that does not yaw yet."""
-    if delta * v**2 / 2.89 > 4.0:
-        pytest.skip('more lateral acceleration than the friction gives')
     start = np.array(state(v, 0.0, 0.0, delta))
     u = np.array((0.0, 0.0, 0.5, 0.0))
     exact = solve_ivp(
