@@ -51,24 +51,23 @@ def drive(run: str, numbers: Sequence[int], folder: Path, jobs: int) -> list[dic
     All arms drive the undisturbed start; the others are driven by the MPCC, and by the versions of
     the baseline with which the setting is at P3.
     """
-    from experiments.batch.drive_records import DriveRecords
+    from experiments.drive_records import DriveRecords
+    from experiments.pool import Pool
     from experiments.settings import arms, outcomes, preregistration
     from experiments.settings import drive as drives
     from experiments.settings import setting as settings
-    from experiments.worker_pool import WorkerPool
 
     plan = preregistration.load()
     seed = getattr(plan.runs, run).seed
     rows: dict[tuple[int, str, int], dict[str, Any]] = {}
-    with DriveRecords(folder) as records, WorkerPool(jobs) as pool:
+    with DriveRecords(folder) as records, Pool(jobs) as pool:
 
         def drive_all(tasks):
             keys = [drives.key(task) for task in tasks]
             missing = {key: task for key, task in zip(keys, tasks) if key not in records}
-            groups = [task.formulation for task in missing.values()]
             alone = [(task,) for task in missing.values()]
             errors, done = {}, len(tasks) - len(missing)
-            for ended in pool.finish_each(drives.run, alone, groups, LIMIT_S):
+            for ended in pool.finish_each(drives.run, alone, LIMIT_S):
                 key, done = list(missing)[ended.number], done + 1
                 if ended.error:
                     errors[key] = ' '.join(str(ended.error).split())

@@ -30,6 +30,7 @@ from tables import TextTable, markdown, number, show
 
 from bags.figures import style
 from experiments import page_block
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.settings import arms
 from experiments.settings.preconditions import ACCEPTED
@@ -37,7 +38,6 @@ from experiments.settings.primaries import CLAIMS
 from experiments.settings_analysis import study_tables
 from experiments.settings_analysis.study_tables import Study
 from experiments.statistical_inference import wilson_interval
-from experiments.worker_pool import WorkerPool
 
 CARS = (arms.NO_CA, arms.MPCC, arms.MATCHED)
 FILE = Path(__file__).with_suffix('.json')
@@ -50,7 +50,7 @@ TITLES = {
 COLOURS = {arms.NO_CA: '#4D4D4D', arms.MPCC: '#0072B2', arms.MATCHED: '#D55E00'}
 
 
-def measure(study: Study, pool: WorkerPool, progress: CountProgress) -> dict[str, Any]:
+def measure(study: Study, pool: Pool, progress: CountProgress) -> dict[str, Any]:
     """Drive the settings of a study at P3 again; return what the file has of its run."""
     done, plan, own = [], study.plan, study.outcomes
     own = own[(own['baseline'] == arms.MATCHED) & (own['perturbation'] == 0)]
@@ -154,7 +154,7 @@ def write_figure(runs: Mapping[str, Any], stem: Path) -> list[Path]:
 
 def _drive(folders: Sequence[Path], jobs: int, console: Console) -> dict[str, Any]:
     studies = [study_tables.load(folder) for folder in folders]
-    with CountProgress(console) as progress, WorkerPool(jobs) as pool:
+    with CountProgress(console) as progress, Pool(jobs) as pool:
         return {study.run: measure(study, pool, progress) for study in studies}
 
 

@@ -8,8 +8,7 @@ bench/robustness.md and docs/robustness.png.
 """
 
 import argparse
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,19 +17,18 @@ import numpy as np
 from rich.console import Console
 from tables import TextTable, markdown, share, show
 
-from experiments.batch.drive_records import DriveRecords
+from experiments import row_runner
 from experiments.configuration import node_config
-from experiments.library import library_drive
-from experiments.library.library_drive import LibraryDrive, Settings
+from experiments.drive_row import Pairs, Row
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.statistical_inference import wilson_interval
-from experiments.worker_pool import WorkerPool
 from scenario_publisher.families import draw
 
 HERE = Path(__file__).parent
 SEED = 1000  # parameters are tuned on seeds below
 CONTROLLERS = ('mpcc', 'mpcc_road')
-BELIEVED = ('controller', 'model.friction', 1.0)  # whatever the road has
+BELIEVED = ('controller.model.friction', 1.0)  # whatever the road has
 LIMIT_S = 300.0
 
 
@@ -41,23 +39,23 @@ class Factor(NamedTuple):
     unit: str
     levels: tuple[float, ...]  # the first one is nominal
 
-    def settings(self, level: float) -> Settings:
+    def settings(self, level: float) -> Pairs:
         """Return the parameters of a level, none for the nominal one: all factors share it."""
         return () if level == self.levels[0] else SETTINGS[self.name](level)
 
 
 SETTINGS = {
-    'latency': lambda ms: (('plant', 'command_delay_ms', round(ms)),),
+    'latency': lambda ms: (('plant.command_delay_ms', round(ms)),),
     'latency, known': lambda ms: (
-        ('plant', 'command_delay_ms', round(ms)),
-        ('controller', 'delay.command_s', ms / 1000),
+        ('plant.command_delay_ms', round(ms)),
+        ('controller.delay.command_s', ms / 1000),
     ),
-    'pose bias': lambda m: (('controller', 'measurement_errors.left_bias_m', m),),
+    'pose bias': lambda m: (('controller.measurement_errors.left_bias_m', m),),
     'dropouts': lambda share: (
-        ('controller', 'measurement_errors.obstacle_dropout', share),
-        ('controller', 'measurement_errors.obstacle_dropout_s', 0.2),
+        ('controller.measurement_errors.obstacle_dropout', share),
+        ('controller.measurement_errors.obstacle_dropout_s', 0.2),
     ),
-    'friction': lambda friction: (('plant', 'friction', friction), BELIEVED),
+    'friction': lambda friction: (('plant.friction', friction), BELIEVED),
 }
 FACTORS = (
     Factor('latency', 'ms', (0, 20, 40, 60)),
@@ -80,7 +78,7 @@ class Cell(NamedTuple):
     least_gap_m: float  # median of the outline, over drives with obstacles
 
 
-def plan(options: argparse.Namespace) -> Iterator[tuple[Factor, float, str, LibraryDrive]]:
+def plan(options: argparse.Namespace) -> Iterator[tuple[Factor, float, str, Row]]:
     """Yield every drive with its cell."""
     files = {name: str(node_config.find_controller(name).config) for name in options.controller}
     for factor in FACTORS:
@@ -88,35 +86,23 @@ def plan(options: argparse.Namespace) -> Iterator[tuple[Factor, float, str, Libr
             for name, file in files.items():
                 for family in options.family:
                     for index in range(options.draws):
-                        drive = (family, '', SEED, index, draw.NOMINAL, file)
-                        yield factor, level, name, LibraryDrive(*drive, factor.settings(level))
+                        what = f'{family}:{index}', file, factor.settings(level), SEED
+                        yield factor, level, name, Row(*what)
 
 
-def drive_all(drives: Sequence[LibraryDrive], options, console: Console) -> dict[str, Any]:
-    """Return the results of every drive by its key."""
-    missing: dict[str, LibraryDrive] = {}
-    with DriveRecords(options.out) as records, WorkerPool(options.jobs) as pool:
-        for drive in drives:
-            key = library_drive.key(drive)
-            if key not in records:
-                missing[key] = drive
-        keys, tasks = list(missing), [(drive, key) for key, drive in missing.items()]
-        groups = [drive.controller for drive in missing.values()]
-        with CountProgress(console) as progress:
-            finished = pool.finish_each(library_drive.run, tasks, groups, LIMIT_S)
-            for done, one in enumerate(finished, start=1):
-                if one.error:
-                    raise one.error
-                records.add(keys[one.number], one.value)
-                progress.show('drives', done, len(tasks))
-        return {key: json.loads(records[key]) for key in map(library_drive.key, drives)}
+def drive_all(rows: Sequence[Row], options, console: Console) -> list[Mapping[str, Any]]:
+    """Return the results of every row, in their order."""
+    with CountProgress(console) as progress, Pool(options.jobs) as pool:
+        driven = row_runner.run_rows(rows, options.out, pool, progress, LIMIT_S, {})
+    if driven.failed:
+        raise SystemExit(f'{driven.failed} drives failed, see {driven.table}')
+    return driven.rows
 
 
 def summarise(planned, results) -> list[Cell]:
     """Return the cells."""
     groups: dict[tuple, list] = {}
-    for factor, level, controller, drive in planned:
-        result = results[library_drive.key(drive)]
+    for (factor, level, controller, _), result in zip(planned, results):
         groups.setdefault((factor, level, controller), []).append(result)
     return [
         Cell(

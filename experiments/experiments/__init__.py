@@ -19,8 +19,11 @@ Analyse
     paper              the results of the paper, reproduced
 Common
     cli, commands      the command `experiments`
-    worker_pool        processes that share work over the cores
-    cluster_pool       the same on the machines of a dask.distributed cluster
+    drive_row          one drive: scenario, controller, settings, start offset; its key and results
+    row_runner         rows driven by a pool, finished ones kept, and their table
+    drive_records      finished drives, kept one by one
+    pool               processes of this machine or of a dask.distributed cluster
+    code_version       the code that decides a drive
     search_journal     the trials of a search, kept in a file
     progress           progress on the console
     pass_criteria      what a scenario expects of a run

@@ -20,7 +20,7 @@ except for computing times.
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import yaml
@@ -30,18 +30,14 @@ from bags.analysis.run import Origin, Run
 from bags.analysis.run_set import RunSet
 from bags.errors import BagError
 from bags.storage.columns import Columns
-from experiments import simulation
-from experiments.batch.drive_plan import CHANGES, PLANT_FILE
-from experiments.batch.study_file import SCENARIO_SETTINGS
-from experiments.configuration import inputs, set_option
-from experiments.simulation import Setup
-from experiments.worker_pool import WorkerPool
+from experiments import drive_row, simulation
+from experiments.configuration import inputs, node_config
+from experiments.pool import Pool
 from msgs_yaml import share
-from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario as scenarios
 from scenario_publisher.scenario import Scenario
 
-ROLES = ('controller', 'plant')
+PLANT_FILE = f'plant.{node_config.PLANT_DEFAULTS}'
 IN_MEMORY = 'the given scenario'  # begins errors about a scenario that is no file
 # from this many drives on, a process per core pays for its start
 MANY = 16
@@ -77,7 +73,7 @@ def drive(
     task = _Task(scenario, controller, _with_plant(settings, plant), any_car)
     label = label or task.label(task.settings)
     _check_problems([task])
-    return task.run_of(_simulate(task.setup), label)
+    return task.run_of(simulation.run(task.setup), label)
 
 
 def drive_many(
@@ -122,7 +118,9 @@ class _Task:
 
     def __init__(self, scenario, controller, settings, any_car):
         self.settings = {name: _plain(value) for name, value in settings.items()}
-        changes, by_role = _split(self.settings)
+        for name in drive_row.CHANGES.keys() & self.settings.keys():
+            drive_row.check_scenario_setting(name, self.settings[name], _written(name))
+        changes, by_role = drive_row.split_settings(self.settings)
         origins = {
             role: {name: _written(f'{role}.{name}') for name in values}
             for role, values in by_role.items()
@@ -158,10 +156,6 @@ def _check_problems(tasks: Iterable[_Task]) -> None:
         inputs.check_problem({inputs.CONTROLLER: (params, vehicle)}, controller)
 
 
-def _simulate(setup: Setup) -> dict[str, Columns]:
-    return simulation.run(setup)
-
-
 def _simulate_all(setups, jobs) -> list[dict[str, Columns]]:
     cores = len(os.sched_getaffinity(0))
     if jobs is None:
@@ -169,9 +163,9 @@ def _simulate_all(setups, jobs) -> list[dict[str, Columns]]:
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise BagError(f'jobs: is {jobs!r}; allowed a whole number from 1')
     if jobs == 1:
-        return [_simulate(setup) for setup in setups]
-    with WorkerPool(min(jobs, len(setups))) as pool:
-        return pool.run(_simulate, [(setup,) for setup in setups], lambda: None)
+        return [simulation.run(setup) for setup in setups]
+    with Pool(min(jobs, len(setups))) as pool:
+        return pool.run(simulation.run, [(setup,) for setup in setups])
 
 
 def _load(given: ScenarioLike, changes: Mapping[str, float]) -> tuple[Scenario, str]:
@@ -190,32 +184,6 @@ def _load(given: ScenarioLike, changes: Mapping[str, float]) -> tuple[Scenario, 
         return inputs.change_scenario(scn, IN_MEMORY, **changes), IN_MEMORY
     except scenarios.ScenarioError as error:
         raise BagError(str(error)) from None
-
-
-def _split(settings) -> tuple[dict[str, float], dict[str, dict[str, Any]]]:
-    """Return what changes the scenario, and the parameters of the nodes by role."""
-    changes: dict[str, float] = {}
-    by_role: dict[str, dict[str, Any]] = {}
-    for name, value in settings.items():
-        role, _, parameter = name.partition('.')
-        if name in CHANGES:
-            changes[CHANGES[name]] = _in_range(name, value)
-        elif role in ROLES and parameter:
-            by_role.setdefault(role, {})[parameter] = value
-        else:
-            allowed = ', '.join((*(f'{role}.*' for role in ROLES), *CHANGES))
-            hint = closest(name, CHANGES) or set_option.closest_setting(name)
-            raise BagError(f'settings: unknown name {name!r}{hint}; allowed {allowed}')
-    return changes, by_role
-
-
-def _in_range(name, value):
-    """Return a number that the scenario allows. Raises BagError."""
-    kind, rule = get_args(SCENARIO_SETTINGS[name])
-    fault = rule.fault(kind, value)
-    if fault:
-        raise BagError(f'{_written(name)}: {fault} {value!r}; allowed {rule.allowed}')
-    return float(value)
 
 
 def _written(name: str) -> str:

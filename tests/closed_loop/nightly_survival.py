@@ -15,7 +15,7 @@ from pyarrow import parquet
 from scipy import stats
 
 from experiments import cli
-from experiments.batch.results_table import FILE
+from experiments.row_runner import TABLE
 from scenario_publisher.families import draw
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'helpers'))
@@ -35,7 +35,7 @@ def most_losses(drives: int) -> int:
 
 def judge(folder: Path, wanted: int) -> int:
     """Print how many drives of a table were lost; return 1 if too many, or some are missing."""
-    survived = parquet.read_table(folder / FILE, columns=['survived'])['survived'].to_pylist()
+    survived = parquet.read_table(folder / TABLE, columns=['survived'])['survived'].to_pylist()
     losses, most = len(survived) - survived.count(True), most_losses(wanted)
     print(f'{losses} of {len(survived)} drives lost or without a result; at most {most} may be')
     return int(len(survived) < wanted or losses > most)

@@ -15,7 +15,7 @@ def table(tmp_path):
     def write(losses, drives=DRIVES, without_result=0):
         survived = [None] * without_result + [False] * losses
         survived += [True] * (drives - len(survived))
-        path = tmp_path / nightly_survival.FILE
+        path = tmp_path / nightly_survival.TABLE
         parquet.write_table(pyarrow.table({'survived': survived}), path)
         return tmp_path
 

@@ -5,13 +5,10 @@ one of 200 is, and which one changes with every change of the controller. With 9
 gate fails 99 times in 100. `make nightly` judges the share that survives, on fresh draws.
 """
 
-import json
-
 import pytest
 
-from experiments.batch.simulate import simulate
-from experiments.library import library_drive
-from experiments.library.library_drive import LibraryDrive
+from experiments import drive_row
+from experiments.drive_row import Row
 from scenario_publisher.families import draw
 
 CONTROLLER = 'mpcc_road'
@@ -22,8 +19,8 @@ def lost_draws(family):
     """Return why each fixed draw of a family is lost that is, by index."""
     reasons = {}
     for index in range(DRAWS):
-        drive = LibraryDrive(family, '', SEED, index, 'nominal', CONTROLLER, ())
-        results = json.loads(simulate(library_drive.prepare(drive)))
+        row = Row(f'{family}:{index}', CONTROLLER, seed=SEED)
+        results = drive_row.drive(drive_row.prepare(row))
         if not results['survived']:
             reasons[index] = results['lost_by']
     return reasons

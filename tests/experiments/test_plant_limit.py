@@ -6,9 +6,8 @@ import pytest
 
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.metrics import compute_metrics
-from experiments import plant_limit, simulation
-from experiments.batch import drive_plan
-from experiments.batch.drive_plan import Combination, Draw
+from experiments import drive_row, plant_limit, simulation
+from experiments.drive_row import Row
 from scenario_publisher.friction_patches import Patches
 
 
@@ -73,9 +72,8 @@ def test_a_road_with_patches_has_no_single_limit(setup):
     assert LATERAL_LIMIT not in simulation.run_info(split)
 
 
-def test_the_limit_of_a_drawn_car_is_not_driven_for():
-    combination = Combination('double_lane_change', 'mpcc', ())
-    for name, known in (('plant.car.body.mass_kg', False), ('plant.friction', True)):
-        value = 1500.0 if name.endswith('kg') else 0.9
-        setup = drive_plan.prepare(combination, Draw(3, ((name, value),)))
-        assert (LATERAL_LIMIT in simulation.run_info(setup)) == known
+def test_a_row_may_leave_the_limit_out():
+    for known in (True, False):
+        row = Row('double_lane_change', 'mpcc', knows_limit=known)
+        info = simulation.run_info(drive_row.prepare(row))
+        assert (LATERAL_LIMIT in info) == known

@@ -181,7 +181,7 @@ def test_a_plant_that_does_not_exist_is_named_by_its_argument():
     ],
 )
 def test_inputs_of_a_sweep_are_checked_before_the_first_drive(options, message, monkeypatch):
-    monkeypatch.setattr(scripting, '_simulate', lambda setup: pytest.fail('drives'))
+    monkeypatch.setattr(simulation, 'run', lambda setup: pytest.fail('drives'))
     with pytest.raises(BagError) as caught:
         drive_many(ROAD, **options)
     assert message in str(caught.value)

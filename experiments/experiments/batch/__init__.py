@@ -2,9 +2,6 @@
 
 distributions  of drawn values, and their scrambled Sobol points
 study_file     the YAML file that says what is varied
-drive_plan     the drives of a study, their setups and keys; paired draws and perturbations
-simulate       one drive, in a worker
-drive_records  finished drives, kept one by one, with progress on the console
-results_table  rows as Parquet, and their summary
+study_rows     the rows of a study; paired draws and start offsets
 run_batch      all of that, in parallel, to be interrupted at any time
 """

@@ -24,23 +24,16 @@ from bags.errors import BagError
 from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.configuration.inputs import PLANT_CAR
+from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
 from experiments.simulation import PLANT_SETTINGS
-from experiments.study.run_spec import MAX_RUNS, SEED
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
-from node_runtime.parameters import SPEED, Range
+from node_runtime.parameters import Range
 from node_runtime.typed_yaml import Pattern, parse_value
-from scenario_publisher import schema
 from scenario_publisher.families.draw import FAMILIES, NOMINAL
 
-SCENARIO_SPEED = 'scenario.speed_mps'  # replaces the desired speed by a constant
-SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller assumes it, too
-SCENARIO_SETTINGS = {
-    SCENARIO_SPEED: Annotated[float, SPEED],
-    SCENARIO_FRICTION: schema.Friction,
-}
-ROLES = ('plant', 'controller')
 SETTING_NAMES = f'plant.*, controller.*, {SCENARIO_SPEED} and {SCENARIO_FRICTION}'
-MAX_DRIVES = 200_000
+MAX_DRIVES, MAX_RUNS = 200_000, 10_000
+SEED = 1
 SEEDS = Range(0, 2**32 - 1, '-')
 SUFFIXES = ('.yaml', '.yml')
 Name = Annotated[str, Pattern(r'\S.*', 'a name or a file')]

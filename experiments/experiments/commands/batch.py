@@ -51,7 +51,6 @@ def run(options: argparse.Namespace) -> int:
     # imported late: simulation and controllers take a second to load
     from experiments.batch import run_batch
 
-    request = run_batch.Request(
-        options.study, options.out, options.jobs, options.limit_s, options.dask
+    return run_batch.run(
+        options.study, options.out, options.jobs, options.limit_s, Console(), options.dask
     )
-    return run_batch.run(request, Console())

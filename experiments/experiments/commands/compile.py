@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compile; return 0. Raises BagError, and CompileError without a working compiler."""
     from experiments.configuration import node_config
+    from experiments.pool import Pool
     from experiments.progress import CountProgress
-    from experiments.worker_pool import WorkerPool
     from stage_solver import compile_cache
 
     names = options.controllers or list(node_config.known_controllers())
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     tasks = [(None,), *((file,) for file in files)]
     done = count(1)
-    with CountProgress(console) as progress, WorkerPool(options.jobs) as pool:
+    with CountProgress(console) as progress, Pool(options.jobs) as pool:
         progress.show('compiling', 0, len(tasks))
         pool.run(_prepare, tasks, lambda: progress.show('compiling', next(done), len(tasks)))
     folder = os.path.relpath(compile_cache.cache_dir())

@@ -104,24 +104,7 @@ def run(options: argparse.Namespace) -> int:
     from experiments.library import run_library
 
     families, entries = catalogue.choose(options.family, options.entries, options.entry)
-    return run_library.run(
-        run_library.Request(
-            families,
-            entries,
-            options.draws,
-            options.first,
-            options.seed,
-            options.difficulty,
-            options.controller or ['mpcc_road'],
-            options.settings,
-            options.out,
-            options.jobs,
-            options.limit_s,
-            options.at_least,
-            options.dask,
-        ),
-        console,
-    )
+    return run_library.run(options, families, entries, console)
 
 
 def _count(text):

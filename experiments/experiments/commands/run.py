@@ -5,6 +5,13 @@ tells variants of one controller apart:
 
   experiments run SCENARIO --label base
   experiments run SCENARIO --label soft --set controller.safety.obstacle_m=0.3 --beside mpcc@base
+
+A run file has this written down; options win over it (docs/howto/commands.md):
+
+  scenario: double_lane_change     # or a file, relative to this one
+  controllers: [mpcc, ./mine.yaml] # may be left out, as all below
+  settings: {plant.friction: 0.9}  # as of --set
+  labels: [wet]                    # one for all controllers, or one for each
 """
 
 import argparse
@@ -27,7 +34,11 @@ TIME_LIMIT_S = 900.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments run`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument('scenario', metavar='SCENARIO', help='a name, or the path of a YAML file')
+    parser.add_argument(
+        'scenario',
+        metavar='SCENARIO',
+        help='a name, or the path of a YAML file: of a scenario, or a run file',
+    )
     text = 'a name in mpcc_controller/config, a YAML file, or a program that is a node'
     add_list(parser, '--controller', text, 'mpcc', metavar='C')
     parser.add_argument(
@@ -76,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     return run_and_compare.run(
         run_and_compare.Request(
             options.scenario,
-            options.controller or ['mpcc'],
+            options.controller,
             options.mode,
             options.out,
             options.settings,

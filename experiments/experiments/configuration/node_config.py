@@ -206,18 +206,25 @@ def _reject_baseline_by_name(path):
 
 
 def find_controllers(
-    names_or_paths: Sequence[str], label: str = '', programs: bool = False
+    names_or_paths: Sequence[str], labels: Sequence[str] = (), programs: bool = False
 ) -> list[Controller]:
     """Return the controllers without repetition, with a label for their runs.
 
-    `programs` as in `find_controller`. Raises BagError for what that refuses, two files of one
-    name, and a label that is none.
+    labels    none, one for all, or one for each
+    programs  as in `find_controller`
+
+    Raises BagError for what that refuses, two files of one name, and a label that is none.
     """
-    if label and not LABEL_FORM.fullmatch(label):
-        raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
-    matches = dict.fromkeys(find_controller(name, programs) for name in names_or_paths)
-    controllers = [controller._replace(label=label) for controller in matches]
-    names = [controller.name for controller in controllers]
+    for label in labels:
+        if not LABEL_FORM.fullmatch(label):
+            raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
+    given = labels if len(labels) > 1 else [*labels, ''][:1] * len(names_or_paths)
+    matches = dict.fromkeys(
+        find_controller(name, programs)._replace(label=label)
+        for name, label in zip(names_or_paths, given)
+    )
+    controllers = list(matches)
+    names = [controller.run_name for controller in controllers]
     for name in names:
         if names.count(name) > 1:
             raise BagError(

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments.library import library_drive
+from experiments.drive_row import Row
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario
 from scenario_publisher.families import draw
@@ -21,7 +21,7 @@ def show(console: Console) -> int:
         name: inspect.getdoc(family).split('.')[0].removeprefix('Return ').split(': ')[0]
         for name, family in draw.FAMILIES.items()
     }
-    entries = {name: scenario.load(name).description for name in library_drive.entries()}
+    entries = {name: scenario.load(name).description for name in entries_of_library()}
     for title, members in (('family', families), ('entry', entries)):
         table = Table(box=None, padding=(0, 2, 0, 0))
         table.add_column(title, no_wrap=True)
@@ -30,6 +30,11 @@ def show(console: Console) -> int:
             table.add_row(name, ' '.join(text.split()))
         console.print(table)
     return 0
+
+
+def entries_of_library() -> list[str]:
+    """Return the scenarios that expect something of a run, by name."""
+    return [name for name in scenario.available() if scenario.load(name).expect]
 
 
 def choose(
@@ -44,7 +49,7 @@ def choose(
     if entries and not with_entries:
         raise BagError('--entry: goes with --entries')
     if with_entries:
-        return [], _known('--entry', entries, library_drive.entries())
+        return [], _known('--entry', entries, entries_of_library())
     return _known('--family', families, list(draw.FAMILIES)), []
 
 
@@ -58,8 +63,11 @@ def _known(option, chosen, available):
 
 def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Console) -> int:
     """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw."""
-    family, index = library_drive.parse_draw(which)
-    scene = draw.draw(family, seed, index, difficulty)
+    row = Row(which, '', (), seed, difficulty)
+    if row.draw is None:
+        known = ', '.join(draw.FAMILIES)
+        raise BagError(f'{which!r} is no draw; allowed FAMILY:INDEX, FAMILY one of {known}')
+    scene = draw.draw(*row.draw[:4])
     settings = ' '.join(
         f'--set {role}.{name}={value}'
         for role, values in scene.settings.items()
@@ -77,7 +85,7 @@ def draw_entries(folder: Path, console: Console) -> int:
     from experiments.library import scenario_figure
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in library_drive.entries():
+    for name in entries_of_library():
         print_text(
             console, str(scenario_figure.draw_scenario(scenario.load(name), folder / f'{name}.svg'))
         )

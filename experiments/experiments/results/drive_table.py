@@ -12,14 +12,14 @@ import numpy as np
 import pandas
 
 from bags.errors import BagError
-from experiments.batch import results_table
+from experiments import row_runner
 from msgs_yaml.strict_yaml import closest
 
 ERROR = 'error'
 RUN, DRAW = 'run', 'draw'
-REPEAT = (RUN, 'perturbation')  # columns, or beginnings of their names, of what is repeated
-# columns that tell draws apart, in tables of the library and of a batch
-DRAWS = (('drive', 'seed'), (DRAW, 'family', 'seed'))
+REPEAT = (RUN, 'offset')  # columns, or beginnings of their names, of what is repeated
+OF_DRAW = (DRAW, 'family', 'seed')  # columns that tell draws apart
+SCENARIO = 'scenario'
 CONTROLLER = 'controller'
 
 
@@ -40,15 +40,16 @@ class DriveTable(NamedTuple):
         Draw k is the same for every controller and setting, and run k for every scenario, too:
         the label is that of the draw, and of the run where nothing is drawn, or only once.
         """
-        drawn = next((names for names in DRAWS if names[0] in self.inputs), ())
-        labels = _labels(rows, [name for name in drawn if name in self.inputs])
-        if RUN in self.inputs:
-            runs = _labels(rows, [name for name in (RUN, 'seed') if name in self.inputs])
-            if labels is None or labels.nunique() < 2:
-                return runs
-            if DRAW in drawn:
-                return labels.where(rows[DRAW].notna(), 'run ' + runs)
-        return pandas.Series(rows.index.astype(str), rows.index) if labels is None else labels
+        labels = pandas.Series(rows.index.astype(str), rows.index)
+        if SCENARIO in self.inputs:
+            labels = rows[SCENARIO].astype(str)
+        if RUN in self.inputs and rows[RUN].nunique() > 1:
+            labels = 'run ' + _labels(rows, [RUN, 'seed'])
+        if DRAW in self.inputs:
+            drawn = _labels(rows, OF_DRAW)
+            if drawn.nunique() > 1:
+                labels = drawn.where(rows[DRAW].notna(), labels)
+        return labels
 
     def column(self, name: str, option: str) -> pandas.Series:
         """Return a column; raise BagError, which names the option, when there is none."""
@@ -80,7 +81,7 @@ def load(path: Path) -> DriveTable:
 
     Raises BagError when there is none, or it has no drive with a result.
     """
-    file = path if path.suffix == '.parquet' else path / results_table.FILE
+    file = path if path.suffix == '.parquet' else path / row_runner.TABLE
     if not file.is_file():
         raise BagError(f'{file}: there is no such table')
     try:
@@ -104,9 +105,8 @@ def _text_of_list(value):
 
 
 def _labels(rows, names):
-    if not names:
-        return None
-    texts = [' '.join(map(str, row)) for row in rows[names].itertuples(index=False)]
+    there = [name for name in names if name in rows]
+    texts = [' '.join(map(str, row)) for row in rows[there].itertuples(index=False)]
     return pandas.Series(texts, rows.index, dtype=object)
 
 

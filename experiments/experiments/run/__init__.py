@@ -1,6 +1,7 @@
 """Runs of the node graph.
 
 run_and_compare   `experiments run`: several controllers, then the comparison
+run_file          a run written down as YAML
 node_graph        one run: start, watch, stop, keep the bag
 compile_ahead     compiles controllers beside the first run
 processes         programs and nodes as processes

@@ -14,9 +14,9 @@ from rich.console import Console
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import tick_events
-from experiments.configuration import inputs, node_config, run_advice, set_option
+from experiments.configuration import inputs, node_config, run_advice
 from experiments.progress import RunProgress
-from experiments.run import compile_ahead, domain, earlier_runs, node_graph, staging
+from experiments.run import compile_ahead, domain, earlier_runs, node_graph, run_file, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
 
@@ -26,7 +26,7 @@ WARNING = '[yellow]warning, {}:[/] '
 class Request(NamedTuple):
     """The arguments of `experiments run`."""
 
-    scenario: str  # a name, or the path of a file
+    scenario: str  # a name, or the path of a scenario or run file
     controllers: Sequence[str]  # names in mpcc_controller/config, or paths of files and programs
     mode: str
     out: Path
@@ -50,9 +50,10 @@ def run(request: Request, console: Console) -> int:
     any case.
     """
     # refused before a scenario loads SciPy
-    controllers = node_config.find_controllers(request.controllers, request.label, programs=True)
-    scn = inputs.load_scenario(request.scenario)
-    expect = _check_expectations(scn.expect, request.scenario)
+    given = _read(request)
+    controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
+    scn = inputs.load_scenario(given.scenario)
+    expect = _check_expectations(scn.expect, given.scenario)
     others = earlier_runs.find(request.beside, request.out / scn.name, scn)
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
@@ -82,6 +83,12 @@ def run(request: Request, console: Console) -> int:
             return 0 if is_met and len(runs) == len(outcomes) else 1
         completed += [run['completed'] for run in runs.values()]
     return 0 if all(completed) else 1
+
+
+def _read(request):
+    """Return what is driven: of the run file or scenario, and of the options."""
+    run = run_file.load(request.scenario)
+    return run_file.with_options(run, request.controllers, request.settings, request.label)
 
 
 def _show_earlier_runs(outcomes, overwrites, console):
@@ -162,32 +169,37 @@ def _show_disagreement(outcomes, runs, console):
 
 def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunOutcome]]:
     """Run the controllers as `run`; return the folder of the scenario and outcomes."""
-    controllers = node_config.find_controllers(request.controllers, request.label, programs=True)
-    overrides = set_option.parse_overrides(request.settings)
-    scn = inputs.load_scenario(request.scenario)
-    facts = inputs.scenario_facts(scn, request.scenario)
+    given = _read(request)
+    controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
+    overrides = given.settings
+    scn = inputs.load_scenario(given.scenario)
+    facts = inputs.scenario_facts(scn, given.scenario)
     folder = request.out / facts.name
     plant = node_config.find_plant(request.plant) if request.plant else ()
     # the checks compile something. On the wall clock the nodes need all cores
     compiles_ahead = request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
-        nodes = node_config.build_nodes(facts, controller, request.mode, folder, folder, overrides)
-        name, given = controller.run_name, inputs.check_parameters(nodes)
+        nodes = node_config.build_nodes(
+            facts, controller, request.mode, folder, folder, overrides, given.origins
+        )
+        name, loaded_parameters = controller.run_name, inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or plant):
-            inputs.check_car_fits(nodes, given)
+            inputs.check_car_fits(nodes, loaded_parameters)
         if not controller.program:
-            inputs.check_problem(given, controller.name)
-        checked[name] = nodes, given
+            inputs.check_problem(loaded_parameters, controller.name)
+        checked[name] = nodes, loaded_parameters
     own = [checked[c.run_name][1][inputs.CONTROLLER] for c in controllers if not c.program]
     with compile_ahead.compiling(own if compiles_ahead else ()):
         loaded = {}
         for controller in controllers:
-            nodes, given = checked[controller.run_name]
-            loaded[controller.run_name] = inputs.loaded_facts(given, is_shipped_plant=not plant)
-            warnings = run_advice.find_warnings(scn, facts, given)
+            nodes, own_parameters = checked[controller.run_name]
+            loaded[controller.run_name] = inputs.loaded_facts(
+                own_parameters, is_shipped_plant=not plant
+            )
+            warnings = run_advice.find_warnings(scn, facts, own_parameters)
             if request.any_car and not (controller.program or plant):
-                warnings = [*inputs.describe_misfit(nodes, given), *warnings]
+                warnings = [*inputs.describe_misfit(nodes, own_parameters), *warnings]
             for text in warnings:
                 console.print(WARNING.format(controller.run_name), end='')
                 print_text(console, text)

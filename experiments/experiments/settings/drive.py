@@ -13,14 +13,13 @@ from bags.evaluation.drive import Drive, drive_from_columns
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.series import SIDESLIP_FROM
 from bags.storage.columns import Columns
-from experiments import simulation
+from experiments import code_version, simulation
 from experiments.settings import arms, measures, plant_variants
 from experiments.settings.arms import Arm
 from experiments.settings.course import NAME
 from experiments.settings.preregistration import Perturbation, Preconditions, Preregistration
 from experiments.settings.setting import Setting
 from experiments.simulation import Setup
-from experiments.study import code_version
 from msgs_yaml.types import VehicleState
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario

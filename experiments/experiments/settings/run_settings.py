@@ -17,9 +17,9 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments.batch import results_table
-from experiments.batch.drive_records import DriveRecords, record_each
-from experiments.cluster_pool import open_pool
+from experiments import code_version
+from experiments.drive_records import DriveRecords, record_each
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.settings import (
     arms,
@@ -34,7 +34,6 @@ from experiments.settings.drive import DriveTask
 from experiments.settings.plant_variants import Variant, build, variant_of
 from experiments.settings.preregistration import Preregistration
 from experiments.settings.setting import Setting
-from experiments.study import code_version
 from node_runtime import provenance
 
 TABLE, OUTCOMES = 'drives.parquet', 'outcomes.parquet'
@@ -89,7 +88,7 @@ def run(request: Request, console: Console) -> int:
     with (
         CountProgress(console) as progress,
         DriveRecords(request.folder) as records,
-        open_pool(request.jobs, request.dask, partial(code_version.describe, (__name__,))) as pool,
+        Pool(request.jobs, request.dask, partial(code_version.describe, (__name__,))) as pool,
     ):
         study = _Study(plan, tuned, records, pool, request.limit_s, progress)
         interrupted = None
@@ -250,7 +249,6 @@ class _Study:
         ended = self.pool.finish_each(
             drive.run,
             [(task,) for task in missing.values()],
-            [task.formulation for task in missing.values()],
             self.limit_s,
         )
         progress = _Stage(self.progress, stage)
@@ -378,7 +376,8 @@ def _write(plan, rows, drawn, request, is_interrupted):
     for name, content in ((TABLE, rows), (OUTCOMES, list(outcomes.build(plan, rows)))):
         path = request.folder / name
         part = path.with_suffix('.part')
-        columns = results_table.build_columns(content)
+        names = dict.fromkeys(name for row in content for name in row)
+        columns = {name: [row.get(name) for row in content] for name in names}
         parquet.write_table(pyarrow.table(columns).replace_schema_metadata(notes), part)
         part.replace(path)
         files.append(path)

@@ -16,13 +16,13 @@ from optuna.samplers import TPESampler
 
 from bags.errors import BagError
 from bags.evaluation import metrics
+from experiments.pool import Pool
 from experiments.settings import arms, drive
 from experiments.settings import setting as settings
 from experiments.settings.preregistration import Preregistration
 from experiments.settings.setting import Setting
 from experiments.settings_analysis import tuned_table
 from experiments.settings_analysis.tuned_table import Cell, Table
-from experiments.worker_pool import WorkerPool
 
 # the searched tolerances and the dimension of the study whose range each has
 SEARCHED = {
@@ -117,7 +117,7 @@ def cells_of(plan: Preregistration) -> list[tuple[float, float]]:
 
 def tune(
     plan: Preregistration,
-    pool: WorkerPool,
+    pool: Pool,
     on_cost: Callable[[], None],
     size: Size = FULL,
 ) -> tuple[Table, list[dict[str, Any]]]:
@@ -180,7 +180,7 @@ def judge(
     table: Table,
     seed: int,
     count: int,
-    pool: WorkerPool,
+    pool: Pool,
     on_cost: Callable[[], None],
 ) -> list[dict[str, float]]:
     """Return the cost of matched and tuned parameters on settings of a seed not tuned on.

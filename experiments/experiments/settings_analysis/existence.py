@@ -13,13 +13,13 @@ import numpy as np
 import yaml
 
 from experiments.batch.distributions import Choice
+from experiments.pool import Pool
 from experiments.settings import setting as settings
 from experiments.settings.preregistration import Perturbation, Preregistration
 from experiments.settings.setting import Rejected
 from experiments.settings_analysis import picture_search
 from experiments.settings_analysis.picture import Picture
 from experiments.settings_analysis.picture_search import Candidate
-from experiments.worker_pool import WorkerPool
 
 
 class Judged(NamedTuple):
@@ -47,7 +47,7 @@ class Judged(NamedTuple):
 
 
 def hold_out(
-    plan: Preregistration, picture: Picture, candidates: Sequence[Candidate], pool: WorkerPool
+    plan: Preregistration, picture: Picture, candidates: Sequence[Candidate], pool: Pool
 ) -> list[Judged]:
     """Judge the best of the candidates of a search by fresh drives; the chosen one is the first.
 

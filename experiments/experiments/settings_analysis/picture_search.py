@@ -22,6 +22,7 @@ from bags.evaluation.metrics import driving
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import compute_series
 from experiments.batch.distributions import Choice
+from experiments.pool import Pool
 from experiments.search_journal import open_journal
 from experiments.settings import drive, measures
 from experiments.settings import setting as settings
@@ -29,7 +30,6 @@ from experiments.settings.preregistration import Perturbation, Preregistration
 from experiments.settings.setting import Rejected, Setting
 from experiments.settings_analysis import picture as pictures
 from experiments.settings_analysis.picture import Picture
-from experiments.worker_pool import WorkerPool
 
 JOURNAL, STUDY = 'picture.journal', 'picture'
 RESULT, IDENTITY = 'result', 'identity'
@@ -89,7 +89,7 @@ def search(
     picture: Picture,
     trials: int,
     folder: Path,
-    pool: WorkerPool,
+    pool: Pool,
     on_candidate: Callable[[Candidate], None],
     starts: Sequence[Mapping[str, Any]] = (),
 ) -> list[Candidate]:

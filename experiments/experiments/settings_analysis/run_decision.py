@@ -11,6 +11,7 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.settings import arms, drive, outcomes, preregistration
 from experiments.settings import setting as settings
@@ -29,7 +30,6 @@ from experiments.settings_analysis import (
 )
 from experiments.settings_analysis import picture as pictures
 from experiments.study import tables
-from experiments.worker_pool import WorkerPool
 
 QUICK_TRIALS = {'exists': 12, 'baseline': 4}
 QUICK_HOLD_OUT = ('best', 'perturbations', 'neighbours')  # two of each
@@ -118,7 +118,7 @@ def _setting(request, console) -> Sequence[Path]:
     names = (arms.NO_CA, arms.MPCC, arms.MATCHED, arms.LINEAGE)
     chosen = range(1 if request.quick else len(plan.perturbations))
     rows = []
-    with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
+    with CountProgress(console) as progress, Pool(request.jobs) as pool:
         tasks = [(drive.plan_drive(plan, built, name, k),) for k in chosen for name in names]
 
         def show():
@@ -213,7 +213,7 @@ def _exists(request, console) -> Sequence[Path]:
     if folder := _folder(request):
         study = study_tables.load(folder)
         starts = [*pictures_of_study.nearest(study, picture), *starts]
-    with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
+    with CountProgress(console) as progress, Pool(request.jobs) as pool:
         candidates = []
 
         def on_candidate(candidate):
@@ -243,7 +243,7 @@ def _baseline(request, console) -> Sequence[Path]:
         len(size.seeds) * size.geometries * (size.trials + 1) + 2 * judged_count
     )
     done = 0
-    with CountProgress(console) as progress, WorkerPool(request.jobs) as pool:
+    with CountProgress(console) as progress, Pool(request.jobs) as pool:
 
         def show():
             nonlocal done

@@ -15,10 +15,9 @@ import numpy as np
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
-from experiments import simulation
+from experiments import code_version, simulation
 from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
-from experiments.study import code_version
 from experiments.study.variants import SCENARIO, Variant
 from node_runtime import provenance
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
+from experiments.pool import Pool
 from experiments.study import run_spec
 from experiments.study.run_spec import RunSpec
-from experiments.worker_pool import WorkerPool
 from stage_solver import compile_cache
 
 Progress = Callable[[str, int, int], None]  # label, runs done, runs in all
@@ -61,7 +61,7 @@ class Runner:
         self.simulated = 0  # runs that were not cached
         if self.jobs < 1:
             raise BagError(f'jobs: must be at least 1, is {jobs}')
-        self._pool = WorkerPool(self.jobs)
+        self._pool = Pool(self.jobs)
 
     def __enter__(self):
         self.cache.mkdir(parents=True, exist_ok=True)

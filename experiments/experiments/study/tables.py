@@ -7,8 +7,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from experiments import code_version
 from experiments.configuration import inputs
-from experiments.study import code_version, run_spec
+from experiments.study import run_spec
 from experiments.study.variants import SCENARIO, Variant
 from node_runtime import parameters, provenance
 

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 from scipy.stats import binomtest
 
-from experiments.library import library_drive
-from experiments.library.library_drive import ENTRIES, LibraryDrive, Settings
+from experiments import drive_row
+from experiments.drive_row import Row
+from experiments.library.survival_table import ALL, family_of
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
@@ -21,14 +22,13 @@ from experiments.survivable.survival_search import (
     UNDECIDED,
     survivable,
 )
+from scenario_publisher.families.draw import NOMINAL
 
 # the first drives until the instant of action; all of them are drivers with hindsight
+ANSWERS = (POSSIBLE, IMPOSSIBLE, UNDECIDED)
 DRIVERS = ('mpcc', 'mpcc_road')
-ALL = 'all'
 
-Row = Mapping[str, Any]
-# family, name of an entry, seed, index, difficulty, settings of the plant
-DrawKey = tuple[str, str, int, int, str, Settings]
+Rows = Sequence[Mapping[str, Any]]
 
 
 class Regret(NamedTuple):
@@ -73,80 +73,80 @@ class Pairs(NamedTuple):
         return float(binomtest(self.base_only, differ).pvalue) if differ else 1.0
 
 
-def draw_key(row: Row) -> DrawKey:
-    """Return what identifies the draw of a row, whoever drove it."""
-    name = row['drive'] if row['family'] == ENTRIES else ''
-    drawn = row['family'], name, row['seed'], row['index'], row['difficulty']
-    return *drawn, row['plant_settings']
+def draw_key(row: Mapping[str, Any]) -> Row:
+    """Return what identifies the draw of a row, whoever drove it: a Row without controller."""
+    return Row(
+        row['scenario'],
+        '',
+        row['plant_settings'],
+        row['seed'] or 0,
+        row['difficulty'] or NOMINAL,
+        row['offset'],
+    )
 
 
-def proved_by_drives(rows: Iterable[Row]) -> dict[DrawKey, str]:
+def proved_by_drives(rows: Iterable[Mapping[str, Any]]) -> dict[Row, str]:
     """Return the draws that a controller survived, with the first one that did."""
-    proved: dict[DrawKey, str] = {}
+    proved: dict[Row, str] = {}
     for row in rows:
         if row['survived'] is True:
             proved.setdefault(draw_key(row), row['controller'])
     return proved
 
 
-def verdict_key(draw: DrawKey, budget: int, preview: bool) -> str:
+def verdict_key(draw: Row, budget: int, preview: bool) -> str:
     """Return the SHA-256 of what decides a verdict: scenario, plant, budget, version of the search.
 
     The code of the controllers is no part of it: a drive that survived stays a proof.
     """
-    setup = library_drive.prepare(_drive(draw, DRIVERS[0]))
+    setup = drive_row.prepare(draw._replace(controller=DRIVERS[0]), any_car=True)
     content = [SEARCH_VERSION, setup.scn.text, repr(setup.plant), setup.friction, budget, preview]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([*content, draw.offset]).encode()).hexdigest()
 
 
-def verdict(draw: DrawKey, budget: int, preview: bool) -> str:
+def verdict(draw: Row, budget: int, preview: bool) -> str:
     """Return {'answer': ..., 'how': ..., 'rollouts': ...} of a draw as JSON."""
-    setups = [library_drive.prepare(_drive(draw, driver)) for driver in DRIVERS]
+    setups = [
+        drive_row.prepare(draw._replace(controller=driver), any_car=True) for driver in DRIVERS
+    ]
     drivers = [setup.params for setup in setups]
     result = survivable(setups[0], budget, preview=preview, drivers=drivers)
     return json.dumps({'answer': result.answer, 'how': result.how, 'rollouts': result.rollouts})
 
 
-def _drive(draw, driver):
-    (controller,) = library_drive.find_controllers([driver])
-    *drawn, plant_settings = draw
-    return LibraryDrive(*drawn, str(controller.config), plant_settings)
-
-
-def count_regret(rows: Sequence[Row], answers: Mapping[DrawKey, str]) -> list[Regret]:
+def count_regret(rows: Rows, answers: Mapping[Row, str]) -> list[Regret]:
     """Return the families of the rows in their order, then all of them if there are several.
 
     answers  by draw; a draw without one counts as undecided
     """
-    families = list(dict.fromkeys(row['family'] for row in rows))
-    names = [*families, ALL] if len(families) > 1 else families
-    return [_count_family(name, rows, answers) for name in names]
-
-
-def _count_family(family, rows, answers):
-    own = [row for row in rows if family in (ALL, row['family']) and not row['error']]
+    families = list(dict.fromkeys(map(family_of, rows)))
     controllers = list(dict.fromkeys(row['controller'] for row in rows))
-    by_draw = {draw_key(row): answers.get(draw_key(row), UNDECIDED) for row in own}
-    kinds = (POSSIBLE, IMPOSSIBLE, UNDECIDED)
-
-    def count(controller, condition):
-        return sum(row['controller'] == controller and condition(row) for row in own)
-
-    def answer(row):
-        return by_draw[draw_key(row)]
-
-    return Regret(
-        family,
-        {kind: sum(value == kind for value in by_draw.values()) for kind in kinds},
-        {c: count(c, lambda row: row['survived'] is True) for c in controllers},
-        {c: count(c, lambda row: answer(row) == POSSIBLE) for c in controllers},
-        {c: count(c, lambda row: answer(row) != IMPOSSIBLE) for c in controllers},
-    )
+    judged = [
+        (family_of(row), row['controller'], row['survived'] is True, draw_key(row))
+        for row in rows
+        if not row['error']
+    ]
+    counted = []
+    for family in [*families, ALL] if len(families) > 1 else families:
+        own = [drive for drive in judged if family in (ALL, drive[0])]
+        by_draw = {draw: answers.get(draw, UNDECIDED) for *_, draw in own}
+        of = {name: [drive for drive in own if drive[1] == name] for name in controllers}
+        kinds = {name: [by_draw[draw] for *_, draw in drives] for name, drives in of.items()}
+        counted.append(
+            Regret(
+                family,
+                {kind: list(by_draw.values()).count(kind) for kind in ANSWERS},
+                {name: sum(drive[2] for drive in drives) for name, drives in of.items()},
+                {name: values.count(POSSIBLE) for name, values in kinds.items()},
+                {name: len(values) - values.count(IMPOSSIBLE) for name, values in kinds.items()},
+            )
+        )
+    return counted
 
 
 def lost_though_possible(
-    rows: Sequence[Row], answers: Mapping[DrawKey, str], controller: str
-) -> Iterator[tuple[Row, str]]:
+    rows: Rows, answers: Mapping[Row, str], controller: str
+) -> Iterator[tuple[Mapping[str, Any], str]]:
     """Yield the rows that a controller lost: POSSIBLE draws first, then UNDECIDED ones."""
     for kind in (POSSIBLE, UNDECIDED):
         for row in rows:
@@ -155,7 +155,7 @@ def lost_though_possible(
                 yield row, kind
 
 
-def pair(rows: Sequence[Row], base: str, other: str) -> Pairs:
+def pair(rows: Rows, base: str, other: str) -> Pairs:
     """Return how two controllers did on the draws that both have driven."""
     survived = {
         name: {

@@ -5,35 +5,42 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas
 from rich.console import Console
 from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments.batch import results_table
-from experiments.batch.drive_records import DriveRecords, record_each
+from experiments import row_runner
+from experiments.drive_records import DriveRecords, record_each
+from experiments.drive_row import Offset, Row
+from experiments.library.survival_table import share_cell
+from experiments.pool import Pool
 from experiments.progress import CountProgress
-from experiments.statistical_inference import wilson_interval
 from experiments.survivable import regret
-from experiments.survivable.regret import DrawKey, Pairs, Regret
+from experiments.survivable.regret import Pairs, Regret
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
     POSSIBLE,
     SEARCH_VERSION,
     UNDECIDED,
 )
-from experiments.worker_pool import WorkerPool
 from msgs_yaml.strict_yaml import closest
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives
+# of a table of drives, besides those of settings
 COLUMNS = (
-    *('drive', 'family', 'difficulty', 'seed', 'index', 'controller', 'settings'),
+    *('scenario', 'family', 'difficulty', 'seed', 'draw', 'controller'),
     *('error', 'survived', 'lost_by', 'verdict'),
 )
+OFFSET = {name: f'offset.{name}' for name in Offset._fields}
 CONTROLLER = 'controller.'
+SETTINGS = (CONTROLLER, 'plant.', 'scenario.')  # begin the names of their columns
 ANSWER = 'answer'
 # of the search that gave the answer: an answer of another one is no answer
 BUDGET, PREVIEW, VERSION = 'answer_budget', 'answer_preview', 'answer_version'
+ANSWERED = (ANSWER, BUDGET, PREVIEW, VERSION)
+DERIVED = ('driver', 'offset', 'plant_settings')  # of read_rows
 SHOWN_LOSSES = 100
 
 
@@ -80,35 +87,40 @@ def read_rows(place: Path) -> list[dict[str, Any]]:
 
     Or of a file of `write_table`, whose rows have the answer for their draw besides.
 
-    Rows that were driven with other `settings` (--set) are not confused: those of the controller
-    are added to its name, those of the plant are in `plant_settings`, part of the draw.
+    Rows that were driven with other settings are not confused: those of the controller are added to
+    its name, those of plant and scenario are in `plant_settings`, part of the draw.
     """
     from pyarrow import ArrowException, parquet
 
-    path = place if place.is_file() else place / results_table.FILE
+    path = place if place.is_file() else place / row_runner.TABLE
     try:
         table = parquet.read_table(path)
     except (OSError, ArrowException) as error:
         raise BagError(f'{path}: is no table of experiments library: {error}') from None
-    missing = [name for name in COLUMNS if name not in table.column_names]
+    names = table.column_names
+    missing = [name for name in COLUMNS if name not in names]
     if missing:
         raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
-    kept = [
-        name for name in (*COLUMNS, ANSWER, BUDGET, PREVIEW, VERSION) if name in table.column_names
-    ]
-    return [_split_settings(row) for row in table.select(kept).to_pylist()]
-
-
-def _split_settings(row):
-    given = json.loads(row['settings'])
-    own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLER)]
-    plant = [
-        (*name.split('.', 1), tuple(value) if isinstance(value, list) else value)
-        for name, value in given.items()
-        if not name.startswith(CONTROLLER)
-    ]
-    named = {'driver': row['controller'], 'controller': ' '.join([row['controller'], *own])}
-    return row | named | {'plant_settings': tuple(plant)}
+    settings = [n for n in names[: names.index('error')] if n.startswith(SETTINGS)]
+    kept = [*COLUMNS, *settings, *(n for n in (*OFFSET.values(), *ANSWERED) if n in names)]
+    rows = []
+    for row in table.select(kept).to_pylist():
+        given = {name: row[name] for name in settings if row[name] is not None}
+        own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLER)]
+        rows.append(
+            row
+            | {
+                'driver': row['controller'],
+                'controller': ' '.join([row['controller'], *own]),
+                'offset': Offset(**{n: row[full] for n, full in OFFSET.items() if full in row}),
+                'plant_settings': tuple(
+                    (name, tuple(value) if isinstance(value, list) else value)
+                    for name, value in given.items()
+                    if not name.startswith(CONTROLLER)
+                ),
+            }
+        )
+    return rows
 
 
 def _kept_answers(rows, request):
@@ -130,8 +142,8 @@ def _kept_answers(rows, request):
 
 def write_table(
     rows: Sequence[Mapping[str, Any]],
-    answers: Mapping[DrawKey, str],
-    budgets: Mapping[DrawKey, int],
+    answers: Mapping[Row, str],
+    budgets: Mapping[Row, int],
     request: Request,
 ) -> Path:
     """Write rows with the answer for their draw: what every share here is computed from.
@@ -139,38 +151,36 @@ def write_table(
     `budgets` has the rollouts that the search for an answer was allowed, none where a drive or
     nothing gave it. Returns the file.
     """
-    import pyarrow
-    from pyarrow import parquet
-
     kept = [
-        {name: row[name] for name in COLUMNS}
+        {name: value for name, value in row.items() if name not in DERIVED}
         | {'controller': row['driver'], ANSWER: answers.get(regret.draw_key(row), UNDECIDED)}
         | {BUDGET: budgets.get(regret.draw_key(row), 0)}
         | {PREVIEW: request.preview, VERSION: SEARCH_VERSION}
         for row in rows
     ]
+    drives = pandas.DataFrame(kept).convert_dtypes()
+    # what tells drives apart comes first
+    results = (*COLUMNS[COLUMNS.index('error') :], *ANSWERED)
+    drives = drives[sorted(drives, key=lambda name: name in results)]
     file = request.table
     file.parent.mkdir(parents=True, exist_ok=True)
-    parquet.write_table(pyarrow.Table.from_pylist(kept), file, compression='zstd')
+    drives.to_parquet(file, compression='zstd', index=False)
     return file
 
 
-def _beside(place):
-    """Return the folder of a table, or the folder itself."""
-    return place.parent if place.is_file() else place
-
-
-def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
+def _search(request, rows, answers, failures, console) -> dict[Row, str]:
     """Return the answers of the draws that have none."""
     draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
     if not draws:
         return {}
-    new_answers: dict[DrawKey, str] = {}
+    new_answers: dict[Row, str] = {}
     errors: dict[str, str] = {}
+    first = request.folders[0]
+    beside = first.parent if first.is_file() else first
     with (
         CountProgress(console) as progress,
-        DriveRecords(_beside(request.folders[0]) / FOLDER) as records,
-        WorkerPool(request.jobs) as pool,
+        DriveRecords(beside / FOLDER) as records,
+        Pool(request.jobs) as pool,
     ):
         keys = {draw: regret.verdict_key(draw, request.budget, request.preview) for draw in draws}
         missing = {keys[draw]: draw for draw in draws if keys[draw] not in records}
@@ -178,8 +188,7 @@ def _search(request, rows, answers, failures, console) -> dict[DrawKey, str]:
         ended = pool.finish_each(regret.verdict, tasks)
         record_each(ended, list(missing), len(draws), records, errors, progress)
         for key, error in errors.items():
-            family, name, _, index, _ = missing[key]
-            failures.append(f'{name or f"{family}:{index}"}: no verdict: {error}')
+            failures.append(f'{missing[key].scenario}: no verdict: {error}')
         for draw in draws:
             if keys[draw] in records:
                 new_answers[draw] = json.loads(records[keys[draw]])['answer']
@@ -198,30 +207,20 @@ def build_table(families: Sequence[Regret]) -> Table:
         table.add_column('strict', justify='right')
     for family in families:
         counts = [str(family.answers[kind]) for kind in (POSSIBLE, IMPOSSIBLE, UNDECIDED)]
-        cells = (cell for controller in controllers for cell in _cells(family, controller))
+        cells = []
+        for controller in controllers:
+            survived, strict = family.survived[controller], family.driven_or_undecided[controller]
+            cells.append(share_cell(survived, family.driven[controller], digits=0))
+            cells.append(f'{survived / strict:.0%}' if strict else '–')
         table.add_row(family.family, *counts, *cells)
     return table
 
 
-def _cells(family, controller):
-    """Return survived of the possible draws with its interval, and of the undecided ones, too."""
-    survived, possible = family.survived[controller], family.driven[controller]
-    strict = family.driven_or_undecided[controller]
-    strictly = f'{survived / strict:.0%}' if strict else '–'
-    if not possible:
-        return '–', strictly
-    low, high = (100 * bound for bound in wilson_interval(survived, possible))
-    return (
-        f'{survived}/{possible} {survived / possible:.0%} [dim]({low:.0f}–{high:.0f})[/]',
-        strictly,
-    )
-
-
-def _show_losses(rows, answers: Mapping[DrawKey, str], base: str, console: Console) -> None:
+def _show_losses(rows, answers: Mapping[Row, str], base: str, console: Console) -> None:
     losses = list(regret.lost_though_possible(rows, answers, base))
     for row, kind in losses[:SHOWN_LOSSES]:
         why = row['lost_by'] or row['error']
-        print_text(console, f'{kind}: {row["drive"]} {base}: {why} ({row["verdict"]})')
+        print_text(console, f'{kind}: {row["scenario"]} {base}: {why} ({row["verdict"]})')
     if len(losses) > SHOWN_LOSSES:
         print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
 

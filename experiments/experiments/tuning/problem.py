@@ -25,6 +25,8 @@ from bags.evaluation import metrics
 from bags.evaluation.drive import Drive
 from experiments import simulation
 from experiments.configuration.inputs import KPH
+from experiments.drive_row import SCENARIO_SPEED, Row
+from experiments.simulation import Setup
 from mpcc_controller.problem import formulation
 from node_runtime import parameters
 
@@ -92,15 +94,17 @@ class Score(NamedTuple):
         return self.missing_v2o_m, self.missing_v2e_m, self.not_completed, excess
 
 
-def simulate(controller: str, weights: Mapping[str, Any], condition: Condition) -> Score:
-    """Simulate the double lane change once and score it.
+def row_of(controller: str, weights: Mapping[str, Any], condition: Condition) -> Row:
+    """Return the drive of a set of weights: parameters of the controller by dotted name."""
+    settings = {f'controller.{name}': value for name, value in weights.items()}
+    settings['plant.friction'] = condition.friction
+    settings[SCENARIO_SPEED] = condition.speed_kmh / KPH
+    return Row(SCENARIO, controller, tuple(settings.items()))
 
-    `weights` are parameters of the controller by dotted name. Raises BagError for values out of
-    range.
-    """
-    settings = {'controller': dict(weights), 'plant': {'friction': condition.friction}}
-    speed = condition.speed_kmh / KPH
-    return score(simulation.drive(simulation.prepare(SCENARIO, controller, settings, speed)), speed)
+
+def measure(setup: Setup, speed_mps: float) -> dict[str, float]:
+    """Simulate the setup of a row of `row_of` with a desired speed; return its Score as fields."""
+    return score(simulation.drive(setup), speed_mps)._asdict()
 
 
 def score(drive: Drive, speed_mps: float) -> Score:

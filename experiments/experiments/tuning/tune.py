@@ -1,6 +1,5 @@
 """`experiments tune`: search with progress; write history, summary, figure and controller files."""
 
-import csv
 import json
 import os
 import textwrap
@@ -16,10 +15,10 @@ from rich.table import Table
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.configuration import node_config
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.tuning import problem, tuning_figure, weight_search
 from experiments.tuning.weight_search import SearchPlan, Trial
-from experiments.worker_pool import WorkerPool
 from msgs_yaml import share
 from node_runtime import parameters, provenance
 
@@ -55,7 +54,7 @@ def tune(
         node_config.find_controller(name)
     trials: list[Trial] = []
     runs = 0
-    with CountProgress(console) as progress, WorkerPool(jobs) as pool:
+    with CountProgress(console) as progress, Pool(jobs) as pool:
 
         def show():
             note = _cost_note(trials) if trials else ''
@@ -100,12 +99,8 @@ def write(
     These are <controller>_tuned.yaml. Each of `also` gets the tuned tolerances, too, but keeps its
     own priorities. Raises BagError when no set of weights is feasible.
     """
-    summary = summarise(plan, trials, weight_search.read_commit(folder))
-    rows = weight_search.as_rows(trials)
-    with (folder / HISTORY).open('w', newline='') as file:
-        writer = csv.DictWriter(file, rows[0], lineterminator='\n')
-        writer.writeheader()
-        writer.writerows(rows)
+    summary = summarise(plan, trials)
+    weight_search.as_table(trials).to_csv(folder / HISTORY, index=False)
     (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + '\n')
     figures = tuning_figure.write(plan.controller, trials, weight_search.find_best(trials), folder)
     if not summary['best']['safe']:
@@ -120,11 +115,8 @@ def write(
     return Result(summary, files, figures)
 
 
-def summarise(plan: SearchPlan, trials: Sequence[Trial], commit: str) -> dict[str, Any]:
-    """Return the summary of a search, ready for JSON; the first trial is the untuned one.
-
-    `commit` is that with which it was begun.
-    """
+def summarise(plan: SearchPlan, trials: Sequence[Trial]) -> dict[str, Any]:
+    """Return the summary of a search, ready for JSON; the first trial is the untuned one."""
     versions = {**provenance.versions(), 'optuna': metadata.version('optuna')}
     first_stage = [trial for trial in trials if trial.stage == 1]
     return {
@@ -137,7 +129,7 @@ def summarise(plan: SearchPlan, trials: Sequence[Trial], commit: str) -> dict[st
         'after_stage_1': _trial_summary(weight_search.find_best(first_stage), plan),
         'best': _trial_summary(weight_search.find_best(trials), plan),
         'versions': {name: versions[name] for name in LIBRARIES},
-        'git_commit': commit,
+        'git_commit': provenance.commit(),
     }
 
 

@@ -2,30 +2,29 @@
 
 Optuna's ask-and-tell interface is used in batches of a fixed size, and every trial has a random
 generator of its own, seeded by the plan. So the trials depend on plan and code only, not on the
-number of processes, and an interrupted search continues with the same trials. The first trials of a
-longer stage are those of a shorter one.
+number of processes. Drives are kept: an interrupted search asks for the same rows again, and drives
+those that are missing. The first trials of a longer stage are those of a shorter one.
 """
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import optuna
+import pandas
 from optuna.distributions import FloatDistribution
 from optuna.samplers import TPESampler
-from optuna.trial import TrialState
 
-from bags.errors import BagError
-from experiments.search_journal import open_journal
+from experiments import drive_row
+from experiments.drive_records import DriveRecords
+from experiments.drive_row import SCENARIO_SPEED
+from experiments.pool import Pool
 from experiments.tuning import problem
-from experiments.tuning.problem import Condition, Score
-from experiments.worker_pool import WorkerPool
-from node_runtime import provenance
+from experiments.tuning.problem import Condition, Score, Span
 
-JOURNAL = 'trials.journal'
-PLAN, SCORES, COMMIT = 'plan', 'scores', 'git_commit'
 DIGITS = 4  # significant; more would claim a precision that a search over chaotic runs lacks
 
 
@@ -69,24 +68,22 @@ class Trial(NamedTuple):
 def run(
     plan: SearchPlan,
     folder: Path,
-    pool: WorkerPool,
+    pool: Pool,
     on_run: Callable[[], None],
     on_trial: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Search, or continue the search of this plan in `folder`; return every trial in order.
+    """Search, or continue the search in `folder`; return every trial in order.
 
-    `on_run()` is called after each simulation, `on_trial(trial)` after each trial, stored ones
-    first. Raises BagError when the folder holds a search of another plan, or one in progress.
+    `on_run()` is called after each simulation, `on_trial(trial)` after each trial. Raises BagError
+    for a drive without a result, and while another program searches in the folder.
     """
     trials: list[Trial] = []
     first = problem.untuned_weights(plan.controller)
     spans = problem.wide_spans(first)
-    with open_journal(folder / JOURNAL) as storage:
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    with DriveRecords(folder) as records:
         for stage in (1, 2):
-            study = _study(storage, plan, stage, spans)
-            if not study.trials:
-                study.enqueue_trial({n: span.clip(first[n]) for n, span in spans.items()})
-            for trial in _run_stage(study, plan, stage, spans, pool, on_run):
+            for trial in _run_stage(plan, stage, first, spans, records, pool, on_run):
                 on_trial(trial)
                 trials.append(trial)
             first = find_best(trials).weights
@@ -94,96 +91,71 @@ def run(
     return trials
 
 
-def read_commit(folder: Path) -> str:
-    """Return the commit with which the search of a folder was begun, '' outside a repository."""
-    with open_journal(folder / JOURNAL) as storage:
-        return optuna.load_study(study_name=_name(1), storage=storage).user_attrs[COMMIT]
-
-
 def find_best(trials: Sequence[Trial]) -> Trial:
     """Return the feasible trial of least cost; without one that of the least violation."""
     return min(trials, key=lambda trial: (sum(trial.violations), trial.cost))
 
 
-def _study(storage, plan, stage, spans):
-    study = optuna.create_study(
-        storage=storage, study_name=_name(stage), direction='minimize', load_if_exists=True
-    )
-    # compared as read back from JSON; without `trials`, which may grow: the first ones stay equal
-    identity = json.loads(json.dumps({**plan._replace(trials=None)._asdict(), 'spans': spans}))
-    if PLAN not in study.user_attrs:
-        study.set_user_attr(PLAN, identity)
-        study.set_user_attr(COMMIT, provenance.commit())
-    if study.user_attrs[PLAN] != identity:
-        raise BagError(
-            f'{plan.controller}: the search in this folder was begun with other settings or '
-            'weights; move it away or name another folder'
-        )
-    return study
-
-
-def _name(stage):
-    return f'stage {stage}'
-
-
-def _run_stage(study, plan, stage, spans, pool, on_run) -> Iterator[Trial]:
-    """Yield the trials of a stage, the stored ones first."""
+def _run_stage(
+    plan: SearchPlan,
+    stage: int,
+    first: Mapping[str, float],
+    spans: Mapping[str, Span],
+    records: DriveRecords,
+    pool: Pool,
+    on_run: Callable[[], None],
+) -> Iterator[Trial]:
+    """Yield the trials of a stage, batch by batch."""
+    study = optuna.create_study(direction='minimize')
+    study.enqueue_trial({name: span.clip(first[name]) for name, span in spans.items()})
     ranges = {name: FloatDistribution(*span, log=True) for name, span in spans.items()}
     total = plan.trials[stage - 1]
-    done = 0
-    while done < total:
-        end = min(total, (done // plan.batch + 1) * plan.batch)
-        for number in range(len(_asked(study)), end):
-            # seeded per trial: independent of the trials before an interruption
-            study.sampler = _sampler(plan, stage, number)
-            study.ask(ranges)
-        batch = _asked(study)[done:end]
-        waiting = [trial for trial in batch if trial.state is TrialState.RUNNING]
-        _simulate(study, plan, waiting, pool, on_run)
-        for trial in _asked(study)[done:end]:
-            scores = tuple(Score(**score) for score in trial.user_attrs[SCORES])
-            violations = problem.violations(scores, plan.tracking_m)
-            yield Trial(stage, trial.number, _weights(trial), scores, violations)
-        done = end
+    for begin in range(0, total, plan.batch):
+        asked = []
+        for number in range(begin, min(total, begin + plan.batch)):
+            # seeded per trial: the first trials of a stage do not depend on their number
+            seed = np.random.SeedSequence((plan.seed, stage, number)).generate_state(1)[0]
+            study.sampler = TPESampler(seed=int(seed), n_startup_trials=plan.random[stage - 1])
+            asked.append(study.ask(ranges))
+        # as in a tuned controller file
+        weights = [
+            {name: float(f'{value:.{DIGITS}g}') for name, value in trial.params.items()}
+            for trial in asked
+        ]
+        rows = [
+            problem.row_of(plan.controller, chosen, condition)
+            for chosen in weights
+            for condition in plan.conditions
+        ]
+        scores = iter(_drive(rows, records, pool, on_run))
+        for trial, chosen in zip(asked, weights):
+            own = tuple(next(scores) for _ in plan.conditions)
+            violations = problem.violations(own, plan.tracking_m)
+            for name, value in zip(problem.CONSTRAINTS, violations):
+                trial.set_constraint(name, value)
+            study.tell(trial, problem.cost(own))
+            yield Trial(stage, trial.number, chosen, own, violations)
 
 
-def _asked(study):
-    return study.get_trials(states=(TrialState.RUNNING, TrialState.COMPLETE))
-
-
-def _simulate(study, plan, trials, pool, on_run):
-    """Simulate every trial under all conditions and tell the results, in their order."""
+def _drive(rows, records, pool, on_run):
+    """Return the score of each row, in their order; drive those that have none."""
+    keys = [drive_row.key(row) for row in rows]
+    missing = {key: row for key, row in zip(keys, rows) if key not in records}
     tasks = [
-        (plan.controller, _weights(trial), condition)
-        for trial in trials
-        for condition in plan.conditions
+        (row, key, partial(problem.measure, speed_mps=dict(row.settings)[SCENARIO_SPEED]))
+        for key, row in missing.items()
     ]
-    scores = pool.run(problem.simulate, tasks, on_run)
-    count = len(plan.conditions)
-    for k, trial in enumerate(trials):
-        own = scores[k * count : (k + 1) * count]
-        handle = optuna.trial.Trial(study, trial._trial_id)
-        handle.set_user_attr(SCORES, [score._asdict() for score in own])
-        for name, value in zip(problem.CONSTRAINTS, problem.violations(own, plan.tracking_m)):
-            # an interruption may have come between this and `tell`
-            if name not in trial.constraints:
-                handle.set_constraint(name, value)
-        study.tell(handle, problem.cost(own))
+    for ended in pool.finish_each(drive_row.drive_unchanged, tasks):
+        if ended.error:
+            raise ended.error
+        records.add(list(missing)[ended.number], ended.value)
+        on_run()
+    return [Score(**json.loads(records[key])) for key in keys]
 
 
-def _weights(trial):
-    """Return the simulated weights: rounded as in a tuned controller file."""
-    return {name: float(f'{value:.{DIGITS}g}') for name, value in trial.params.items()}
-
-
-def _sampler(plan, stage, number):
-    seed = np.random.SeedSequence((plan.seed, stage, number)).generate_state(1)[0]
-    return TPESampler(seed=int(seed), n_startup_trials=plan.random[stage - 1])
-
-
-def as_rows(trials: Sequence[Trial]) -> list[Mapping[str, object]]:
-    """Return the history as flat rows: stage, number, cost, safe, weights, scores by condition."""
-    return [
+def as_table(trials: Sequence[Trial]) -> pandas.DataFrame:
+    """Return the history: stage, number, cost, safe, weights, scores by condition."""
+    return pandas.DataFrame(
         {
             'stage': trial.stage,
             'trial': trial.number,
@@ -197,4 +169,4 @@ def as_rows(trials: Sequence[Trial]) -> list[Mapping[str, object]]:
             },
         }
         for trial in trials
-    ]
+    )

@@ -1,15 +1,15 @@
-"""What workers call in place of a drive: on some roads the drive goes wrong."""
+"""What processes call in place of a drive: on some roads the drive goes wrong."""
 
 import os
 import signal
 from pathlib import Path
 
-from experiments.batch.simulate import simulate
+from experiments import drive_row
 
 CRASHES, ENDS, HANGS, RAISES = 0.5, 0.6, 0.7, 0.8  # friction of the road
 
 
-def simulate_or_fail(setup):
+def drive_or_fail(setup):
     """Simulate, unless the friction of the road is one of the above."""
     if setup.friction == CRASHES:
         os.kill(os.getpid(), signal.SIGSEGV)
@@ -19,12 +19,12 @@ def simulate_or_fail(setup):
         raise ZeroDivisionError('nothing\nto divide by')
     while setup.friction == HANGS:
         signal.pause()
-    return simulate(setup)
+    return drive_row.drive(setup)
 
 
-def simulate_and_edit(setup, file, old, new):
+def drive_and_edit(setup, file, old, new):
     """Simulate, then replace a text in a file."""
-    results = simulate(setup)
+    results = drive_row.drive(setup)
     path = Path(file)
     path.write_text(path.read_text().replace(old, new))
     return results

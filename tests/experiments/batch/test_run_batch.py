@@ -15,11 +15,10 @@ from wait_until import wait_until
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.flattening import flatten
-from experiments import cli, simulation
-from experiments.batch import drive_plan, run_batch
-from experiments.batch.drive_plan import Combination
+from experiments import cli, code_version, drive_row, simulation
+from experiments.batch import run_batch
 from experiments.configuration import node_config
-from experiments.study import code_version
+from experiments.drive_row import Row
 
 TIMEOUT_S = 240.0
 RUNS = 10
@@ -32,6 +31,10 @@ def read_rows(folder):
     """Return the rows of the table without what differs between two equal drives."""
     rows = parquet.read_table(folder / 'results.parquet').to_pylist()
     return [{n: value for n, value in row.items() if not n.startswith(TIMES)} for row in rows]
+
+
+def run(study, folder, limit_s=TIMEOUT_S, **more):
+    return run_batch.run(study, folder, 1, limit_s, Console(quiet=True), **more)
 
 
 def records(folder):
@@ -96,12 +99,12 @@ def test_the_table_has_a_column_for_all_that_a_drive_is_and_gives(write_study, t
         ('short_road', 'mpcc_no_ca', 1, '')
     }
     assert {row['code_version'] for row in rows} == {code_version.digest()}
-    for name in ('perturbation.speed_kph', 'perturbation.grip'):
+    for name in ('offset.speed_kph', 'offset.grip'):
         assert rows[0][name] != rows[1][name] == rows[3][name]
     assert all(row['wall_s'] > 0.0 and row['cpu_s'] > 0.0 for row in rows)
     assert {'solver.failed', 'solver.iterations_mean', 'solve_ms.p99'} <= set(table.column_names)
     road = str(tmp_path / 'short_road.yaml')
-    one = drive_plan.prepare(Combination(road, 'mpcc_no_ca', (('scenario.speed_mps', 15.0),)))
+    one = drive_row.prepare(Row(road, 'mpcc_no_ca', (('scenario.speed_mps', 15.0),)))
     wanted = flatten(metrics.compute_metrics(simulation.drive(one)))
     assert wanted['verdict'] == 'reached the finish line at 15 m; no collision'
     differ = [name for name, value in wanted.items() if rows[2][name] != value]
@@ -123,8 +126,8 @@ def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_s
     assert [(row['scenario'], row['family'], row['draw']) for row in rows] == [
         ('short_road', None, 0),
         ('short_road', None, 1),
-        ('pop_up_nominal_s1_0', 'pop_up', 0),
-        ('pop_up_nominal_s1_1', 'pop_up', 1),
+        ('pop_up:0', 'pop_up', 0),
+        ('pop_up:1', 'pop_up', 1),
     ]
     friction = [row['scenario.friction'] for row in rows]
     assert friction[:2] == friction[2:]
@@ -143,22 +146,19 @@ def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_s
 def test_a_drive_that_hangs_costs_its_row(write_study, tmp_path):
     # alone: what a drive that does not hang may take depends on what else the machine does
     study = write_study(set={'plant.friction': [faulty_drives.HANGS]}, runs=1)
-    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=LIMIT_S)
-    console = Console(quiet=True)
-    assert run_batch.run(request, console, faulty_drives.simulate_or_fail) == 1
+    drive = faulty_drives.drive_or_fail
+    assert run(study, tmp_path, LIMIT_S, drive=drive) == 1
     assert [row['error'] for row in read_rows(tmp_path)] == ['its process was ended after 3 s']
     # it is tried again
-    assert run_batch.run(request._replace(limit_s=TIMEOUT_S), console) == 0
+    assert run(study, tmp_path) == 0
     assert [row['completed'] for row in read_rows(tmp_path)] == [True]
 
 
 def test_a_drive_that_crashes_or_raises_costs_its_row(write_study, tmp_path):
     faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.RAISES]
     study = write_study(set={'plant.friction': [*faults, 0.9]})
-    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=TIMEOUT_S)
-    console = Console(quiet=True)
     # as perturbed, no further run has the friction of a fault
-    assert run_batch.run(request, console, faulty_drives.simulate_or_fail) == 1
+    assert run(study, tmp_path, drive=faulty_drives.drive_or_fail) == 1
     rows = read_rows(tmp_path)
     assert [row['error'] for row in rows[::2]] == [
         'its process was ended by SIGSEGV',
@@ -171,7 +171,7 @@ def test_a_drive_that_crashes_or_raises_costs_its_row(write_study, tmp_path):
     assert all(row['completed'] for row in good)
     # they are tried again, the others are not
     kept = records(tmp_path)
-    assert run_batch.run(request, console) == 0
+    assert run(study, tmp_path) == 0
     assert records(tmp_path) == kept + len(faults)
     assert all(row['completed'] for row in read_rows(tmp_path))
 
@@ -187,10 +187,9 @@ def test_a_file_that_changes_while_a_batch_runs_costs_the_drives_after_it(write_
         runs=1,
     )
     edit = partial(
-        faulty_drives.simulate_and_edit, file=str(own), old='_search_m: 10', new='_search_m: 11'
+        faulty_drives.drive_and_edit, file=str(own), old='_search_m: 10', new='_search_m: 11'
     )
-    request = run_batch.Request(study, tmp_path, jobs=1, limit_s=TIMEOUT_S)
-    assert run_batch.run(request, Console(quiet=True), edit) == 1
+    assert run(study, tmp_path, drive=edit) == 1
     first, *others = read_rows(tmp_path)
     assert first['completed']
     assert len(others) == 2
@@ -229,17 +228,15 @@ def test_unusable_scenarios_and_controllers_are_named(write_study, tmp_path, giv
     (tmp_path / 'bad.yaml').write_text(
         '/**: {ros__parameters: {base: mpcc.yaml, safety: {obstacle_m: -1.0}}}'
     )
-    request = run_batch.Request(write_study(**given), tmp_path / 'out', jobs=1, limit_s=TIMEOUT_S)
     with pytest.raises(BagError, match=f'study.yaml: {what}'):
-        run_batch.run(request, Console(quiet=True))
+        run(write_study(**given), tmp_path / 'out')
 
 
 def test_two_scenarios_of_one_name_are_refused(write_study, short_road, tmp_path):
     short_road.with_name('copy.yaml').write_text(short_road.read_text())
     study = write_study(scenarios=['./short_road.yaml', './copy.yaml'])
-    request = run_batch.Request(study, tmp_path / 'out', jobs=1, limit_s=TIMEOUT_S)
     with pytest.raises(BagError, match=r"copy\.yaml have one name, 'short_road'"):
-        run_batch.run(request, Console(quiet=True))
+        run(study, tmp_path / 'out')
 
 
 def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(

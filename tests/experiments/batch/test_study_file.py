@@ -3,9 +3,10 @@
 import pytest
 
 from bags.errors import BagError
-from experiments.batch import drive_plan, study_file
-from experiments.batch.study_file import SCENARIO_FRICTION as FRICTION
-from experiments.batch.study_file import SCENARIO_SPEED as SPEED
+from experiments import drive_row
+from experiments.batch import study_file, study_rows
+from experiments.drive_row import SCENARIO_FRICTION as FRICTION
+from experiments.drive_row import SCENARIO_SPEED as SPEED
 from msgs_yaml import share
 
 
@@ -93,10 +94,10 @@ def test_a_missing_field_is_named(write_study, field):
 )
 def test_a_value_that_a_node_refuses_is_located(write_study, name, values, what):
     study = study_file.load(write_study(set={'controller.tolerances.lag_m': [0.5], name: values}))
-    combination = drive_plan.combine(study)[1]
+    combination = study_rows.combine(study)[1]
     with pytest.raises(BagError) as caught:
-        drive_plan.prepare(combination)
-    located = str(drive_plan.locate_error(study, combination, caught.value))
+        drive_row.prepare(combination)
+    located = str(study_rows.locate_error(study, combination, caught.value))
     assert located.startswith(f'{study.path}:')
     assert f': set.{name}[' in located
     assert what in located
@@ -120,18 +121,16 @@ def test_files_are_found_from_the_folder_of_the_study(write_study, short_road, m
 @pytest.mark.parametrize('name', ['batch_example', 'robustness'])
 def test_every_setting_of_a_shipped_study_is_accepted(name):
     study = study_file.load(share.path('experiments', 'config', f'{name}.yaml'))
-    first, *_, last = drive_plan.combine(study)
-    assert drive_plan.prepare(first) != drive_plan.prepare(last)
+    first, *_, last = study_rows.combine(study)
+    assert drive_row.prepare(first) != drive_row.prepare(last)
 
 
 def test_every_draw_of_the_shipped_study_is_accepted():
     study = study_file.load(share.path('experiments', 'config', 'speed_friction.yaml'))
-    combinations = drive_plan.combine(study)
-    drive_plan.check_drawn(study, combinations)
-    slow, fast = (
-        min(drive_plan.sample_draws(study), key=lambda draw: sign * dict(draw.values)[SPEED])
-        for sign in (1, -1)
-    )
-    assert dict(slow.values)[SPEED] < 16.0 < 34.0 < dict(fast.values)[SPEED]
-    setup = drive_plan.prepare(combinations[0], fast)
-    assert setup.friction == setup.params.model.friction == dict(fast.values)[FRICTION]
+    combinations = study_rows.combine(study)
+    study_rows.check_drawn(study, combinations)
+    rows = sorted(study_rows.rows_of(study, combinations[:1]), key=lambda row: row.settings)
+    slow, fast = (dict(row.settings) for row in (rows[0], rows[-1]))
+    assert slow[SPEED] < 16.0 < 34.0 < fast[SPEED]
+    setup = drive_row.prepare(rows[-1])
+    assert setup.friction == setup.params.model.friction == fast[FRICTION]

@@ -6,7 +6,7 @@ from pathlib import Path
 from bags.evaluation.metrics import survival
 from experiments import simulation
 from experiments.commands import library
-from experiments.library import library_drive
+from experiments.library import catalogue
 from scenario_publisher.families import draw, feasibility
 
 ROOT = Path(__file__).parents[3]
@@ -38,7 +38,7 @@ def test_documented_numbers_are_those_of_the_code():
 
 def test_every_entry_has_a_drawing_and_no_other():
     drawings = {path.stem for path in (ROOT / 'docs/scenarios').iterdir()}
-    assert drawings == set(library_drive.entries())
+    assert drawings == set(catalogue.entries_of_library())
 
 
 def test_sizes_of_the_car_in_the_closed_forms_are_those_of_the_plant():

@@ -4,11 +4,11 @@ import pytest
 
 from bags.evaluation import metrics
 from experiments import pass_criteria, simulation
-from experiments.library import library_drive
+from experiments.library import catalogue
 from scenario_publisher import scenario
 
 QUICK = ('pop_up_late', 'oncoming_car')
-ENTRIES = library_drive.entries()
+ENTRIES = catalogue.entries_of_library()
 
 
 def unmet(name):

@@ -5,7 +5,7 @@ from experiments.library import survival_table
 
 def row(family='pop_up', controller='mpcc', survived=True, error='', **more):
     lost_by = None if survived else 'slid'
-    base = {'drive': f'{family}:0', 'family': family, 'controller': controller, 'error': error}
+    base = {'scenario': f'{family}:0', 'family': family, 'controller': controller, 'error': error}
     return {**base, 'survived': survived, 'lost_by': lost_by, 'verdict': 'spun at 60 m', **more}
 
 

@@ -42,7 +42,7 @@ def drive(tmp_path, prefix):
         settings = node_graph.RunSettings(
             'lockstep', tmp_path / 'runs', {}, 50, time_limit_s, overwrite=overwrite, plant=plant
         )
-        (chosen,) = node_config.find_controllers(['mpcc'], label)
+        (chosen,) = node_config.find_controllers(['mpcc'], [label] if label else [])
         with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
             progress.begin('mpcc', FACTS.length_m)
             return node_graph.run_once(

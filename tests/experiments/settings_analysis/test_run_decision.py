@@ -10,13 +10,13 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import simulation
+from experiments.pool import Pool
 from experiments.settings import arms, preregistration
 from experiments.settings import setting as settings
 from experiments.settings.setting import Setting
 from experiments.settings_analysis import picture as pictures
 from experiments.settings_analysis import picture_search, run_decision
 from experiments.settings_analysis.run_decision import Request
-from experiments.worker_pool import WorkerPool
 
 # the first settings of this seed pose the problems of few solvers: each is compiled for 15 s
 SEED = 10
@@ -65,7 +65,7 @@ def test_one_setting_alone_can_be_driven_again_by_hand(tmp_path, admissible):
 @pytest.mark.slow
 def test_a_search_goes_on_where_it_stopped(tmp_path):
     plan, picture = preregistration.load(), pictures.load()
-    with WorkerPool(1) as pool:
+    with Pool(1) as pool:
 
         def search(trials, folder):
             return picture_search.search(plan, picture, trials, folder, pool, lambda _: None)

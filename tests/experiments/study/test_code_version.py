@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.study import code_version
+from experiments import code_version
 from node_runtime import provenance
 
 

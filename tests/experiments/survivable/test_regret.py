@@ -4,28 +4,32 @@ import io
 import json
 import math
 
+import pandas
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments import cli
-from experiments.batch import results_table
+from experiments import cli, row_runner
+from experiments.drive_row import NOMINAL, Row
 from experiments.survivable import regret, report
 from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
 
+AFTER = ('error', 'survived', 'lost_by', 'verdict')
 
-def row(index, controller, survived, family='pop_up', error='', settings='{}'):
+
+def row(index, controller, survived, family='pop_up', error='', **settings):
     return {
-        'drive': f'{family}:{index}',
+        'scenario': f'{family}:{index}',
         'family': family,
         'difficulty': 'nominal',
         'seed': 7,
-        'index': index,
+        'draw': index,
         'controller': controller,
-        'settings': settings,
         'plant_settings': (),
+        'offset': NOMINAL,
+        **settings,
         'error': error,
         'survived': survived,
         'lost_by': None if survived else 'touched obstacle 1',
@@ -34,15 +38,16 @@ def row(index, controller, survived, family='pop_up', error='', settings='{}'):
 
 
 def draw(index, family='pop_up'):
-    return family, '', 7, index, 'nominal', ()
+    return Row(f'{family}:{index}', '', (), 7, 'nominal')
 
 
 def written(folder, *rows):
     """Write a table of `experiments library`; return its folder."""
     folder.mkdir()
-    columns = results_table.build_columns(rows)
-    columns.pop('plant_settings')
-    results_table.write(columns, {}, folder)
+    names = dict.fromkeys(name for row in rows for name in row)
+    table = pandas.DataFrame(rows, columns=sorted(names, key=lambda name: name in AFTER))
+    table = table.drop(columns=['plant_settings', 'offset'])
+    table.to_parquet(folder / row_runner.TABLE)
     return folder
 
 
@@ -64,7 +69,7 @@ def test_only_losses_of_possible_draws_count_and_undecided_ones_strictly():
     assert family.answers == {POSSIBLE: 2, IMPOSSIBLE: 1, UNDECIDED: 1}
     assert (family.survived['a'], family.driven['a']) == (1, 2)
     assert family.driven_or_undecided['a'] == 3
-    losses = [(r['index'], kind) for r, kind in regret.lost_though_possible(rows, answers, 'a')]
+    losses = [(r['draw'], kind) for r, kind in regret.lost_though_possible(rows, answers, 'a')]
     assert losses == [(1, POSSIBLE), (3, UNDECIDED)]
 
 
@@ -111,9 +116,9 @@ def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path):
 
 def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(tmp_path):
     """Without the settings in the key the later table would replace the rows of the first."""
-    faster = json.dumps({'controller.limits.drive_n': 3000.0})
+    faster = {'controller.limits.drive_n': 3000.0}
     plain = written(tmp_path / 'a', *(row(i, 'mpcc', i < 4) for i in range(4)))
-    other = written(tmp_path / 'b', *(row(i, 'mpcc', i < 1, settings=faster) for i in range(4)))
+    other = written(tmp_path / 'b', *(row(i, 'mpcc', i < 1, **faster) for i in range(4)))
     text = shown(plain, other)
     assert 'mpcc controller.limits.drive_n=3000.0' in text
     assert '4/4 100%' in text
@@ -122,8 +127,8 @@ def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(t
 
 
 def test_a_table_of_drives_and_verdicts_says_the_same_without_a_search(tmp_path, capsys):
-    ice = json.dumps({'plant.friction': 0.05})
-    rows = [row(2, name, name == 'a', settings=s) for name in 'ab' for s in ('{}', ice)]
+    ice = {'plant.friction': 0.05}
+    rows = [row(2, name, name == 'a', **s) for name in 'ab' for s in ({}, ice)]
     folder, table = written(tmp_path / 'library', *rows), tmp_path / 'paper' / 'drives.parquet'
     command = ['survivable', '--base', 'a', '--budget', '0']
     assert cli.main([*command, str(folder), '--table', str(table)]) == 0
@@ -135,13 +140,13 @@ def test_a_table_of_drives_and_verdicts_says_the_same_without_a_search(tmp_path,
 
 def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tmp_path):
     """On ice nobody survives what is possible on a dry road: one answer must not serve both."""
-    ice = json.dumps({'plant.friction': 0.05})
+    ice = {'plant.friction': 0.05}
     dry = written(tmp_path / 'a', row(2, 'mpcc', True))
-    slippery = written(tmp_path / 'b', row(2, 'mpcc', False, settings=ice))
+    slippery = written(tmp_path / 'b', row(2, 'mpcc', False, **ice))
     text = shown(dry, slippery)
     assert 'possible: pop_up:2 mpcc' not in text
     assert 'undecided: pop_up:2 mpcc' in text
-    on_ice = written(tmp_path / 'c', row(1, 'mpcc', False, settings=ice))
+    on_ice = written(tmp_path / 'c', row(1, 'mpcc', False, **ice))
     # dry the same search finds a way: see above
     assert 'possible: pop_up:1 mpcc' not in shown(on_ice, budget=20)
 

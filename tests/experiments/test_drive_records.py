@@ -6,12 +6,12 @@ import sys
 import pytest
 
 from bags.errors import BagError
-from experiments.batch.drive_records import DriveRecords
+from experiments.drive_records import DriveRecords
 
 FILLING = """
 import resource, signal, sys
 from pathlib import Path
-from experiments.batch.drive_records import DriveRecords
+from experiments.drive_records import DriveRecords
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
 with DriveRecords(Path(sys.argv[1])) as records:
@@ -73,5 +73,5 @@ def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_pa
 
 
 def test_two_batches_do_not_write_one_folder(tmp_path):
-    with DriveRecords(tmp_path), pytest.raises(BagError, match='another batch'):
+    with DriveRecords(tmp_path), pytest.raises(BagError, match='another program'):
         DriveRecords(tmp_path).__enter__()

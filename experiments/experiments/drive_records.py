@@ -1,4 +1,4 @@
-"""Finished drives, kept one by one in the folder of a batch, so that an interrupted one continues.
+"""Finished drives, kept one by one in a folder, so that an interrupted command continues.
 
 One line of JSON per drive, with its key and its results, written when the drive ends: a line that a
 kill or a full disk tore is noticed, and its drive is simulated again.
@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from bags.errors import BagError
+from experiments.pool import Finished
 from experiments.progress import CountProgress
-from experiments.worker_pool import Finished
 
 FILE = 'drives.jsonl'
 KEY, RESULTS = 'key', 'results'
@@ -37,7 +37,7 @@ class DriveRecords:
             self._read()
         except BlockingIOError:
             self._file.close()
-            raise BagError(f'{self.path}: another batch is writing this file') from None
+            raise BagError(f'{self.path}: another program is writing this file') from None
         return self
 
     def __exit__(self, *error):
@@ -48,6 +48,10 @@ class DriveRecords:
 
     def __getitem__(self, key: str) -> str:
         return self._results[key]
+
+    def get(self, key: str, default: str) -> str:
+        """Return the results of a drive, or a default without any."""
+        return self._results.get(key, default)
 
     def add(self, key: str, results: str) -> None:
         """Keep the results of a drive, a JSON object. Raises BagError when the disk is full."""

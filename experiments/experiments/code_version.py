@@ -11,7 +11,7 @@ from pathlib import Path
 from node_runtime import provenance
 
 # simulates and evaluates a run; its imports, and theirs, decide the result, too
-ROOTS = ('experiments.study.run_spec', 'experiments.batch.drive_plan', 'experiments.batch.simulate')
+ROOTS = ('experiments.drive_row',)
 LIBRARIES = ('casadi', 'numpy', 'commonroad-vehicle-models')
 TEMPLATES = ('stage_solver', ('.c', '.h'))  # of the generated solver; not imported
 

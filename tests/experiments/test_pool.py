@@ -1,0 +1,208 @@
+"""Tasks end alike on this machine and on a cluster; workers that differ are refused."""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from dask_cluster import Cluster
+from wait_until import wait_until
+
+from bags.errors import BagError
+from experiments.pool import Pool
+
+TIMEOUT_S = 60.0
+EXITS, WAITS = "__import__('os')._exit(3)", "__import__('signal').pause()"
+OWN_KILL = "__import__('os').kill(__import__('os').getpid(), 9)"
+ASKING = """
+import os, time
+from experiments.pool import Pool
+with Pool(1) as pool:
+    print(*pool.run(os.getpid, [()]), flush=True)
+    pool.run(time.sleep, [(1000,)])
+"""
+KILLS_ITS_DASK_WORKER_ONCE = """
+import os, pathlib, signal, sys
+if not pathlib.Path(path).exists():
+    pathlib.Path(path).touch()
+    os.kill(os.getppid(), signal.SIGKILL)
+    signal.pause()
+"""
+
+
+def same():
+    return {'version': '1'}
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    with Cluster(tmp_path / 'cluster') as one:
+        yield one
+
+
+@pytest.fixture(scope='module')
+def kept(tmp_path_factory):
+    """Return a cluster with a worker, for tests that end neither of them."""
+    with Cluster(tmp_path_factory.mktemp('kept') / 'cluster') as one:
+        one.start_worker()
+        yield one
+
+
+def lives(pid):
+    """Tell whether a process is there and no zombie."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
+def test_a_process_ends_with_the_program_that_started_it(number):
+    parent = subprocess.Popen(
+        [sys.executable, '-c', ASKING],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    worker = int(parent.stdout.readline())
+    assert lives(worker)
+    parent.send_signal(number)
+    parent.wait(TIMEOUT_S)
+    parent.stdout.close()
+    wait_until(lambda: not lives(worker), TIMEOUT_S, 'the process outlives its program')
+
+
+def fail_alone(pool):
+    """Do tasks that raise, end their process or take too long; return their errors and values."""
+    # one that has a limit is given to a process that has imported what it needs: how long that
+    # takes depends on what else the machine does
+    ended = [*pool.finish_each(eval, [('2**3',), ('1 / 0',), (EXITS,), (OWN_KILL,)])]
+    ended += pool.finish_each(eval, [('2**3',), (WAITS,)], 8.0)
+    return sorted((str(one.error or ''), one.value) for one in ended)
+
+
+FAILED_ALONE = [
+    ('', 8),
+    ('', 8),
+    ('division by zero', None),
+    ('its process ended with exit code 3', None),
+    ('its process was ended after 8 s', None),
+    ('its process was ended by SIGKILL (out of memory?)', None),
+]
+
+
+def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone():
+    with Pool(1) as pool:
+        assert fail_alone(pool) == FAILED_ALONE
+
+
+def test_an_error_shows_where_in_the_process_it_was_raised():
+    with Pool(1) as pool, pytest.raises(ZeroDivisionError) as caught:
+        pool.run(eval, [('1',), ('1 / 0',)])
+    assert 'line 1, in <module>' in str(caught.value.__cause__)
+
+
+def test_a_process_that_ended_without_work_is_replaced():
+    with Pool(1) as pool:
+        (first,) = pool.run(os.getpid, [()])
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: not lives(first), TIMEOUT_S, 'a killed process lives')
+        (second,) = pool.run(os.getpid, [()])
+    assert second != first
+
+
+def test_answers_to_a_call_that_failed_are_no_answers_to_the_next():
+    with Pool(2) as pool:
+        with pytest.raises(ZeroDivisionError):
+            pool.run(eval, [('1 / 0',), ("__import__('time').sleep(0.2)",)])
+        assert pool.run(eval, [('1',), ('2',), ('3',)]) == [1, 2, 3]
+
+
+def test_a_process_that_cannot_start_is_an_error(monkeypatch):
+    monkeypatch.setattr(sys, 'executable', '/bin/false')
+    with Pool(1) as pool, pytest.raises(BagError, match=r'cannot start .* exit code 1'):
+        pool.run(eval, [('1',)])
+
+
+def test_an_address_where_nothing_listens_is_an_error(monkeypatch):
+    monkeypatch.setattr('experiments.pool.CONNECT_S', 0.2)
+    with pytest.raises(BagError, match='no scheduler answers'):
+        Pool(1, 'tcp://127.0.0.1:9', same).__enter__()
+
+
+def test_without_the_library_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    with pytest.raises(BagError, match='pip install distributed'):
+        Pool(1).__enter__()
+
+
+@pytest.mark.slow
+def test_tasks_fail_alone_on_a_cluster_and_every_command_has_new_processes(kept):
+    seen = []
+    for _ in range(2):
+        with Pool(1, kept.address, same) as pool:
+            seen.append(set(pool.run(eval, [("__import__('os').getpid()",)] * 2)))
+            assert fail_alone(pool) == FAILED_ALONE
+    assert [len(pids) for pids in seen] == [1, 1]
+    assert seen[0] != seen[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('options', [(), ('--nanny',)])
+def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path, options):
+    cluster.start_worker(*options)
+    cluster.start_worker(*options)
+    task = (KILLS_ITS_DASK_WORKER_ONCE, {'path': str(tmp_path / 'done')})
+    with Pool(1, cluster.address, same) as pool:
+        (ended,) = pool.finish_each(exec, [task])
+    assert ended.error is None
+
+
+@pytest.mark.slow
+def test_without_a_worker_the_error_says_how_to_start_one(cluster, monkeypatch):
+    monkeypatch.setattr('experiments.pool.WORKERS_S', 0.2)
+    with (
+        Pool(1, cluster.address, same) as pool,
+        pytest.raises(BagError, match=r'no worker in 0.2 s; start some: dask worker tcp://.*'),
+    ):
+        pool.run(eval, [('1',)])
+
+
+def process():
+    return {'process': str(os.getpid())}
+
+
+@pytest.mark.slow
+def test_a_process_with_other_versions_is_refused(kept):
+    here = os.getpid()
+    with (
+        Pool(1, kept.address, process) as pool,
+        pytest.raises(BagError, match=rf"process is '\d+', '{here}' where the command runs"),
+    ):
+        pool.run(eval, [('1',)])
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_ends_is_an_error(cluster):
+    cluster.start_worker()
+    with Pool(1, cluster.address, same) as pool:
+        ended = pool.finish_each(eval, [('1',), (WAITS,)])
+        assert next(ended).value == 1
+        cluster.scheduler.send_signal(signal.SIGKILL)
+        with pytest.raises(BagError, match='the scheduler is gone; what has ended is kept'):
+            next(ended)
+
+
+@pytest.mark.slow
+def test_a_worker_without_the_modules_of_the_command_is_refused(kept, tmp_path, monkeypatch):
+    (tmp_path / 'only_here.py').write_text('def describe():\n    return {}\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    describe = importlib.import_module('only_here').describe
+    with (
+        Pool(1, kept.address, describe) as pool,
+        pytest.raises(BagError, match=r"'only_here'; is this project installed"),
+    ):
+        pool.run(eval, [('1',)])
