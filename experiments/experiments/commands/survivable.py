@@ -58,19 +58,19 @@ def run(options: argparse.Namespace) -> int:
     # imported late: simulation and controllers take a second to load
     from experiments.survivable import report
 
-    request = report.Request(
-        options.folders,
-        options.budget,
-        options.preview,
-        options.base,
-        options.jobs,
-        options.table,
-    )
     # a table has a column per controller: in a file it is not folded to 80 characters
     console = Console()
     if not console.is_terminal:
         console.width = FILE_WIDTH
-    return report.run(request, console)
+    return report.run(
+        options.folders,
+        options.base,
+        console,
+        budget=options.budget,
+        preview=options.preview,
+        jobs=options.jobs,
+        table=options.table,
+    )
 
 
 def _count(text):

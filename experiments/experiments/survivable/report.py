@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import pandas
 from rich.console import Console
@@ -11,14 +10,14 @@ from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments import row_runner
 from experiments.drive_records import DriveRecords, record_each
-from experiments.drive_row import Offset, Row
-from experiments.library.survival_table import share_cell
+from experiments.drive_row import Row
+from experiments.library.survival_table import ALL, share_cell
 from experiments.pool import Pool
 from experiments.progress import CountProgress
+from experiments.statistical_inference import paired_interval
 from experiments.survivable import regret
-from experiments.survivable.regret import Pairs, Regret
+from experiments.survivable.regret import ANSWER, BUDGET, PREVIEW, VERSION
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
     POSSIBLE,
@@ -28,217 +27,161 @@ from experiments.survivable.survival_search import (
 from msgs_yaml.strict_yaml import closest
 
 FOLDER = 'possible'  # of the verdicts, in the first folder of drives
-# of a table of drives, besides those of settings
-COLUMNS = (
-    *('scenario', 'family', 'difficulty', 'seed', 'draw', 'controller'),
-    *('error', 'survived', 'lost_by', 'verdict'),
-)
-OFFSET = {name: f'offset.{name}' for name in Offset._fields}
-CONTROLLER = 'controller.'
-SETTINGS = (CONTROLLER, 'plant.', 'scenario.')  # begin the names of their columns
-ANSWER = 'answer'
-# of the search that gave the answer: an answer of another one is no answer
-BUDGET, PREVIEW, VERSION = 'answer_budget', 'answer_preview', 'answer_version'
-ANSWERED = (ANSWER, BUDGET, PREVIEW, VERSION)
-DERIVED = ('driver', 'offset', 'plant_settings')  # of read_rows
 SHOWN_LOSSES = 100
 
 
-class Request(NamedTuple):
-    """The arguments of `experiments survivable`."""
+def run(
+    folders: Sequence[Path],
+    base: str,
+    console: Console,
+    *,
+    budget: int,
+    preview: bool = False,
+    jobs: int = 1,
+    table: Path | None = None,
+) -> int:
+    """Show regret, losses and paired comparisons; 0 when no search failed. Raises BagError.
 
-    folders: Sequence[Path]
-    budget: int  # rollouts per draw; 0: search nothing
-    preview: bool
-    base: str  # the controller whose losses are listed and with which the others are paired
-    jobs: int
-    table: Path | None = None  # receives rows and answers
-
-
-def run(request: Request, console: Console) -> int:
-    """Show regret, losses and paired comparisons; 0 when no search failed. Raises BagError."""
-    rows = [row for folder in request.folders for row in read_rows(folder)]
-    if request.base not in {row['controller'] for row in rows}:
-        known = dict.fromkeys(row['controller'] for row in rows)
-        hint = closest(request.base, known)
-        raise BagError(f'--base: no drives by {request.base!r}; there are {", ".join(known)}{hint}')
+    base    the controller whose losses are listed and with which the others are paired
+    budget  rollouts per draw; 0: search nothing
+    table   receives drives and answers
+    """
+    drives = regret.read_drives(folders)
+    names = list(dict.fromkeys(drives['name']))
+    if base not in names:
+        hint = closest(base, names)
+        raise BagError(f'--base: no drives by {base!r}; there are {", ".join(names)}{hint}')
+    answers = _kept_answers(drives, budget, preview)
+    # a drive that survived is a proof
+    answers |= dict.fromkeys(drives['what'][drives['survived'].eq(True)], (POSSIBLE, 0))
     failures: list[str] = []
-    answers, budgets = _kept_answers(rows, request)
-    answers |= dict.fromkeys(regret.proved_by_drives(rows), POSSIBLE)
-    if request.budget:
-        searched = _search(request, rows, answers, failures, console)
-        answers |= searched
-        budgets |= dict.fromkeys(searched, request.budget)
-    console.print(build_table(regret.count_regret(rows, answers)))
-    _show_losses(rows, answers, request.base, console)
-    others = dict.fromkeys(row['controller'] for row in rows)
-    pairs = [regret.pair(rows, request.base, other) for other in others if other != request.base]
-    if pairs:
-        console.print(build_pairs(pairs))
-    if request.table:
-        print_text(console, str(write_table(rows, answers, budgets, request)))
+    if budget:
+        first = folders[0].parent if folders[0].is_file() else folders[0]
+        draws = [draw for draw in dict.fromkeys(drives['what']) if draw not in answers]
+        searched = _search(draws, budget, preview, jobs, first / FOLDER, failures, console)
+        answers |= {draw: (answer, budget) for draw, answer in searched.items()}
+    known = [answers.get(draw, (UNDECIDED, 0)) for draw in drives['what']]
+    drives[ANSWER], drives[BUDGET] = zip(*known)
+    drives[PREVIEW], drives[VERSION] = preview, SEARCH_VERSION
+    console.print(build_table(drives))
+    lost = drives[(drives['name'] == base) & ~drives['survived'].eq(True)]
+    losses = pandas.concat([lost[lost[ANSWER] == kind] for kind in (POSSIBLE, UNDECIDED)])
+    for loss in losses[:SHOWN_LOSSES].to_dict('records'):
+        why = loss['lost_by'] or loss['error']
+        print_text(console, f'{loss[ANSWER]}: {loss["scenario"]} {base}: {why} ({loss["verdict"]})')
+    if len(losses) > SHOWN_LOSSES:
+        print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
+    if len(names) > 1:
+        console.print(build_pairs(drives, base))
+    if table:
+        regret.write_table(drives, table)
+        print_text(console, str(table))
     for text in failures:
         print_text(console, text)
     return 1 if failures else 0
 
 
-def read_rows(place: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table of `experiments library` in a folder. Raises BagError.
-
-    Or of a file of `write_table`, whose rows have the answer for their draw besides.
-
-    Rows that were driven with other settings are not confused: those of the controller are added to
-    its name, those of plant and scenario are in `plant_settings`, part of the draw.
-    """
-    from pyarrow import ArrowException, parquet
-
-    path = place if place.is_file() else place / row_runner.TABLE
-    try:
-        table = parquet.read_table(path)
-    except (OSError, ArrowException) as error:
-        raise BagError(f'{path}: is no table of experiments library: {error}') from None
-    names = table.column_names
-    missing = [name for name in COLUMNS if name not in names]
-    if missing:
-        raise BagError(f'{path}: has no column {missing[0]}; is it of experiments library?')
-    settings = [n for n in names[: names.index('error')] if n.startswith(SETTINGS)]
-    kept = [*COLUMNS, *settings, *(n for n in (*OFFSET.values(), *ANSWERED) if n in names)]
-    rows = []
-    for row in table.select(kept).to_pylist():
-        given = {name: row[name] for name in settings if row[name] is not None}
-        own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLER)]
-        rows.append(
-            row
-            | {
-                'driver': row['controller'],
-                'controller': ' '.join([row['controller'], *own]),
-                'offset': Offset(**{n: row[full] for n, full in OFFSET.items() if full in row}),
-                'plant_settings': tuple(
-                    (name, tuple(value) if isinstance(value, list) else value)
-                    for name, value in given.items()
-                    if not name.startswith(CONTROLLER)
-                ),
-            }
-        )
-    return rows
-
-
-def _kept_answers(rows, request):
-    """Return the answers in the rows that this search would give, too, and their budgets.
+def _kept_answers(drives, budget, preview) -> dict[Row, tuple[str, int]]:
+    """Return the answers in a table that this search would give, too, with their budgets.
 
     Undecided is no answer to a search that may go on for longer.
     """
-    kept = [
-        row
-        for row in rows
-        if row.get(ANSWER)
-        and row.get(VERSION) == SEARCH_VERSION
-        and row.get(PREVIEW) == request.preview
-        and (row[ANSWER] != UNDECIDED or row[BUDGET] >= request.budget)
+    if ANSWER not in drives:
+        return {}
+    kept = drives[
+        drives[ANSWER].notna()
+        & drives[VERSION].eq(SEARCH_VERSION)
+        & drives[PREVIEW].eq(preview)
+        & (drives[ANSWER].ne(UNDECIDED) | drives[BUDGET].fillna(0).ge(budget))
     ]
-    answers = {regret.draw_key(row): row[ANSWER] for row in kept}
-    return answers, {regret.draw_key(row): row[BUDGET] for row in kept}
+    return dict(zip(kept['what'], zip(kept[ANSWER], kept[BUDGET])))
 
 
-def write_table(
-    rows: Sequence[Mapping[str, Any]],
-    answers: Mapping[Row, str],
-    budgets: Mapping[Row, int],
-    request: Request,
-) -> Path:
-    """Write rows with the answer for their draw: what every share here is computed from.
-
-    `budgets` has the rollouts that the search for an answer was allowed, none where a drive or
-    nothing gave it. Returns the file.
-    """
-    kept = [
-        {name: value for name, value in row.items() if name not in DERIVED}
-        | {'controller': row['driver'], ANSWER: answers.get(regret.draw_key(row), UNDECIDED)}
-        | {BUDGET: budgets.get(regret.draw_key(row), 0)}
-        | {PREVIEW: request.preview, VERSION: SEARCH_VERSION}
-        for row in rows
-    ]
-    drives = pandas.DataFrame(kept).convert_dtypes()
-    # what tells drives apart comes first
-    results = (*COLUMNS[COLUMNS.index('error') :], *ANSWERED)
-    drives = drives[sorted(drives, key=lambda name: name in results)]
-    file = request.table
-    file.parent.mkdir(parents=True, exist_ok=True)
-    drives.to_parquet(file, compression='zstd', index=False)
-    return file
-
-
-def _search(request, rows, answers, failures, console) -> dict[Row, str]:
-    """Return the answers of the draws that have none."""
-    draws = [draw for draw in dict.fromkeys(map(regret.draw_key, rows)) if draw not in answers]
+def _search(draws, budget, preview, jobs, folder, failures, console) -> Mapping[Row, str]:
+    """Return the answers of draws; one without goes to `failures`."""
     if not draws:
         return {}
-    new_answers: dict[Row, str] = {}
     errors: dict[str, str] = {}
-    first = request.folders[0]
-    beside = first.parent if first.is_file() else first
     with (
         CountProgress(console) as progress,
-        DriveRecords(beside / FOLDER) as records,
-        Pool(request.jobs) as pool,
+        DriveRecords(folder) as records,
+        Pool(jobs) as pool,
     ):
-        keys = {draw: regret.verdict_key(draw, request.budget, request.preview) for draw in draws}
-        missing = {keys[draw]: draw for draw in draws if keys[draw] not in records}
-        tasks = [(draw, request.budget, request.preview) for draw in missing.values()]
+        keys = {draw: regret.verdict_key(draw, budget, preview) for draw in draws}
+        missing = {key: draw for draw, key in keys.items() if key not in records}
+        tasks = [(draw, budget, preview) for draw in missing.values()]
         ended = pool.finish_each(regret.verdict, tasks)
         record_each(ended, list(missing), len(draws), records, errors, progress)
         for key, error in errors.items():
             failures.append(f'{missing[key].scenario}: no verdict: {error}')
-        for draw in draws:
-            if keys[draw] in records:
-                new_answers[draw] = json.loads(records[keys[draw]])['answer']
-    return new_answers
+        return {
+            draw: json.loads(records[key])['answer'] for draw, key in keys.items() if key in records
+        }
 
 
-def build_table(families: Sequence[Regret]) -> Table:
+def build_table(drives: pandas.DataFrame) -> Table:
     """Return a row per family: what is known of its draws, and survived of the possible ones."""
+    kinds, names = (POSSIBLE, IMPOSSIBLE, UNDECIDED), list(dict.fromkeys(drives['name']))
     table = Table(box=None, padding=(0, 2, 0, 0))
     table.add_column('survived of the possible', no_wrap=True)
-    for name in (POSSIBLE, IMPOSSIBLE, UNDECIDED):
-        table.add_column(name, justify='right')
-    controllers = list(families[0].survived)
-    for controller in controllers:
-        table.add_column(controller, justify='right')
-        table.add_column('strict', justify='right')
-    for family in families:
-        counts = [str(family.answers[kind]) for kind in (POSSIBLE, IMPOSSIBLE, UNDECIDED)]
-        cells = []
-        for controller in controllers:
-            survived, strict = family.survived[controller], family.driven_or_undecided[controller]
-            cells.append(share_cell(survived, family.driven[controller], digits=0))
+    for title in (*kinds, *(title for name in names for title in (name, 'strict'))):
+        table.add_column(title, justify='right')
+    judged = drives[drives['error'] == '']
+    families = dict.fromkeys(drives['group'])
+    groups = [(family, judged[judged['group'] == family]) for family in families]
+    for family, own in [*groups, (ALL, judged)] if len(groups) > 1 else groups:
+        answers = list(dict(zip(own['what'], own[ANSWER])).values())
+        cells = [str(answers.count(kind)) for kind in kinds]
+        for name in names:
+            by_name = own[own['name'] == name]
+            survived = int(by_name['survived'].eq(True).sum())
+            strict = int(by_name[ANSWER].ne(IMPOSSIBLE).sum())
+            cells.append(share_cell(survived, int(by_name[ANSWER].eq(POSSIBLE).sum()), digits=0))
             cells.append(f'{survived / strict:.0%}' if strict else '–')
-        table.add_row(family.family, *counts, *cells)
+        table.add_row(family, *cells)
     return table
 
 
-def _show_losses(rows, answers: Mapping[Row, str], base: str, console: Console) -> None:
-    losses = list(regret.lost_though_possible(rows, answers, base))
-    for row, kind in losses[:SHOWN_LOSSES]:
-        why = row['lost_by'] or row['error']
-        print_text(console, f'{kind}: {row["scenario"]} {base}: {why} ({row["verdict"]})')
-    if len(losses) > SHOWN_LOSSES:
-        print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
+def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
+    """Return a row per other controller, on the draws that both have driven.
 
-
-def build_pairs(pairs: Sequence[Pairs]) -> Table:
-    """Return a row per controller that was paired with the base."""
+    With Tango's interval of the difference, and McNemar's exact test: how likely so uneven a split
+    is when neither is better.
+    """
     table = Table(box=None, padding=(0, 2, 0, 0))
-    base = pairs[0].base
     for title in (f'{base} and', 'draws', 'both', f'{base} only', 'it only', 'neither'):
         table.add_column(title, justify='right' if title != f'{base} and' else 'left')
     table.add_column('difference (95 %)', justify='right')
     table.add_column('p', justify='right')
-    for pair in pairs:
-        counts = (pair.draws, pair.both, pair.base_only, pair.other_only, pair.neither)
-        if not pair.draws:
-            table.add_row(pair.other, *map(str, counts), '–', '–')
-            continue
-        low, high = pair.interval
-        shown = f'{pair.difference:+.1%} ({low:+.1%} to {high:+.1%})'
-        table.add_row(pair.other, *map(str, counts), shown, f'{pair.p_value:.2g}')
+    for other in dict.fromkeys(drives['name']):
+        if other != base:
+            table.add_row(other, *pair_cells(*split_pairs(drives, base, other)))
     return table
+
+
+def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:
+    """Return the draws that both survived, the base alone, the other alone, and neither."""
+    judged = drives[drives['error'] == '']
+    one, two = (
+        dict(zip(own['what'], own['survived'].eq(True)))
+        for own in (judged[judged['name'] == name] for name in (base, other))
+    )
+    split = [(one[draw], two[draw]) for draw in one.keys() & two.keys()]
+    kinds = (True, True), (True, False), (False, True), (False, False)
+    return tuple(split.count(kind) for kind in kinds)
+
+
+def pair_cells(both: int, base_only: int, other_only: int, neither: int) -> list[str]:
+    """Return the counts of a pair, their difference with its interval, and the p-value."""
+    # imported late: scipy.stats takes half a second to load
+    from scipy.stats import binomtest
+
+    counts = [both, base_only, other_only, neither]
+    cells = [f'{count}' for count in (sum(counts), *counts)]
+    if not sum(counts):
+        return [*cells, '–', '–']
+    differ = base_only + other_only
+    low, high = paired_interval(base_only, other_only, sum(counts))
+    p_value = float(binomtest(base_only, differ).pvalue) if differ else 1.0
+    difference = (base_only - other_only) / sum(counts)
+    return [*cells, f'{difference:+.1%} ({low:+.1%} to {high:+.1%})', f'{p_value:.2g}']

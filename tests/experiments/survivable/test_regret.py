@@ -12,9 +12,8 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import cli, row_runner
-from experiments.drive_row import NOMINAL, Row
-from experiments.survivable import regret, report
-from experiments.survivable.survival_search import IMPOSSIBLE, POSSIBLE, UNDECIDED
+from experiments.survivable import report
+from experiments.survivable.survival_search import POSSIBLE
 
 AFTER = ('error', 'survived', 'lost_by', 'verdict')
 
@@ -27,8 +26,6 @@ def row(index, controller, survived, family='pop_up', error='', **settings):
         'seed': 7,
         'draw': index,
         'controller': controller,
-        'plant_settings': (),
-        'offset': NOMINAL,
         **settings,
         'error': error,
         'survived': survived,
@@ -37,72 +34,67 @@ def row(index, controller, survived, family='pop_up', error='', **settings):
     }
 
 
-def draw(index, family='pop_up'):
-    return Row(f'{family}:{index}', '', (), 7, 'nominal')
-
-
 def written(folder, *rows):
     """Write a table of `experiments library`; return its folder."""
     folder.mkdir()
     names = dict.fromkeys(name for row in rows for name in row)
     table = pandas.DataFrame(rows, columns=sorted(names, key=lambda name: name in AFTER))
-    table = table.drop(columns=['plant_settings', 'offset'])
     table.to_parquet(folder / row_runner.TABLE)
     return folder
 
 
 def shown(*folders, base='mpcc', budget=0):
     console = Console(record=True, width=200, file=io.StringIO())
-    assert report.run(report.Request(folders, budget, False, base, 1), console) == 0
+    assert report.run(folders, base, console, budget=budget) == 0
     return console.export_text()
 
 
-def test_a_draw_that_any_controller_survived_is_possible_for_all():
-    rows = [row(0, 'a', False), row(0, 'b', True), row(1, 'a', False), row(1, 'b', False)]
-    assert regret.proved_by_drives(rows) == {draw(0): 'b'}
+def lines(text):
+    """Return the words of each line by its first one."""
+    return {words[0]: words for words in map(str.split, text.splitlines()) if words}
 
 
-def test_only_losses_of_possible_draws_count_and_undecided_ones_strictly():
-    rows = [row(i, 'a', i == 0) for i in range(4)]
-    answers = {draw(0): POSSIBLE, draw(1): POSSIBLE, draw(2): IMPOSSIBLE, draw(3): UNDECIDED}
-    (family,) = regret.count_regret(rows, answers)
-    assert family.answers == {POSSIBLE: 2, IMPOSSIBLE: 1, UNDECIDED: 1}
-    assert (family.survived['a'], family.driven['a']) == (1, 2)
-    assert family.driven_or_undecided['a'] == 3
-    losses = [(r['draw'], kind) for r, kind in regret.lost_though_possible(rows, answers, 'a')]
-    assert losses == [(1, POSSIBLE), (3, UNDECIDED)]
+def test_a_draw_that_any_controller_survived_is_possible_and_others_count_strictly(tmp_path):
+    rows = [row(i, name, (i, name) in {(0, 'a'), (1, 'b')}) for name in 'ab' for i in range(4)]
+    text = shown(written(tmp_path / 'library', *rows), base='a')
+    assert ' '.join(lines(text)['pop_up']) == 'pop_up 2 0 2 1/2 50% (9–91) 25% 1/2 50% (9–91) 25%'
+    losses = [line for line in text.splitlines() if 'touched' in line]
+    assert losses == [
+        'possible: pop_up:1 a: touched obstacle 1 ()',
+        'undecided: pop_up:2 a: touched obstacle 1 ()',
+        'undecided: pop_up:3 a: touched obstacle 1 ()',
+    ]
 
 
-def test_a_drive_without_a_result_is_no_loss_of_its_controller():
+def test_a_drive_without_a_result_is_no_loss_of_its_controller(tmp_path):
     rows = [row(0, 'a', None, error='ended'), row(0, 'b', True)]
-    (family,) = regret.count_regret(rows, {draw(0): POSSIBLE})
-    assert (family.driven['a'], family.driven['b']) == (0, 1)
-    assert regret.pair(rows, 'a', 'b').draws == 0
+    text = lines(shown(written(tmp_path / 'library', *rows), base='b'))
+    assert text['pop_up'][4:6] == ['–', '–']
+    assert text['a'][1:] == ['0'] * 5 + ['–', '–']
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40))
 def test_a_pair_counts_every_draw_once_and_turns_around(outcomes):
-    rows = [
-        row(i, name, survived)
-        for i, pair in enumerate(outcomes)
-        for name, survived in zip('ab', pair)
-    ]
-    one, other = regret.pair(rows, 'a', 'b'), regret.pair(rows, 'b', 'a')
-    assert one.draws == len(outcomes)
+    drives = pandas.DataFrame(
+        [
+            {'what': i, 'name': name, 'survived': survived, 'error': ''}
+            for i, pair in enumerate(outcomes)
+            for name, survived in zip('ab', pair)
+        ]
+    )
+    split, turned = report.split_pairs(drives, 'a', 'b'), report.split_pairs(drives, 'b', 'a')
+    assert sum(split) == len(outcomes)
+    both, one, other, neither = split
+    assert turned == (both, other, one, neither)
     shares = [sum(column) / len(outcomes) for column in zip(*outcomes)]
-    assert one.difference == pytest.approx(shares[0] - shares[1])
-    assert other.difference == -one.difference
-    assert other.p_value == one.p_value
-    low, high = one.interval
-    assert low <= one.difference <= high
+    assert (one - other) / sum(split) == pytest.approx(shares[0] - shares[1])
 
 
 def test_the_p_value_is_that_of_a_fair_coin():
     """10 against 2: the chance that a coin is as uneven, 2 (1 + 12 + 66) / 2^12."""
-    pairs = regret.Pairs('a', 'b', 50, 10, 2, 0)
     expected = 2 * sum(math.comb(12, k) for k in range(3)) / 2**12
-    assert pairs.p_value == pytest.approx(expected)
-    assert regret.Pairs('a', 'b', 5, 0, 0, 5).p_value == 1.0
+    assert report.pair_cells(50, 10, 2, 0)[-1] == f'{expected:.2g}'
+    assert report.pair_cells(5, 0, 0, 5)[-1] == '1'
 
 
 def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path):
@@ -153,7 +145,7 @@ def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tm
 
 def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
     with pytest.raises(BagError, match=r'results.parquet: is no table of experiments library'):
-        report.run(report.Request([tmp_path], 0, False, 'mpcc', 1), Console())
+        shown(tmp_path)
     folder = written(tmp_path / 'library', row(1, 'mpcc', True))
     with pytest.raises(BagError, match="no drives by 'mpcc_road'; there are mpcc"):
         shown(folder, base='mpcc_road')
