@@ -182,7 +182,7 @@ def split_settings(
     return changes, by_role
 
 
-def prepare(row: Row, any_car: bool = False, written: str = '--set {}') -> Setup:
+def prepare(row: Row, any_car: bool = False, written: str = '{}') -> Setup:
     """Return the setup of a row; `written` is how the user wrote a setting, for errors.
 
     Raises BagError for unusable input, and, unless `any_car`, for a plant that is another car than

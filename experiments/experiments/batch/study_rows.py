@@ -112,7 +112,7 @@ def check(combination: Row) -> str:
     A draw of a family is checked on another road. Raises BagError.
     """
     row = combination._replace(scenario=ANY_ROAD) if combination.draw else combination
-    drive_row.prepare(row, any_car=True, written='{}')
+    drive_row.prepare(row, any_car=True)
     return describe_misfit(row)
 
 

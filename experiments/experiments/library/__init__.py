@@ -3,5 +3,4 @@
 run_library      the rows of draws or entries, driven in parallel, to be interrupted at any time
 survival_table   survived per family and controller with intervals, and the causes of the others
 catalogue        families and entries listed, chosen, written as files and drawn
-scenario_figure  a picture of a scenario
 """

@@ -14,6 +14,8 @@ from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario
 from scenario_publisher.families import draw
 
+DRIVEN_BY = 'mpcc_road'  # whose distances are drawn
+
 
 def show(console: Console) -> int:
     """Print families and entries; return exit code 0."""
@@ -81,12 +83,13 @@ def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Cons
 
 
 def draw_entries(folder: Path, console: Console) -> int:
-    """Draw a picture of each entry into a folder; return exit code 0."""
-    from experiments.library import scenario_figure
+    """Draw each entry into a folder, as `experiments scenario --plot`; return exit code 0."""
+    from experiments.configuration import inputs
+    from experiments.preview import preview_figure, scenario_checks
 
     folder.mkdir(parents=True, exist_ok=True)
+    circles = scenario_checks.circles_of(inputs.controller_params(DRIVEN_BY))
     for name in entries_of_library():
-        print_text(
-            console, str(scenario_figure.draw_scenario(scenario.load(name), folder / f'{name}.svg'))
-        )
+        file = folder / f'{name}.svg'
+        print_text(console, str(preview_figure.draw(scenario.load(name), circles, file)))
     return 0

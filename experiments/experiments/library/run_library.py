@@ -35,7 +35,9 @@ def run(
     for name in entries:
         pass_criteria.check_names(scenario.load(name).expect, name)
     for row in {row.controller: row for row in rows}.values():
-        drive_row.prepare(row)  # an error in a setting is reported before anything is driven
+        drive_row.prepare(
+            row, written='--set {}'
+        )  # an error in a setting is reported before anything is driven
     notes = {'library': json.dumps(vars(options), default=str)}
     with (
         CountProgress(console) as progress,

@@ -26,7 +26,7 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
     low, high = _extent(scn)
     size = high - low
     above = float(np.clip(WIDE_INCH * size[1] / size[0], LEAST_INCH, MOST_INCH))
-    with rc_context({**style.RC, 'svg.hashsalt': scn.name}):
+    with rc_context({**style.RC, 'svg.fonttype': 'none', 'svg.hashsalt': scn.name}):
         figure = Figure(figsize=(WIDE_INCH, above + 2 * STRIP_INCH), layout='constrained')
         top, speed, lateral = figure.subplots(3, 1, height_ratios=(above, STRIP_INCH, STRIP_INCH))
         speed.sharex(lateral)
