@@ -8,7 +8,7 @@ identifies the result: two rows with one key have equal results, but for computi
 import hashlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -286,7 +286,9 @@ def drive(setup: Setup) -> dict[str, Any]:
     return values
 
 
-def drive_unchanged(row: Row, wanted: str, drive_setup=drive) -> str:
+def drive_unchanged(
+    row: Row, wanted: str, drive_setup: Callable[[Setup], dict[str, Any]] = drive
+) -> str:
     """Drive a row whose key was `wanted` when it was planned; return its results as JSON.
 
     Raises BagError where it is another by now: the results would be kept under a false key.

@@ -65,6 +65,7 @@ class Runner:
 
     def __enter__(self):
         self.cache.mkdir(parents=True, exist_ok=True)
+        self._pool.__enter__()
         return self
 
     def __exit__(self, *error):
