@@ -105,10 +105,10 @@ class Row(NamedTuple):
 
     def columns(self) -> dict[str, Any]:
         """Return what tells this row apart, by the name of its column in a table."""
-        one = self.draw
-        drawn = {} if one is None else one._asdict()
+        scene = self.draw
+        drawn = {} if scene is None else scene._asdict()
         return {
-            'scenario': _name(self.scenario) if one is None else self.scenario,
+            'scenario': _name(self.scenario) if scene is None else self.scenario,
             'family': drawn.get('family'),
             'difficulty': drawn.get('difficulty'),
             'seed': drawn.get('seed'),

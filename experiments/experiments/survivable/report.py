@@ -162,11 +162,11 @@ def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
 def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:
     """Return the draws that both survived, the base alone, the other alone, and neither."""
     judged = drives[drives['error'] == '']
-    one, two = (
+    ours, theirs = (
         dict(zip(own['what'], own['survived'].eq(True)))
         for own in (judged[judged['name'] == name] for name in (base, other))
     )
-    split = [(one[draw], two[draw]) for draw in one.keys() & two.keys()]
+    split = [(ours[draw], theirs[draw]) for draw in ours.keys() & theirs.keys()]
     kinds = (True, True), (True, False), (False, True), (False, False)
     return tuple(split.count(kind) for kind in kinds)
 
