@@ -159,10 +159,13 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
     step.set_xlim(-0.2, 2.0)
     circle.set_xlim(0.0, SLIDING_DEG)
     circle.set_ylim(0.0, None)
-    procedure.label_axes(circle, 'lateral acceleration [m/s²]', 'steer [deg]')
-    procedure.label_axes(step, 'yaw rate [deg/s]', 'time since the step [s]')
-    procedure.label_axes(braking, 'yaw rate [deg/s]', 'brakes of 4 m/s² in a turn: time [s]')
-    procedure.label_axes(dwell, 'yaw rate [deg/s]', 'sine with dwell: time [s]')
+    circle.set(ylabel='lateral acceleration [m/s²]', xlabel='steer [deg]')
+    step.set(ylabel='yaw rate [deg/s]', xlabel='time since the step [s]')
+    braking.set(ylabel='yaw rate [deg/s]', xlabel='brakes of 4 m/s² in a turn: time [s]')
+    dwell.set(ylabel='yaw rate [deg/s]', xlabel='sine with dwell: time [s]')
+    for axes in figure.axes:
+        axes.grid()
+        axes.legend()
     return figure
 
 

@@ -5,7 +5,7 @@ evaluate signals: t is time [s], x and y are arrays over the rows of a trajector
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from vehicle_plant.initial_state import Start
 from vehicle_plant.manoeuvres.settings import Settings
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
 from vehicle_plant.state import SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TICK_S = TICK_STEPS * integrator.STEP_S
 LOW, HALF, HIGH = 0.1, 0.5, 0.9  # of the steady state: rise time, response time (ISO 7401)
@@ -116,23 +113,6 @@ def driving_resistance(car, speed: float) -> float:
     body = car.body
     drag = body.air_density_kgpm3 / 2 * body.drag_area_m2 * speed**2
     return drag + car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2
-
-
-def new_figure(width: float, height: float) -> 'Figure':
-    """Return a figure of a size [inch]."""
-    # half a second, which the help must not take
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout='constrained')
-
-
-def label_axes(axes, y: str, x: str = '', legend: bool = True) -> None:
-    """Label the axes of a panel; draw its grid and legend."""
-    axes.set_ylabel(y)
-    axes.set_xlabel(x)
-    axes.grid()
-    if legend:
-        axes.legend()
 
 
 def first_crossing_time(t: np.ndarray, y: np.ndarray, level: float) -> float:
