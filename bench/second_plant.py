@@ -1,4 +1,4 @@
-"""The double track against the multi-body model of CommonRoad: manoeuvres and closed loops.
+"""The double track against the multi-body model of CommonRoad: tables of docs/second_plant.md.
 
 `python bench/second_plant.py [--figure docs/second_plant.png]` prints two tables in Markdown. Both
 plants are the same car: vehicle_plant/config/bmw_320i.yaml and commonroad_320i.yaml. With

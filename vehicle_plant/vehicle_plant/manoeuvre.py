@@ -11,6 +11,7 @@ Cars are files in config/, or paths with a folder.
 
 import argparse
 import json
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -60,6 +61,7 @@ SIGNALS = {
     'speed [m/s]': lambda column: column('planar.vx'),
     'deceleration [m/s²]': lambda column: -column('acceleration.ax'),
 }
+COLUMNS = 3  # of the figure
 # a number at one of several levels: its name, the level, and what the level is
 LEVEL = re.compile(r'(\w+?)(?:_at)?_([\d.]+)(?:_hz)?$')
 LEVELS = {
@@ -93,19 +95,19 @@ def draw(
     for match, number in ((LEVEL.match(key), number) for key, number in numbers.items()):
         if match and name in LEVELS:
             levels.setdefault(match[1], []).append((float(match[2]), number))
-    columns = 3
-    figure = Figure(figsize=(12, 2.4 * -(-(len(SIGNALS) + len(levels)) // columns)))
-    figure.set_layout_engine('constrained')
-    panels = figure.subplots(-(-(len(SIGNALS) + len(levels)) // columns), columns).ravel()
+    count = len(SIGNALS) + len(levels)
+    rows = math.ceil(count / COLUMNS)
+    figure = Figure(figsize=(12, 2.4 * rows), layout='constrained')
+    panels = figure.subplots(rows, COLUMNS).ravel()
     for axes, (label, signal) in zip(panels, SIGNALS.items()):
         for run, trajectory in zip(runs, trajectories):
             t = procedure.times(trajectory) - case.settings.settle_s
             axes.plot(t, signal(trajectory.column), label=run.label)
         axes.set(ylabel=label, xlabel='time since the manoeuvre begins [s]')
-    for axes, (key, found) in zip(panels[len(SIGNALS) :], levels.items()):
-        axes.plot([level for level, _ in found], [number.value for _, number in found], 'o-')
-        axes.set(ylabel=f'{key.replace("_", " ")} [{found[0][1].unit}]', xlabel=LEVELS[name])
-    for axes in panels[len(SIGNALS) + len(levels) :]:
+    for axes, (key, points) in zip(panels[len(SIGNALS) :], levels.items()):
+        axes.plot([level for level, _ in points], [number.value for _, number in points], 'o-')
+        axes.set(ylabel=f'{key.replace("_", " ")} [{points[0][1].unit}]', xlabel=LEVELS[name])
+    for axes in panels[count:]:
         axes.remove()
     for axes in figure.axes:
         axes.grid()

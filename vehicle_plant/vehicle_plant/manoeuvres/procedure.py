@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vehicle_plant import integrator, plant_models
+from vehicle_plant import integrator
 from vehicle_plant.actuators import DelayLine, delay_steps
 from vehicle_plant.car import PlantParams
 from vehicle_plant.initial_state import Start
@@ -59,7 +59,7 @@ def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1
     `Simulator` under the same commands, bit by bit.
     """
     p = integrator.parameter_vector(case.plant, case.friction)
-    model = plant_models.model_of(case.plant)
+    model = integrator.model_of(case.plant)
     x = model.start(case.plant, Start(0.0, 0.0, 0.0, run.speed))
     vx = run.speed
     steps = round(TICK_S / step_s)
