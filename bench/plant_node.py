@@ -137,8 +137,9 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=20.0, help='of driving')
     parser.add_argument('--domain', type=int, default=24, help='ROS domain')
     parser.add_argument('--inside', type=Path, help=argparse.SUPPRESS)
-    options, _ = parser.parse_known_args()
+    options, rest = parser.parse_known_args()
     if options.inside:
+        sys.argv[1:] = rest  # what the node reads
         return inside(options.inside)
     results = figures(drive(options.seconds, options.domain))
     print(f'{"":<26}{"found":>12}{"target":>10}')

@@ -34,7 +34,6 @@ from node_runtime.parameters import ROAD_FRICTION
 from vehicle_plant import car, circular_driving, parameters, servo_lag
 from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.servo_lag import ServoLagError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,7 +139,7 @@ def identify(
 ) -> tuple[str, Callable[[], 'Figure']]:
     """Drive, fit, and return the text of the file, and what draws the figure.
 
-    Raises CircleError and ServoLagError for a car that cannot drive the manoeuvres.
+    Raises CircleError and RefusedError for a car that cannot drive the manoeuvres.
 
     options: those of the command line, recorded in the file.
     """
@@ -234,7 +233,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.tyre:
             plant = replace(plant, tyre=parameters.load_tyre(options.tyre, '--tyre'))
         text, draw_figure = identify(plant, options.friction, manoeuvre, recorded)
-    except (CircleError, ServoLagError, ValueError) as error:
+    except (CircleError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
     try:
         before = yaml_parameters.read_file(options.out).values
