@@ -14,7 +14,7 @@ from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from stage_solver import compile_cache
-from vehicle_plant import health, initial_state, integrator, parameters, road_friction
+from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
 from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
@@ -41,7 +41,7 @@ class PlantNode(ManagedNode):
         self.patches = road_friction.patches_from_parameters(self.params.patches)
         try:
             # compiles, if need be, before time starts
-            integrator.library(integrator.model_of(self.plant))
+            integrator.library(plant_models.model_of(self.plant))
         except compile_cache.CompileError as error:
             raise ParameterError(str(error)) from None
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
