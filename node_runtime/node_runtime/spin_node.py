@@ -1,7 +1,9 @@
 """Run a node from its command line to its exit code."""
 
+import argparse
 import gc
 import os
+import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -15,7 +17,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from rclpy.utilities import get_rmw_implementation_identifier
+from rclpy.utilities import get_rmw_implementation_identifier, remove_ros_args
 
 from node_runtime import node_parameters, parameters, ros, scheduling, shutdown, transport
 from node_runtime.managed_node import REFUSALS, ManagedNode
@@ -32,6 +34,31 @@ EXIT_CODES = {
     _EXIT_ERROR: 'an error while it ran',
     EXIT_CONFIGURATION: 'a wrong parameter, file or contract: one line in the log, nothing ran',
 }
+
+
+_PARAMETERS = """\
+parameters follow `--ros-args`, as `-p NAME:=VALUE` or `--params-file FILE`; their names, ranges,
+units and defaults:
+  experiments parameters         of all nodes of a run
+  ros2 param list                of the nodes that run
+  ros2 param describe NODE NAME
+
+example:
+  %(prog)s {example}"""
+
+
+def run(make_node: Callable[[], Node], about: str, example: str) -> int:
+    """Run a node as a program, see `spin`; return the exit code.
+
+    Prints what the node is `about`, and an `example` of its arguments, for `--help`; exits with 2
+    and one line for words that neither it nor ROS reads. No ROS runs for that.
+    """
+    argparse.ArgumentParser(
+        description=about,
+        epilog=_PARAMETERS.format(example=example),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    ).parse_args(remove_ros_args(sys.argv)[1:])
+    return spin(make_node)
 
 
 def finish(node: Node, exit_code: int = 0) -> None:

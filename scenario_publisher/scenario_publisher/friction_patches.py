@@ -13,7 +13,7 @@ import numpy as np
 from scenario_publisher import lines, schema
 from scenario_publisher.lines import Frame, Line
 from scenario_publisher.road_geometry import MIN_STRETCH
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 KEY = 'friction_patches'
 MAX_QUADRILATERALS = 16  # the plant takes no more

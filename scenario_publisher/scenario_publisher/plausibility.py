@@ -12,7 +12,7 @@ from scenario_publisher import actors, lines, schema
 from scenario_publisher.actors import Actor
 from scenario_publisher.lines import Frame, Line
 from scenario_publisher.road_geometry import Road, distance_outside
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 CAR_RADIUS = 1.1  # m, circle around the centre of gravity that stands for a car
 MAX_OBSTACLES = 200  # each may take two of the 400 markers that topics.yaml allows

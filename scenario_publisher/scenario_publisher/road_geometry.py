@@ -11,7 +11,7 @@ import numpy as np
 
 from scenario_publisher import lines, polyline, schema
 from scenario_publisher.lines import Frame, Line
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 MAX_SAMPLES = 40_000  # of a published line, as topics.yaml allows
 MAX_KAPPA = 0.2  # 1/m, the tightest circle a passenger car can turn
@@ -63,11 +63,19 @@ def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
 
 
 def _curve(segment, key):
-    ((kind, piece),) = vars(segment).items()
-    try:
-        return getattr(lines, kind)(*vars(piece).values())
-    except ValueError as reason:  # of a lane change
-        raise KeyedError(f'{key}.{kind}.offset_m', str(reason)) from None
+    match segment:
+        case schema.StraightSegment(piece):
+            return lines.straight(piece.length_m)
+        case schema.ArcSegment(piece):
+            return lines.arc(piece.length_m, piece.curvature_1pm)
+        case schema.ClothoidSegment(piece):
+            ends = piece.start_curvature_1pm, piece.end_curvature_1pm
+            return lines.clothoid(piece.length_m, *ends)
+        case schema.LaneChangeSegment(piece):
+            try:
+                return lines.lane_change(piece.length_m, piece.offset_m)
+            except ValueError as reason:
+                raise KeyedError(f'{key}.lane_change.offset_m', str(reason)) from None
 
 
 def check_points(rows: Sequence, key: str, max_turn: float) -> np.ndarray:

@@ -9,23 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_yaml import missing_file, share
+from msgs_yaml import missing_file, share, strict_yaml
 from msgs_yaml.missing_file import YAML_SUFFIXES
-from msgs_yaml.strict_yaml import YamlError, closest
+from msgs_yaml.strict_yaml import Struct, YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
-from node_runtime import typed_yaml
-from node_runtime.parameters import Struct
-from scenario_publisher import actors, lines, plausibility, road_geometry, scenario_file, schema
+from scenario_publisher import actors, lines, plausibility, road_geometry, schema
 from scenario_publisher.actors import Actor
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum
-from scenario_publisher.scenario_file import KeyedError, ScenarioError
+from scenario_publisher.schema import KeyedError, ScenarioError
 
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
 SUFFIX = '.yaml'
+MAX_BYTES = 8_000_000  # of a file
 # ROS reads stamp 0 as "no time", so every run begins one second later
 START_NS = 1_000_000_000
 # what a scenario is refused for, in this order
@@ -111,22 +110,32 @@ def load(name_or_path: str | os.PathLike) -> Scenario:
     file, the available scenarios or files.
     """
     path = _find(os.fspath(name_or_path))
-    return parse(scenario_file.read(path), str(path))
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ScenarioError(f'{path}: has {size} bytes; allowed at most {MAX_BYTES} bytes')
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ScenarioError(f'{path}: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f'{path}: is no UTF-8 text: {error.reason}') from None
+    return parse(text, str(path))
 
 
 def parse(text: str, source: str) -> Scenario:
     """Return the scenario of a YAML text; `source` is the file name that errors show."""
-    root = scenario_file.parse_yaml(text, source)
+    check = ''
     try:
-        return _build(typed_yaml.parse_value(schema.File, root), text)
+        root = strict_yaml.parse(text, source)
+        check = KEYS
+        return _build(strict_yaml.parse_value(schema.File, root), text)
     except KeyedError as error:
-        refused = scenario_file.error_at(root, *error.args)
-        refused.check = error.check
-        raise refused from None
+        refused, check = root.error_at(*error.args), error.check
     except YamlError as error:
-        refused = ScenarioError(str(error))
-        refused.check = KEYS
-        raise refused from None
+        refused = error
+    told = ScenarioError(str(refused))
+    told.check = check
+    raise told
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import pytest
 
 from scenario_publisher.expectations import Expectation
-from scenario_publisher.scenario_file import ScenarioError
+from scenario_publisher.scenario import ScenarioError
 
 EXPECT = """
 expect:

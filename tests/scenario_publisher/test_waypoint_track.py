@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenario_publisher import actors, lines, schema, waypoint_track
-from scenario_publisher.scenario_file import KeyedError
-from scenario_publisher.schema import Waypoint
+from scenario_publisher.schema import KeyedError, Waypoint
 
 STRAIGHT = lines.line_from_curves([lines.straight(400.0)], 0.0, 0.0, 0.0, 1.0)
 # a left-hand bend of 50 m about (0, 50)

@@ -9,9 +9,8 @@ from bags.errors import BagError
 from experiments.batch import distributions
 from experiments.batch.distributions import Distribution
 from msgs_yaml import share
-from msgs_yaml.strict_yaml import Item, YamlError, read
+from msgs_yaml.strict_yaml import Item, YamlError, parse_value, read
 from node_runtime.parameters import SPEED, Range, Struct
-from node_runtime.typed_yaml import parse_value
 
 FILE = ('config', 'settings_study.yaml')
 RUNS = ('confirmatory', 'repetition', 'levels')

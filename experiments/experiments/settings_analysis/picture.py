@@ -11,9 +11,8 @@ from typing import Annotated, Any, Literal
 from bags.errors import BagError
 from experiments.settings import arms
 from msgs_yaml import share
-from msgs_yaml.strict_yaml import Item, YamlError, read
+from msgs_yaml.strict_yaml import Item, YamlError, parse_value, read
 from node_runtime.parameters import Range, Struct
-from node_runtime.typed_yaml import parse_value
 
 FILE = ('config', 'paper_picture.yaml')
 Positive = Annotated[float, Range(1e-6, 1e6, '')]

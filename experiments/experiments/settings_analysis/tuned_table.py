@@ -12,20 +12,20 @@ the set of the remainder of its number by their count, so that the chance in a s
 the settings instead of shifting all of them.
 """
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import pandas as pd
 import yaml
 
 from bags.errors import BagError
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml.strict_yaml import Item, YamlError, read
+from msgs_yaml.strict_yaml import Item, Range, YamlError, parse_value, read
 from node_runtime import parameters
 
 BASELINE = 'frenet'
+NUMBER = Annotated[float, Range(-1e12, 1e12, '-')]
 
 
 class Cell(NamedTuple):
@@ -43,8 +43,8 @@ def load(path: Path) -> Table:
     """Return the cells of a file. Raises BagError that names file, line and what is allowed."""
     try:
         members = read(path).members(('schema', 'baseline', 'cells'))
-        members['schema'].whole(1)
-        members['baseline'].word((BASELINE,))
+        parse_value(Literal[1], members['schema'])
+        parse_value(Literal[BASELINE], members['baseline'])
         return tuple(_cell(item) for item in members['cells'].elements())
     except YamlError as error:
         raise BagError(str(error)) from None
@@ -52,7 +52,7 @@ def load(path: Path) -> Table:
 
 def _cell(item: Item) -> Cell:
     members = item.members(('S', 'sets'))
-    ends = [end.number() for end in members['S'].elements()]
+    ends = [parse_value(NUMBER, end) for end in members['S'].elements()]
     if len(ends) != 2 or not ends[0] < ends[1]:
         raise members['S'].error('must be [low, high] with low < high')
     sets = tuple(_set(node) for node in members['sets'].elements())
@@ -67,9 +67,7 @@ def _set(item):
     for name, member in item.items().items():
         if name not in known:
             raise member.error(f'{name} is no parameter of the controller')
-        values[name] = member.number()
-        if not math.isfinite(values[name]):
-            raise member.error('must be finite')
+        values[name] = parse_value(NUMBER, member)
     return values
 
 
