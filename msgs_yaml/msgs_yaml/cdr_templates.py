@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from msgs_yaml import contract, conversions, flat_fields
+from msgs_yaml.conformance import UNIT_TOLERANCE
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.decode import UNIT_TOLERANCE
 
 ENCAPSULATION = b'\x00\x01\x00\x00'
 STAMP = struct.Struct('<iI')

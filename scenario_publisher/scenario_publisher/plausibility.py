@@ -15,7 +15,6 @@ from scenario_publisher.road_geometry import Road, distance_outside
 from scenario_publisher.schema import KeyedError
 
 CAR_RADIUS = 1.1  # m, circle around the centre of gravity that stands for a car
-MAX_OBSTACLES = 200  # each may take two of the 400 markers that topics.yaml allows
 MOTION_STEP = 0.25  # m between the checked positions of a moving obstacle
 
 

@@ -232,6 +232,9 @@ class WaypointObstacle(Struct):
     disappears_at_s: Time = inf
 
 
+Obstacle = MapObstacle | RoadObstacle | WaypointObstacle
+
+
 class StartOnPath(Struct):
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
@@ -279,7 +282,7 @@ class File(Struct):
     friction: Friction
     start: StartOnPath | StartPose
     stop: Stop
-    obstacles: tuple[MapObstacle | RoadObstacle | WaypointObstacle, ...]
+    obstacles: tuple[Obstacle, ...]
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()
     expect: Expectations = NOTHING_EXPECTED

@@ -109,7 +109,7 @@ def test_behind_the_end_of_the_road_an_obstacle_goes_straight_on():
 
 
 def test_another_motion_is_refused_with_those_allowed():
-    with pytest.raises(scenario.ScenarioError, match="'straight' or 'along_road'"):
+    with pytest.raises(scenario.ScenarioError, match='allowed straight or along_road'):
         load([mover(along_mps=5.0, motion='along')])
 
 
