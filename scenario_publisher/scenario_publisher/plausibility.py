@@ -55,15 +55,12 @@ def check_obstacles_touch_road(crowd: Sequence[Actor], road: Road, end: float) -
         if actor.appears >= end:
             what = f'is {actor.appears:g} s, when the run is over; allowed less than {end:g} s'
             raise KeyedError(f'{key}.appears_at_s', what)
-        gap = _distance_to_road(actor, road, min(end, actor.disappears))
+        X, Y = actors.positions(actor, min(end, actor.disappears), MOTION_STEP)
+        outside = np.max(distance_outside(road, X, Y), axis=0)
+        gap = float(np.min(outside)) - actor.obstacle.r_obs
         if gap >= 0.0:
             what = f'lies off the road by {gap:.2f} m at all times'
             raise KeyedError(key, f'{what}; allowed any place where it touches the road')
-
-
-def _distance_to_road(actor, road, until):
-    X, Y = actors.positions(actor, until, MOTION_STEP)
-    return float(np.min(np.max(distance_outside(road, X, Y), axis=0))) - actor.obstacle.r_obs
 
 
 def check_stop_is_ahead(path: Line, stop: schema.Stop, start: Frame) -> None:

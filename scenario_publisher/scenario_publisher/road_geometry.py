@@ -47,8 +47,13 @@ def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
     """Return the line of the block `key`, sampled at most `spacing` [m] apart."""
     if isinstance(block, schema.PointLine):
         points = check_points(block.points_m, key, MAX_TURN)
-        _check_steps(points, key)
-        _check_count(np.ceil(polyline.steps(points).sum() / spacing) + 1, key)
+        steps = polyline.steps(points)
+        longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
+        for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
+            what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
+            allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
+            raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
+        _check_count(np.ceil(steps.sum() / spacing) + 1, key)
         line = lines.line_through_points(points, spacing)
     else:
         if not block.segments:
@@ -58,7 +63,14 @@ def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
         _check_count(np.ceil(length / spacing) + 1, key)
         start = block.start
         line = lines.line_from_curves(curves, start.x_m, start.y_m, start.yaw_rad, spacing)
-    _check_curvature_and_extent(line, key)
+    i = int(np.argmax(np.abs(line.kappa)))
+    if abs(line.kappa[i]) > MAX_KAPPA:
+        what = f'has a curvature of {line.kappa[i]:.3g} 1/m at station {line.s[i]:.1f} m'
+        raise KeyedError(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
+    extent = max(np.abs(line.X).max(), np.abs(line.Y).max())
+    if extent > MAX_COORDINATE:
+        what = f'reaches a coordinate of {extent:.0f} m'
+        raise KeyedError(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
     return line
 
 
@@ -105,30 +117,10 @@ def build_table(stations: Sequence, values: Sequence, key: str, name: str) -> np
     return np.column_stack([stations, values])
 
 
-def _check_steps(points, key):
-    steps = polyline.steps(points)
-    longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
-    for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
-        what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
-        allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
-        raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
-
-
 def _check_count(count, key):
     if count > MAX_SAMPLES:
         what = f'needs {count:.0f} samples; allowed at most {MAX_SAMPLES}'
         raise KeyedError(key, f'{what} (shorten it, or widen `sampling`)')
-
-
-def _check_curvature_and_extent(line, key):
-    i = int(np.argmax(np.abs(line.kappa)))
-    if abs(line.kappa[i]) > MAX_KAPPA:
-        what = f'has a curvature of {line.kappa[i]:.3g} 1/m at station {line.s[i]:.1f} m'
-        raise KeyedError(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
-    extent = max(np.abs(line.X).max(), np.abs(line.Y).max())
-    if extent > MAX_COORDINATE:
-        what = f'reaches a coordinate of {extent:.0f} m'
-        raise KeyedError(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
 
 
 def build_road(block: schema.Road, spacing: float) -> Road:
@@ -157,18 +149,6 @@ def _edge(block, side, key, centre, spacing):
     else:
         table = build_table(block.stations_m, block.offsets_m, key, 'offsets_m')
         keys = [f'{key}.offsets_m[{i}]' for i in range(len(table))]
-    _check_edge_table(table, side, keys)
-    offset = np.interp(centre.s, *table.T)
-    stretch = 1.0 - centre.kappa * offset
-    i = int(np.argmin(stretch))
-    if stretch[i] < MIN_STRETCH:
-        what = f'folds back in the bend of radius {1 / abs(centre.kappa[i]):.3g} m at station '
-        what += f'{centre.s[i]:.1f} m; allowed less than {1 - MIN_STRETCH:g} of the radius'
-        raise KeyedError(key, what)
-    return np.column_stack(lines.offset_point(Frame(centre.X, centre.Y, centre.psi), offset))
-
-
-def _check_edge_table(table, side, keys):
     low, high = sorted((side * MIN_EDGE_OFFSET, side * MAX_EDGE_OFFSET))
     for i in np.flatnonzero((table[:, 1] < low) | (table[:, 1] > high)):
         what = f'is {table[i, 1]:g} (left is positive, edges must not cross)'
@@ -177,6 +157,14 @@ def _check_edge_table(table, side, keys):
         s, offset = table[i + 1] - table[i]
         what = f'jumps by {offset:g} m within {s:g} m'
         raise KeyedError(keys[i + 1], f'{what}; allowed at most {MAX_EDGE_SLOPE:g} m per metre')
+    offset = np.interp(centre.s, *table.T)
+    stretch = 1.0 - centre.kappa * offset
+    i = int(np.argmin(stretch))
+    if stretch[i] < MIN_STRETCH:
+        what = f'folds back in the bend of radius {1 / abs(centre.kappa[i]):.3g} m at station '
+        what += f'{centre.s[i]:.1f} m; allowed less than {1 - MIN_STRETCH:g} of the radius'
+        raise KeyedError(key, what)
+    return np.column_stack(lines.offset_point(Frame(centre.X, centre.Y, centre.psi), offset))
 
 
 def _polyline_edge(block, side, key, centre, spacing):
