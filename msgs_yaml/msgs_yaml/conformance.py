@@ -84,6 +84,7 @@ class _Checks:
 
     def __init__(self, name):
         self._topic = topic = contract.load().topics[name]
+        self._joints = topic.joints
         # outer arrays before the arrays inside them
         sizes = sorted(topic.sizes.items(), key=lambda item: len(item[0]))
         self._sizes = [(path, size, field_paths.getter(path)) for path, size in sizes]
@@ -99,10 +100,10 @@ class _Checks:
         self._path_of_key = lru_cache(_CACHED_KEYS)(self._match_key)
 
     def _getter(self, path):
-        if not self._topic.joints:
+        if not self._joints:
             return field_paths.getter(path)
         (step,) = field_paths.parse(path)
-        index = self._topic.joints.index(step.selector)
+        index = self._joints.index(step.selector)
         return lambda message: (getattr(message, step.attribute)[index],)
 
     def _match_key(self, key):
@@ -118,7 +119,7 @@ class _Checks:
             for length in map(len, get(message)):
                 if not low <= length <= high:
                     yield self._violation(path, f'{length} long', f'{low} to {high} elements')
-        joints = self._topic.joints
+        joints = self._joints
         if joints and (len(message.name) != len(joints) or tuple(message.name) != joints):
             given = f'{len(message.name)} long: {", ".join(message.name[: len(joints)])}'
             yield self._violation('name', given, ', '.join(joints))
@@ -149,7 +150,7 @@ class _Checks:
     def numbers(self, message) -> Iterator[Violation]:
         """Check the range of every number, NaN is in none, and that orientations are turns."""
         # the unused numbers of a JointState too: NaN in them disturbs plots and viewers
-        for array in JOINT_ARRAYS if self._topic.joints else ():
+        for array in JOINT_ARRAYS if self._joints else ():
             if not all(map(math.isfinite, getattr(message, array))):
                 yield self._violation(array, 'not finite', 'finite numbers')
         for path, field, get in self._fields:

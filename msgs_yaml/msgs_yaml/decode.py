@@ -66,11 +66,20 @@ def road_edges(msg: Any) -> types.RoadEdges:
     _check(_EDGES, msg)
     lines = {}
     for marker in msg.markers:
-        _expect(_EDGES, marker, {'left': _LINE_STRIP, 'right': _LINE_STRIP})
+        if marker.ns not in ('left', 'right'):
+            raise DecodeError(f'{_EDGES}: ns is {marker.ns!r}; allowed left, right')
+        if marker.type != _LINE_STRIP:
+            allowed = f'{_LINE_STRIP} with ns {marker.ns}'
+            raise DecodeError(f'{_EDGES}: type is {marker.type}; allowed {allowed}')
+        if marker.action != _ADD:
+            raise DecodeError(f'{_EDGES}: action is {marker.action}; allowed {_ADD} (ADD)')
         lines[marker.ns] = np.array([(float(p.x), float(p.y)) for p in marker.points])
     if len(lines) != 2:
         raise DecodeError(f'{_EDGES}: markers are both {msg.markers[0].ns!r}; allowed left, right')
-    return types.RoadEdges(_stamp_ns(_EDGES, msg.markers), lines['left'], lines['right'])
+    stamps = {conversions.stamp_to_ns(marker.header.stamp) for marker in msg.markers}
+    if len(stamps) != 1:
+        raise DecodeError(f'{_EDGES}: markers have {len(stamps)} stamps; allowed one for all')
+    return types.RoadEdges(stamps.pop(), lines['left'], lines['right'])
 
 
 def obstacles(msg: Any) -> types.Obstacles:
@@ -84,7 +93,8 @@ def obstacles(msg: Any) -> types.Obstacles:
     if len(msg.markers) > most:
         refused.append(types.Refusal('number', f'more than {most} markers: the first are used'))
     added = [marker for marker in markers if marker.action not in (_DELETE, _DELETEALL)]
-    stamp_ns = _most_frequent_stamp_ns(added or markers)
+    stamps = Counter(conversions.stamp_to_ns(m.header.stamp) for m in added or markers)
+    stamp_ns = stamps.most_common(1)[0][0] if stamps else 0
     used: dict[str, dict[int, Any]] = {ns: {} for ns in _OBJECTS}
     # marker by marker takes four times as long: only to find those that break the contract
     check = _violations if _violations(added) else lambda markers: []
@@ -173,12 +183,6 @@ def _statuses(topic, msg):
         yield stamp_ns, status.name, level, status.message, values
 
 
-def _most_frequent_stamp_ns(markers):
-    """Return the stamp of most of the markers, 0 without any."""
-    stamps = Counter(conversions.stamp_to_ns(marker.header.stamp) for marker in markers)
-    return stamps.most_common(1)[0][0] if stamps else 0
-
-
 def _violations(markers):
     return conformance.check(_OBSTACLES, SimpleNamespace(markers=markers))
 
@@ -215,21 +219,3 @@ def _obstacle(cylinder, arrow):
     position = cylinder.pose.position
     X, Y, radius = float(position.x), float(position.y), 0.5 * float(cylinder.scale.x)
     return types.Obstacle(int(cylinder.id), X, Y, radius, vX, vY)
-
-
-def _expect(topic, marker, kinds):
-    """Check namespace, type and action of a marker."""
-    if marker.ns not in kinds:
-        raise DecodeError(f'{topic}: ns is {marker.ns!r}; allowed {", ".join(kinds)}')
-    if marker.type != kinds[marker.ns]:
-        allowed = f'{kinds[marker.ns]} with ns {marker.ns}'
-        raise DecodeError(f'{topic}: type is {marker.type}; allowed {allowed}')
-    if marker.action != _ADD:
-        raise DecodeError(f'{topic}: action is {marker.action}; allowed {_ADD} (ADD)')
-
-
-def _stamp_ns(topic, markers):
-    stamps = {conversions.stamp_to_ns(marker.header.stamp) for marker in markers}
-    if len(stamps) != 1:
-        raise DecodeError(f'{topic}: markers have {len(stamps)} stamps; allowed one for all')
-    return stamps.pop()

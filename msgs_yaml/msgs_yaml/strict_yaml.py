@@ -25,9 +25,9 @@ import re
 import sys
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -55,6 +55,7 @@ _PLAIN = (None, '')  # how PyYAML and libyaml mark a value without quotes
 _WHOLE = re.compile(r'[-+]?(?:0|[1-9]\d{0,17})')
 # YAML 1.1 reads 1e-6 as text; ROS reads it as a number
 _NUMBER = re.compile(r'[-+]?(?:(?:\d+\.\d*|\.\d+)(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+)')
+_TEXT = 'tag:yaml.org,2002:str'
 _KEY_PART = re.compile(r'\[(\d+)\]|([^.\[\]]+)')
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 _ANY = {bool: 'true or false', str: 'any text'}
@@ -207,12 +208,14 @@ def leaf_of(hint: Any) -> Leaf | None:
     return Leaf(kind, many, rule) if isinstance(rule, rules.get(kind, ())) else None
 
 
-def field_types(schema: type) -> dict[str, Any]:
+@cache
+def field_types(schema: type) -> Mapping[str, Any]:
     """Return the resolved type hints of a schema dataclass, with their ranges."""
     return typing.get_type_hints(schema, include_extras=True)
 
 
-def defaults(schema: type) -> dict[str, Any]:
+@cache
+def defaults(schema: type) -> Mapping[str, Any]:
     """Return the default of each field that may be left out."""
     hints = field_types(schema).items()
     given = {name: None for name, hint in hints if types.NoneType in typing.get_args(hint)}
@@ -308,6 +311,8 @@ class Item(NamedTuple):
             return int(self.node.value)
         if self.node.style in _PLAIN and _NUMBER.fullmatch(self.node.value):
             return float(self.node.value)
+        if self.node.tag == _TEXT:
+            return self.node.value
         loader = yaml.SafeLoader('')
         try:
             return loader.construct_object(self.node)
@@ -362,8 +367,8 @@ def parse_value(hint: Any, item: Item) -> Any:
 
 
 def _parse_block(schema, item):
-    members, fields, optional = item.items(), field_types(schema), defaults(schema)
-    item.members((), fields)  # no other keys
+    fields, optional = field_types(schema), defaults(schema)
+    members = item.members((), fields)
     values = {}
     for name, hint in fields.items():
         if name in members:
