@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml import contract, conversions, flat_fields
-from msgs_yaml.conformance import UNIT_TOLERANCE
+from msgs_yaml import conformance, contract, conversions, flat_fields
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
 
@@ -48,9 +47,7 @@ class Template:
         self._runs = [(form.pack_into, offset, part) for form, offset, part in runs]
         self._reads = [(form.unpack_from, offset) for form, offset, _ in runs]
         self._unsort = itemgetter(*sorted(range(len(order)), key=order.__getitem__))
-        ranges = [described.fields[path] for path in self._fields.paths]
-        self._unit = [i for i, path in enumerate(self._fields.paths) if '.orientation.' in path]
-        self._ranges = [(field.low, field.high) for field in ranges]
+        self._obey = conformance.number_check(topic, self._fields.paths)
         variable = [(STAMP_OFFSET, STAMP.size), *((begin, _FLOAT64_BYTES) for begin in offsets)]
         constant = np.ones(len(self._buffer), bool)
         for begin, size in variable:
@@ -83,12 +80,7 @@ class Template:
             return None
         in_order = [x for unpack, offset in self._reads for x in unpack(raw, offset)]
         numbers = self._unsort(in_order)
-        # "not" also rejects NaN
-        if not all(low <= x <= high for x, (low, high) in zip(numbers, self._ranges)):
-            return None
-        if self._unit and abs(sum(numbers[i] ** 2 for i in self._unit) - 1.0) > UNIT_TOLERANCE:
-            return None
-        return self._fields.join_numbers(stamp_ns, numbers)
+        return self._fields.join_numbers(stamp_ns, numbers) if self._obey(numbers) else None
 
 
 def _runs(offsets, buffer):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from msgs_yaml import strict_yaml
-from msgs_yaml.strict_yaml import Pattern, Range, Struct, YamlError
+from msgs_yaml.strict_yaml import Choice, Pattern, Range, Struct, YamlError
 
 Metres = Annotated[float, Range(0.0, 10.0, 'm')]
 
@@ -139,6 +139,32 @@ def test_any_text_is_a_value_or_a_named_error(value):
     else:
         said = f'a.yaml holds {made.word}'
     assert said.startswith('a.yaml')
+
+
+@pytest.mark.parametrize(
+    ('hint', 'value', 'fault'),
+    [
+        (Metres, None, 'must be a number, is None; allowed 0 to 10 m'),
+        (Metres, [1.0], 'must be a number, is [1.0]; allowed 0 to 10 m'),
+        (Metres | None, None, ''),
+        (
+            Annotated[int, Range(1, 3, '-')],
+            False,
+            'must be a whole number, is False; allowed 1 to 3',
+        ),
+        (Annotated[str, Choice('a', 'b')], 3, 'must be a text, is 3; allowed a or b'),
+        (
+            Annotated[tuple[float, ...], Range(0, 1, '-')],
+            '12',
+            "must be a list, is '12'; allowed 0 to 1",
+        ),
+        (Annotated[tuple[float, ...], Range(0, 1, '-')], [1.0, 2.0], 'is 2.0; allowed 0 to 1'),
+        (bool, 1, 'must be true or false, is 1; allowed true or false'),
+        (str, strict_yaml.EMPTY, 'has no value; allowed any text'),
+    ],
+)
+def test_the_fault_of_a_value_from_elsewhere_is_told_alike(hint, value, fault):
+    assert strict_yaml.leaf_of(hint).fault(value) == fault
 
 
 def test_absurdly_long_list_is_refused():
