@@ -38,7 +38,7 @@ class Template:
         self._fields = flat_fields.load(topic)
         described = contract.load().topics[topic]
         writer = _Writer(described)
-        _LAYOUTS[described.type](writer, described)
+        _write(writer, described)
         self._buffer = writer.buffer
         offsets = [writer.offsets[path] for path in self._fields.paths]
         order = sorted(range(len(offsets)), key=offsets.__getitem__)
@@ -134,36 +134,26 @@ class _Writer:
         self.buffer += bytes(-(len(self.buffer) - len(ENCAPSULATION)) % size)
 
 
-def _odometry(writer: _Writer, topic: Topic) -> None:
-    writer.text(topic.child_frame)
-    writer.numbers('pose.pose.position.{}', 'xyz')
-    writer.numbers('pose.pose.orientation.{}', 'xyzw')
-    writer.constants(_COVARIANCE_6D)
-    writer.numbers('twist.twist.linear.{}', 'xyz')
-    writer.numbers('twist.twist.angular.{}', 'xyz')
-    writer.constants(_COVARIANCE_6D)
-
-
-def _imu(writer: _Writer, _: Topic) -> None:
-    writer.constants(_IDENTITY)
-    writer.constants(_NO_ORIENTATION)
-    writer.numbers('angular_velocity.{}', 'xyz')
-    writer.constants(_COVARIANCE_3D)
-    writer.numbers('linear_acceleration.{}', 'xyz')
-    writer.constants(_COVARIANCE_3D)
-
-
-def _joint_state(writer: _Writer, topic: Topic) -> None:
-    writer.count(len(topic.joints))
-    for name in topic.joints:
-        writer.text(name)
-    for array in contract.JOINT_ARRAYS:
+def _write(writer: _Writer, topic: Topic) -> None:
+    if topic.type == 'nav_msgs/msg/Odometry':
+        writer.text(topic.child_frame)
+        writer.numbers('pose.pose.position.{}', 'xyz')
+        writer.numbers('pose.pose.orientation.{}', 'xyzw')
+        writer.constants(_COVARIANCE_6D)
+        writer.numbers('twist.twist.linear.{}', 'xyz')
+        writer.numbers('twist.twist.angular.{}', 'xyz')
+        writer.constants(_COVARIANCE_6D)
+    elif topic.type == 'sensor_msgs/msg/Imu':
+        writer.constants(_IDENTITY)
+        writer.constants(_NO_ORIENTATION)
+        writer.numbers('angular_velocity.{}', 'xyz')
+        writer.constants(_COVARIANCE_3D)
+        writer.numbers('linear_acceleration.{}', 'xyz')
+        writer.constants(_COVARIANCE_3D)
+    else:  # JointState
         writer.count(len(topic.joints))
-        writer.numbers(array + '[{}]', topic.joints)
-
-
-_LAYOUTS = {
-    'nav_msgs/msg/Odometry': _odometry,
-    'sensor_msgs/msg/Imu': _imu,
-    'sensor_msgs/msg/JointState': _joint_state,
-}
+        for name in topic.joints:
+            writer.text(name)
+        for array in contract.JOINT_ARRAYS:
+            writer.count(len(topic.joints))
+            writer.numbers(array + '[{}]', topic.joints)

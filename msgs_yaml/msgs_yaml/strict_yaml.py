@@ -173,7 +173,7 @@ class Leaf(NamedTuple):
         what, hint = 'is', ''
         if isinstance(self.rule, Range):
             what = self.rule.fault(self.kind, value)
-        elif type(value) is not self.kind:
+        elif not isinstance(value, self.kind) or isinstance(value, bool) != (self.kind is bool):
             what = f'must be {_KINDS[self.kind]}, is'
         elif self.rule is None or self.rule.allows(value):
             what = ''
@@ -352,7 +352,12 @@ def parse_value(hint: Any, item: Item) -> Any:
         members = item.items() if names is str else item.members(typing.get_args(names))
         return {name: parse_value(inside, member) for name, member in members.items()}
     if origin is tuple:
-        return _parse_list(arguments, item)
+        elements = item.elements()
+        if arguments[-1] is Ellipsis:
+            return tuple(parse_value(arguments[0], element) for element in elements)
+        if len(elements) != len(arguments):
+            raise item.error(f'has {len(elements)} elements; allowed exactly {len(arguments)}')
+        return tuple(parse_value(inside, element) for inside, element in zip(arguments, elements))
     leaf = leaf_of(hint)
     if leaf is None:
         return _parse_block(_select_alternative(arguments, item), item)
@@ -399,15 +404,6 @@ def _select_alternative(schemas, item):
     else:
         what = f'has none of {names}' + ''.join(closest(name, by_first_field) for name in members)
     raise item.error(f'{what}; allowed exactly one of {names}')
-
-
-def _parse_list(arguments, item):
-    elements = item.elements()
-    if arguments[-1] is Ellipsis:
-        return tuple(parse_value(arguments[0], element) for element in elements)
-    if len(elements) != len(arguments):
-        raise item.error(f'has {len(elements)} elements; allowed exactly {len(arguments)}')
-    return tuple(parse_value(hint, element) for hint, element in zip(arguments, elements))
 
 
 def read(path: Path) -> Item:
