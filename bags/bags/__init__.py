@@ -22,9 +22,8 @@ docs/bags.md, docs/report.md and docs/viewers.md are the manuals. In Python:
     run.frame('/vehicle/odometry')
 """
 
-from typing import TYPE_CHECKING
-
-from node_runtime.lazy_names import lazy_names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bags.analysis.run import Run, load
@@ -32,12 +31,19 @@ if TYPE_CHECKING:
 
 __all__ = ['Run', 'RunSet', 'compare', 'load']
 # imported when they are first used: nodes need none of them
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'Run': 'bags.analysis.run',
-        'RunSet': 'bags.analysis.run_set',
-        'compare': 'bags.analysis.run_set',
-        'load': 'bags.analysis.run',
-    },
-)
+_MODULES = {
+    'Run': 'bags.analysis.run',
+    'RunSet': 'bags.analysis.run_set',
+    'compare': 'bags.analysis.run_set',
+    'load': 'bags.analysis.run',
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

@@ -19,7 +19,7 @@ from typing import Any
 
 from bags.errors import BagError
 from msgs_yaml.strict_yaml import closest
-from node_runtime import provenance, source_tree
+from node_runtime import provenance
 from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
@@ -52,9 +52,6 @@ def main(
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.formatwarning = _WarningLines()
     args = _parser(program, description, commands, meant).parse_args(arguments)
-    stale = source_tree.describe_stale(Path.cwd())
-    if stale:
-        print(f'warning: {stale}', file=sys.stderr)
     try:
         return args.command(args)
     except ModuleNotFoundError as error:

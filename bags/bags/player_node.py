@@ -24,7 +24,7 @@ from bags.storage import read
 from bags.storage.rosbag2_metadata import parse_qos
 from msgs_yaml import share
 from msgs_yaml.conversions import NS_PER_S
-from node_runtime import help_node, ros, spin_node
+from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range, Struct
 
 DEPTH = 10  # of a publisher whose history is not in the bag
@@ -206,8 +206,7 @@ def main() -> int:
     """Play until the end, SIGINT, SIGTERM or the key q; exit code 0."""
     about = 'Play a bag: publish its messages at the rate at which they were recorded.'
     example = '--ros-args -p bag:=bags/runs/double_lane_change/mpcc -p rate:=0.5'
-    help_node.parse(help_node.parser(about, example))
-    return spin_node.spin(PlayerNode)
+    return spin_node.run(PlayerNode, about, example)
 
 
 if __name__ == '__main__':

@@ -33,7 +33,7 @@ from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
-from node_runtime import help_node, provenance, ros, spin_node
+from node_runtime import provenance, ros, spin_node
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 
@@ -322,8 +322,7 @@ def run_info(path: str, mode: str) -> dict[str, str]:
 def main() -> int:
     """Record until SIGINT or SIGTERM; exit code 1 when the disk failed."""
     about = 'Record every topic of a run into a bag, until SIGINT or SIGTERM.'
-    help_node.parse(help_node.parser(about, '--ros-args -p out:=my_bag -p mode:=realtime'))
-    return spin_node.spin(RecorderNode)
+    return spin_node.run(RecorderNode, about, '--ros-args -p out:=my_bag -p mode:=realtime')
 
 
 if __name__ == '__main__':

@@ -23,15 +23,13 @@ from bags.storage.decoding import (
 )
 from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages, Recording
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml import contract
+from msgs_yaml import conformance, contract
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.decode import UNIT_TOLERANCE
 
 KEY = 'invalid_messages'  # in JSON
 OBSTACLES = '/scenario/obstacles'
 OBJECTS = f'objects of {OBSTACLES}'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
-ORIENTATION = 'pose.pose.orientation'
 VEHICLE_TOPICS = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/vehicle/wheels')
 # How much the delay from stamp to log time may differ from the median: a plant that was stopped
 # for minutes sends what it missed, and no other clock is as near by chance.
@@ -159,16 +157,13 @@ def _has_contract_form(known, layout):
 def _has_contract_ranges(known, bytes_, layout):
     sec, nanosec = (column(bytes_, layout, f'header.stamp.{part}') for part in ('sec', 'nanosec'))
     valid = (sec > 0) | (sec == 0) & (nanosec > 0)
-    for path, field in known.fields.items():
-        values = column(bytes_, layout, path)
-        valid &= (values >= field.low) & (values <= field.high)
+    valid &= conformance.obeys(
+        known.name, {path: column(bytes_, layout, path) for path in known.fields}
+    )
     # a JointState's unused entries, too, must be finite
     for path in layout.numbers if known.joints else ():
         if path.startswith(JOINT_ARRAYS):
             valid &= np.isfinite(column(bytes_, layout, path))
-    if f'{ORIENTATION}.w' in layout.numbers:
-        parts = [column(bytes_, layout, f'{ORIENTATION}.{axis}') for axis in 'xyzw']
-        valid &= np.abs(np.sum(np.square(parts), axis=0) - 1.0) <= UNIT_TOLERANCE
     return valid
 
 
