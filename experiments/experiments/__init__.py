@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING
 from node_runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from bags.analysis.run_set import compare
+    from bags.run_set import compare
     from experiments.scripting import drive, drive_many
 
 __all__ = ['compare', 'drive', 'drive_many']
@@ -51,7 +51,7 @@ __all__ = ['compare', 'drive', 'drive_many']
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        'compare': 'bags.analysis.run_set',
+        'compare': 'bags.run_set',
         'drive': 'experiments.scripting',
         'drive_many': 'experiments.scripting',
     },

@@ -13,7 +13,7 @@ def lazy_names(
 
     `modules` maps each name to the module that defines it:
 
-        __getattr__, __dir__ = lazy_names(__name__, {'load': 'bags.analysis.run'})
+        __getattr__, __dir__ = lazy_names(__name__, {'load': 'bags.run'})
     """
 
     def get(name: str) -> Any:

@@ -18,6 +18,7 @@ from bags.command_line import print_paths
 from bags.errors import BagError
 from bags.figures import frame_distance_figure
 from bags.report.comparison import compare_bags, show_comparison
+from bags.run import load
 from experiments import page_block
 from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
@@ -94,7 +95,8 @@ def run_circle(out: Path, bags: Path, console: Console) -> dict[str, Any]:
     The bag goes to `bags`, figure and numbers to `out`/circle_20m. Raises BagError.
     """
     (bag,) = _run_controllers(CIRCLE, [CIRCLE_CONTROLLER], bags, [], console)
-    return frame_distance_figure.write_from_bag(bag, out / CIRCLE).values
+    drive = load(bag).drive
+    return frame_distance_figure.write_frame_distances(drive, out / CIRCLE).values
 
 
 def run_double_lane_change(
