@@ -8,6 +8,7 @@ frame. The tables of TOPICS have the columns of topics.yaml (`msgs_yaml.flat_fie
 other topic has one more column, `values`: a tuple of values of `msgs_yaml.types`.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ TOPICS = tuple(flat_fields.TYPES)  # those whose columns are numbers
 
 
 class Columns:
-    """The table of a topic; its columns are attributes."""
+    """The table of a topic; its columns are attributes, in the order of `names`."""
 
     stamp_ns: np.ndarray
     t_s: np.ndarray
@@ -28,6 +29,9 @@ class Columns:
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(f'no column {name}; there are {", ".join(vars(self))}')
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(vars(self).values())
 
     def __repr__(self) -> str:
         return f'Columns({len(self.stamp_ns)} rows: {", ".join(vars(self))})'
