@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from stage_solver.nlpsol_solver import NlpsolSolver
 
 from mpcc_controller.driving import fallback, solver_selection
 from mpcc_controller.parameters import ControllerParams
 from stage_solver import compiled_functions, solver
-from stage_solver.nlpsol_solver import NlpsolSolver
 from stage_solver.solution import Solution, SolverOptions, StageSolver
 from stage_solver.stage_problem import Bounds, Plan, StageProblem
 

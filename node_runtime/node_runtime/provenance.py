@@ -89,10 +89,7 @@ def digest_file(path: Path) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything that may change the numbers of a run.
-
-    fatrop and IPOPT come with casadi.
-    """
+    """Return the version of everything that may change the numbers of a run."""
     return {
         'python': platform.python_version(),
         **{name: _version(distribution) for name, distribution in VERSIONS.items()},

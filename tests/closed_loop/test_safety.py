@@ -100,7 +100,6 @@ def fails_at(parts):
     scn, params, vehicle, plant = parts
     controller = Controller(params, vehicle)
     failing = controller.planner.solvers.first = Failing(controller.planner.solvers.first)
-    controller.planner.solvers.second = None
 
     def run(tick):
         return drive(controller, scn, plant, on_tick=lambda k: setattr(failing, 'dead', k >= tick))
@@ -139,7 +138,7 @@ def test_braking_straight_instead_would_have_hit_something(fails_at, monkeypatch
 @pytest.mark.parametrize('late_ms', [10, 20])
 def test_delay_compensation_improves_a_late_controller(parts, late_ms):
     scn, params, vehicle, plant = parts
-    solver = dataclasses.replace(params.solver, time_limit_s=10.0, fallback_limit_s=10.0)
+    solver = dataclasses.replace(params.solver, time_limit_s=10.0, patience_s=10.0)
     runs = {}
     for aware, longest_s in ((True, params.delay.longest_s), (False, 0.0)):
         delay = dataclasses.replace(params.delay, longest_s=longest_s)

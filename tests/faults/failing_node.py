@@ -42,7 +42,6 @@ class FailingNode(ControllerNode):
         super().configure()
         planner = self.controller.planner
         planner.solvers.first = NanProblemSolver(planner.solvers.first, self.is_failing)
-        planner.solvers.second = NanProblemSolver(planner.solvers.second, self.is_failing)
 
     def is_failing(self):
         """Return whether the solvers must fail now."""

@@ -219,21 +219,20 @@ def baseline_controller():
 
 
 @pytest.fixture
-def controller(shared_controller, monkeypatch):
-    """Return the controller at the start of a lane change, without a second solver."""
+def controller(shared_controller):
+    """Return the controller at the start of a lane change."""
     shared_controller.gate.rejections.clear()
-    monkeypatch.setattr(shared_controller.planner.solvers, 'second', None)
     return set_inputs(shared_controller, lane_change())
 
 
 @pytest.fixture
 def modify_solver(controller, monkeypatch):
-    """Return a function that modifies the first or second solver of the controller."""
+    """Return a function that modifies the solver of the controller."""
     genuine = controller.planner.solvers.first
 
-    def replace(modify=lambda solution: solution, which='first'):
+    def replace(modify=lambda solution: solution):
         solver = ModifiedSolver(genuine, modify)
-        monkeypatch.setattr(controller.planner.solvers, which, solver)
+        monkeypatch.setattr(controller.planner.solvers, 'first', solver)
         return solver
 
     return replace
@@ -243,7 +242,7 @@ def modify_solver(controller, monkeypatch):
 def realtime():
     """Return a controller in realtime whose solver takes 15 ms on a simulated clock."""
     params, vehicle = load(
-        solver__time_limit_s=10.0, solver__fallback_limit_s=10.0, delay__computing_s=0.008
+        solver__time_limit_s=10.0, solver__patience_s=10.0, delay__computing_s=0.008
     )
     clock = Clock()
     controller = set_inputs(Controller(params, vehicle, True, clock), straight())

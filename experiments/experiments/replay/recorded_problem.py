@@ -179,12 +179,10 @@ class Problem:
         return self.prediction.formulation.to_local(plan, self.tick_problem.scene.path)
 
     def solve(self) -> Solved:
-        """Solve it, with the second solver where the first one fails, and evaluate the plan."""
-        rules = self.prediction.params.fallback
-        first, second = self.planner.solvers.solve(self.tick_problem)
-        if second is not None and not fallback.rejection_reason(second, rules):
-            return self._evaluate(second, fallback.SECOND_SOLVER)
-        return self._evaluate(first, fallback.rejection_reason(first, rules) or first.status)
+        """Solve it, and evaluate the plan."""
+        solution = self.planner.solvers.solve(self.tick_problem)
+        rejection = fallback.rejection_reason(solution, self.prediction.params.fallback)
+        return self._evaluate(solution, rejection or solution.status)
 
     def _evaluate(self, solution: Solution, level: str) -> Solved:
         params, plan = self.prediction.params, solution.plan

@@ -6,7 +6,7 @@ tick_report          explains a record: /controller/why and the predicted poses
 planner              one plan: which guess, which problems, which solution, what fallback
 prediction_model     parameters, car and formulation of the plans; the problem of a tick
 path_progress        theta of stage 0: where on the path the car is
-tick_solvers         solves the problems of a tick, again after a failure, in parallel
+tick_solvers         solves the problems of a tick, in parallel
 parallel_solves      several solves at once, in threads
 candidate_plans      which candidates a tick solves, and which plans are kept for the next
 candidate_guesses    initial guesses around hazards, and braking
@@ -15,7 +15,6 @@ hazards              dangerous obstacles on the road ahead
 side_profiles        the ways around the hazards, and their lateral offsets
 obstacle_passing     gaps to obstacles, sides of them and contact speeds of a plan
 initial_guess        the last plan shifted by a tick, or the path
-solver_selection     which solvers run, and for how long
 fallback             what to drive when a solve fails
 recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation

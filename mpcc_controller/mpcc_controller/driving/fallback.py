@@ -1,8 +1,7 @@
-"""What to drive when the solver fails: six levels of fallback, each with its reason.
+"""What to drive when the solver fails: five levels of fallback, each with its reason.
 
-1 solved, 2 stopped early but acceptable, 3 the plan of the second solver, 4 the last plan shifted,
-5 recovery of a car that slides, if it is switched on (`recovery`), 6 braking along the last good
-plan or along the path (`braking`).
+1 solved, 2 stopped early but acceptable, 3 the last plan shifted, 4 recovery of a car that slides,
+if it is switched on (`recovery`), 5 braking along the last good plan or along the path (`braking`).
 """
 
 from collections.abc import Callable
@@ -14,7 +13,6 @@ from mpcc_controller.parameters import Fallback
 from stage_solver.solution import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
 
-SECOND_SOLVER = 'second_solver'
 SHIFTED = 'shifted'
 RECOVERY = 'recovery'
 BRAKING = 'braking'
@@ -46,7 +44,7 @@ class FallbackLogic:
         self.params = params
         self.plan: Plan | None = None  # followed last, of this tick or shifted to it
         self.plan_age = 0  # ticks since `plan` was solved
-        self.failures = 0  # of the first solver, in a row
+        self.failures = 0  # of the solver, in a row
         self._good_plan: Plan | None = None  # solved last, as solved
         self._good_plan_age = 0  # ticks since then
 
@@ -62,24 +60,20 @@ class FallbackLogic:
 
     def decide(
         self,
-        first: Solution,
-        second: Solution | None,
+        solution: Solution,
         shifted: Plan | None,
         sliding: bool = False,
         objection: Callable[[Plan], str] = accept,
     ) -> Decision:
-        """Return the decision for the solutions of this tick.
+        """Return the decision for the solution of this tick; `shifted` is the last plan, moved on.
 
-        `second` is that of the second solver if it ran, `shifted` the last plan one tick later.
         A car that is `sliding` follows no old plan: it is not where that plan wanted it.
         Whatever plan is to be followed, the car brakes instead if there is an `objection` to it.
         """
-        reason = rejection_reason(first, self.params)
+        reason = rejection_reason(solution, self.params)
         self.failures = self.failures + 1 if reason else 0
         if not reason:
-            return self._follow(*USABLE[first.status], first.plan, objection)
-        if second is not None and not rejection_reason(second, self.params):
-            return self._follow(SECOND_SOLVER, reason, second.plan, objection)
+            return self._follow(*USABLE[solution.status], solution.plan, objection)
         if sliding:
             return self.brake(reason, sliding)
         return self.follow_shifted(reason, shifted, objection)

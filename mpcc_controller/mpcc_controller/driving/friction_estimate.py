@@ -85,11 +85,8 @@ class Memory(NamedTuple):
 class FrictionEstimator:
     """Estimates friction and velocities from states 50 ms apart and the set-points between them."""
 
-    def __init__(self, params: FrictionEstimate, car: Car, highest: float, compiled: bool = True):
-        """`car` is that of friction `highest`, the most that is believed.
-
-        compiled: the model is machine code.
-        """
+    def __init__(self, params: FrictionEstimate, car: Car, highest: float):
+        """`car` is that of friction `highest`, the most that is believed."""
         self._params = params
         n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, n)
@@ -97,7 +94,7 @@ class FrictionEstimator:
         self._is_slow_known = 'settling' in car._fields
         # each hypothesis twice: the second one measures the effect of the sideslip error; then
         # the most probable one with other velocities
-        self._predict = BufferedFunction(_bank(2 * n + 4, _kind(car), compiled))
+        self._predict = BufferedFunction(_bank(2 * n + 4, _kind(car)))
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / n + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
@@ -310,7 +307,7 @@ def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
     options = params.friction_estimate
     if not options.on:
         return None
-    return FrictionEstimator(options, car, params.model.friction, params.solver.compiled)
+    return FrictionEstimator(options, car, params.model.friction)
 
 
 def _kind(car: Car) -> type:
@@ -325,7 +322,7 @@ def _on_road(car: Car, share: float) -> Car:
 
 
 @cache
-def _bank(columns: int, kind: type, compiled: bool) -> ca.Function:
+def _bank(columns: int, kind: type) -> ca.Function:
     """Return (X, u, h, cars) -> states (9, columns) one midpoint step of h [s] after X.
 
     Column i is that of the car in column i of `cars`.
@@ -343,4 +340,4 @@ def _bank(columns: int, kind: type, compiled: bool) -> ca.Function:
     name, arguments = f'friction_bank_{kind.__name__}_{columns}', [X, U, H, cars]
     rows = step.map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
-    return compile_functions({name: bank}, name)[name] if compiled else bank
+    return compile_functions({name: bank}, name)[name]

@@ -55,7 +55,7 @@ class Planner:
         self._forget_alternatives()
 
     def warm_up(self) -> None:
-        """Let the second solver and those of slides and candidates solve the last problem once."""
+        """Let the solvers of slides and candidates solve the last problem once."""
         if self.last_problem is not None:
             self.solvers.warm_up(self.last_problem)
 
@@ -85,7 +85,6 @@ class Planner:
             problem, first = comparison.choice.outcome.problem, comparison.choice.outcome.solution
         else:
             first = self.solvers.solve_first(problem, self._take_guess(problem), solving)
-        second = self.solvers.solve_again(problem, first, solving)
         if self.prediction.params.surroundings.arcs == REFRESHED:
             problem, first, refreshes = self.solvers.refresh_arcs(problem, first, solving)
         self.last_problem = problem
@@ -94,11 +93,10 @@ class Planner:
             self.alternatives.follow(first.plan if usable else None, first.cost)
             self._solved_last = comparison.choice.outcome if comparison else first
         objection = partial(self._objection, x0, guess, sliding)
-        decision = self.fallback.decide(first, second, shifted, sliding, objection)
+        decision = self.fallback.decide(first, shifted, sliding, objection)
         return decision, Attempt(
             problem=problem,
-            first=first,
-            second=second,
+            solution=first,
             plan=decision.plan,
             warm=warm,
             prepare_s=prepare_s,

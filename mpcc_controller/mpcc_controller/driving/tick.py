@@ -37,7 +37,7 @@ class TickInputs(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """The candidates of one tick. `first` and `problem` of the attempt are those of the chosen."""
+    """The candidates of one tick. `solution` and `problem` of the attempt are those of the chosen."""
 
     choice: Choice
     solve_s: float  # s, wall time of all solves
@@ -47,13 +47,12 @@ class Attempt(NamedTuple):
     """The solutions of one tick."""
 
     problem: TickProblem
-    first: Solution
-    second: Solution | None  # None if the second solver did not run
+    solution: Solution
     plan: Plan | None  # the plan that the fallback logic chose
     warm: bool  # whether the guess was the last plan
     prepare_s: float  # s, to build the problem
     plan_age: int  # ticks
-    failures: int  # of the first solver, in a row
+    failures: int  # of the solver, in a row
     candidates: Comparison | None = None  # where several plans were compared
     refreshes: int | None = None  # solves with arcs taken again; None where that is off
 

@@ -22,7 +22,7 @@ from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml import conversions
 from msgs_yaml.types import Command, Obstacle, Prediction, Why
-from stage_solver.solution import SOLVED, Solution
+from stage_solver.solution import SOLVED
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 RESUMED = 'resumed'  # in the report of the first step after a pause
@@ -163,20 +163,20 @@ def _arrival(arrival: Arrival | None) -> dict:
 
 
 def _solutions(attempt: Attempt) -> dict:
-    """Return status and times of the solvers; `solve_ms` is the time of all solves together."""
-    first, second, compared = attempt.first, attempt.second, attempt.candidates
+    """Return status and times of the solver; `solve_ms` is the time of all solves together."""
+    first, compared = attempt.solution, attempt.candidates
     values = {
         'solver.warm': attempt.warm,
-        **_solution('solver', first),
+        'solver.status': first.status,
+        'solver.message': first.message,
+        'solver.iterations': first.iterations,
+        'solver.primal_residual': first.primal_residual,
+        'solver.dual_residual': first.dual_residual,
+        'solver.cost': first.cost,
         'time.prepare_ms': 1e3 * attempt.prepare_s,
         'time.solve_ms': 1e3 * first.solve_s,
         'time.solve_cpu_ms': 1e3 * first.cpu_s,
     }
-    if second is not None:
-        values |= _solution('fallback', second)
-        values['time.fallback_ms'] = 1e3 * second.solve_s
-        values['time.solve_ms'] += values['time.fallback_ms']
-        values['time.solve_cpu_ms'] += 1e3 * second.cpu_s
     if attempt.refreshes is not None:
         values['solver.refreshes'] = attempt.refreshes
     if compared is not None:
@@ -226,17 +226,6 @@ def _candidate(key: str, outcome: Outcome) -> dict:
     if np.isfinite(outcome.least_gap):
         values[f'{key}.v2o_least'] = outcome.least_gap
     return values
-
-
-def _solution(name: str, solution: Solution) -> dict:
-    return {
-        f'{name}.status': solution.status,
-        f'{name}.message': solution.message,
-        f'{name}.iterations': solution.iterations,
-        f'{name}.primal_residual': solution.primal_residual,
-        f'{name}.dual_residual': solution.dual_residual,
-        f'{name}.cost': solution.cost,
-    }
 
 
 def distances_now(

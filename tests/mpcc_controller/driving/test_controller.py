@@ -172,17 +172,6 @@ def test_without_collision_avoidance_the_same_lane_change_touches_the_obstacle(w
     assert np.min(gap) < 0
 
 
-def test_fatrop_and_ipopt_give_the_same_command(controller, world):
-    situation = world.lane_change()
-    commands = []
-    for name in ('fatrop', 'ipopt'):
-        params, vehicle = world.load(solver__name=name, solver__compiled=False)
-        other_controller = world.set_inputs(Controller(params, vehicle), situation)
-        commands.append(world.tick(other_controller, world.rolling(X=30.0))[0])
-    assert commands[0][1:] == pytest.approx(commands[1][1:], abs=2.0)
-    assert commands[0].delta == pytest.approx(commands[1].delta, abs=1e-5)
-
-
 def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks(world):
     """A node receives obstacles before its restart and at any time; a replay has those of ticks."""
 

@@ -21,10 +21,8 @@ THETA = State._fields.index('theta')
 
 
 def changed(world, situation, name='mpcc', **changes):
-    """Return a controller with other parameters on a road, without a second solver."""
-    controller = Controller(*world.load(name, **changes))
-    controller.planner.solvers.second = None
-    return world.set_inputs(controller, situation)
+    """Return a controller with other parameters on a road."""
+    return world.set_inputs(Controller(*world.load(name, **changes)), situation)
 
 
 def records(world, controller, ticks, speed=20.0):
@@ -138,7 +136,7 @@ def test_a_refreshed_plan_that_may_not_be_driven_is_dropped(world):
     controller.planner.solvers.first = solves
     record = controller.step(TickInputs(state))
     assert record.attempt.refreshes == 1
-    assert record.attempt.first.iterations == sum(s.iterations for s in solves.solutions)
+    assert record.attempt.solution.iterations == sum(s.iterations for s in solves.solutions)
     assert record.command == frozen.step(TickInputs(state)).command
 
 
@@ -148,7 +146,6 @@ def test_refreshing_ends_with_the_time_of_the_solver(realtime, world):
         changes = {
             'surroundings__arcs': 'refreshed',
             'solver__time_limit_s': limit_s,
-            'solver__fallback_limit_s': 10.0,
         }
         realtime.clock.now = 0.0
         controller = Controller(*world.load(**changes), True, realtime.clock)
@@ -170,9 +167,6 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, name, share)
     changes = {
         'formulation__brake_split': 'fixed',
         'formulation__brake_front_share': share,
-        # nothing is compiled for one test
-        'solver__name': 'fatrop',
-        'solver__compiled': False,
     }
     controller = changed(world, world.straight(v=12.0), name, **changes)
     commands = [r.command for r in records(world, controller, 20, speed=25.0)]

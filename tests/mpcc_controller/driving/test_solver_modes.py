@@ -6,7 +6,6 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Obstacle, Obstacles
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED
 
 TICKS = 40
@@ -139,12 +138,11 @@ def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controlle
     controller.planner.solvers.first = world.ModifiedSolver(
         genuine, lambda s: s._replace(status=FAILED)
     )
-    controller.planner.solvers.second, second = None, controller.planner.solvers.second
     try:
         world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))
         controller.prepare()
     finally:
-        controller.planner.solvers.first, controller.planner.solvers.second = genuine, second
+        controller.planner.solvers.first = genuine
     assert controller.planner.prepared is None
 
 
@@ -158,28 +156,6 @@ def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(c
         )
         is None
     )
-
-
-def test_an_unsupported_solver_mode_is_rejected_and_named(world):
-    params, vehicle = world.load(solver__name='fatrop', solver__mode='one_step')
-    with pytest.raises(ParameterError, match=r'solver\.mode: one_step .* allowed with fatrop'):
-        Controller(params, vehicle)
-
-
-def test_the_second_solver_gets_the_remaining_time_of_the_first(realtime, world):
-    """The first solver of the fixture takes 15 ms of the 10 s that both share."""
-    limits = []
-
-    class Second(world.ModifiedSolver):
-        def set_time_limit(self, seconds):
-            limits.append(seconds)
-
-    first = realtime.planner.solvers.first
-    first.modify = lambda solution: solution._replace(status=FAILED)
-    realtime.planner.solvers.second = Second(first.inner)
-    *_, why = world.tick(realtime, world.rolling())
-    assert why.values['rung'] == 'second_solver'
-    assert limits == [pytest.approx(10.0 - 0.015)]
 
 
 @pytest.mark.parametrize('v', [20.0, 22.0])

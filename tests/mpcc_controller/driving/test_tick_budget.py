@@ -70,7 +70,7 @@ def controller(world, clock):
     """Return a controller in realtime before an obstacle that appears, with timed solvers."""
     settings = world.load(
         candidates__most=4, fallback__recovery=True, solver__time_limit_s=LIMIT_S,
-        solver__fallback_limit_s=PATIENCE_S, surroundings__max_obstacles=4,
+        solver__patience_s=PATIENCE_S, surroundings__max_obstacles=4,
     )  # fmt: skip
     controller = Controller(*settings, True, clock)
     solvers = controller.planner.solvers

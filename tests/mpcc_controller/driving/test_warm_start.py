@@ -51,16 +51,6 @@ def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
     assert why.values['solver.warm']
 
 
-def test_the_second_solver_starts_from_the_same_plan_without_multipliers(
-    controller, world, modify_solver
-):
-    world.tick(controller, world.rolling(X=25.0))
-    first, second = modify_solver(fail), modify_solver(lambda s: s, 'second')
-    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
-    assert second.guesses[-1].multipliers is None
-    assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)
-
-
 def test_a_command_out_of_time_is_counted_and_reported_and_its_plan_kept(controller, world):
     world.tick(controller, world.rolling(X=25.0, stamp_ns=TICK))
     command, _, why = world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))

@@ -10,6 +10,7 @@ from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SOLVED, SolverOptions
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan
@@ -59,16 +60,12 @@ def drive(world):
 
 @pytest.fixture(scope='module')
 def fatrop(drive):
-    return make_solver(drive.problem, options('fatrop', 1e-8))
+    return ReferenceSolver(drive.problem, 'fatrop', SolverOptions(200, 1e-8))
 
 
 @pytest.fixture(scope='module')
 def riccati(drive):
-    return make_solver(drive.problem, options('riccati', 1e-6))
-
-
-def options(name, tolerance):
-    return SolverOptions(name, 200, tolerance, time_limit_s=None, compiled=False)
+    return make_solver(drive.problem, SolverOptions(200, 1e-6))
 
 
 def test_a_cold_start_reaches_the_same_cost_as_fatrop(drive, riccati, fatrop):
