@@ -37,7 +37,7 @@ class TickInputs(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """The candidates of one tick. `solution` and `problem` of the attempt are those of the chosen."""
+    """The candidates of a tick. `solution` and `problem` of the attempt are of the chosen one."""
 
     choice: Choice
     solve_s: float  # s, wall time of all solves
