@@ -17,7 +17,7 @@ import numpy as np
 
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import AnyCar, Input, State
+from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Delay
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
@@ -91,12 +91,12 @@ def still_needed(ramps: Sequence[SetpointRamp], from_ns: int) -> tuple[SetpointR
 class StatePredictor:
     """Integrates the prediction model of `car` under a ramp of set-points.
 
-    `car` may be replaced by another one of its kind, as when another friction is believed.
+    `car` may be replaced by another one of its structure, as when another friction is believed.
     """
 
-    def __init__(self, car: AnyCar):
+    def __init__(self, car: Car):
         self.car = car
-        self._step = _step_function(type(car))
+        self._step = _step_function(single_track.structure(car))
 
     def predict(
         self, measured: VehicleState, ramps: Sequence[SetpointRamp], stamp_ns: int
@@ -136,17 +136,10 @@ class StatePredictor:
 
 
 @cache
-def _step_function(kind: type) -> ca.Function:
-    """Return (x, u, h, car) -> the state h [s] later, by one midpoint step.
-
-    `kind` is the type of the car, of `AnyCar`.
-    """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, car = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
-    rates = single_track.derivative(
-        State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), kind(*ca.vertsplit(car))
-    )
-    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+def _step_function(structure: Car) -> ca.Function:
+    """Return (x, u, h, car) -> the state h [s] later, by one midpoint step."""
+    f, h = single_track.rates(structure), ca.SX.sym('h')
+    x, u, car = f.sx_in()
     return ca.Function('step', [x, u, h, car], [stage_problem.rk2(f, h)(x, u, car)])
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from mpcc_controller.driving.delay_compensation import MAX_STEP_S, SetpointRamp, setpoints_at
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, LowSpeedCar, State
+from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams, FrictionEstimate
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -90,11 +90,13 @@ class FrictionEstimator:
         self._params = params
         n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, n)
-        self._cars = np.array([_on_road(car, share) for share in self.grid / highest])
-        self._is_slow_known = 'settling' in car._fields
+        ideal = car._replace(steer_lag=0.0, force_lag=0.0)  # the delay of the set-points is theirs
+        mu = ((share * car.mu_f, share * car.mu_r) for share in self.grid / highest)
+        self._cars = np.array([ideal._replace(mu_f=front, mu_r=rear) for front, rear in mu])
+        self._is_slow_known = bool(car.kinematic_below)
         # each hypothesis twice: the second one measures the effect of the sideslip error; then
         # the most probable one with other velocities
-        self._predict = BufferedFunction(_bank(2 * n + 4, _kind(car)))
+        self._predict = BufferedFunction(_bank(2 * n + 4, single_track.structure(ideal)))
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / n + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
@@ -310,34 +312,20 @@ def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
     return FrictionEstimator(options, car, params.model.friction)
 
 
-def _kind(car: Car) -> type:
-    """Return the kind of car without lags: the delay of the set-points stands for them."""
-    return LowSpeedCar if 'settling' in car._fields else Car
-
-
-def _on_road(car: Car, share: float) -> Car:
-    """Return a car without lags on a road of a share of its friction."""
-    ideal = _kind(car)(*(getattr(car, name) for name in _kind(car)._fields))
-    return ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-
-
 @cache
-def _bank(columns: int, kind: type) -> ca.Function:
+def _bank(columns: int, structure: Car) -> ca.Function:
     """Return (X, u, h, cars) -> states (9, columns) one midpoint step of h [s] after X.
 
     Column i is that of the car in column i of `cars`.
     """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, numbers = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
-    car = kind(*ca.vertsplit(numbers))
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    f = ca.Function('rates', [x, u, numbers], [ca.vertcat(*rates)])
+    f, h = single_track.rates(structure), ca.SX.sym('h')
+    x, u, numbers = f.sx_in()
     step = ca.Function('step', [x, u, h, numbers], [stage_problem.rk2(f, h)(x, u, numbers)])
     X = ca.MX.sym('X', len(State._fields), columns)
-    cars = ca.MX.sym('c', len(kind._fields), columns)
+    cars = ca.MX.sym('c', len(structure), columns)
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
     each = (ca.repmat(value, 1, columns) for value in (U, H))
-    name, arguments = f'friction_bank_{kind.__name__}_{columns}', [X, U, H, cars]
+    name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
     rows = step.map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
     return compile_functions({name: bank}, name)[name]

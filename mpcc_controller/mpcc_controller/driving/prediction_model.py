@@ -64,7 +64,7 @@ class PredictionModel:
         _check_problem(symbolic, params, self.car)
         self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
         self.evaluator = PlanEvaluator(symbolic)
-        self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
+        self._step = BufferedFunction(single_track.step(params.model.step_s, single_track.structure(self.car)))
 
     def believe(self, friction: float) -> None:
         """Plan for a road of another friction than `model.friction` from now on."""

@@ -184,7 +184,7 @@ class FrenetFormulation(ConstantParameters):
         priority = priorities.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(cost_terms.FRENET, params)
         body = stage_parameters.body_type(params)
-        super().__init__(params, car, Rules(FRENET, priority, terms, type(car), body))
+        super().__init__(params, car, Rules(FRENET, priority, terms, single_track.structure(car), body))
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 
     def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:

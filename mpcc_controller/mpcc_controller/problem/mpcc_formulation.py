@@ -139,7 +139,7 @@ class MpccFormulation(ConstantParameters):
             FRAMES[options.distance],
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
-            type(car),
+            single_track.structure(car),
             stage_parameters.body_type(params),
         )
         super().__init__(params, car, rules)
