@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import (
@@ -98,7 +98,8 @@ def set_inputs(controller, situation):
     assert controller.set_edges(situation.edges) == ''
     controller.set_obstacles(situation.obstacles)
     controller.reset(REST)
-    controller.gate.rejections.clear()  # of earlier tests: the controller is shared
+    # of earlier tests: the controller is shared
+    controller.memory = dataclasses.replace(controller.memory, rejections={})
     return controller
 
 
@@ -221,18 +222,17 @@ def baseline_controller():
 @pytest.fixture
 def controller(shared_controller):
     """Return the controller at the start of a lane change."""
-    shared_controller.gate.rejections.clear()
     return set_inputs(shared_controller, lane_change())
 
 
 @pytest.fixture
 def modify_solver(controller, monkeypatch):
     """Return a function that modifies the solver of the controller."""
-    genuine = controller.planner.solvers.first
+    genuine = controller.parts.solvers.first
 
     def replace(modify=lambda solution: solution):
         solver = ModifiedSolver(genuine, modify)
-        monkeypatch.setattr(controller.planner.solvers, 'first', solver)
+        monkeypatch.setattr(controller.parts.solvers, 'first', solver)
         return solver
 
     return replace
@@ -246,8 +246,8 @@ def realtime():
     )
     clock = Clock()
     controller = set_inputs(Controller(params, vehicle, True, clock), straight())
-    controller.planner.solvers.first = ModifiedSolver(
-        controller.planner.solvers.first, clock=clock, takes_s=0.015
+    controller.parts.solvers.first = ModifiedSolver(
+        controller.parts.solvers.first, clock=clock, takes_s=0.015
     )
     return controller
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mpcc_controller.driving import obstacle_passing
+from mpcc_controller.driving import ways
 from mpcc_controller.driving.actuator_monitor import FAULT, ActuatorCheck
-from mpcc_controller.driving.candidate_choice import Choice, Outcome
+from mpcc_controller.driving.choose import Choice, Outcome
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
-from mpcc_controller.driving.tick import Arrival, Attempt, Comparison, TickRecord
+from mpcc_controller.driving.records import Arrival, Attempt, Comparison, TickRecord
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
@@ -221,7 +221,7 @@ def _candidate(key: str, outcome: Outcome) -> dict:
         f'{key}.iterations': solution.iterations,
         f'{key}.cpu_ms': 1e3 * solution.cpu_s,
         f'{key}.clean': outcome.is_clean,
-        f'{key}.way': obstacle_passing.name_of(outcome.sides) or 'none',
+        f'{key}.way': ways.name_of(outcome.sides) or 'none',
     }
     if np.isfinite(outcome.least_gap):
         values[f'{key}.v2o_least'] = outcome.least_gap

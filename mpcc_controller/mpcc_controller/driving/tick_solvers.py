@@ -146,7 +146,7 @@ class TickSolvers:
             if self.limit_time:
                 chosen.set_time_limit(remaining_s)
             again = self.prediction.build_problem(
-                problem.x0, problem.scene, first.plan, problem.sliding
+                problem.x0, problem.scene, first.plan, problem.car, problem.sliding
             )
             solution = self._run(chosen, again, again.guess_local)
             refreshes += 1

@@ -258,7 +258,7 @@ def body_rates(x, u: Input, car: Car) -> BodyRates:
 
 
 def dynamic_share(x, car):
-    """Return the share of the dynamic model: 0 up to `car.kinematic_below`, 1 from BLEND_MPS more on.
+    """Return the share of the dynamic model: 0 up to `kinematic_below`, 1 from BLEND_MPS more on.
 
     The quintic between them has two continuous derivatives, as exact Hessians need. Sideways
     motion counts: a car that slides is not kinematic.

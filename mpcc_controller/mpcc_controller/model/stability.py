@@ -58,6 +58,8 @@ def _jacobian(dt, structure):
     at_rest = State(*[0.0] * len(State._fields))
     x = at_rest._replace(vx=vx, vy=lateral[0], r=lateral[1])
     u = Input(d_delta=0.0, d_Fx=0.0, lambda_b=0.5, slack=0.0)
-    after = State(*ca.vertsplit(single_track.step(dt, structure)(ca.vertcat(*x), ca.vertcat(*u), car)))
+    after = State(
+        *ca.vertsplit(single_track.step(dt, structure)(ca.vertcat(*x), ca.vertcat(*u), car))
+    )
     jacobian = ca.jacobian(ca.vertcat(after.vy, after.r), lateral)
     return ca.Function('lateral', [vx, car], [ca.substitute(jacobian, lateral, ca.DM([0, 0]))])

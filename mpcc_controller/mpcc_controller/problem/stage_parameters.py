@@ -155,11 +155,6 @@ def edge_distance(params: ControllerParams, half_width: np.ndarray) -> np.ndarra
     return np.clip(half_width - at_edge, LEAST_EDGE_M, params.safety.edge_m)
 
 
-def with_car(numbers: np.ndarray, car: Car) -> np.ndarray:
-    """Return the `constant_numbers` of another car, the first of them."""
-    return np.concatenate((car, numbers[len(car) :]))
-
-
 def size(params: ControllerParams) -> tuple[int, int]:
     """Return the numbers of vehicle circles and of obstacles in the problem."""
     return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
@@ -181,10 +176,12 @@ class ConstantParameters:
         self.constants = constant_parameters(params, self.car, self.rules.terms)
         self.constant_numbers = constant_numbers(tuple(self.constants.values()))
 
-    def set_car(self, car: Car) -> None:
-        """Take another car into the parameters of the stages."""
-        self.car = self.constants['car'] = car
-        self.constant_numbers = with_car(self.constant_numbers, car)
+    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
+        """Return constants and their numbers with another car, as on a road of other friction."""
+        if car is None or car is self.car:
+            return self.constants, self.constant_numbers
+        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
+        return self.constants | {'car': car}, numbers
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):

@@ -10,7 +10,7 @@ from mpcc_controller.driving.fallback import (
     BRAKING,
     RECOVERY,
     SHIFTED,
-    FallbackLogic,
+    Plans,
 )
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
@@ -26,13 +26,44 @@ def outcome(status=SOLVED, residual=1e-9, plan=PLAN):
 BAD = outcome(FAILED)
 
 
+class Logic:
+    """The plans of successive ticks."""
+
+    def __init__(self, params):
+        self.params, self.plans = params, Plans()
+
+    def decide(self, *arguments, **options):
+        self.plans, decision = self.plans.decide(self.params, *arguments, **options)
+        return decision
+
+    def follow_shifted(self, *arguments):
+        self.plans, decision = self.plans.follow_shifted(self.params, *arguments)
+        return decision
+
+    def brake(self, *arguments):
+        self.plans, decision = self.plans.brake(*arguments)
+        return decision
+
+    @property
+    def plan(self):
+        return self.plans.plan
+
+    @property
+    def is_warm(self):
+        return self.plans.is_warm(self.params)
+
+    @property
+    def guiding_plan(self):
+        return self.plans.guide(self.params)
+
+
 @pytest.fixture
 def logic(params):
-    return FallbackLogic(dataclasses.replace(params.fallback, max_guide_age=8))
+    return Logic(dataclasses.replace(params.fallback, max_guide_age=8))
 
 
 def state(logic):
-    return logic.plan, logic.plan_age, logic.failures, logic._good_plan, logic._good_plan_age
+    return tuple(logic.plans)
 
 
 def test_initially_there_is_no_plan_to_follow_no_guiding_plan_and_no_warm_start(logic):
@@ -60,19 +91,19 @@ def test_a_solved_plan_is_followed(logic):
 def test_the_plan_of_one_step_is_followed_like_a_solved_one(logic):
     # the solver has checked the residual against its own limit
     one_step = outcome(ONE_STEP, residual=1.0)
-    assert logic.decide(one_step, None, None) == (SOLVED, 'one_step', PLAN)
+    assert logic.decide(one_step, None) == (SOLVED, 'one_step', PLAN)
     assert state(logic) == (PLAN, 0, 0, PLAN, 0)
 
 
 @pytest.mark.parametrize('residual', [0.0, 1e-4, 1e-3])
 def test_a_plan_stopped_early_is_followed_when_it_is_nearly_feasible(logic, residual):
-    decision = logic.decide(outcome(STOPPED_EARLY, residual), None, OTHER)
+    decision = logic.decide(outcome(STOPPED_EARLY, residual), OTHER)
     assert decision == (STOPPED_EARLY, 'good_enough', PLAN)
     assert state(logic) == (PLAN, 0, 0, PLAN, 0)
 
 
 def test_a_status_is_compared_by_value_not_by_identity(logic):
-    assert logic.decide(outcome('SOLVED'.lower()), None, None).reason == 'converged'
+    assert logic.decide(outcome('SOLVED'.lower()), None).reason == 'converged'
     early = outcome('STOPPED_EARLY'.lower())
     assert logic.decide(early, None, None).reason == 'good_enough'
 
@@ -107,7 +138,7 @@ def test_a_plan_is_followed_for_five_ticks_at_most(logic):
     levels, ages = [], []
     for _ in range(7):
         levels.append(logic.decide(BAD, logic.plan).level)
-        ages.append(logic.plan_age)
+        ages.append(logic.plans.age)
     assert levels == [SHIFTED] * 5 + [BRAKING] * 2
     assert ages == [1, 2, 3, 4, 5, 0, 0]
     assert logic.plan is None
@@ -122,7 +153,7 @@ def test_three_failures_disable_the_warm_start_and_one_success_restores_it(logic
     assert warm == [True, True, False]
     logic.decide(outcome(), logic.plan)
     assert logic.is_warm
-    assert (logic.failures, logic.plan_age, logic._good_plan_age) == (0, 0, 0)
+    assert (logic.plans.failures, logic.plans.age, logic.plans.good_age) == (0, 0, 0)
 
 
 def test_the_last_good_plan_guides_the_steering_until_its_maximum_age(logic):
@@ -132,7 +163,7 @@ def test_the_last_good_plan_guides_the_steering_until_its_maximum_age(logic):
         logic.decide(BAD, logic.plan if k < 2 else None)
         guiding_plans.append(logic.guiding_plan)
     assert guiding_plans == [PLAN] * 8 + [None] * 2
-    assert logic._good_plan_age == 10
+    assert logic.plans.good_age == 10
 
 
 def test_braking_discards_the_plan_but_keeps_the_guiding_plan(logic):
@@ -149,13 +180,13 @@ def test_ticks_without_a_state_count_no_failure_of_the_solver(logic):
     decisions = [logic.follow_shifted('state_not_finite', OTHER) for _ in range(6)]
     assert decisions[:5] == [(SHIFTED, 'state_not_finite', OTHER)] * 5
     assert decisions[5] == (BRAKING, 'state_not_finite', None)
-    assert logic.failures == 0
+    assert logic.plans.failures == 0
 
 
 def test_a_plan_whose_command_was_rejected_neither_is_followed_nor_guides_the_steering(logic):
     logic.decide(outcome(), None)
     logic.decide(BAD, OTHER)
-    logic.discard_plan()
+    logic.plans = logic.plans.discard()
     assert state(logic) == (None, 0, 1, None, 1)
     assert logic.guiding_plan is None
     assert logic.decide(outcome(), None).level == SOLVED

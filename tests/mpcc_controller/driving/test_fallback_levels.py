@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.fallback import BRAKING, SHIFTED
-from mpcc_controller.driving.tick import TickInputs, unknown_state
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from msgs_yaml import conformance, encode
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
 
@@ -52,7 +52,7 @@ def test_level_3_the_shifted_plan_for_five_ticks_then_level_5_braking(
 ):
     x = world.rolling(X=25.0)
     world.tick(controller, x)
-    planned = controller.planner.fallback.plan.X[:, 7]
+    planned = controller.memory.plans.plan.X[:, 7]
     modify_solver(fail)
     decisions, commands, whys = [], [], []
     for k in range(1, 8):
@@ -65,7 +65,7 @@ def test_level_3_the_shifted_plan_for_five_ticks_then_level_5_braking(
     assert [c.delta for c in commands[:5]] == pytest.approx(planned[2:7], abs=1e-9)
     assert [v.get('guide') for v in whys] == [None] * 5 + ['plan'] * 2
     assert commands[6].Fxf + commands[6].Fxr < commands[5].Fxf + commands[5].Fxr < 0
-    assert not controller.gate.rejections
+    assert not controller.memory.rejections
 
 
 def test_level_5_without_a_plan_the_car_brakes_along_the_path(controller, world, modify_solver):
@@ -128,7 +128,7 @@ def test_without_a_finite_state_the_plan_is_followed_for_five_ticks_then_braked_
     controller, world
 ):
     world.tick(controller, world.rolling(X=40.0))
-    planned = controller.planner.fallback.plan.X[:, 7]
+    planned = controller.memory.plans.plan.X[:, 7]
     commands, decisions = [], []
     for k in range(1, 8):
         command, prediction, why = world.tick(controller, unknown_state(k * TICK))

@@ -57,8 +57,8 @@ def test_a_command_out_of_time_is_counted_and_reported_and_its_plan_kept(control
     v = why.values
     assert (v['gate'], v['gate.rejections'], v['gate.not_newer']) == ('not_newer', 1, 1)
     assert why.level == 2
-    assert controller.gate.rejections == Counter(not_newer=1)
-    assert controller.planner.fallback.plan is not None
+    assert controller.memory.rejections == Counter(not_newer=1)
+    assert controller.memory.plans.plan is not None
     assert command.d_delta == 0
     # the next plan begins at the substitute
     *_, why = world.tick(controller, world.rolling(X=27.0, stamp_ns=2 * TICK))

@@ -110,7 +110,10 @@ def test_the_steps_of_the_solver_settle_where_the_exact_solution_does(rates, car
 def test_a_standing_car_stays_and_a_rolling_one_comes_to_rest_without_going_back(rates, cars):
     rest = state(0.0, 0.0, 0.0, 0.3)
     assert np.array(rates[1](rest, (0, 0, 0.5, 0))).ravel() == pytest.approx(np.zeros(9))
-    step, x = single_track.step(0.05, single_track.structure(cars[1])), np.array(state(0.5, 0.0, 0.0, 0.0))
+    step, x = (
+        single_track.step(0.05, single_track.structure(cars[1])),
+        np.array(state(0.5, 0.0, 0.0, 0.0)),
+    )
     speeds = []
     for _ in range(400):
         x = step(x, (0, 0, 0.5, 0), cars[1]).full().ravel()

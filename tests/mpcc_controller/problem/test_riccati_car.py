@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges
@@ -41,16 +41,14 @@ class Drive:
         model = self.params.model
         scene = self.scene._replace(obstacles=Obstacles(0, obstacles))
         if plan is None:
-            plan = initial_guess.guess_from_path(
-                scene.path, x0, self.car, model.horizon, model.step_s
-            )
-        plan = initial_guess.start_at(plan, x0)
+            plan = guesses.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
+        plan = guesses.start_at(plan, x0)
         P = self.formulation.stage_parameters(scene, plan.X).P
         limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
         return np.array(x0), P, limits, plan
 
     def shifted(self, plan):
-        return initial_guess.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
+        return guesses.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
 
 
 @pytest.fixture(scope='module')
