@@ -206,8 +206,6 @@ study: studies
 	@$(BIN)/experiments study settings --out build/settings/repetition --preregistered repetition
 	@$(BIN)/experiments study settings --out build/settings/levels --preregistered levels
 	@$(MAKE) --no-print-directory result
-	@$(BIN)/python bench/limit_before_contact.py build/settings/confirmatory \
-	  --figure docs/limit_before_contact --page docs/threats.md
 	@$(BIN)/experiments study exists build/settings/confirmatory
 	@$(BIN)/experiments study baseline build/settings/confirmatory
 	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory \

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
-from vehicle_plant import integrator
+from vehicle_plant import integrator, parameters
 from vehicle_plant.initial_state import Start, rolling_state
+from vehicle_plant.manoeuvre import MANOEUVRES
+from vehicle_plant.manoeuvres import procedure, settings
 from vehicle_plant.state import State
 
 N = len(named_vector.names(State))
@@ -70,3 +73,42 @@ def test_parameters_change_nothing_but_numbers(params):
     for friction in (1.0, 0.5):
         integrator.advance(x, np.zeros((2, 3)), integrator.parameter_vector(params, friction))
     assert integrator.library() == before
+
+
+def step_errors(name, steps_s):
+    """Return the greatest differences of a manoeuvre's first run to one in steps of 0.1 ms."""
+    case = procedure.Case(parameters.load(), 1.0, settings.load())
+    run = MANOEUVRES[name].runs(case)[0]
+    reference = procedure.drive(run, case, step_s=integrator.STEP_S / 10)
+    return [difference(procedure.drive(run, case, step_s=h), reference) for h in steps_s]
+
+
+def difference(trajectory, reference):
+    """Compare at the common instants; the reference has every millisecond."""
+    rows = (trajectory.stamp_ns - reference.stamp_ns[0]) // np.diff(reference.stamp_ns[:2])
+    slips = [f'wheels.{w}.{slip}' for w in WHEELS for slip in ('kappa', 'tan_alpha')]
+    columns = {
+        'position': ('planar.X', 'planar.Y'),
+        'yaw_rate': ('planar.r',),
+        'acceleration': ('acceleration.ax', 'acceleration.ay'),
+        'slip': slips,
+    }
+    return {
+        quantity: max(np.abs(trajectory.column(n) - reference.column(n)[rows]).max() for n in names)
+        for quantity, names in columns.items()
+    }
+
+
+@pytest.mark.parametrize('name', ['step_steer', 'turn_braking', 'sine_with_dwell'])
+def test_error_falls_with_the_fourth_power_and_a_millisecond_leaves_little(name):
+    coarse, fine = step_errors(name, (2 * integrator.STEP_S, integrator.STEP_S))
+    for quantity in ('acceleration', 'slip'):
+        assert np.log2(coarse[quantity] / fine[quantity]) > 3.5
+    most = {'position': 1e-7, 'yaw_rate': 1e-8, 'acceleration': 1e-5, 'slip': 1e-7}
+    assert all(fine[quantity] < value for quantity, value in most.items())
+
+
+def test_standstill_is_of_first_order_and_still_accurate():
+    (fine,) = step_errors('straight_braking', (integrator.STEP_S,))
+    assert fine['position'] < 1e-5
+    assert fine['acceleration'] < 1e-2

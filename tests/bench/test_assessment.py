@@ -1,11 +1,9 @@
 """Costs and residuals from the stage functions, and the assessment of answers."""
 
-import assessment
 import numpy as np
 import pytest
-from assessment import GOOD, INFEASIBLE, OTHER_MINIMUM, WORSE, Assessment, Assessor
-from interleaved_runs import Answer, Task
-from plan_cost import PlanCost
+from assessment import GOOD, INFEASIBLE, OTHER_MINIMUM, WORSE, Assessor, PlanCost
+from problems import Task
 
 from stage_solver.solution import SOLVED, SolverOptions
 from stage_solver.solver import make_solver
@@ -29,7 +27,7 @@ def assessor(wells):
 
 def assess(assessor, limits, start, plan):
     task = Task('warm', np.array([AT]), P, limits, start)
-    return assessor.assess(task, Answer(plan, 1, ''))
+    return assessor.assess(task, plan)
 
 
 def test_the_plan_cost_agrees_with_the_formula(wells, limits):
@@ -44,8 +42,9 @@ def test_the_plan_cost_agrees_with_a_solver_on_the_control_problem(problem, reco
     fatrop = make_solver(problem, SolverOptions('fatrop', 100, rules.tolerance, None, False))
     plan_cost = PlanCost(problem)
     for k in (0, 8):
-        numbers = recorded.x0[k], recorded.P[k], recorded.bounds_of(k)
-        solution = fatrop.solve(*numbers, recorded.cold_start(k))
+        posed = recorded[k]
+        numbers = posed.x0, posed.P, posed.bounds
+        solution = fatrop.solve(*numbers, posed.cold)
         assert solution.status == SOLVED
         assert plan_cost.cost(solution.plan, numbers[1]) == pytest.approx(solution.cost, rel=1e-9)
         residual = plan_cost.residual(solution.plan, *numbers)
@@ -122,12 +121,3 @@ def test_a_plan_that_leaps_is_infeasible_however_low_its_cost_is(assessor, wells
     given = assess(assessor, limits, straight_to(1.0), plan._replace(U=0 * plan.U))
     assert given.kind == INFEASIBLE
     assert np.isnan(given.gap)
-
-
-def test_other_minima_count_neither_as_success_nor_as_failure():
-    kinds = [GOOD, GOOD, GOOD, OTHER_MINIMUM, WORSE]
-    assessments = [Assessment(kind, gap, 0.0) for kind, gap in zip(kinds, (0, 0, 1e-5, 9.0, 0.5))]
-    assert assessment.success_rate(assessments) == 0.75
-    assert assessment.max_gap(assessments) == 0.5
-    assert assessment.success_rate([Assessment(INFEASIBLE, np.nan, 1.0)]) == 0
-    assert assessment.max_gap([Assessment(INFEASIBLE, np.nan, 1.0)]) == 0
