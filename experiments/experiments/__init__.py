@@ -8,15 +8,12 @@ Run
     batch              a study file: scenarios, parameters and controllers, combined and driven
     preview            a scenario before it is driven
     library            families of random emergencies, and who survives them
-    settings           random settings of everything that the paper does not print
+    settings           random settings of everything that the paper does not print, and the study
 Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch
     survivable         which emergencies any driver can survive
-    study              the controllers compared over many paired runs
-    settings_analysis  the claims of the paper over the settings
     tuning             controller weights by Bayesian optimisation
-    paper              the results of the paper, reproduced
 Common
     cli, commands      the command `experiments`
     worker_pool        processes that share work over the cores
@@ -25,9 +22,9 @@ Common
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     tick_events        events of a drive that name a tick
+    code_version       a digest of the code that decides a run
     plant_limit        the lateral acceleration that the plant reaches
     statistical_inference  interval of a share, correction of p-values
-    page_block         the generated blocks of a page
 
 In Python:
 

@@ -2,7 +2,7 @@
 
 Draw k is point k of the scrambled Sobol points of what is drawn, and draw k of a family: it is the
 same for every controller and setting. Run 1 is as configured. Further runs differ in entry speed
-and grip, by the draws of `experiments study` (run k is draw k - 1): run k has the same perturbation
+and grip, by the draws of `run_spec` (run k is draw k - 1): run k has the same perturbation
 for every scenario, controller, setting and draw. Drives of one draw and run are pairs, and a longer
 batch begins with the draws and runs of a shorter one.
 """
@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 
 from bags.errors import BagError
 from experiments import simulation
-from experiments.batch import distributions
+from experiments.batch import distributions, run_spec
 from experiments.batch.study_file import SCENARIO_FRICTION, SCENARIO_SPEED, Setting, StudyFile
 from experiments.configuration import inputs, node_config
 from experiments.configuration.inputs import KPH
 from experiments.simulation import Setup
-from experiments.study import run_spec
 from node_runtime import provenance
 from scenario_publisher import scenario
 from scenario_publisher.families import draw as families

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from bags.errors import BagError
+from experiments import code_version
 from experiments.batch import drive_plan, results_table, study_file
 from experiments.batch.drive_plan import (
     NOT_DRAWN,
@@ -25,7 +26,6 @@ from experiments.batch.study_file import StudyFile
 from experiments.cluster_pool import open_pool
 from experiments.progress import CountProgress, print_text
 from experiments.simulation import Setup
-from experiments.study import code_version
 from experiments.worker_pool import TaskPool
 from node_runtime import provenance
 

@@ -4,8 +4,8 @@ import json
 import time
 
 from bags.evaluation.flattening import flatten
+from experiments.batch import run_spec
 from experiments.simulation import Setup
-from experiments.study import run_spec
 
 
 def simulate(setup: Setup) -> str:

@@ -23,9 +23,9 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 from bags.errors import BagError
 from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
+from experiments.batch.run_spec import MAX_RUNS, SEED
 from experiments.configuration.inputs import PLANT_CAR
 from experiments.simulation import PLANT_SETTINGS
-from experiments.study.run_spec import MAX_RUNS, SEED
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
 from node_runtime.parameters import SPEED, Range
 from node_runtime.typed_yaml import Pattern, parse_value

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
-from experiments import simulation
+from experiments import code_version, simulation
 from experiments.batch.drive_plan import CHANGED
 from experiments.batch.simulate import simulate
 from experiments.configuration import node_config
 from experiments.simulation import Setup
-from experiments.study import code_version
 from msgs_yaml import share
 from scenario_publisher import scenario
 from scenario_publisher.families import draw

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from bags.command_line import print_text
-from experiments import pass_criteria
+from experiments import code_version, pass_criteria
 from experiments.batch import results_table
 from experiments.batch.drive_records import DriveRecords, record_each
 from experiments.cluster_pool import open_pool
@@ -17,7 +17,6 @@ from experiments.configuration import node_config, set_option
 from experiments.library import library_drive, survival_table
 from experiments.library.library_drive import ENTRIES, LibraryDrive
 from experiments.progress import CountProgress
-from experiments.study import code_version
 from node_runtime import provenance
 from scenario_publisher import scenario
 

@@ -14,9 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from experiments import plant_limit
+from experiments import code_version, plant_limit
 from experiments.configuration import node_config
-from experiments.study import code_version
 from node_runtime import parameters
 from stage_solver import compile_cache
 from vehicle_plant import identify

@@ -7,7 +7,7 @@
 is the motion of a point (Brown & Gerdes 2019, section II); kappa is the curvature of the path, left
 positive, and dpsi the heading relative to it. As in the published code of Brown & Gerdes distances
 are measured as if (s, e) were Cartesian: sqrt(ds^2 + de^2) to obstacles, the difference of e to
-edges. In a bend both differ from the distance on the ground (docs/baseline.md). Negative: contact.
+edges. In a bend both differ from the distance on the ground (docs/paper.md). Negative: contact.
 """
 
 from typing import Any, NamedTuple

@@ -1,7 +1,7 @@
 """The baseline: nonlinear MPC in coordinates along the coarse path. SI units.
 
 Brown & Gerdes, "Coordinating tire forces to avoid obstacles using nonlinear model predictive
-control", IEEE T-IV 2019, as far as it is public; docs/baseline.md gives the source of every choice.
+control", IEEE T-IV 2019, as far as it is public; docs/paper.md gives the source of every choice.
 Inputs, prediction model and limits are those of the paper's MPCC.
 """
 

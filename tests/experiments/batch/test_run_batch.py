@@ -15,11 +15,10 @@ from wait_until import wait_until
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.flattening import flatten
-from experiments import cli, simulation
+from experiments import cli, code_version, simulation
 from experiments.batch import drive_plan, run_batch
 from experiments.batch.drive_plan import Combination
 from experiments.configuration import node_config
-from experiments.study import code_version
 
 TIMEOUT_S = 240.0
 RUNS = 10

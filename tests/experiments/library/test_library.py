@@ -6,11 +6,10 @@ import pytest
 from pyarrow import parquet
 
 from bags.errors import BagError
-from experiments import cli
+from experiments import cli, code_version
 from experiments.configuration import node_config
 from experiments.library import library_drive, run_library
 from experiments.library.library_drive import LibraryDrive
-from experiments.study import code_version
 from scenario_publisher import scenario
 from scenario_publisher.families import draw
 
