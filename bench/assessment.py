@@ -9,14 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from problems import Task
 
+from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SOLVED, SolverOptions
-from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
-# of every cost gap
-REFERENCE = SolverOptions(
-    name='ipopt', max_iterations=1000, tolerance=1e-8, time_limit_s=None, compiled=True
-)
+REFERENCE = SolverOptions(max_iterations=1000, tolerance=1e-8)  # of every cost gap
 
 MAX_GAP = 1e-4  # of the cost
 MIN_COST = 1e-2  # gaps are relative to this where the cost is lower
@@ -82,9 +79,9 @@ def _violation(values, low, high):
 class Assessor:
     """Compares answers to one problem with those of a reference solver."""
 
-    def __init__(self, problem: StageProblem, reference: SolverOptions = REFERENCE):
+    def __init__(self, problem: StageProblem, compiled: bool = True):
         self.plan_cost = PlanCost(problem)
-        self._reference = make_solver(problem, reference)
+        self._reference = ReferenceSolver(problem, 'ipopt', REFERENCE, compiled)
         self._minima: dict[bytes, tuple[Plan, float] | None] = {}
 
     def assess(self, task: Task, plan: Plan) -> Assessment:

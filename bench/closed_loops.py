@@ -64,9 +64,9 @@ def controller_params(name: str) -> ControllerParams:
     return parameters.load(ControllerParams, file)
 
 
-def with_solver(params: ControllerParams, name: str, **others) -> ControllerParams:
-    """Return the parameters with another solver, and its other settings where given."""
-    return replace(params, solver=replace(params.solver, name=name, **others))
+def with_solver(params: ControllerParams, **settings) -> ControllerParams:
+    """Return the parameters with other settings of the solver."""
+    return replace(params, solver=replace(params.solver, **settings))
 
 
 def load_scenario(name: str, speed: float | None) -> Scenario:

@@ -8,7 +8,7 @@ its lane. The car drives 15 m/s and is to drive 32 m/s, on ice of friction 0.25.
 N roads instead: friction 0.15 to 0.6, speeds, where the ice and the lane change begin, and how long
 the lane change is, which needs at most half of the friction.
 
-A tick fails when the first solver has no plan that may be driven, whatever drives the car then.
+A tick fails when the solver has no plan that may be driven, whatever drives the car then.
 Prints a row per drive with a failure or more than 5 deg of sideslip, and the sums. The exit code is
 1 when a solver failed, which is how problems without a solution end, or a car slid. Where the road
 has much less than 0.3, the lowest friction that `mpcc_road` believes, cars slide: `--friction 0.3
@@ -41,7 +41,7 @@ LATERAL_USE = 0.5  # of the friction, by the path
 PEAK = 5.77  # of the lateral acceleration of a lane change, times offset over time^2
 SIDESLIP_DEG = 5.0  # more is listed
 FAILED = 'solver_failed'  # the reason of a problem without a solution
-GOOD = ('solved', 'stopped_early')  # levels of fallback with a plan of the first solver
+GOOD = ('solved', 'stopped_early')  # levels of fallback with a plan of this tick
 
 
 class Road(NamedTuple):

@@ -67,9 +67,9 @@ class TickTimes(NamedTuple):
 def tick_times(records: list[tuple[TickRecord, float]]) -> TickTimes:
     """Return the times of ticks that solved once, from their records and explaining times [s]."""
     rows = [
-        (r.computing_s, r.attempt.prepare_s, r.attempt.first.solve_s, explain_s)
+        (r.computing_s, r.attempt.prepare_s, r.attempt.solution.solve_s, explain_s)
         for r, explain_s in records
-        if r.attempt is not None and r.attempt.second is None
+        if r.attempt is not None
     ]
     total, prepare, solve, explain = MS * np.array(rows[WARM_TICKS:]).T
     return TickTimes(total, prepare, solve, total - prepare - solve, explain)

@@ -14,7 +14,7 @@ from closed_loops import FULL, Loop
 from tables import markdown, number
 
 from mpcc_controller.parameters import ControllerParams
-from stage_solver.solution import StageSolver
+from stage_solver.solver import StageSolver
 
 # whatever comes of the first step
 ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}
@@ -48,7 +48,7 @@ class Timed:
         self.iterations, self.seconds = [], []
 
     def solve(self, *arguments):
-        """See `solution.StageSolver`."""
+        """See `StageSolver.solve`."""
         began = time.perf_counter()
         found = self.inner.solve(*arguments)
         self.seconds.append(time.perf_counter() - began)
@@ -79,17 +79,17 @@ def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
 def driven(loop: Loop, params: ControllerParams, settings: dict) -> Drive:
     """Drive a whole loop with our solver and settings of it."""
     scn = closed_loops.load_scenario(loop.scenario, loop.speed)
-    params = closed_loops.with_solver(params, 'riccati', **settings)
+    params = closed_loops.with_solver(params, **settings)
     controller = closed_loops.make_controller(params, scn.friction)
-    planner = controller.planner
-    timed, costs, prepared_s = Timed(planner.solvers.first), [], []
+    parts = controller.parts
+    timed, costs, prepared_s = Timed(parts.solvers.first), [], []
     iterations, seconds = [], []
-    planner.solvers.first = timed
+    parts.solvers.first = timed
     for _ in closed_loops.drive(scn, controller):
-        plan, posed = planner.fallback.plan, planner.last_problem
-        stage_cost, cost = planner.prediction.problem.stage_cost, np.nan
+        plan, solved = controller.memory.plans.plan, controller.memory.solved
+        stage_cost, cost = parts.model.problem.stage_cost, np.nan
         if plan is not None:
-            cost = float(stage_cost(plan.X[0], plan.U[0], posed.parameters.P[0]))
+            cost = float(stage_cost(plan.X[0], plan.U[0], solved.problem.parameters.P[0]))
         costs.append(cost)
         iterations += timed.iterations
         seconds += timed.seconds

@@ -84,7 +84,7 @@ def errors(given: Windows, setup: Setup, params: ControllerParams) -> Errors:
     """Return the errors of the prediction model with the parameters `params`."""
     car = stage_parameters.car(params, setup.vehicle)
     x, count = given.states[:, 0].T, len(given.states)
-    step = single_track.step(params.model.step_s, type(car)).map(count)
+    step = single_track.step(params.model.step_s, single_track.structure(car)).map(count)
     cars = ca.repmat(ca.DM(list(car)), 1, count)
     rows = []
     for k in range(given.inputs.shape[1]):

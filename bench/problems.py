@@ -7,17 +7,18 @@ import closed_loops
 import numpy as np
 from closed_loops import Loop
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses, tick_solvers
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.fallback import FallbackLogic
+from mpcc_controller.driving.fallback import Plans
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import ControllerParams, Fallback
 from mpcc_controller.path import reference_path
 from msgs_yaml.types import Obstacle
-from stage_solver.solution import StageSolver
+from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.solver import StageSolver
 from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
-RECORDING_SOLVER = 'fatrop'
+RECORDING_SOLVER = 'fatrop'  # its plans are driven
 POP_UP_EVERY = 6  # ticks
 POP_UP_AHEAD_M = (15.0, 40.0)
 POP_UP_BESIDE_M = (-1.5, 1.5)
@@ -84,23 +85,25 @@ def record(
 
 
 def _recorded(loop, params_of, random) -> Iterator[Posed]:
-    params = closed_loops.with_solver(params_of(loop.controller), RECORDING_SOLVER)
+    params = params_of(loop.controller)
     scn = closed_loops.load_scenario(loop.scenario, loop.speed)
     controller = closed_loops.make_controller(params, scn.friction)
-    planner, model = controller.planner, controller.params.model
-    recorder = planner.solvers.first = Recorder(planner.solvers.first)
+    parts, model = controller.parts, controller.params.model
+    options = tick_solvers.solver_options(params, limit_time=False)
+    solver = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
+    recorder = parts.solvers.first = Recorder(solver)
     for number, _ in enumerate(closed_loops.drive(scn, controller)):
         if number >= loop.ticks.stop:
             return
         (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None
-        if x0 is None or planner.fallback.plan is None or number not in loop.ticks:
+        if x0 is None or controller.memory.plans.plan is None or number not in loop.ticks:
             continue
-        cold = initial_guess.guess_from_path(
+        cold = guesses.from_path(
             controller.scene.path, State(*x0), controller.car, model.horizon, model.step_s
         )
         has_pop_up = number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
         pop_up_P = _popped_up(controller, State(*x0), start, random) if has_pop_up else None
-        cold_P = planner.prediction.formulation.stage_parameters(controller.scene, cold.X).P
+        cold_P = parts.model.formulation.stage_parameters(controller.scene, cold.X).P
         yield Posed(loop.name, number, x0, P, bounds, cold_P, cold, pop_up_P)
 
 
@@ -120,7 +123,7 @@ def _popped_up(controller: Controller, x0: State, start: Plan, random) -> np.nda
         vY=0.0,
     )
     scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return controller.planner.prediction.formulation.stage_parameters(scene, start.X).P
+    return controller.parts.model.formulation.stage_parameters(scene, start.X).P
 
 
 def tasks(
@@ -130,21 +133,21 @@ def tasks(
 
     Every `cold_every`-th problem is to be solved from a cold start as well.
     """
-    warm, fallback, before = [], None, None
+    warm, plans, before = [], Plans(), None
     for posed in given:
         follows = before and (before.loop, before.tick + 1) == (posed.loop, posed.tick)
         if not follows:
-            fallback = FallbackLogic(rules)
+            plans = Plans()
         P, start, moved_on = posed.cold_P, posed.cold, None
-        if fallback.plan is not None:
+        if plans.plan is not None:
             state = State(*posed.x0)
-            moved_on = initial_guess.shift_to(fallback.plan, problem.dynamics, before.P[-1], state)
-        if fallback.is_warm:
+            moved_on = guesses.shift_to(plans.plan, problem.dynamics, before.P[-1], state)
+        if plans.is_warm(rules):
             P, start = posed.P, moved_on
-            if fallback.failures:  # as the controller does after a failure
+            if plans.failures:  # as the controller does after a failure
                 start = moved_on._replace(multipliers=None)
         task = Task(WARM if follows else FIRST, posed.x0, P, posed.bounds, start)
-        fallback.decide(solver.solve(*task[1:]), None, moved_on)
+        plans, _ = plans.decide(rules, solver.solve(*task[1:]), moved_on)
         warm.append(task)
         before = posed
     cold = [Task(COLD, p.x0, p.cold_P, p.bounds, p.cold) for p in given[::cold_every]]

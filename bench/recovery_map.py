@@ -42,7 +42,7 @@ ROAD_M, LENGTH_M, TIME_S = 8.0, 400.0, 5.0
 SETTLED_SIDESLIP_RAD, SETTLED_YAW_RATE_RADPS, SETTLED_S = np.radians(5.0), 0.1, 0.5
 SPUN_RAD = np.radians(90.0)
 LEAST_MPS = 1.0  # a slower car has no sideslip angle: it counts as stopped, which is settled
-FAILING = {'solver.max_iterations': 1, 'solver.fallback': 'none'}
+FAILING = {'solver.max_iterations': 1}
 SPECIAL = {'fallback': FAILING, 'recovery': FAILING | {'fallback.recovery': True}}
 
 

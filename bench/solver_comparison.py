@@ -29,17 +29,17 @@ from problems import COLD, POP_UP, WARM, Task
 from rich.progress import Progress
 from tables import markdown, number, share
 
-from mpcc_controller.driving import solver_selection
+from mpcc_controller.driving import tick_solvers
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_formulation, ocp
-from stage_solver import compiled_functions, solver
-from stage_solver.nlpsol_solver import NlpsolSolver
-from stage_solver.solution import SolverOptions, StageSolver
+from stage_solver import compiled_functions, reference_solvers, solver
+from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.solution import SolverOptions
+from stage_solver.solver import StageSolver
 from stage_solver.stage_problem import Plan, StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
-OWN = 'riccati'
 OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'
 NATIVE_FLAGS = ('-O3', '-march=native')  # what our own solver may use, too
 SLOWEST = 8  # problems to be shown
@@ -71,13 +71,15 @@ class Variant(NamedTuple):
 
     label: str
     options: SolverOptions
-    flags: tuple[str, ...] = compiled_functions.FLAGS  # of the compiler, for CasADi's functions
+    reference: str = ''  # of `reference_solvers.NAMES`; '' is our own solver
+    flags: tuple[str, ...] | None = None  # of the compiler for CasADi's functions; None: none
 
-    def make(self, problem: StageProblem) -> StageSolver:
+    def make(self, problem: StageProblem) -> StageSolver | ReferenceSolver:
         """Return the solver; compiles what is not in the cache."""
-        if self.flags != compiled_functions.FLAGS:
-            return NlpsolSolver(problem, self.options, self.flags)
-        return solver.make_solver(problem, self.options)
+        if not self.reference:
+            return solver.make_solver(problem, self.options)
+        compiled = self.flags is not None
+        return ReferenceSolver(problem, self.reference, self.options, compiled, self.flags)
 
 
 class Answer(NamedTuple):
@@ -90,20 +92,16 @@ class Answer(NamedTuple):
 
 def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
     """Return the available variants, ours first; `interpreted` adds CasADi's interpreter."""
-    rules = params.solver
-
-    def options(name, compiled=True):
-        return SolverOptions(name, rules.max_iterations, rules.tolerance, None, compiled)
-
-    stepping = closed_loops.with_solver(params, OWN, mode='one_step')
-    stepping = solver_selection.first_solver_options(stepping, limit_time=False)
-    variants = [Variant(OURS, options(OWN)), Variant(ONE_STEP, replace(stepping, compiled=True))]
-    for name in sorted(solver.SOLVERS.keys() - {OWN}):
-        variants.append(Variant(f'{name}_c', options(name)))
+    stepping = closed_loops.with_solver(params, mode='one_step')
+    one_step = tick_solvers.solver_options(stepping, limit_time=False)
+    options = replace(one_step, one_step=None)
+    variants = [Variant(OURS, options), Variant(ONE_STEP, one_step)]
+    for name in reference_solvers.NAMES:
+        variants.append(Variant(f'{name}_c', options, name, compiled_functions.FLAGS))
         if f'{name}_c' == BASELINE:
-            variants.append(Variant(NATIVE, options(name), NATIVE_FLAGS))
+            variants.append(Variant(NATIVE, options, name, NATIVE_FLAGS))
         if interpreted:
-            variants.append(Variant(f'{name}_vm', options(name, compiled=False)))
+            variants.append(Variant(f'{name}_vm', options, name))
     return variants
 
 
@@ -259,19 +257,16 @@ def compare(
 
 
 def start_up(params: ControllerParams) -> str:
-    """Return how long it takes to make a controller by solver: the first time, and once more."""
+    """Return how long it takes to make a controller: the first time, and once more."""
 
-    def seconds(chosen):
+    def seconds():
         began = time.perf_counter()
-        closed_loops.make_controller(chosen, friction=1.0)
+        closed_loops.make_controller(params, friction=1.0)
         return number(time.perf_counter() - began)
 
-    rows = []
-    for name in solver.SOLVERS:
-        with tempfile.TemporaryDirectory() as folder, mock.patch.dict(os.environ, {CACHE: folder}):
-            chosen = closed_loops.with_solver(params, name)
-            rows.append((name, seconds(chosen), seconds(chosen)))
-    return markdown('Making a controller (s)', ('solver', 'empty cache', 'full cache'), rows)
+    with tempfile.TemporaryDirectory() as folder, mock.patch.dict(os.environ, {CACHE: folder}):
+        row = seconds(), seconds()
+    return markdown('Making a controller (s)', ('empty cache', 'full cache'), [row])
 
 
 def main() -> None:

@@ -90,10 +90,7 @@ def digest_file(path: Path) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything that may change the numbers of a run.
-
-    fatrop and IPOPT come with casadi.
-    """
+    """Return the version of everything that may change the numbers of a run."""
     known = {'python': platform.python_version()} | dict.fromkeys((*VERSIONS, *PACKAGES), UNKNOWN)
     for name, distribution in VERSIONS.items():
         with contextlib.suppress(metadata.PackageNotFoundError):

@@ -5,11 +5,11 @@ import pytest
 from assessment import GOOD, INFEASIBLE, OTHER_MINIMUM, WORSE, Assessor, PlanCost
 from problems import Task
 
+from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SOLVED, SolverOptions
-from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan
 
-IPOPT = SolverOptions('ipopt', 500, 1e-8, None, compiled=False)
+IPOPT = SolverOptions(max_iterations=500, tolerance=1e-8)
 P = np.ones((5, 1))
 AT = 0.1
 
@@ -22,7 +22,7 @@ def straight_to(x):
 
 @pytest.fixture(scope='module')
 def assessor(wells):
-    return Assessor(wells, IPOPT)
+    return Assessor(wells, compiled=False)
 
 
 def assess(assessor, limits, start, plan):
@@ -37,9 +37,8 @@ def test_the_plan_cost_agrees_with_the_formula(wells, limits):
     assert plan_cost.residual(plan, np.array([AT]), P, limits) < 1e-15
 
 
-def test_the_plan_cost_agrees_with_a_solver_on_the_control_problem(problem, recorded, params):
-    rules = params.solver
-    fatrop = make_solver(problem, SolverOptions('fatrop', 100, rules.tolerance, None, False))
+def test_the_plan_cost_agrees_with_a_solver_on_the_control_problem(problem, recorded):
+    fatrop = ReferenceSolver(problem, 'fatrop', SolverOptions())
     plan_cost = PlanCost(problem)
     for k in (0, 8):
         posed = recorded[k]
@@ -90,7 +89,9 @@ def test_row_0_of_the_state_bounds_does_not_count(wells, limits):
 
 
 def minimum(wells, limits, near):
-    solution = make_solver(wells, IPOPT).solve(np.array([AT]), P, limits, straight_to(near))
+    solution = ReferenceSolver(wells, 'ipopt', IPOPT).solve(
+        np.array([AT]), P, limits, straight_to(near)
+    )
     assert solution.status == SOLVED
     return solution.plan
 

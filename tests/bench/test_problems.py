@@ -11,10 +11,12 @@ from problems import COLD, FIRST, POP_UP, WARM
 from mpcc_controller.model.single_track import State
 from mpcc_controller.problem import mpcc_formulation
 from node_runtime import named_vector
+from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import FAILED, Solution, SolverOptions
-from stage_solver.solver import make_solver
 
-FATROP = SolverOptions('fatrop', 100, 1e-6, None, compiled=False)
+
+def fatrop(problem):
+    return ReferenceSolver(problem, 'fatrop', SolverOptions())
 
 
 def stage_numbers(P):
@@ -65,7 +67,7 @@ def tasks_of(problem, recorded, params, solver):
 
 
 def test_only_the_first_tick_of_a_loop_has_to_start_cold(problem, recorded, params):
-    given = tasks_of(problem, recorded, params, make_solver(problem, FATROP))
+    given = tasks_of(problem, recorded, params, fatrop(problem))
     kinds = [task.kind for task in given]
     assert kinds == [FIRST, *[WARM] * 6] * 2 + [COLD] * 3 + [POP_UP] * 2
     for task, k in zip(given[14:17], (0, 5, 10)):
@@ -78,7 +80,7 @@ def test_only_the_first_tick_of_a_loop_has_to_start_cold(problem, recorded, para
 
 
 def test_a_warm_start_is_the_solvers_own_plan_moved_on(problem, recorded, params):
-    made = make_solver(problem, FATROP)
+    made = fatrop(problem)
     for before, after in pairwise(tasks_of(problem, recorded, params, made)[2:7]):
         plan = made.solve(*before[1:]).plan
         np.testing.assert_allclose(after.start.U[:-1], plan.U[1:], atol=1e-9)

@@ -1,31 +1,104 @@
-"""Initial guesses of candidates: around the hazards on chosen sides, and braking. SI units."""
+"""Initial guesses: last plan, path, control law, ways around hazards, braking. SI units."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
-from mpcc_controller.driving import initial_guess
-from mpcc_controller.driving.hazards import RoadAhead, lateral_motion, travelled
-from mpcc_controller.driving.side_profiles import LEAST_TIME_S, QUINTIC_PEAK, Profile
+from mpcc_controller.driving.setpoints import SetpointTarget
+from mpcc_controller.driving.ways import (
+    LEAST_TIME_S,
+    QUINTIC_PEAK,
+    Profile,
+    RoadAhead,
+    lateral_motion,
+    travelled,
+)
 from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal_split
 from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import arc, reference_path
+from mpcc_controller.path.reference_path import ReferencePath
+from stage_solver import stage_problem
 from stage_solver.stage_problem import Plan
 
-FOLLOWED, BRAKE = 'followed', 'brake'
 SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
 RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
 THETA = State._fields.index('theta')
 
 
-class Candidate(NamedTuple):
-    """An initial guess, and which way around the obstacles it goes."""
+def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float) -> Plan:
+    """Return a plan along the path at the present speed that closes the offset from it.
 
-    name: str  # BRAKE, or the sides
-    guess: Plan  # in the map
+    The offset fades linearly over the horizon; the steering angle is that of the path's curvature
+    without slip. It needs no previous plan: it starts the controller and follows failures.
+    """
+    t = dt * np.arange(horizon + 1)
+    theta = x0.theta + x0.vx * t
+    arcs, _ = reference_path.arcs_at(path, theta)
+    start = arc.Pose(*(field[0] for field in arc.pose_at(arcs, theta)))
+    offset = arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
+    zeros = np.zeros_like(t)
+    states = State(
+        X=arcs.X - offset * np.sin(arcs.psi),
+        Y=arcs.Y + offset * np.cos(arcs.psi),
+        psi=arcs.psi,
+        vx=zeros + x0.vx,
+        vy=zeros,
+        r=x0.vx * arcs.kappa,
+        theta=theta,
+        delta=(car.l_f + car.l_r) * arcs.kappa,
+        Fx=zeros,
+    )
+    constant = Input(d_delta=0.0, d_Fx=0.0, lambda_b=ideal_split(0.0, car), slack=0.0)
+    return start_at(Plan(np.column_stack(states), np.tile(constant, (horizon, 1))), x0)
 
 
-def guess_along(
+def from_law(
+    law: Callable[[State], SetpointTarget],
+    step: Callable,
+    car: Car,
+    x0: State,
+    horizon: int,
+    dt: float,
+) -> Plan:
+    """Return the plan that a control law drives in the prediction model (single shooting).
+
+    `law` gives the set-points at the end of a tick from the state at its begin; `step` is that of
+    `single_track.step`. The guess obeys the dynamics and the limits of the actuators, from any
+    state: a car that slides is not near any plan along the path.
+    """
+    X, U, parameters = [np.array(x0, float)], [], np.array(car)
+    for _ in range(horizon):
+        x = State(*X[-1].tolist())
+        target = law(x)
+        rates = (target.delta - x.delta) / dt, (target.Fx - x.Fx) / dt
+        u = Input(*rates, lambda_b=target.lambda_b, slack=0.0)
+        U.append(np.array(u, float))
+        X.append(step(X[-1], U[-1], parameters))
+    return Plan(np.array(X), np.array(U))
+
+
+def start_at(plan: Plan, x0: State) -> Plan:
+    """Return the plan with `x0` as its first state and theta counted from that of x0.
+
+    theta is projected on the path at every tick: the theta of the whole plan moves with it.
+    """
+    X = np.array(plan.X)
+    theta = State._fields.index('theta')
+    X[:, theta] += x0.theta - X[0, theta]
+    X[0] = x0
+    return plan._replace(X=X)
+
+
+def shift_to(plan: Plan, step: Callable, car: Car, x0: State) -> Plan:
+    """Return the plan one tick later, starting at the measured state `x0`.
+
+    `step` is that of `single_track.step`: (x, u, car) -> the state one tick later.
+    """
+    return start_at(stage_problem.shift(plan, step, np.array(car)), x0)
+
+
+def along_profile(
     around: RoadAhead, shape: Profile, x0: State, car: Car, params: ControllerParams
 ) -> Plan:
     """Return the guess that takes the offsets of a profile on the way to the desired speed.
@@ -56,7 +129,7 @@ def guess_along(
     return _steady_plan(X, Y, course, around.vx, force, arcs.theta, x0, car, params)
 
 
-def braking_guess(
+def braking(
     line: np.ndarray, x0: State, car: Car, params: ControllerParams, floor: float | None = None
 ) -> Plan:
     """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
@@ -69,7 +142,7 @@ def braking_guess(
     lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
     deceleration = math.sqrt(available**2 - lateral**2)
     floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
-    vx, force = _braking(len(line), deceleration, floor, x0, car, params)
+    vx, force = _braking_straight(len(line), deceleration, floor, x0, car, params)
     distance = travelled(vx, params.model.step_s)
     along = line[:, THETA] - line[0, THETA]
     along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
@@ -79,7 +152,7 @@ def braking_guess(
     return _steady_plan(X, Y, psi, vx, force, x0.theta + distance, x0, car, params)
 
 
-def _braking(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, np.ndarray]:
+def _braking_straight(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, np.ndarray]:
     """Return speeds [m/s] and forces [N] (count,) of the prediction model that brakes straight on.
 
     The force goes to that of the deceleration, at most `limits.brake_n`, at its rate limit. The
@@ -90,7 +163,7 @@ def _braking(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, n
     change = limits.force_rate_nps * dt * np.arange(count)
     force = x0.Fx + np.clip(hardest - x0.Fx, -change, change)
     # what acts in each step, see `single_track.acting`
-    acting = (force[1:] + force[:-1]) / 2 - getattr(car, 'force_lag', 0.0) * np.diff(force) / dt
+    acting = (force[1:] + force[:-1]) / 2 - car.force_lag * np.diff(force) / dt
     gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
     vx = np.maximum(x0.vx + gained, floor)
     return vx, np.where(vx > floor, force, 0.0)
@@ -144,4 +217,4 @@ def _steady_plan(X, Y, course, vx, Fx, theta, x0, car, params) -> Plan:
     rate, force_rate = params.limits.steer_rate_radps, params.limits.force_rate_nps
     U[:, 0] = np.clip(np.diff(states.delta) / dt, -rate, rate)
     U[:, 1] = np.clip(np.diff(Fx) / dt, -force_rate, force_rate)
-    return initial_guess.start_at(Plan(np.column_stack(states), U), x0)
+    return start_at(Plan(np.column_stack(states), U), x0)
